@@ -12,8 +12,11 @@ from typing import final
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.linalg import lu_factor, lu_solve
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+MOST_ROUNDS = 200
 
 Torque = Callable[[float, Mapping[str, float], Mapping[str, float]], Mapping[str, float]]
 """Torques (N m) at pairs, from the time, the angles turned since the start, the rates."""
@@ -28,6 +31,15 @@ class Hinge:
     first: int
     second: int
     axis: Floats
+
+
+@final
+@dataclass(frozen=True)
+class Bearing:
+    """Friction of -grip tanh(rate / speed) per N m across the axis of a hinge."""
+
+    grip: float
+    speed: float
 
 
 @final
@@ -90,8 +102,14 @@ class MultiBody:
         times: Floats,
         rtol: float = 1e-11,
         longest: float = 5e-3,
+        bearings: Mapping[str, Bearing] | None = None,
     ) -> dict[str, Floats]:
-        """Return the angles (times,) that each pair has turned since the start."""
+        """Return the angles (times,) that each pair has turned since the start.
+
+        Bearings at pairs rub: the equations of motion and Coulomb's law of each are solved
+        together, by successive substitution to the last digit.
+        """
+        rubbing = bearings or {}
         n, names = self.count, [each.name for each in self.hinges]
         whole = np.tile([1.0, 0.0, 0.0, 0.0], n)
         start = np.concatenate([whole, w.ravel(), np.zeros(len(names))])
@@ -129,7 +147,25 @@ class MultiBody:
                 matrix[part, part] = tensors[body]
             matrix[size:, :size], matrix[:size, size:] = rows, rows.T
             right = np.concatenate([free.ravel(), gaps])
-            if self._repeats:
+            if rubbing:
+                factored = lu_factor(matrix)
+                found = lu_solve(factored, right)
+                for _ in range(MOST_ROUNDS):
+                    rubbed = right.copy()
+                    held = -found[size:].reshape(-1, 2)
+                    for name, bearing in rubbing.items():
+                        k = names.index(name)
+                        slowed = np.tanh(speeds[k] / bearing.speed) * bearing.grip
+                        slowed *= -np.hypot(*held[k])
+                        for body, sign in ((self._second[k], 1.0), (self._first[k], -1.0)):
+                            if body:
+                                part = slice(3 * body - 3, 3 * body)
+                                rubbed[part] += sign * slowed * axes[k]
+                    before, found = found, lu_solve(factored, rubbed)
+                    if np.max(np.abs(found - before)) <= 1e-15 * np.max(np.abs(found)):
+                        break
+                faster = found[:size]
+            elif self._repeats:
                 faster = _along_null_space(matrix[:size, :size], rows, free.ravel(), gaps)
             else:
                 faster = np.linalg.solve(matrix, right)[:size]
