@@ -170,7 +170,8 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
                 yield path, f"the key {key} is missing{described}"
     elif rule == "type":
         wanted = limit if isinstance(limit, list) else [limit]
-        yield path, mismatch(value, " or ".join(_TYPES[each] for each in wanted))
+        words = " or ".join(_TYPES[each] for each in wanted)
+        yield path, mismatch(value, words) + _in_words(error.schema)
     elif rule in ("enum", "const"):
         allowed = limit if rule == "enum" else [limit]
         hint = nearest(value, allowed) if isinstance(value, str) else ""
@@ -190,7 +191,7 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
         bound = "at least" if rule.startswith("min") else "at most"
         needs = f"{limit}" if least == most else f"{bound} {limit}"
         what = "values" if "Items" in rule else "entries"
-        yield path, f"has {len(value)} {what}, needs {needs}"
+        yield path, f"has {len(value)} {what}, needs {needs}{_in_words(schema_)}"
     elif rule in ("minimum", "maximum"):
         bound = "at least" if rule == "minimum" else "at most"
         yield path, f"found {shown(value)}, needs {bound} {limit:g}"
@@ -219,7 +220,12 @@ def _described(part: Mapping[str, Any], key: str, kind: Kind) -> str:
     whole = schema(kind)
     parts = (part, *whole["$defs"].values(), whole)
     declared = [each["properties"].get(key, {}) for each in parts if "properties" in each]
-    text = next((each["description"] for each in declared if each), "")
+    return _in_words(next((each for each in declared if each), {}))
+
+
+def _in_words(part: Mapping[str, Any]) -> str:
+    """Return what a part of the schema says of itself, to end a message with."""
+    text = str(part.get("description", ""))
     return f": {text[0].lower()}{text[1:].rstrip('.')}" if text else ""
 
 
