@@ -170,8 +170,8 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
                 yield path, f"the key {key} is missing{described}"
     elif rule == "type":
         wanted = limit if isinstance(limit, list) else [limit]
-        words = " or ".join(_TYPES[each] for each in wanted)
-        yield path, mismatch(value, words) + _in_words(error.schema)
+        types = " or ".join(_TYPES[each] for each in wanted)
+        yield path, mismatch(value, types) + _in_words(error.schema)
     elif rule in ("enum", "const"):
         allowed = limit if rule == "enum" else [limit]
         hint = nearest(value, allowed) if isinstance(value, str) else ""
