@@ -41,18 +41,20 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
     return tuple(mechanism.pair_number[name] for name in names)
 
 
-def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None) -> Mechanism:
-    """Return a mechanism driven at the pairs of these names; None leaves its inputs.
+def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) -> Mechanism:
+    """Return a mechanism driven at the pairs of these names, by default as it is.
+
+    Its inputs are then stated, where its file leaves them to `driven_pairs`.
 
     Raises
     ------
     PlanError
-        If no pair is named.
+        If no pair is named, or there is none that can be driven.
     ModelError
         If there is no such pair, or one is named twice.
     """
     if names is None:
-        return mechanism
+        names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
     if not names:
         raise PlanError(f"{mechanism.name}: input_pair names no pair; name one or more")
     return mechanism.with_inputs(*([names] if isinstance(names, str) else names))

@@ -79,17 +79,17 @@ def _of_column(
     if len(ours) != len(theirs):
         lost = int(np.sum(np.isfinite(theirs)))
         return Deviation(table, column.name, np.inf, scale, lost, lost)
-    known = np.isfinite(theirs)
-    both = known & np.isfinite(ours)
+    expected = np.isfinite(theirs)
+    both = expected & np.isfinite(ours)
     off = np.abs(ours[both] - theirs[both])
     if column.unit == "rad":
         off = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
     error = max(float(np.max(off, initial=0.0)) / scale, EPS)
-    missing = int(np.sum(known & ~both))
-    return Deviation(table, column.name, error, scale, int(np.sum(known)), missing)
+    missing = int(np.sum(expected & ~both))
+    return Deviation(table, column.name, error, scale, int(np.sum(expected)), missing)
 
 
-def worst(found: Sequence[Deviation]) -> Deviation | None:
+def worst(compared: Sequence[Deviation]) -> Deviation | None:
     """Return the deviation with the largest error, None if nothing was compared."""
-    told = [each for each in found if each.compared > each.missing]
-    return max(told, key=lambda each: each.error, default=None)
+    told = [deviation for deviation in compared if deviation.compared > deviation.missing]
+    return max(told, key=lambda deviation: deviation.error, default=None)

@@ -19,7 +19,7 @@ from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import Table
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.model.mechanism import Mechanism
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Plan
 from spherekit.rates.request import Request
 
@@ -133,8 +133,7 @@ class Asked:
 
         Raises `AnalysisError` too where one is asked for twice: its tables have one place.
         """
-        driven = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-        mechanism = mechanism.with_inputs(*driven)
+        mechanism = driven_at(mechanism)
         own, refused = [], {}
         counts = Counter(analysis.name for analysis in analyses)
         for name, count in counts.items():
