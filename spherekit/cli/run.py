@@ -473,7 +473,9 @@ def report(summary: Any) -> str:
             f"{names}; no motion was traced, as no analysis reads samples; mobility "
             f"{mobility['graph']} by the graph"
         )
-    lines = [f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups'])}"]
+    lines = [
+        f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups']) or 'none'}"
+    ]
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     repeated = summary["redundant_constraints"]
