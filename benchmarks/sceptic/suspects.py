@@ -31,7 +31,7 @@ from spherekit.model.mechanism import (
     SizeGeometry,
 )
 from spherekit.motion.motion import Tracer
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at
 
 TURN = 2.0 * np.pi
 RANGES = ((0.0, TURN), (-np.pi, np.pi), (0.0, 2.0 * TURN), (-0.7, 1.9), (-TURN, TURN))
@@ -57,12 +57,7 @@ class Suspect:
 def shipped_suspects(names: Sequence[str] = ()) -> list[Suspect]:
     """Return the shipped mechanisms of these names, by default all."""
     every = sorted(name for pack in shipped() for name in pack.files)
-    return [Suspect(name, "shipped", driven(load(name))) for name in names or every]
-
-
-def driven(made: Mechanism) -> Mechanism:
-    """Return a mechanism whose inputs are said, where its file leaves them to be found."""
-    return made.with_inputs(*(made.pairs[pair].name for pair in driven_pairs(made)))
+    return [Suspect(name, "shipped", driven_at(load(name))) for name in names or every]
 
 
 def random_suspects(count: int, seed: int) -> Iterator[Suspect]:

@@ -4,7 +4,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from spherekit.cli.study import add_lock_argument, sample_counts, with_locks
+from spherekit.cli.study import (
+    add_input_argument,
+    add_lock_argument,
+    sample_counts,
+    with_locks,
+)
 from spherekit.cli.suggest import mechanisms, pairs, suggesting
 from spherekit.errors import OutputError
 
@@ -43,15 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="file to write (default: NAME.npz, NAME.xml, NAME.csv)",
     )
-    suggesting(
-        parser.add_argument(
-            "--input",
-            action="append",
-            metavar="PAIR",
-            help="a driven pair, once for each freedom (default: the file's)",
-        ),
-        pairs,
-    )
+    add_input_argument(parser)
     parser.add_argument(
         "--assembly-mode",
         type=int,
@@ -98,13 +95,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def numbers(text: str) -> tuple[float, ...]:
     """Return the numbers of a list with commas."""
-    found = []
+    values = []
     for part in text.split(","):
         try:
-            found.append(float(part))
+            values.append(float(part))
         except ValueError:
             raise argparse.ArgumentTypeError(f"{part!r} is not a number") from None
-    return tuple(found)
+    return tuple(values)
 
 
 FLAGS = {
@@ -148,7 +145,7 @@ def execute(options: argparse.Namespace) -> int:
         pairs=options.pairs,
         samples=options.samples,
         tolerance=options.tol,
-        at=options.at and tuple(to_radians(each, unit) for each in options.at),
+        at=options.at and tuple(to_radians(angle, unit) for angle in options.at),
     )
     if not options.quiet:
         for text in (made.holds, *made.notes):

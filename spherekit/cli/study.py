@@ -31,15 +31,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         help="samples along the input's range, default 361; with several inputs on the "
         "straight path through their ranges, or on a grid with 41x21",
     )
-    suggesting(
-        parser.add_argument(
-            "--input",
-            action="append",
-            metavar="PAIR",
-            help="a driven pair, once for each freedom (default: the file's)",
-        ),
-        pairs,
-    )
+    add_input_argument(parser)
     add_lock_argument(parser)
     if not timed:
         return
@@ -77,6 +69,19 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         "--no-search",
         action="store_true",
         help="only the assembly mode of the reference pose, if the file gives one",
+    )
+
+
+def add_input_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--input PAIR``, once for each freedom."""
+    suggesting(
+        parser.add_argument(
+            "--input",
+            action="append",
+            metavar="PAIR",
+            help="a driven pair, once for each freedom (default: the file's)",
+        ),
+        pairs,
     )
 
 
@@ -223,14 +228,14 @@ def torque_of(texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
 
     if len(texts) == 1 and "=" not in texts[0]:
         return texts[0]
-    found: dict[str, str] = {}
+    torques: dict[str, str] = {}
     for text in texts:
         pair, equals, torque = text.partition("=")
-        if not equals or pair in found:
+        if not equals or pair in torques:
             inputs = [item.pair for item in study.mechanism.inputs]
             raise AnalysisError(
                 f'--torque: "{text}" does not say at which input it acts, or repeats it; '
                 f"write PAIR=EXPR once for each ({', '.join(inputs)})"
             )
-        found[pair] = torque
-    return found
+        torques[pair] = torque
+    return torques

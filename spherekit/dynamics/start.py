@@ -17,7 +17,6 @@ from spherekit.model.dynamics import (
     PairTorque,
     TorqueFunction,
     TorqueTable,
-    need_no_rubbing,
 )
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
@@ -26,7 +25,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
 from spherekit.motion.turns import into_range as turned_into
-from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import Floats
 
 NEAR = 0.1
@@ -108,10 +107,8 @@ def prepare(
             "finite time greater than 0"
         )
     need_inertia(mechanism)
-    need_no_rubbing(mechanism, "a simulation does not solve for")
     mechanism = driven_at(mechanism, input_pair)
-    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-    mechanism = mechanism.with_inputs(*inputs)
+    inputs = [item.pair for item in mechanism.inputs]
     if isinstance(start, PoseStart):
         pairs = [start.pair] if isinstance(start.pair, str) else list(start.pair)
         rates = np.atleast_1d(np.asarray(start.rate, dtype=float))

@@ -26,7 +26,7 @@ from spherekit.motion.modes import find_assembly_modes
 from spherekit.motion.timing import Timing
 from spherekit.numeric.rows import ArrayRows
 from spherekit.planning.assembly import Assembly, plan_assembly
-from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import Floats, cross, quaternion
 
 BLOCK = 16384
@@ -313,9 +313,7 @@ class Tracer:
         follow: bool = True,
     ) -> None:
         self._follow = follow
-        mechanism = driven_at(mechanism, input_pair)
-        names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-        self.mechanism = mechanism.with_inputs(*names)
+        self.mechanism = driven_at(mechanism, input_pair)
         self.input_grid = _lattice(self.mechanism, samples, grid, path)
         self.by_rank = False
         try:

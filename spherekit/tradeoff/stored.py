@@ -16,7 +16,7 @@ from spherekit.analysis.running.setting import Setting
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.study import Study
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at
 from spherekit.tradeoff.record import Measured, Trade
 from spherekit.version import __version__
 
@@ -25,9 +25,7 @@ FILE = "trade.json"
 
 def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
     """Return what a trade for a study's run depends on, ready for JSON."""
-    mechanism, path = study.mechanism, study.path
-    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
-    mechanism = mechanism.with_inputs(*inputs)
+    mechanism, path = driven_at(study.mechanism), study.path
     values = None
     if path is not None:
         values = hashlib.sha256(np.ascontiguousarray(path).tobytes()).hexdigest()
@@ -39,7 +37,7 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
         "analysis": analysis.name,
         "analysis_version": analysis.version,
         "parameters": {key: json.loads(_text(value)) for key, value in given.items()},
-        "inputs": inputs,
+        "inputs": [item.pair for item in mechanism.inputs],
         "samples": "x".join(map(str, study.shape)),
         "input_values": values,
         "assembly_mode": study.assembly_mode
@@ -79,9 +77,9 @@ def read_trade(path: str | os.PathLike[str]) -> Trade:
         ) from None
 
 
-def check_run(found: Trade, now: Mapping[str, Any], where: str) -> None:
+def check_run(stored: Trade, now: Mapping[str, Any], where: str) -> None:
     """Raise `AnalysisError` unless a trade was made for a run, see `run_of`."""
-    differs = differences(found.made_for, now)
+    differs = differences(stored.made_for, now)
     if differs:
         raise AnalysisError(
             f"{where}: the trade was made for another run ({differs}); make it for this "
@@ -102,7 +100,8 @@ def _trade(data: Mapping[str, Any]) -> Trade:
         floor=data["reference_error"],
         derivatives=data["derivatives"],
         columns=tuple(
-            (each["column"], each["measured"], each["scale"]) for each in data["columns"]
+            (column["column"], column["measured"], column["scale"])
+            for column in data["columns"]
         ),
         settings=tuple(_measured(row, data["samples"]) for row in rows),
         made_for=dict(data["made_for"]),
@@ -115,8 +114,8 @@ def _measured(row: Mapping[str, Any], samples: int) -> Measured:
         name=row["name"],
         setting=None if row["setting"] is None else Setting(**row["setting"]),
         first=first,
-        each=1e-6 * _number(row["microseconds_per_sample"]),
-        each_median=(_number(row["seconds_median"]) - first) / samples,
+        per_sample=1e-6 * _number(row["microseconds_per_sample"]),
+        per_sample_median=(_number(row["seconds_median"]) - first) / samples,
         compile=row["compile_seconds"],
         error=_number(row["error"]),
         column=row["worst_column"],
