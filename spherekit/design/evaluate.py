@@ -155,7 +155,7 @@ class Evaluator:
                     )
             elif merit.place not in ("", *self.inputs):
                 raise DesignError(
-                    f"{name}: {merit.name}: {merit.place} is no input; it is "
+                    f"{name}: {merit.name}: {merit.place} is not driven; driven are "
                     f"{listing(self.inputs)}"
                 )
             if merit.reduction == "swing" and len(self.samples.shape) > 1:
