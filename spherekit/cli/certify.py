@@ -90,6 +90,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.files.library import find
     from spherekit.files.read import read
     from spherekit.planning.inputs import driven_at
+    from spherekit.proof.construction import construct
     from spherekit.proof.written import Written
 
     path = find(options.file)
@@ -103,12 +104,15 @@ def execute(options: argparse.Namespace) -> int:
     if options.clear_of and (options.at or len(mechanism.inputs) > 1):
         raise AnalysisError("--clear-of is for the range of one input, and not for --at")
     several = len(mechanism.inputs) > 1 and not options.at
+    wheels = not options.at and not construct(written.structure).unknowns
     if (options.cell or options.figure) and not several:
         raise AnalysisError(
             "--cell and --figure are for ranges of several inputs; "
             f"{mechanism.name} has {len(mechanism.inputs)}, or --at is given"
         )
-    if several:
+    if wheels:
+        made = _wheels(written)
+    elif several:
         made = _map(written, options)
     elif options.at:
         made = _at(written, options.at, options.poles)
@@ -189,7 +193,7 @@ def _mode_lines(modes: Any) -> list[str]:
 
     from spherekit.proof.balls import middle, upper
 
-    names = [pair.name for pair in modes.written.mechanism.pairs]
+    names = modes.written.structure.pairs
     lines = []
     for number, angles in enumerate(modes.angles()):
         degrees = np.degrees([middle(angle) for angle in angles])
@@ -202,6 +206,29 @@ def _mode_lines(modes: Any) -> list[str]:
         width = np.degrees(2.0 * np.max(half))
         lines.append(f"  undecided: a cluster at {place} deg, {width:.1e} deg wide")
     return lines
+
+
+def _wheels(written: Any) -> Made:
+    """Return lines and certificate of a mechanism whose wheels fix all its angles."""
+    from spherekit.proof.balls import bits, middle, upper
+    from spherekit.proof.certificate import wheels_certificate
+
+    structure = written.structure
+    with bits(80):
+        ratios = written.ratios()
+    inputs = [structure.pairs[pair] for pair in structure.inputs]
+    lines = [
+        f"{structure.name}: certified: one mode at all inputs, no dead centre; wheels in "
+        "mesh fix every angle by the inputs"
+    ]
+    for pair, row in zip(structure.followers, ratios, strict=True):
+        parts = " ".join(
+            f"{middle(ratio):+.12g} x {name}"
+            for ratio, name in zip(row, inputs, strict=True)
+        )
+        off = max(upper(ratio - ratio.mid()) for ratio in row)
+        lines.append(f"  {structure.pairs[pair]} turns {parts}, factors to {off:.0e}")
+    return lines, wheels_certificate(written, ratios), True
 
 
 def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
@@ -218,7 +245,7 @@ def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
     ends = ends or list(written.input_range(mechanism.inputs[0].pair))
     if not float(ends[0]) < float(ends[1]):
         raise AnalysisError(f"the range {ends[0]} to {ends[1]} is empty; give FROM < TO")
-    made = construct(mechanism, output_pairs(mechanism))
+    made = construct(written.structure, output_pairs(written))
     curves = certified_curves(written, (ends[0], ends[1]), made)
     located = singularities(curves)
     lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, located)]

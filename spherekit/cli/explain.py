@@ -111,7 +111,7 @@ def execute(options: argparse.Namespace) -> int:
         f"{mechanism.name}, {word} {', '.join(inputs)}, analyses: "
         f"{', '.join(facts['analyses'])}"
     )
-    print("positions, group by group:")
+    print(f"positions, group by group:{'' if facts['positions'] else ' no loop to close'}")
     for item in facts["positions"]:
         print(f"  {item['group']} of pairs {', '.join(item['pairs'])}")
     if others:

@@ -67,6 +67,11 @@ class Parser(argparse.ArgumentParser):
         """Say what is wrong and how to learn more, and exit."""
         message = re.sub(r"invalid float value: (.*)", r"\1 is not a number", message)
         message = re.sub(r"invalid int value: (.*)", r"\1 is not a whole number", message)
+        message = re.sub(
+            r"argument (?:\S+/)?(--\S+): expected one argument$",
+            r"\g<0>; one that starts with - is written \1=-VALUE",
+            message,
+        )
         hint = self._meant(message) or "."
         print(f"{self.prog}: {message}{hint} See: {self.prog} --help", file=sys.stderr)
         sys.exit(USAGE)

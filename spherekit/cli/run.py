@@ -177,6 +177,11 @@ def execute(options: argparse.Namespace) -> int:
     study = _wanted(options)
     analyses = chosen(study, options.analysis or ())
     _check_effect(study, options)
+    if options.prove:
+        from spherekit.analysis.proven_poles import check_provable
+
+        names = [each.name for each in analyses]
+        check_provable(study.mechanism, names, not options.only_needed)
     made = study.folder is not None and not study.folder.exists()
     if study.folder is not None:
         make_folder(study.folder)
@@ -239,10 +244,7 @@ def _prove(options: argparse.Namespace, study: "Study", result: "RunResult") -> 
     """Prove the poles of a run, write and tell; return how many bounds are exceeded."""
     from spherekit.analysis.proven_poles import prove_poles
     from spherekit.analysis.tables import Files
-    from spherekit.errors import AnalysisError
 
-    if "poles" not in result.results:
-        raise AnalysisError("--prove encloses poles; run the analysis poles too: -a poles")
     motion, poles = (result.results[name].data[name] for name in ("motion", "poles"))
     proven = prove_poles(study.mechanism, motion, poles)
     print(proven, file=sys.stderr if options.json else sys.stdout)
@@ -471,7 +473,9 @@ def report(summary: Any) -> str:
             f"{names}; no motion was traced, as no analysis reads samples; mobility "
             f"{mobility['graph']} by the graph"
         )
-    lines = [f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups'])}"]
+    lines = [
+        f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups']) or 'none'}"
+    ]
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     repeated = summary["redundant_constraints"]

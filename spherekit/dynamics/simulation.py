@@ -136,13 +136,13 @@ def cannot_leave(problem: Problem, why: str) -> SolveError:
 @final
 @dataclass(frozen=True)
 class Forecast:
-    """What each engine was expected to take (s), compiling included."""
+    """What each engine was expected to take for what is left (s), compiling included."""
 
     numpy: float
     compiled: float
 
     def __str__(self) -> str:
-        return f"expected NumPy {self.numpy:.2g} s, compiled {self.compiled:.2g} s"
+        return f"expected NumPy {self.numpy:.2g} s more, compiled {self.compiled:.2g} s"
 
 
 @final

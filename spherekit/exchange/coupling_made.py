@@ -139,6 +139,11 @@ def _passive(mechanism: Mechanism, pairs: Sequence[str] | None) -> tuple[int, ..
                     f"{listing(named)}"
                 )
         named = list(dict.fromkeys(pairs))
+    if not named:
+        raise SolveError(
+            f"{mechanism.name}: a coupling table has the variables of passive pairs, and "
+            + ("all pairs are inputs" if pairs is None else "no pair was named")
+        )
     return tuple(
         v for name in named for v in mechanism.variables_of(mechanism.pair_number[name])
     )

@@ -172,7 +172,8 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
                 yield path, f"the key {key} is missing{described}"
     elif rule == "type":
         wanted = limit if isinstance(limit, list) else [limit]
-        yield path, mismatch(value, " or ".join(_TYPES[name] for name in wanted))
+        types = " or ".join(_TYPES[name] for name in wanted)
+        yield path, mismatch(value, types) + _in_words(error.schema)
     elif rule in ("enum", "const"):
         allowed = limit if rule == "enum" else [limit]
         hint = nearest(value, allowed) if isinstance(value, str) else ""
@@ -194,7 +195,7 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
         bound = "at least" if rule.startswith("min") else "at most"
         needs = f"{limit}" if least == most else f"{bound} {limit}"
         what = "values" if "Items" in rule else "entries"
-        yield path, f"has {len(value)} {what}, needs {needs}"
+        yield path, f"has {len(value)} {what}, needs {needs}{_in_words(schema_)}"
     elif rule in ("minimum", "maximum"):
         bound = "at least" if rule == "minimum" else "at most"
         yield path, f"found {shown(value)}, needs {bound} {limit:g}"
@@ -225,7 +226,12 @@ def _described(part: Mapping[str, Any], key: str, kind: Kind) -> str:
     declared = [
         table["properties"].get(key, {}) for table in parts if "properties" in table
     ]
-    text = next((entry["description"] for entry in declared if entry), "")
+    return _in_words(next((entry for entry in declared if entry), {}))
+
+
+def _in_words(part: Mapping[str, Any]) -> str:
+    """Return what a part of the schema says of itself, to end a message with."""
+    text = str(part.get("description", ""))
     return f": {text[0].lower()}{text[1:].rstrip('.')}" if text else ""
 
 
