@@ -116,7 +116,7 @@ class Dynamics(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques, of the inertia matrix and of the loads."""
-        found, mechanism = self._found(batch), batch.mechanism
+        solution, mechanism = self._found(batch), batch.mechanism
         inputs, loads = batch.moving_inputs, [load.name for load in mechanism.loads]
         count, m = len(batch), len(inputs)
         common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
@@ -131,27 +131,29 @@ class Dynamics(AbstractAnalysis):
                 **q,
                 **_columns(mechanism, "dq", batch.input_rates),
                 **_columns(mechanism, "ddq", batch.input_accelerations),
-                **_columns(mechanism, "tau", found.torques),
-                **_columns(mechanism, "Q", found.Q_all),
-                "kinetic": found.kinetic,
-                "power": np.sum(found.torques * batch.input_rates, axis=1),
+                **_columns(mechanism, "tau", solution.torques),
+                **_columns(mechanism, "Q", solution.Q_all),
+                "kinetic": solution.kinetic,
+                "power": np.sum(solution.torques * batch.input_rates, axis=1),
                 "residual": batch.residual,
-                "status": found.status,
+                "status": solution.status,
             },
             "inertia": {
                 **_repeated({**common, **q}, pairs),
                 "row": np.tile(names[rows], count),
                 "column": np.tile(names[columns], count),
-                "M": found.M[:, rows, columns].ravel(),
-                **_columns(mechanism, "dM", found.dM[:, rows, columns].reshape(-1, m)),
-                "status": np.repeat(found.status, pairs),
+                "M": solution.M[:, rows, columns].ravel(),
+                **_columns(mechanism, "dM", solution.dM[:, rows, columns].reshape(-1, m)),
+                "status": np.repeat(solution.status, pairs),
             },
             "loads": {
                 **_repeated({**timed, **q}, len(loads)),
                 "load": np.tile(np.array(loads, dtype=str), count),
-                **_columns(mechanism, "Q", np.swapaxes(found.Q_parts, 1, 2).reshape(-1, m)),
-                "power": found.power.ravel(),
-                "status": np.repeat(found.status, len(loads)),
+                **_columns(
+                    mechanism, "Q", np.swapaxes(solution.Q_parts, 1, 2).reshape(-1, m)
+                ),
+                "power": solution.power.ravel(),
+                "status": np.repeat(solution.status, len(loads)),
             },
         }
 
@@ -160,51 +162,51 @@ class Dynamics(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque at each input, and where that is."""
-        found, figures = self._found(batch), {}
+        solution, figures = self._found(batch), {}
         for k, name in enumerate(batch.moving_inputs):
-            torque = np.abs(found.torques[:, k])
+            torque = np.abs(solution.torques[:, k])
             if not np.any(np.isfinite(torque)):
                 continue
             row = int(np.nanargmax(torque))
             figures[name] = {
-                "largest_torque_Nm": float(found.torques[row, k]),
+                "largest_torque_Nm": float(solution.torques[row, k]),
                 "at_sample": int(batch.sample[row]),
                 "at_assembly_mode": int(batch.assembly_mode[row]),
                 "at_rad": [float(x) for x in batch.inputs[row]],
             }
-        lost = int(np.count_nonzero(found.status == Status.AT_SINGULARITY))
+        lost = int(np.count_nonzero(solution.status == Status.AT_SINGULARITY))
         return _said(figures, lost)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
         figures = dict(before.figures.get("inputs", {}))
-        for name, each in now.figures.get("inputs", {}).items():
+        for name, largest in now.figures.get("inputs", {}).items():
             old = figures.get(name)
-            if old is None or abs(each["largest_torque_Nm"]) > abs(
+            if old is None or abs(largest["largest_torque_Nm"]) > abs(
                 old["largest_torque_Nm"]
             ):
-                figures[name] = each
+                figures[name] = largest
         lost = sum(item.figures.get("rows_at_singularities", 0) for item in (before, now))
         return _said(figures, lost)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of torques, of the entries of the inertia matrix and of power."""
-        found, inputs = self._found(batch), batch.moving_inputs
+        solution, inputs = self._found(batch), batch.moving_inputs
         curves: list[tuple[str, str, str, Floats, str]] = []
         for k, name in enumerate(inputs):
             curves.append(
-                ("torque", f"at {name}", "driving torques", found.torques[:, k], "N m")
+                ("torque", f"at {name}", "driving torques", solution.torques[:, k], "N m")
             )
         for i, one in enumerate(inputs):
             for k, other in enumerate(inputs[i:], i):
                 label = f"M {one} {other}"
                 curves.append(
-                    ("inertia", label, "inertia matrix", found.M[:, i, k], "kg m2")
+                    ("inertia", label, "inertia matrix", solution.M[:, i, k], "kg m2")
                 )
-        power = np.sum(found.torques * batch.input_rates, axis=1)
+        power = np.sum(solution.torques * batch.input_rates, axis=1)
         curves.append(("power", "driving torques", "power", power, "W"))
         for k, load in enumerate(batch.mechanism.loads):
-            curves.append(("power", load.name, "power", found.power[:, k], "W"))
+            curves.append(("power", load.name, "power", solution.power[:, k], "W"))
         return tuple(
             Scene(
                 number,
@@ -226,9 +228,9 @@ class Dynamics(AbstractAnalysis):
 
 def _said(figures: Mapping[str, Any], lost: int) -> Findings:
     remarks = tuple(
-        f"largest driving torque at {name}: {each['largest_torque_Nm']:.6g} N m at sample "
-        f"{each['at_sample']} of assembly mode {each['at_assembly_mode']}"
-        for name, each in figures.items()
+        f"largest driving torque at {name}: {largest['largest_torque_Nm']:.6g} N m at "
+        f"sample {largest['at_sample']} of assembly mode {largest['at_assembly_mode']}"
+        for name, largest in figures.items()
     )
     warnings = (
         (

@@ -39,10 +39,13 @@ from spherekit.plugin.dynamics import (
     driving_torques,
     inertia,
     need_terms,
+    needed_torques,
     total,
     used_links,
     used_pairs,
 )
+
+from .load_motion import as_loads_see
 
 Floats = NDArray[np.float64]
 
@@ -55,8 +58,9 @@ USABLE_RATES = 1e-6
 class Torque:
     """The inverse problem at n rows: inertia, loads and the torque `tau` (n,), N m.
 
-    `status` (n,) is the motion's, with OVERFLOW where the torque is not finite, and
-    ILL_CONDITIONED where the rates of links are not known well enough.
+    `status` (n,) is the motion's, with NOT_CONVERGED where bearings lock, OVERFLOW where
+    the torque is not finite, and ILL_CONDITIONED where the rates of links are not known
+    well enough.
     """
 
     inertia: Inertia
@@ -160,6 +164,7 @@ class Eksergian(AbstractAnalysis):
             )
         return Needs(
             time=True,
+            tracer=bool(Loads(mechanism).rubbing),
             derivatives=True,
             link_rates=links,
             rotations=links,
@@ -214,12 +219,17 @@ class Eksergian(AbstractAnalysis):
         with np.errstate(over="ignore", invalid="ignore"):
             masses = inertia(mechanism, motion)
             rates, faster = batch.input_rates, batch.input_accelerations
-            each = Loads(mechanism).parts(motion, rates, batch.t)
+            loads, across, locked = Loads(mechanism), None, np.zeros(len(batch), dtype=bool)
+            if loads.rubbing:
+                rubbed = needed_torques(as_loads_see(batch))
+                across, locked = rubbed.across, rubbed.status == Status.NOT_CONVERGED
+            each = loads.parts(motion, rates, batch.t, across)
             Q = np.sum(each, axis=2)
             tau = driving_torques(masses.M, masses.dM, Q, rates, faster)[:, 0]
             forces = each[:, 0]
             power = forces * batch.dq[:, None]
         status = batch.status.copy()
+        status[(status == Status.OK) & locked] = Status.NOT_CONVERGED
         finite = np.isfinite(tau) & np.all(np.isfinite(power), axis=1)
         status[(status == Status.OK) & ~finite] = Status.OVERFLOW
         lost = ~(batch.rates_loss() < USABLE_RATES)

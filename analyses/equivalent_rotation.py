@@ -216,12 +216,12 @@ class EquivalentRotation(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of the rotation and of its schedule."""
-        found = self._found(batch)
-        mechanism, at = batch.mechanism, found.samples
+        result = self._found(batch)
+        mechanism, at = batch.mechanism, result.samples
         n = len(at.theta)
         phi = gamma = np.full(n, np.nan)
-        if found.form is not None:
-            angles = mirror_angles(mid_planes(found.form, at.orientation))
+        if result.form is not None:
+            angles = mirror_angles(mid_planes(result.form, at.orientation))
             phi, gamma = angles.phi, angles.gamma
         tilted = tilt_torsion(at.orientation)
         first = {
@@ -240,12 +240,12 @@ class EquivalentRotation(AbstractAnalysis):
             "status": at.status,
         }
         count = len(mechanism.inputs)
-        if found.schedule is None:
+        if result.schedule is None:
             nothing, none = np.zeros(0), np.zeros((0, count))
             t, theta, inputs, dq, ddq, type_2 = nothing, nothing, none, none, none, nothing
             status = np.zeros(0, dtype=np.int8)
         else:
-            rows = found.schedule.table(self.samples)
+            rows = result.schedule.table(self.samples)
             t, theta, inputs, dq = rows.t, rows.theta, rows.inputs, rows.rates
             ddq, type_2, status = rows.accelerations, rows.type_2, rows.status
         second = {
@@ -261,30 +261,30 @@ class EquivalentRotation(AbstractAnalysis):
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page with the rotation, and one with its schedule if there is one."""
-        found = self._found(batch)
+        result = self._found(batch)
         findings = self.findings(batch)
         scenes = RotationScenes(
             batch.mechanism,
             lambda values: batch.tracer.solver.closure.at(values).placed,
-            found.output,
-            found.rotation,
-            found.form,
-            self._words(found, findings.warnings),
+            result.output,
+            result.rotation,
+            result.form,
+            self._words(result, findings.warnings),
         )
-        pages = [scenes.rotation(found.samples)]
-        if found.schedule is not None:
-            pages.append(scenes.schedule(found.schedule.table(self.samples)))
+        pages = [scenes.rotation(result.samples)]
+        if result.schedule is not None:
+            pages.append(scenes.schedule(result.schedule.table(self.samples)))
         return tuple(pages)
 
     def findings(self, batch: Batch) -> Findings:
         """Return axis, angle, feasibility, places of type II, and the duration."""
-        found = self._found(batch)
-        turn, at = found.rotation, found.samples
+        result = self._found(batch)
+        turn, at = result.rotation, result.samples
         departure, drift = _largest(at.departure), _largest(at.drift)
         followed = turn.end == Status.OK
         failed = ~np.isin(at.status, (Status.OK, Status.AT_SINGULARITY))
         figures: dict[str, Any] = {
-            "output": found.output.name,
+            "output": result.output.name,
             "axis": turn.axis.tolist(),
             "angle_rad": turn.angle,
             "feasible": bool(followed and departure < FEASIBLE and not np.any(failed)),
@@ -296,19 +296,19 @@ class EquivalentRotation(AbstractAnalysis):
             "largest_drift_rad": drift,
             "crossings_rad": list(turn.crossings),
             "start": {
-                "mode": found.start.labels[found.number],
-                "number": found.number,
+                "mode": result.start.labels[result.number],
+                "number": result.number,
                 "configurations": [
                     {"mode": label, "inputs_rad": inputs.tolist()}
                     for label, inputs in zip(
-                        found.start.labels, found.start.inputs, strict=True
+                        result.start.labels, result.start.inputs, strict=True
                     )
                 ],
             },
-            "graph_differs_rad": found.graph,
+            "graph_differs_rad": result.graph,
         }
-        if found.form is not None:
-            figures["axis_in_mirror_axes"] = (turn.axis @ found.form.frame).tolist()
+        if result.form is not None:
+            figures["axis_in_mirror_axes"] = (turn.axis @ result.form.frame).tolist()
         warnings = []
         if not followed:
             warnings.append(
@@ -343,20 +343,21 @@ class EquivalentRotation(AbstractAnalysis):
                     f"the rotation meets a type II singularity at {where}, where the "
                     "inputs do not hold the mechanism"
                 )
-        if found.graph is not None and not found.graph < AGREES:
+        if result.graph is not None and not result.graph < AGREES:
             warnings.append(
-                f"the closed form and the graph differ by {found.graph:.3g} rad in an input"
+                f"the closed form and the graph differ by {result.graph:.3g} rad in "
+                "an input"
             )
-        if found.unchecked:
-            figures["graph"] = found.unchecked
-        if found.unscheduled:
-            warnings.append(f"there is no schedule: {found.unscheduled}")
-        if found.schedule is not None:
-            figures["schedule"] = _schedule_figures(found.schedule, self.shape)
+        if result.unchecked:
+            figures["graph"] = result.unchecked
+        if result.unscheduled:
+            warnings.append(f"there is no schedule: {result.unscheduled}")
+        if result.schedule is not None:
+            figures["schedule"] = _schedule_figures(result.schedule, self.shape)
         axis = ", ".join(f"{x:.6f}" for x in turn.axis)
         remarks = [f"{np.degrees(turn.angle):.6g} deg about ({axis}) in ground axes"]
-        if found.schedule is not None:
-            remarks.append(f"it takes {found.schedule.duration:.6g} s within the limits")
+        if result.schedule is not None:
+            remarks.append(f"it takes {result.schedule.duration:.6g} s within the limits")
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def _found(self, batch: Batch) -> FoundRotation:
@@ -389,8 +390,8 @@ class EquivalentRotation(AbstractAnalysis):
         schedule, unscheduled = None, ""
         if self.speed or self.acceleration:
             speed, acceleration = (
-                np.radians(each) if each else None
-                for each in (self.speed, self.acceleration)
+                np.radians(limit) if limit else None
+                for limit in (self.speed, self.acceleration)
             )
             try:
                 schedule = quickest(
@@ -420,9 +421,9 @@ class EquivalentRotation(AbstractAnalysis):
         except SolveError as problem:
             raise SolveError(f"start: {problem}") from None
 
-    def _words(self, found: FoundRotation, warnings: tuple[str, ...]) -> str:
+    def _words(self, result: FoundRotation, warnings: tuple[str, ...]) -> str:
         """Return what is to be read beside the page, as Markdown."""
-        turn, at = found.rotation, found.samples
+        turn, at = result.rotation, result.samples
         x, y, z = turn.axis
         lines = [
             "# Equivalent rotation",
@@ -431,16 +432,16 @@ class EquivalentRotation(AbstractAnalysis):
             "|---|---|",
             f"| from | {self.start} |",
             f"| to | {self.end} |",
-            f"| configuration | {found.start.labels[found.number]} |",
+            f"| configuration | {result.start.labels[result.number]} |",
             f"| axis | {x:.6f}, {y:.6f}, {z:.6f} |",
             f"| angle | {np.degrees(turn.angle):.6f} deg |",
             f"| largest departure | {_largest(at.departure):.3g} rad |",
             f"| largest drift of the axis | {_largest(at.drift):.3g} rad |",
         ]
-        if found.schedule is not None:
-            most = found.schedule.binding
+        if result.schedule is not None:
+            most = result.schedule.binding
             lines += [
-                f"| duration | {found.schedule.duration:.4f} s, {self.shape} |",
+                f"| duration | {result.schedule.duration:.4f} s, {self.shape} |",
                 f"| set by | {most.quantity} of {most.input} at {most.t:.4f} s |",
             ]
         return "\n".join([*lines, "", *(f"- {text}" for text in warnings)])
@@ -458,14 +459,14 @@ def _checked(
         return None, str(problem)
     off = np.abs(graph.at(samples.theta).inputs - samples.inputs)
     off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi)
-    known = off[np.all(np.isfinite(off), axis=1)]
-    if not len(known):
+    finite = off[np.all(np.isfinite(off), axis=1)]
+    if not len(finite):
         return None, "the graph could not be followed"
     note = ""
     if graph.end != turn.end:
         reached = f"{np.degrees(graph.reached):.6g} deg"
         note = f"followed to {reached} only: {Status(graph.end).name}"
-    return float(np.max(known)), note
+    return float(np.max(finite)), note
 
 
 def _output_name(mechanism: Mechanism, turn: MidPlaneRotation) -> str:
@@ -479,8 +480,8 @@ def _output_name(mechanism: Mechanism, turn: MidPlaneRotation) -> str:
 def _by_input(mechanism: Mechanism, name: str, values: Floats) -> dict[str, Floats]:
     """Return columns of values (n, inputs) under a table's names for them."""
     column = Column(name, "", "", per_input=True)
-    own = Table("", "", (column,)).of(mechanism).columns
-    return {c.name: values[:, k] for k, c in enumerate(own)}
+    columns = Table("", "", (column,)).of(mechanism).columns
+    return {c.name: values[:, k] for k, c in enumerate(columns)}
 
 
 def _largest(values: Floats) -> float:
@@ -497,13 +498,13 @@ def _schedule_figures(schedule: Schedule, shape: str) -> dict[str, Any]:
         "set_by": f"{most.quantity} of {most.input} at {most.t:.6g} s",
         "extremes": [
             {
-                "input": each.input,
-                "quantity": each.quantity,
-                "value": each.value,
-                "unit": "rad/s" if each.quantity == "speed" else "rad/s2",
-                "t_s": each.t,
-                "theta_rad": each.theta,
+                "input": extreme.input,
+                "quantity": extreme.quantity,
+                "value": extreme.value,
+                "unit": "rad/s" if extreme.quantity == "speed" else "rad/s2",
+                "t_s": extreme.t,
+                "theta_rad": extreme.theta,
             }
-            for each in schedule.extremes
+            for extreme in schedule.extremes
         ],
     }

@@ -210,31 +210,31 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the configurations of poses, or the poses at inputs."""
-        found, mechanism = self._found(batch), batch.mechanism
+        result, mechanism = self._found(batch), batch.mechanism
         data: dict[str, TableData] = {
             table.name: {column.name: np.zeros(0) for column in table.of(mechanism).columns}
             for table in self.tables
         }
-        if found.forward is not None:
-            data["forward"] = found.forward
-        if found.rows is not None:
-            data["inverse_kinematics"] = _inverse_table(mechanism, found, found.rows)
-            data["pairs"] = self._pair_table(mechanism, found.rows)
+        if result.forward is not None:
+            data["forward"] = result.forward
+        if result.rows is not None:
+            data["inverse_kinematics"] = _inverse_table(mechanism, result, result.rows)
+            data["pairs"] = self._pair_table(mechanism, result.rows)
         return data
 
     def findings(self, batch: Batch) -> Findings:
         """Return how many poses have how many solutions, and how well they close."""
-        found = self._found(batch)
+        result = self._found(batch)
         figures: dict[str, Any] = {
-            "output": found.solver.output.name,
-            "closed_form": isinstance(found.solver, ClosedKinematics),
-            "solved_by": found.solver.solved_by,
-            "legs": list(found.solver.legs),
+            "output": result.solver.output.name,
+            "closed_form": isinstance(result.solver, ClosedKinematics),
+            "solved_by": result.solver.solved_by,
+            "legs": list(result.solver.legs),
         }
-        if found.rows is None:
-            return self._of_forward(found, figures)
-        assert found.given.poses is not None
-        rows, count = found.rows, len(found.given.poses)
+        if result.rows is None:
+            return self._of_forward(result, figures)
+        assert result.given.poses is not None
+        rows, count = result.rows, len(result.given.poses)
         solutions = _solutions(rows, count)
         figures |= {
             "poses": count,
@@ -249,9 +249,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                     "least_type_1": _least(rows.type_1[rows.mode == mode]),
                     "least_type_2": _least(rows.type_2[rows.mode == mode]),
                 }
-                for mode in self._modes(found.solver)
+                for mode in self._modes(result.solver)
             },
-            "largest_closure_residual_rad": self._closure(batch, found),
+            "largest_closure_residual_rad": self._closure(batch, result),
         }
         warnings = []
         none = int(np.sum(solutions == 0))
@@ -264,23 +264,23 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         if singular:
             warnings.append(f"{singular} rows are at a singularity")
         out = int(np.sum(~rows.solved))
-        if found.offered < out and isinstance(found.solver, ClosedKinematics):
+        if result.offered < out and isinstance(result.solver, ClosedKinematics):
             warnings.append(
-                f"the nearest reachable pose is given for {found.offered} of "
+                f"the nearest reachable pose is given for {result.offered} of "
                 f"{counted(out, 'row')} "
                 f"out of reach; ask for more with nearest={out}"
             )
         solved = int(np.sum(rows.solved))
         remarks = (
             f"{counted(solved, 'configuration')} of {counted(count, 'pose')}, at most "
-            f"{int(np.max(solutions, initial=0))} of one{_rest(found.solver)}",
+            f"{int(np.max(solutions, initial=0))} of one{_rest(result.solver)}",
         )
         return Findings(
-            figures, tuple(warnings), (*remarks, *self._told(batch.mechanism, found, rows))
+            figures, tuple(warnings), (*remarks, *self._told(batch.mechanism, result, rows))
         )
 
     def _told(
-        self, mechanism: Mechanism, found: FoundPoses, rows: InverseRows
+        self, mechanism: Mechanism, result: FoundPoses, rows: InverseRows
     ) -> list[str]:
         """Return a line for each configuration and nearest pose, if these are few."""
         lines: dict[str, list[str]] = {}
@@ -296,30 +296,30 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                     for pair, value in zip(inputs, values, strict=True)
                 )
                 lines.setdefault(f"{name}: {told}", []).append(mode)
-            elif np.isfinite(found.away[k]):
-                known = found.near[k][np.isfinite(found.near[k])]
-                near = ", ".join(f"{x:.6g}" for x in np.round(known, 6) + 0.0)
+            elif np.isfinite(result.away[k]):
+                place = result.near[k][np.isfinite(result.near[k])]
+                near = ", ".join(f"{x:.6g}" for x in np.round(place, 6) + 0.0)
                 told = (
                     f"out of reach; nearest is ({near}), "
-                    f"{np.degrees(found.away[k]):.4g} deg away"
+                    f"{np.degrees(result.away[k]):.4g} deg away"
                 )
                 lines.setdefault(f"{name}: {told}", []).append(mode)
         return [f"{text}, {numbered('mode', modes)}" for text, modes in lines.items()]
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the poses on the sphere by number of solutions, and by worst measure."""
-        found = self._found(batch)
-        if found.rows is None or found.given.poses is None:
+        result = self._found(batch)
+        if result.rows is None or result.given.poses is None:
             return ()
-        rows, poses = found.rows, found.given.poses
-        places = poses if found.solver.points else poses[:, :, 2]
+        rows, poses = result.rows, result.given.poses
+        places = poses if result.solver.points else poses[:, :, 2]
         solutions = _solutions(rows, len(poses))
         least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
         best = np.zeros(len(poses))
         np.maximum.at(best, rows.pose, np.nan_to_num(least))
         angle = np.arcsin(np.clip(best, 0.0, 1.0))
-        triangles = _triangles(found.given.shape)
-        words = Text("legend", "Poses", self._words(found, solutions))
+        triangles = _triangles(result.given.shape)
+        words = Text("legend", "Poses", self._words(result, solutions))
 
         def painted(name: str, values: Floats, unit: str) -> SphereMap:
             return SphereMap("poses/map", name, places, triangles, values, unit)
@@ -330,10 +330,10 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         if not len(shown):
             return (Scene("Inverse", (solved, words)),)
         every = range(len(batch.mechanism.pairs))
-        whole = found.solver.inverse(poses, self._modes(found.solver), every)
+        whole = result.solver.inverse(poses, self._modes(result.solver), every)
         closure = solver_of(batch.mechanism).closure
         placed = closure.at(whole.values[shown]).placed
-        number = batch.mechanism.link_number[found.solver.output.relative_to]
+        number = batch.mechanism.link_number[result.solver.output.relative_to]
         at = np.einsum("nij,nj->ni", placed[:, number], places[rows.pose[shown]])
         assembled: tuple[Primitive, ...] = (
             *link_bodies(batch.mechanism, placed),
@@ -406,36 +406,36 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         if not isinstance(solver, ClosedKinematics):
             return near, away, 0
         for mode in np.unique(rows.mode[wanted]):
-            own = wanted[rows.mode[wanted] == mode]
-            given = poses[rows.pose[own]]
+            in_mode = wanted[rows.mode[wanted] == mode]
+            given = poses[rows.pose[in_mode]]
             places = given if solver.points else quaternion(given)
             signs = solver.modes[solver.labels.index(str(mode))]
-            found, away[own] = nearest_poses(solver, places, signs)
-            near[own, : found.shape[1]] = found
+            offered, away[in_mode] = nearest_poses(solver, places, signs)
+            near[in_mode, : offered.shape[1]] = offered
         return near, away, len(wanted)
 
-    def _closure(self, batch: Batch, found: FoundPoses) -> float | None:
+    def _closure(self, batch: Batch, result: FoundPoses) -> float | None:
         """Return the largest rotation (rad) by which a loop of some rows is open."""
-        poses = found.given.poses
+        poses = result.given.poses
         assert poses is not None
         if not len(poses):
             return None
         some = poses[np.unique(np.linspace(0, len(poses) - 1, CHECKED).astype(int))]
         every = range(len(batch.mechanism.pairs))
-        rows = found.solver.inverse(some, self._modes(found.solver), every)
-        gap = found.solver.residual(rows.values[rows.status == Status.OK])
+        rows = result.solver.inverse(some, self._modes(result.solver), every)
+        gap = result.solver.residual(rows.values[rows.status == Status.OK])
         return float(np.max(gap)) if len(gap) else None
 
-    def _of_forward(self, found: FoundPoses, figures: dict[str, Any]) -> Findings:
-        table = found.forward
-        assert table is not None and found.given.inputs is not None
-        count = len(found.given.inputs)
+    def _of_forward(self, result: FoundPoses, figures: dict[str, Any]) -> Findings:
+        table = result.forward
+        assert table is not None and result.given.inputs is not None
+        count = len(result.given.inputs)
         solved = table["status"] != Status.OUT_OF_REACH
         number = np.bincount(table["pose"][solved].astype(int), minlength=count)
         figures |= {
             "inputs": count,
             "inputs_by_number_of_poses": {
-                str(each): int(np.sum(number == each)) for each in np.unique(number)
+                str(poses): int(np.sum(number == poses)) for poses in np.unique(number)
             },
         }
         none = int(np.sum(number == 0))
@@ -445,7 +445,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             tuple(warnings),
             (
                 f"{counted(int(np.sum(solved)), 'pose')} of {count} "
-                f"inputs{_rest(found.solver)}",
+                f"inputs{_rest(result.solver)}",
             ),
         )
 
@@ -459,11 +459,11 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             "value": rows.values.ravel(),
         }
 
-    def _words(self, found: FoundPoses, solutions: NDArray[np.int64]) -> str:
+    def _words(self, result: FoundPoses, solutions: NDArray[np.int64]) -> str:
         lines = [
-            f"# Poses of {found.solver.output.name}",
+            f"# Poses of {result.solver.output.name}",
             "",
-            f"Signs of a mode: {'; '.join(found.solver.legs)}.",
+            f"Signs of a mode: {'; '.join(result.solver.legs)}.",
             "",
             "| solutions | poses |",
             "|---|---|",
@@ -502,16 +502,19 @@ def _rest(solver: OutputKinematics) -> str:
     )
 
 
-def _inverse_table(mechanism: Mechanism, found: FoundPoses, rows: InverseRows) -> Row:
-    poses = found.given.poses
+def _inverse_table(mechanism: Mechanism, result: FoundPoses, rows: InverseRows) -> Row:
+    poses = result.given.poses
     assert poses is not None
-    directions = poses[rows.pose] if found.solver.points else None
+    directions = poses[rows.pose] if result.solver.points else None
     names = np.array([*rows.limits, ""])
     axes = {f"rate_{axis}": rows.rates[:, :, k] for k, axis in enumerate("xyz")}
     return {
         "pose": rows.pose,
         "working_mode": rows.mode,
-        **{name: each[rows.pose] for name, each in _places(found.solver, poses).items()},
+        **{
+            name: column[rows.pose]
+            for name, column in _places(result.solver, poses).items()
+        },
         **input_columns(mechanism, rows.inputs),
         **{
             f"{name}_{item.pair}": values[:, k]
@@ -527,28 +530,28 @@ def _inverse_table(mechanism: Mechanism, found: FoundPoses, rows: InverseRows) -
         "type_2": rows.type_2,
         "sense": sense_of(rows.rates, directions),
         "status": rows.status,
-        "solved_by": np.full(len(rows), found.solver.solved_by),
-        **{f"near_{axis}": found.near[:, k] for k, axis in enumerate("xyzw")},
-        "away": found.away,
+        "solved_by": np.full(len(rows), result.solver.solved_by),
+        **{f"near_{axis}": result.near[:, k] for k, axis in enumerate("xyzw")},
+        "away": result.away,
     }
 
 
 def _forward_table(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats) -> Row:
     """Return the poses at inputs (n, inputs), each with the working mode that has them."""
-    found = solver.forward(inputs)
-    none = np.setdiff1d(np.arange(len(inputs)), found.row)
-    order = np.argsort(np.concatenate([found.row, none]), kind="stable")
-    pose = np.concatenate([found.row, none])[order]
-    poses = found.rotations
+    solutions = solver.forward(inputs)
+    none = np.setdiff1d(np.arange(len(inputs)), solutions.row)
+    order = np.argsort(np.concatenate([solutions.row, none]), kind="stable")
+    pose = np.concatenate([solutions.row, none])[order]
+    poses = solutions.rotations
     if solver.points:
-        assert found.directions is not None
-        poses = found.directions
+        assert solutions.directions is not None
+        poses = solutions.directions
     working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.labels), default=1)}")
     type_2 = np.full(len(pose), np.nan)
-    type_2[: len(found.row)] = solver.type_2(found.values)
+    type_2[: len(solutions.row)] = solver.type_2(solutions.values)
     if isinstance(solver, ClosedKinematics):
         rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
-        off = rows.values - found.values[rows.pose]
+        off = rows.values - solutions.values[rows.pose]
         off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi).max(axis=1)
         same = np.flatnonzero(off < SAME_VALUES)
         working[rows.pose[same]] = rows.mode[same]
@@ -557,15 +560,15 @@ def _forward_table(mechanism: Mechanism, solver: OutputKinematics, inputs: Float
     )
     first = np.searchsorted(pose, pose)
     status = np.full(len(pose), Status.OK, dtype=np.int8)
-    status[len(found.row) :] = Status.OUT_OF_REACH
-    modes = np.array([*map(label_of, found.signs), *("" for _ in none)], dtype=str)
+    status[len(solutions.row) :] = Status.OUT_OF_REACH
+    modes = np.array([*map(label_of, solutions.signs), *("" for _ in none)], dtype=str)
     return {
         "pose": pose,
         "solution": np.arange(len(pose)) - first,
         "assembly_mode": modes[order],
         "working_mode": working[order],
         **input_columns(mechanism, inputs[pose]),
-        **{name: each[order] for name, each in places.items()},
+        **{name: column[order] for name, column in places.items()},
         "type_2": type_2[order],
         "status": status[order],
         "solved_by": np.full(len(pose), solver.solved_by),
@@ -585,10 +588,10 @@ def _places(solver: OutputKinematics, poses: Floats) -> Row:
 
 def _quaternions(rotations: Floats) -> Floats:
     """Return unit quaternions (n, 4) xyzw, NaN for NaN."""
-    found = np.full((len(rotations), 4), np.nan)
-    known = np.isfinite(rotations[:, 0, 0])
-    found[known] = quaternion(rotations[known])
-    return found
+    quaternions = np.full((len(rotations), 4), np.nan)
+    finite = np.isfinite(rotations[:, 0, 0])
+    quaternions[finite] = quaternion(rotations[finite])
+    return quaternions
 
 
 def _solutions(rows: InverseRows, count: int) -> NDArray[np.int64]:

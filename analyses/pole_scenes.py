@@ -51,8 +51,8 @@ class Chart:
         """Return (tan xi, tan zeta) (..., 2) of axes (..., 3); NaN at infinity."""
         x, y, z = (directions[..., k] for k in self.order)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = np.stack([y / x, z / x], axis=-1)
-        return np.where(np.isfinite(found), found, np.nan)
+            tangents = np.stack([y / x, z / x], axis=-1)
+        return np.where(np.isfinite(tangents), tangents, np.nan)
 
     def lines(self, normals: Floats) -> Floats:
         """Return lines (..., 3), as in `Diagram`, of great circles by normals (..., 3)."""
@@ -139,7 +139,7 @@ def construction(
     """
     mechanism = batch.mechanism
     primary = [step.pole for step in plan.steps if isinstance(step, PrimaryPole)]
-    found: list[tuple[Pole, ...]] = [tuple(primary)]
+    stages: list[tuple[Pole, ...]] = [tuple(primary)]
     words = [f"{len(primary)} axes of pairs are known"]
     by_lines: dict[int, LinePole] = {}
     for step in plan.steps:
@@ -147,23 +147,23 @@ def construction(
             continue
         said = describe(plan, step).split("\n")
         if isinstance(step, LinePole):
-            by_lines[len(found)] = step
+            by_lines[len(stages)] = step
         if not isinstance(step, BlockPoles):
-            found.append((step.pole,))
+            stages.append((step.pole,))
             words += said
             continue
-        later = {each.pole for each in step.passes}
-        found.append(tuple(pole for pole in step.poles if pole not in later))
-        for each in step.passes:
-            by_lines[len(found)] = each
-            found.append((each.pole,))
+        later = {passed.pole for passed in step.passes}
+        stages.append(tuple(pole for pole in step.poles if pole not in later))
+        for line_step in step.passes:
+            by_lines[len(stages)] = line_step
+            stages.append((line_step.pole,))
         words += said
-    n, every = len(found), list(plan.rounds)
-    known = np.full((n, len(every), 3), np.nan)
+    n, every = len(stages), list(plan.rounds)
+    directions = np.full((n, len(every), 3), np.nan)
     circles = np.full((n, 2, 3), np.nan)
-    for number, new in enumerate(found):
+    for number, new in enumerate(stages):
         for pole in new:
-            known[number:, every.index(pole)] = batch.direction(*pole)[row]
+            directions[number:, every.index(pole)] = batch.direction(*pole)[row]
         if number in by_lines:
             circles[number] = _two_circles(batch, by_lines[number], row)
     turned = np.stack([batch.rotation(link)[row] for link in mechanism.links])
@@ -175,7 +175,7 @@ def construction(
             Arrow(
                 f"found/{names[pole]}",
                 names[pole],
-                known[:, k],
+                directions[:, k],
                 pole in primary,
                 path_shown=False,
             )
@@ -185,7 +185,7 @@ def construction(
     ]
     tones = [PAIR_TONE if pole in primary else POLE_TONE for pole in every]
     labels = [names[pole] for pole in every]
-    parts.append(chart.diagram(labels, known, tones, circles, words))
+    parts.append(chart.diagram(labels, directions, tones, circles, words))
     listed = "\n".join(f"{k:3d}  {text}" for k, text in enumerate(words))
     parts.append(Text("steps", "Steps", f"```\n{listed}\n```"))
     over = Axis("step", "", np.arange(float(n)))

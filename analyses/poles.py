@@ -164,7 +164,7 @@ class Poles(AbstractAnalysis):
         names = mechanism.links
         wanted = [(names[j], names[i]) for i, j in self.poles(mechanism)]
         if not self.only:
-            given = [(own.link, own.relative_to) for own in mechanism.outputs]
+            given = [(output.link, output.relative_to) for output in mechanism.outputs]
             wanted = given or [(link, names[0]) for link in names[1:]]
         return tuple(
             Merit(
@@ -230,11 +230,11 @@ class Poles(AbstractAnalysis):
                 "link": named([links[j] for _, j, _ in wanted]),
                 "relative_to": named([links[i] for i, *_ in wanted]),
                 **{
-                    f"u{axis}": per_pole([each[:, c] for each in directions])
+                    f"u{axis}": per_pole([direction[:, c] for direction in directions])
                     for c, axis in enumerate("xyz")
                 },
                 **{
-                    f"du{axis}_dq": per_pole([each[:, c] for each in turns])
+                    f"du{axis}_dq": per_pole([turn[:, c] for turn in turns])
                     for c, axis in enumerate("xyz")
                 },
                 "velocity_coefficient": per_pole(
@@ -267,15 +267,15 @@ class Poles(AbstractAnalysis):
             )
             for number, rows in batch.assembly_mode_rows().items()
         ]
-        known = np.flatnonzero(batch.status == Status.OK)
+        good = np.flatnonzero(batch.status == Status.OK)
         first = len(batch) > 0 and int(batch.sample[0]) == 0
-        if first and len(known) and self._stepwise(batch.mechanism):
+        if first and len(good) and self._stepwise(batch.mechanism):
             names = {
                 pole: f"P{_short(batch.mechanism, pole)}"
                 for pole in self.poles(batch.mechanism)
             }
-            own = known[batch.assembly_mode[known] == batch.assembly_mode[known[0]]]
-            chart, row = _chart(batch), int(own[len(own) // 3])
+            in_mode = good[batch.assembly_mode[good] == batch.assembly_mode[good[0]]]
+            chart, row = _chart(batch), int(in_mode[len(in_mode) // 3])
             pages.append(construction(batch, batch.plans[0], chart, row, names))
         return tuple(pages)
 
@@ -360,12 +360,12 @@ class Poles(AbstractAnalysis):
 
 def _chart(batch: Batch) -> Chart:
     mechanism = batch.mechanism
-    own = [
+    axes = [
         axis
         for name, axis in link_axes(mechanism)[mechanism.links[0]].items()
         if name in mechanism.pair_number
     ]
-    return Chart(mechanism, np.array(own).reshape(-1, 3))
+    return Chart(mechanism, np.array(axes).reshape(-1, 3))
 
 
 def _short(mechanism: Mechanism, pole: Pole) -> str:

@@ -121,9 +121,9 @@ class Given:
         path = Path(self.file)
         header, kinds = columns_of(path), _kinds(solver)
         prefixed = {f"q_{name}": name for name in kinds[-1]}
-        known = {prefixed.get(name, name): own for name, own in header.items()}
+        columns = {prefixed.get(name, name): written for name, written in header.items()}
         if self.columns:
-            missing = [name for name in self.columns if name not in known]
+            missing = [name for name in self.columns if name not in columns]
             if missing:
                 raise AnalysisError(
                     f"{where}: {path}: it has no column {listing(missing)}; columns: "
@@ -131,7 +131,7 @@ class Given:
                 )
             names = _kind(kinds, self.columns, where)
         else:
-            held = [kind for kind in kinds if set(kind) <= set(known)]
+            held = [kind for kind in kinds if set(kind) <= set(columns)]
             held = [k for k in held if not any(set(k) < set(other) for other in held)]
             if len(held) != 1:
                 which = "more than one of" if held else "none of"
@@ -140,12 +140,14 @@ class Given:
                     f"{_ways(held or kinds)}" + ("; say columns=.." if held else "")
                 )
             names = held[0]
-        found = read_numbers(path, [known[name] for name in names])
-        own = {
-            name: found.units[known[name]] for name in names if known[name] in found.units
+        numbers = read_numbers(path, [columns[name] for name in names])
+        units = {
+            name: numbers.units[columns[name]]
+            for name in names
+            if columns[name] in numbers.units
         }
         return self._made(
-            solver, names, found.values, own, found.places, f"{where}: {path}", None
+            solver, names, numbers.values, units, numbers.places, f"{where}: {path}", None
         )
 
     def _from_window(self, solver: OutputKinematics, where: str) -> PoseList:
@@ -168,7 +170,7 @@ class Given:
         shape = tuple(len(axes[name]) for name in names)
         _check_size(float(np.prod(shape, dtype=float)), f"{where}: window")
         mesh = np.meshgrid(*(axes[name] for name in names), indexing="ij")
-        rows = np.stack([each.ravel() for each in mesh], axis=1)
+        rows = np.stack([grid.ravel() for grid in mesh], axis=1)
         places = [f"number {k + 1}" for k in range(len(rows))]
         return self._made(solver, names, rows, {}, places, f"{where}: window", shape)
 

@@ -48,9 +48,9 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
     AnalysisError
         If it is no such text.
     """
-    found = read_end(text, inputs, where, turns=False)
-    assert not isinstance(found, AtRotation)
-    return found
+    pose = read_end(text, inputs, where, turns=False)
+    assert not isinstance(pose, AtRotation)
+    return pose
 
 
 def read_end(
@@ -100,14 +100,14 @@ def numbers_of(
     AnalysisError
         If a part is not ``name=number``, or there are `several` poses and may be one.
     """
-    found: list[dict[str, float]] = [{}]
+    poses: list[dict[str, float]] = [{}]
     for part in parts:
         name, equals, value = part.partition("=")
         try:
             number = float(value)
         except ValueError:
             number = np.nan
-        again = name in found[-1]
+        again = name in poses[-1]
         if not (name and equals and np.isfinite(number)) or (again and not several):
             raise AnalysisError(
                 f'{where}: "{part}" of "{"+".join(parts)}" is not name=number'
@@ -115,9 +115,9 @@ def numbers_of(
                 "azimuth=10+tilt=20"
             )
         if again:
-            found.append({})
-        found[-1][name] = number
-    return found
+            poses.append({})
+        poses[-1][name] = number
+    return poses
 
 
 def from_vector(vectors: Floats) -> Floats:

@@ -90,7 +90,7 @@ class ReactionAnalysis(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table of reactions."""
-        found = self._found(batch)
+        result = self._found(batch)
         names = np.array([pair.name for pair in batch.mechanism.pairs], dtype=str)
         count = len(names)
         common = {
@@ -102,17 +102,17 @@ class ReactionAnalysis(AbstractAnalysis):
         repeated: dict[str, NDArray[Any]] = {
             name: np.repeat(values, count) for name, values in common.items()
         }
-        moments = found.moments.reshape(-1, 3)
+        moments = result.moments.reshape(-1, 3)
         return {
             "reactions": {
                 **repeated,
                 "pair": np.tile(names, len(batch)),
                 **{f"moment_{axis}": moments[:, k] for k, axis in enumerate("xyz")},
-                "across": found.across.ravel(),
-                "push": found.push.ravel(),
-                "traction": found.traction.ravel(),
-                "bearing": found.bearing.ravel(),
-                "status": found.status.ravel(),
+                "across": result.across.ravel(),
+                "push": result.push.ravel(),
+                "traction": result.traction.ravel(),
+                "bearing": result.bearing.ravel(),
+                "status": result.status.ravel(),
             }
         }
 
@@ -121,17 +121,17 @@ class ReactionAnalysis(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest moment of each pair, contacts that pull, and what is open."""
-        found = self._found(batch)
+        result = self._found(batch)
         pairs: dict[str, Any] = {}
         for k, pair in enumerate(batch.mechanism.pairs):
-            across = found.across[:, k]
-            lifted = int(np.count_nonzero(found.status[:, k] == Status.LIFT_OFF))
+            across = result.across[:, k]
+            lifted = int(np.count_nonzero(result.status[:, k] == Status.LIFT_OFF))
             pairs[pair.name] = {
                 "largest_across_Nm": _largest(across),
                 "rows_that_lift_off": lifted,
-                "is_open": bool(np.any(found.is_open[:, k])),
+                "is_open": bool(np.any(result.is_open[:, k])),
             }
-        return _said(pairs, _largest(found.unbalanced))
+        return _said(pairs, _largest(result.unbalanced))
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger moments of both."""
@@ -151,14 +151,14 @@ class ReactionAnalysis(AbstractAnalysis):
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of the moments across all axes, and of what contacts press with."""
-        found = self._found(batch)
+        result = self._found(batch)
         curves: list[tuple[str, str, str, Floats]] = []
         for k, pair in enumerate(batch.mechanism.pairs):
             title = "moment across the axis"
-            curves.append(("across", pair.name, title, found.across[:, k]))
+            curves.append(("across", pair.name, title, result.across[:, k]))
             if not pair.kind.has_axis:
                 title = "push of contacts, times the radius"
-                curves.append(("push", pair.name, title, found.push[:, k]))
+                curves.append(("push", pair.name, title, result.push[:, k]))
         return tuple(
             Scene(
                 number,
@@ -172,38 +172,38 @@ class ReactionAnalysis(AbstractAnalysis):
 
 
 def _largest(values: Floats) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.max(known)) if len(known) else None
+    finite = values[np.isfinite(values)]
+    return float(np.max(finite)) if len(finite) else None
 
 
 def _more(one: float | None, other: float | None) -> float | None:
-    known = [x for x in (one, other) if x is not None]
-    return max(known) if known else None
+    given = [x for x in (one, other) if x is not None]
+    return max(given) if given else None
 
 
 def _said(pairs: Mapping[str, Any], unbalanced: float | None) -> Findings:
     warnings = [
-        f"contact {name} would have to pull in {each['rows_that_lift_off']} rows: it lifts "
-        "off there (LIFT_OFF)"
-        for name, each in pairs.items()
-        if each["rows_that_lift_off"]
+        f"contact {name} would have to pull in {facts['rows_that_lift_off']} rows: it "
+        "lifts off there (LIFT_OFF)"
+        for name, facts in pairs.items()
+        if facts["rows_that_lift_off"]
     ]
-    loose = [name for name, each in pairs.items() if each["is_open"]]
+    loose = [name for name, facts in pairs.items() if facts["is_open"]]
     if loose:
         warnings.append(
             "redundant constraints leave open how reactions are shared among the pairs "
             f"{listing(loose)}; what is open is left empty"
         )
-    known = {
-        name: each["largest_across_Nm"]
-        for name, each in pairs.items()
-        if each["largest_across_Nm"] is not None
+    largest = {
+        name: facts["largest_across_Nm"]
+        for name, facts in pairs.items()
+        if facts["largest_across_Nm"] is not None
     }
     remarks = []
-    if known:
-        name = max(known, key=lambda pair: known[pair])
+    if largest:
+        name = max(largest, key=lambda pair: largest[pair])
         remarks.append(
-            f"largest moment across an axis: {known[name]:.6g} N m in pair {name}"
+            f"largest moment across an axis: {largest[name]:.6g} N m in pair {name}"
         )
     figures = {"pairs": dict(pairs), "largest_unbalanced_Nm": unbalanced}
     return Findings(figures, tuple(warnings), tuple(remarks))

@@ -85,9 +85,9 @@ class RotationScenes:
 
     def schedule(self, rows: Timetable) -> Scene:
         """Return the page on which rows are evenly spread over the duration."""
-        found = self.turn.at(rows.theta)
-        placed = self.place(found.values)
-        parts = self._stage(placed, found.orientation)
+        samples = self.turn.at(rows.theta)
+        placed = self.place(samples.values)
+        parts = self._stage(placed, samples.orientation)
         for name, group, values, unit in (
             ("q", "driving angles in time", rows.inputs, "rad"),
             ("dq", "driving speeds", rows.rates, "rad/s"),
@@ -113,14 +113,16 @@ class RotationScenes:
         link = mechanism.link_number[self.output.link]
         for name, direction in self._directions():
             path = every[:, link] @ direction
-            known = path[np.isfinite(path[:, 0])]
-            if len(known):
+            finite = path[np.isfinite(path[:, 0])]
+            if len(finite):
                 marks = [
-                    Mark("start", known[0], PATH_TONE),
-                    Mark("end", known[-1], PATH_TONE),
+                    Mark("start", finite[0], PATH_TONE),
+                    Mark("end", finite[-1], PATH_TONE),
                 ]
                 parts.append(
-                    SphereCurves(f"arc/{name}", f"arc of {name}", [known], PATH_TONE, marks)
+                    SphereCurves(
+                        f"arc/{name}", f"arc of {name}", [finite], PATH_TONE, marks
+                    )
                 )
         if self.turn.crossings:
             lost = self.turn.at(np.array(self.turn.crossings)).values
@@ -134,9 +136,9 @@ class RotationScenes:
         if self.form is not None:
             normals = mid_planes(self.form, orientation)
             moving = np.einsum("nij,nj->ni", base @ self.form.frame, normals)
-            known = moving[np.isfinite(moving[:, 0])]
-            for k, name in ((0, "start"), (-1, "end")) if len(known) else ():
-                circle = _circle(known[k])
+            finite = moving[np.isfinite(moving[:, 0])]
+            for k, name in ((0, "start"), (-1, "end")) if len(finite) else ():
+                circle = _circle(finite[k])
                 label = f"mid-plane, {name}"
                 parts.append(
                     SphereCurves(f"mid_plane/{name}", label, [circle], PLANE_TONES[k])
@@ -154,8 +156,8 @@ class RotationScenes:
 def mid_planes(form: MidPlaneArchitecture, orientations: Floats) -> Floats:
     """Return the mid-planes (n, 3) of orientations (n, 3, 3), NaN where these are."""
     normals = np.full((len(orientations), 3), np.nan)
-    known = np.isfinite(orientations[:, 0, 0])
-    normals[known], _ = form.normals(orientations[known])
+    finite = np.isfinite(orientations[:, 0, 0])
+    normals[finite], _ = form.normals(orientations[finite])
     return normals
 
 

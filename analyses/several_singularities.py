@@ -128,25 +128,25 @@ class SeveralInputs:
         for output in self.outputs(batch.mechanism):
             met = np.zeros((0, len(batch.mechanism.variable_names)))
             curves = [
-                (each, found.claim)
-                for found in self._curves(batch, output)
-                for each in found.curves
+                (traced, of_type.claim)
+                for of_type in self._curves(batch, output)
+                for traced in of_type.curves
             ]
-            for number, (each, claim) in enumerate(curves):
-                notes = "closed" if each.closed else "open"
-                where = number, each.s
-                made = _rows(batch, each.points, output, *where, notes, claim)
-                if each.why:
-                    made["condition"] = np.full(len(each.points.values), each.why)
+            for number, (curve, claim) in enumerate(curves):
+                notes = "closed" if curve.closed else "open"
+                where = number, curve.s
+                made = _rows(batch, curve.points, output, *where, notes, claim)
+                if curve.why:
+                    made["condition"] = np.full(len(curve.points.values), curve.why)
                 parts.append(made)
-                where = number, np.full(len(each.both.values), np.nan)
-                both = _rows(batch, each.both, output, *where, "of both types", claim)
+                where = number, np.full(len(curve.both.values), np.nan)
+                both = _rows(batch, curve.both, output, *where, "of both types", claim)
                 both["kind"][:] = "III"
-                away = each.both.values[:, None] - met
+                away = curve.both.values[:, None] - met
                 lap = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
                 fresh = ~np.any(np.max(lap, axis=2) < SAME, axis=1)
                 parts.append({name: column[fresh] for name, column in both.items()})
-                met = np.concatenate([met, each.both.values])
+                met = np.concatenate([met, curve.both.values])
             for mesh in self._surfaces(batch, output):
                 s = np.full(len(mesh.points.values), np.nan)
                 words = "vertex of a surface"
@@ -160,10 +160,10 @@ class SeveralInputs:
         parts: list[Row] = []
         n = len(batch)
         for output in self.outputs(batch.mechanism):
-            found = self._coefficients(batch, output)
-            kinds = np.array([_type(code) for code in found.type.tolist()], dtype=str)
+            of_output = self._coefficients(batch, output)
+            kinds = np.array([_type(code) for code in of_output.type.tolist()], dtype=str)
             for moved, pair in enumerate(batch.moving_inputs):
-                w, u = found.w[:, moved], found.u[:, moved]
+                w, u = of_output.w[:, moved], of_output.u[:, moved]
                 parts.append(
                     {
                         "sample": batch.sample,
@@ -171,39 +171,39 @@ class SeveralInputs:
                         **input_columns(batch.mechanism, batch.inputs),
                         "output": np.full(n, _named(output)),
                         "form": np.full(n, "i"),
-                        "c": found.c[:, moved],
-                        "d": found.d[:, moved],
+                        "c": of_output.c[:, moved],
+                        "d": of_output.d[:, moved],
                         "velocity_coefficient": np.sum(w * u, axis=1),
-                        "output_rate": found.output_rate[:, moved],
-                        "input_rate": found.input_rate[:, moved],
-                        "angle_I": _angle(found.type_one),
-                        "angle_II": _angle(found.type_two),
+                        "output_rate": of_output.output_rate[:, moved],
+                        "input_rate": of_output.input_rate[:, moved],
+                        "angle_I": _angle(of_output.type_one),
+                        "angle_II": _angle(of_output.type_two),
                         "transmission": np.full(n, np.nan),
                         "to_I": np.full(n, np.nan),
                         "to_II": np.full(n, np.nan),
-                        "sigma": found.hold,
-                        "reciprocal_condition": found.reciprocal_condition,
+                        "sigma": of_output.hold,
+                        "reciprocal_condition": of_output.reciprocal_condition,
                         "status": batch.status,
                         "moving": np.full(n, pair),
                         "type": kinds,
-                        "group": found.group.astype(np.int64),
+                        "group": of_output.group.astype(np.int64),
                     }
                 )
         return _stacked(parts)
 
     def aspect_rows(self, batch: Batch) -> Row:
         """Return the configurations over an input grid, with the number of their aspect."""
-        found = self._aspects(batch)
-        if found is None:
+        aspect_set = self._aspects(batch)
+        if aspect_set is None:
             return {}
-        two = found.sign_two[found.label].astype(np.int64)
-        one = found.sign_one[found.label].astype(np.int64)
+        two = aspect_set.sign_two[aspect_set.label].astype(np.int64)
+        one = aspect_set.sign_one[aspect_set.label].astype(np.int64)
         return {
-            "aspect": found.label.astype(np.int64),
-            **input_columns(batch.mechanism, found.inputs),
+            "aspect": aspect_set.label.astype(np.int64),
+            **input_columns(batch.mechanism, aspect_set.inputs),
             "sign_II": two,
             "sign_I": one,
-            "assembly_modes": found.modes[found.label].astype(np.int64),
+            "assembly_modes": aspect_set.modes[aspect_set.label].astype(np.int64),
         }
 
     def findings(self, batch: Batch) -> Findings:
@@ -213,26 +213,26 @@ class SeveralInputs:
         remarks: list[str] = []
         for output in self.outputs(batch.mechanism):
             name = _named(output)
-            own: dict[str, Any] = {}
-            for found in self._curves(batch, output):
-                met = [each for each in found.curves if np.any(each.points.inside)]
-                own[f"curves_{found.kind}"] = len(met)
-                own[f"curves_outside_{found.kind}"] = len(found.curves) - len(met)
-                own[f"claim_{found.kind}"] = str(found.claim)
-                beyond = len(found.curves) - len(met)
-                words = f"{counted(len(met), 'curve')} of type {found.kind}"
+            of_output: dict[str, Any] = {}
+            for of_type in self._curves(batch, output):
+                met = [curve for curve in of_type.curves if np.any(curve.points.inside)]
+                of_output[f"curves_{of_type.kind}"] = len(met)
+                of_output[f"curves_outside_{of_type.kind}"] = len(of_type.curves) - len(met)
+                of_output[f"claim_{of_type.kind}"] = str(of_type.claim)
+                beyond = len(of_type.curves) - len(met)
+                words = f"{counted(len(met), 'curve')} of type {of_type.kind}"
                 words += f" and {beyond} outside the ranges" if beyond else ""
-                words += _irregular(len(found.stray), "curve")
-                remarks.append(f"output {name}: {words}; {found.claim}")
+                words += _irregular(len(of_type.stray), "curve")
+                remarks.append(f"output {name}: {words}; {of_type.claim}")
             for mesh in self._surfaces(batch, output):
-                own[f"vertices_{mesh.kind}"] = len(mesh.points.values)
-                own[f"irregular_{mesh.kind}"] = mesh.irregular
-                own[f"claim_{mesh.kind}"] = mesh.guarantee
+                of_output[f"vertices_{mesh.kind}"] = len(mesh.points.values)
+                of_output[f"irregular_{mesh.kind}"] = mesh.irregular
+                of_output[f"claim_{mesh.kind}"] = mesh.guarantee
                 count = len(mesh.points.values)
                 words = f"{count} vertices of surfaces of type {mesh.kind}"
                 words += _irregular(mesh.irregular, "surface")
                 remarks.append(f"output {name}: {words}; {mesh.guarantee}")
-            figures[name] = own
+            figures[name] = of_output
             rows = self._coefficients(batch, output)
             remarks += _throughout(batch, rows, name)
             for kind, sizes in (("I", rows.type_one), ("II", rows.type_two)):
@@ -269,7 +269,7 @@ class SeveralInputs:
         for number, rows in batch.assembly_mode_rows().items():
             parts: list[Primitive] = []
             for output in self.outputs(batch.mechanism):
-                if any(found.curves for found in self._curves(batch, output)):
+                if any(of_type.curves for of_type in self._curves(batch, output)):
                     parts.append(self._plane(batch, output, rows))
                     parts += self._on_sphere(batch, output)
                 parts += self._plots(batch, output, rows)
@@ -286,17 +286,17 @@ class SeveralInputs:
         return tuple(pages)
 
     def _plots(self, batch: Batch, output: Output, rows: slice) -> list[Primitive]:
-        found = self._coefficients(batch, output)
+        of_output = self._coefficients(batch, output)
         parts: list[Primitive] = []
         for moved, pair in enumerate(batch.moving_inputs):
-            for name, values in (("c", found.c), ("d", found.d)):
+            for name, values in (("c", of_output.c), ("d", of_output.d)):
                 where = f"plots/relation/{output.name}/{pair}/{name}"
                 if not np.any(np.isfinite(values)):
                     continue
                 label = f"{name} by {pair}"
                 group = f"input-output relation of {output.name}"
                 parts.append(Series(where, label, group, values[rows, moved]))
-        for kind, sizes in (("I", found.type_one), ("II", found.type_two)):
+        for kind, sizes in (("I", of_output.type_one), ("II", of_output.type_two)):
             where = f"plots/angles/{output.name}/{kind}"
             values = _angle(sizes)[rows]
             group = f"angles of {output.name}"
@@ -307,13 +307,13 @@ class SeveralInputs:
         """Return the singular curves in the plane of both inputs."""
         curves: list[PlaneCurve] = []
         marks: list[Mark] = []
-        for found in self._curves(batch, output):
-            for each in found.curves:
-                line = self._drawn(batch, each).inputs.copy()
+        for of_type in self._curves(batch, output):
+            for curve in of_type.curves:
+                line = self._drawn(batch, curve).inputs.copy()
                 jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > np.pi
                 line[np.any(jumps, axis=1)] = np.nan
-                curves.append(PlaneCurve(line, TONES[found.kind], f"type {found.kind}"))
-                both = each.both.inputs
+                curves.append(PlaneCurve(line, TONES[of_type.kind], f"type {of_type.kind}"))
+                both = curve.both.inputs
                 marks += [Mark("type III", place, TONES["III"]) for place in both]
         here = batch.inputs
         every = np.concatenate([here, *(curve.points for curve in curves)])
@@ -340,20 +340,20 @@ class SeveralInputs:
         The third axis of an output without a direction.
         """
         parts: list[Primitive] = []
-        for found in self._curves(batch, output):
+        for of_type in self._curves(batch, output):
             lines, marks = [], []
-            for each in found.curves:
-                lines.append(_directions(self._drawn(batch, each)))
+            for curve in of_type.curves:
+                lines.append(_directions(self._drawn(batch, curve)))
                 marks += [
                     Mark("type III", place, TONES["III"])
-                    for place in _directions(each.both)
+                    for place in _directions(curve.both)
                 ]
             parts.append(
                 SphereCurves(
-                    f"singular/{output.name}/{found.kind}",
-                    f"type {found.kind} of {output.name}",
+                    f"singular/{output.name}/{of_type.kind}",
+                    f"type {of_type.kind} of {output.name}",
                     lines,
-                    TONES[found.kind],
+                    TONES[of_type.kind],
                     marks,
                 )
             )
@@ -361,15 +361,15 @@ class SeveralInputs:
 
     def _cut(self, batch: Batch) -> Cut | None:
         """Return the slices for curves or surfaces of both types and all outputs."""
-        each = self.slices_of(batch)
-        if not each:
+        slices = self.slices_of(batch)
+        if not slices:
             return None
         return batch.once(
             "cut",
             lambda: cut(
                 solver_of(batch.mechanism),
                 ranges_of(batch.mechanism),
-                each,
+                slices,
                 self._budget(batch).part(FOR_SLICES, "slices"),
             ),
         )
@@ -383,7 +383,7 @@ class SeveralInputs:
 
         The sets are found in the order of outputs and types, the aspects last.
         """
-        names = [each.name for each in self.outputs(batch.mechanism)]
+        names = [other.name for other in self.outputs(batch.mechanism)]
         sets = len(KINDS) * len(names) + (self.input_grid > 0)
         done = len(KINDS) * names.index(output) + KINDS.index(kind)
         return self._budget(batch).part(1.0 / (sets - done), f"{what} of type {kind}")
@@ -401,9 +401,9 @@ class SeveralInputs:
         made = self._cut(batch)
         budget = self._share(batch, kind, output, "curves")
         if made is None:
-            found = mid_plane_loci(batch.mechanism, kind, output, budget)
-            if found is not None:
-                return found
+            curves = mid_plane_loci(batch.mechanism, kind, output, budget)
+            if curves is not None:
+                return curves
         return singular_curves(
             batch.mechanism, kind, output, slices_of_each=0, made=made, budget=budget
         )
@@ -504,17 +504,17 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray
             if not words[row]:
                 near = np.flatnonzero(sizes[row] < VANISHES)
                 words[row] += [text.format(named[k]) for k in near]
-    for row, own in enumerate(words):
-        if own:
+    for row, row_words in enumerate(words):
+        if row_words:
             continue
         if at.reciprocal_condition[row] < VANISHES:
-            own.append("the loops lose rank")
+            row_words.append("the loops lose rank")
         elif not np.all(np.isfinite(u[row])):
-            own.append("pole axes not known")
+            row_words.append("pole axes not known")
         else:
             least = f"{np.min(np.abs([c[row], d[row]])):.1e}"
-            own.append(f"motions alone: no c, d below {least}")
-    return np.array([" ".join(own) for own in words], dtype=str)
+            row_words.append(f"motions alone: no c, d below {least}")
+    return np.array([" ".join(listed) for listed in words], dtype=str)
 
 
 def _irregular(count: int, what: str) -> str:
@@ -530,15 +530,15 @@ def _irregular(count: int, what: str) -> str:
 
 def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
     """Return in words which assembly modes are singular in every row that is known."""
-    found: dict[str, list[int]] = {}
-    for number, own in batch.assembly_mode_rows().items():
-        kinds = set(rows.type[own].tolist()) - {int(RowType.UNKNOWN)}
+    modes: dict[str, list[int]] = {}
+    for number, in_mode in batch.assembly_mode_rows().items():
+        kinds = set(rows.type[in_mode].tolist()) - {int(RowType.UNKNOWN)}
         if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
-            found.setdefault(_type(kinds.pop()), []).append(number)
+            modes.setdefault(_type(kinds.pop()), []).append(number)
     return [
         f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of "
         + numbered("assembly mode", numbers)
-        for kind, numbers in found.items()
+        for kind, numbers in modes.items()
     ]
 
 

@@ -27,20 +27,20 @@ def places(points: Row, output: str, input_pair: str) -> list[str]:
     """Return a line for each type of singularity of an output within the range."""
     lines = []
     for kind, meaning in MEANING.items():
-        own = (
+        here = (
             (points["kind"] == kind)
             & (points["output"] == output)
             & (points["inside"] == "yes")
         )
-        if not np.any(own):
+        if not np.any(here):
             continue
-        at = np.degrees(points["q"][own])
+        at = np.degrees(points["q"][here])
         if not np.all(np.isfinite(at)):
             lines.append(f"type {kind} of {output}, {meaning}: everywhere on a curve")
             continue
         told = "; ".join(
             f"{_angles(values)} deg" + (f" in {modes}" if modes else "")
-            for modes, values in _by_modes(at, points["assembly_mode"][own]).items()
+            for modes, values in _by_modes(at, points["assembly_mode"][here]).items()
         )
         lines.append(f"type {kind} of {output}, {meaning}: at {input_pair} = {told}")
     return lines
@@ -49,9 +49,9 @@ def places(points: Row, output: str, input_pair: str) -> list[str]:
 def _by_modes(at: Floats, modes: Iterable[str]) -> dict[str, list[float]]:
     """Return the places (deg) by the modes that have them, rounded."""
     having: dict[float, set[int]] = {}
-    for value, own in zip(at.tolist(), modes, strict=True):
+    for value, joined in zip(at.tolist(), modes, strict=True):
         place = next((x for x in having if abs(x - value) < SAME_PLACE), value)
-        having.setdefault(place, set()).update(int(k) for k in own.split("+") if k)
+        having.setdefault(place, set()).update(int(k) for k in joined.split("+") if k)
     grouped: dict[str, list[float]] = {}
     for place, numbers in sorted(having.items()):
         words = numbered("mode", sorted(numbers)) if numbers else ""
@@ -65,17 +65,17 @@ def _angles(values: list[float]) -> str:
     return f"{shown} and {rest} more" if rest > 0 else shown
 
 
-def swings(found: SampledSingularities, names: list[str]) -> list[str]:
+def swings(sampled: SampledSingularities, names: list[str]) -> list[str]:
     """Return how far each output turns on the configuration curves, curves alike in one."""
     lines: dict[tuple[str, str], list[int]] = {}
-    for number, curve in enumerate(found.curves):
+    for number, curve in enumerate(sampled.curves):
         s = np.linspace(0.0, curve.length * (1.0 - 1e-12), TRACED)
         turning = [
-            p.s for p in found.report.points if p.curve == number and np.isfinite(p.s)
+            p.s for p in sampled.report.points if p.curve == number and np.isfinite(p.s)
         ]
         s = np.unique(np.concatenate([s, np.array(turning)]))
         for output, name in enumerate(names):
-            angle = np.degrees(np.unwrap(found.output_angle(number, output, s)))
+            angle = np.degrees(np.unwrap(sampled.output_angle(number, output, s)))
             low, high = float(np.min(angle)), float(np.max(angle))
             around = abs(angle[-1] - angle[0]) > 180.0 and high - low > 355.0
             words = (
@@ -84,11 +84,11 @@ def swings(found: SampledSingularities, names: list[str]) -> list[str]:
                 else f"swings {high - low:.6g} deg, from {low:.6g} to {high:.6g} deg"
             )
             lines.setdefault((name, words), []).append(number)
-    every = len(found.curves)
+    every = len(sampled.curves)
     return [
         f"{name} {words}"
-        + ("" if len(own) == every else f" on {numbered('configuration curve', own)}")
-        for (name, words), own in lines.items()
+        + ("" if len(curves) == every else f" on {numbered('configuration curve', curves)}")
+        for (name, words), curves in lines.items()
     ]
 
 

@@ -242,14 +242,14 @@ class SingularityAnalysis(AbstractAnalysis):
             ]
         else:
             tables = [self._points(batch), self._relation(batch), {}]
-        found = {}
+        data = {}
         for table, rows in zip(self.tables, tables, strict=True):
             columns = table.of(batch.mechanism).columns
-            found[table.name] = {
+            data[table.name] = {
                 column.name: rows.get(column.name, np.zeros(0, dtype=_DTYPES[column.kind]))
                 for column in columns
             }
-        return found
+        return data
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of each assembly mode, and what there is to see of singularities."""
@@ -267,24 +267,24 @@ class SingularityAnalysis(AbstractAnalysis):
         """Return how many singularities there are, and where a mode comes near one."""
         if len(batch.moving_inputs) > 1:
             return self._several.findings(batch)
-        found = self._found(batch)
+        sampled = self._found(batch)
         relation = self._relation(batch)
         points = self._points(batch)
         inside = points["inside"] == "yes"
         figures: dict[str, Any] = {
             "singularities": _counted(points["kind"][inside]),
             "outside": _counted(points["kind"][~inside]),
-            "configuration_curves": len(found.curves),
-            "guarantee": str(found.configurations.claim),
-            "checks_failed": list(found.configurations.mismatches),
-            "notes": list(found.report.notes),
+            "configuration_curves": len(sampled.curves),
+            "guarantee": str(sampled.configurations.claim),
+            "checks_failed": list(sampled.configurations.mismatches),
+            "notes": list(sampled.report.notes),
         }
-        if found.report.everywhere is not None:
-            figures["freedoms_everywhere"] = found.report.everywhere
-        warnings = [*found.report.notes, *found.configurations.mismatches]
-        if found.report.everywhere is not None:
+        if sampled.report.everywhere is not None:
+            figures["freedoms_everywhere"] = sampled.report.everywhere
+        warnings = [*sampled.report.notes, *sampled.configurations.mismatches]
+        if sampled.report.everywhere is not None:
             warnings.append(
-                f"to a part in a million, the mechanism has {found.report.everywhere} "
+                f"to a part in a million, the mechanism has {sampled.report.everywhere} "
                 "freedoms in every configuration: it is singular everywhere, and its "
                 "tables are empty"
             )
@@ -294,7 +294,7 @@ class SingularityAnalysis(AbstractAnalysis):
                 "it there"
             )
         pair = batch.moving_inputs[0]
-        names = [_named(batch.mechanism, links) for links in found.report.outputs]
+        names = [_named(batch.mechanism, links) for links in sampled.report.outputs]
         for kind, rate in (("I", "output_rate"), ("II", "input_rate")):
             slow = np.abs(relation[rate]) <= np.sin(np.radians(self.near))
             angles = np.where(slow, np.degrees(relation[f"angle_{kind}"]), np.inf)
@@ -316,10 +316,10 @@ class SingularityAnalysis(AbstractAnalysis):
         beyond = _in_words(figures["outside"])
         if beyond:
             counts += f" in the range of the input, {beyond} outside"
-        count = len(found.curves)
+        count = len(sampled.curves)
         remarks = [
             f"{counts} on {count} configuration {'curve' if count == 1 else 'curves'}; "
-            f"{found.configurations.claim}"
+            f"{sampled.configurations.claim}"
         ]
         made = grashof(batch.mechanism)
         if made is not None:
@@ -327,8 +327,8 @@ class SingularityAnalysis(AbstractAnalysis):
             remarks.append(str(made))
         for name in names:
             remarks += places(points, name, pair)
-        if found.report.everywhere is None:
-            remarks += swings(found, names)
+        if sampled.report.everywhere is None:
+            remarks += swings(sampled, names)
         remarks += least_transmission(relation, pair)
         return Findings(figures, tuple(warnings), tuple(remarks))
 
@@ -353,10 +353,10 @@ class SingularityAnalysis(AbstractAnalysis):
 
     def _listed(self, batch: Batch) -> Row:
         """Return the main table: points on curves, then where curves cross."""
-        found = self._found(batch)
-        claim = found.configurations.guarantee.value
+        sampled = self._found(batch)
+        claim = sampled.configurations.guarantee.value
         rows: list[Row] = []
-        for point in found.report.points:
+        for point in sampled.report.points:
             if point.type is Type.APPARENT:
                 continue
             agreeing = [at for at in point.relations if at.agrees]
@@ -366,7 +366,7 @@ class SingularityAnalysis(AbstractAnalysis):
                 {
                     "kind": str(point.type),
                     **_conditions(agreeing),
-                    **_placed(found, [(point.curve, point.s)], q),
+                    **_placed(sampled, [(point.curve, point.s)], q),
                     "output": _named(batch.mechanism, point.output),
                     "curve": point.curve,
                     "s": point.s,
@@ -377,11 +377,11 @@ class SingularityAnalysis(AbstractAnalysis):
                     "guarantee": claim,
                     "note": "; ".join(filter(None, [point.note, *dict.fromkeys(words)])),
                 }
-                for q in found.inputs_of(point.curve, point.values)
+                for q in sampled.inputs_of(point.curve, point.values)
             ]
-        for crossing in found.report.crossings:
+        for crossing in sampled.report.crossings:
             ends = [
-                (curve, 0.0 if at_start else found.curves[curve].length)
+                (curve, 0.0 if at_start else sampled.curves[curve].length)
                 for curve, at_start in crossing.ends
             ]
             met = crossing.crossing
@@ -392,13 +392,15 @@ class SingularityAnalysis(AbstractAnalysis):
                 crossing.note,
             ]
             curve, s = ends[0]
-            for output, links in enumerate(found.report.outputs):
+            for output, links in enumerate(sampled.report.outputs):
                 on_assembly_modes = crossing.relations[output] if crossing.relations else ()
                 rows += [
                     {
                         "kind": "III",
-                        **_conditions([at for own in on_assembly_modes for at in own]),
-                        **_placed(found, ends, q),
+                        **_conditions(
+                            [at for relations in on_assembly_modes for at in relations]
+                        ),
+                        **_placed(sampled, ends, q),
                         "output": _named(batch.mechanism, links),
                         "curve": curve,
                         "s": s,
@@ -409,17 +411,17 @@ class SingularityAnalysis(AbstractAnalysis):
                         "guarantee": claim,
                         "note": "; ".join(filter(None, words)),
                     }
-                    for q in found.inputs_of(curve, crossing.values)
+                    for q in sampled.inputs_of(curve, crossing.values)
                 ]
-        for whole in found.report.whole:
-            own = found.configurations.curves[whole.curve].pieces
+        for whole in sampled.report.whole:
+            pieces = sampled.configurations.curves[whole.curve].pieces
             rows.append(
                 {
                     "kind": str(whole.type),
                     "condition": "",
                     "assembly_mode": _joined(
                         sorted(
-                            {p.assembly_mode for p in own if p.assembly_mode is not None}
+                            {p.assembly_mode for p in pieces if p.assembly_mode is not None}
                         )
                     ),
                     "q": np.nan,
@@ -447,21 +449,21 @@ class SingularityAnalysis(AbstractAnalysis):
         return batch.once("relation", lambda: self._measured(batch))
 
     def _measured(self, batch: Batch) -> Row:
-        found = self._found(batch)
-        sigma, reciprocal_condition = found.singular_values()
+        sampled = self._found(batch)
+        sigma, reciprocal_condition = sampled.singular_values()
         n = len(batch)
 
-        def ratio(own: RelationMeasures) -> Floats:
+        def ratio(measures: RelationMeasures) -> Floats:
             with np.errstate(divide="ignore", invalid="ignore"):
-                return np.asarray(own.output_rate / own.input_rate)
+                return np.asarray(measures.output_rate / measures.input_rate)
 
-        status = np.where(batch.status == Status.OK, found.status, batch.status)
+        status = np.where(batch.status == Status.OK, sampled.status, batch.status)
 
-        def kinds(own: RelationMeasures) -> NDArray[Any]:
-            known = np.isfinite(own.input_rate)
-            rest = [np.abs(r) < RESTS for r in (own.output_rate, own.input_rate)]
+        def kinds(measures: RelationMeasures) -> NDArray[Any]:
+            finite = np.isfinite(measures.input_rate)
+            rest = [np.abs(r) < RESTS for r in (measures.output_rate, measures.input_rate)]
             return np.select(
-                [found.crossed, ~known, rest[0] & rest[1], *rest],
+                [sampled.crossed, ~finite, rest[0] & rest[1], *rest],
                 ["III", "", "III", "I", "II"],
                 "regular",
             )
@@ -472,27 +474,27 @@ class SingularityAnalysis(AbstractAnalysis):
                 "assembly_mode": batch.assembly_mode,
                 "q": batch.q,
                 "output": np.full(
-                    n, _named(batch.mechanism, found.report.outputs[own.output])
+                    n, _named(batch.mechanism, sampled.report.outputs[measures.output])
                 ),
-                "form": np.full(n, str(own.form)),
-                "c": own.c,
-                "d": own.d,
-                "velocity_coefficient": ratio(own),
-                "output_rate": own.output_rate,
-                "input_rate": own.input_rate,
-                "angle_I": own.type_i,
-                "angle_II": own.type_ii,
-                "transmission": own.transmission,
-                "to_I": own.to_i,
-                "to_II": own.to_ii,
+                "form": np.full(n, str(measures.form)),
+                "c": measures.c,
+                "d": measures.d,
+                "velocity_coefficient": ratio(measures),
+                "output_rate": measures.output_rate,
+                "input_rate": measures.input_rate,
+                "angle_I": measures.type_i,
+                "angle_II": measures.type_ii,
+                "transmission": measures.transmission,
+                "to_I": measures.to_i,
+                "to_II": measures.to_ii,
                 "sigma": sigma,
                 "reciprocal_condition": reciprocal_condition,
                 "status": status,
                 "moving": np.full(n, batch.moving_inputs[0]),
-                "type": kinds(own),
-                "group": (kinds(own) != "regular").astype(np.int64),
+                "type": kinds(measures),
+                "group": (kinds(measures) != "regular").astype(np.int64),
             }
-            for own in found.measures()
+            for measures in sampled.measures()
         ]
         return {
             column.name: np.concatenate([part[column.name] for part in parts])
@@ -506,14 +508,14 @@ class SingularityAnalysis(AbstractAnalysis):
         parts: list[Primitive] = []
         for start in range(0, len(relation["c"]), n):
             output, form = relation["output"][start], relation["form"][start]
-            own = slice(start + rows.start, start + rows.stop)
+            shown = slice(start + rows.start, start + rows.stop)
             where = f"plots/{form}/{output.replace('/', '_')}"
             group = f"input-output relation, form {form}"
             for name in ("c", "d"):
                 label = f"{name}, output {output}"
-                parts.append(Series(f"{where}/{name}", label, group, relation[name][own]))
+                parts.append(Series(f"{where}/{name}", label, group, relation[name][shown]))
             for name, words in _ANGLES.items():
-                values = relation[name][own]
+                values = relation[name][shown]
                 if np.any(np.isfinite(values)):
                     label = f"{words}, output {output}"
                     angles = f"angles, form {form}"
@@ -528,10 +530,12 @@ class SingularityAnalysis(AbstractAnalysis):
             return []
         points = self._points(batch)
         mode = str(int(batch.assembly_mode[rows.start]))
-        own = np.array([mode in each.split("+") for each in points["assembly_mode"]], bool)
+        here = np.array(
+            [mode in modes.split("+") for modes in points["assembly_mode"]], bool
+        )
         parts: list[Primitive] = []
-        for kind in dict.fromkeys(points["kind"][own].tolist()):
-            q = points["q"][own & (points["kind"] == kind)]
+        for kind in dict.fromkeys(points["kind"][here].tolist()):
+            q = points["q"][here & (points["kind"] == kind)]
             q = np.unique(q[np.isfinite(q)])[:, None]
             if kind in NUMBERED:
                 parts.append(InputMarks(f"marks/{kind}", f"type {kind}", q, TONES[kind]))
@@ -539,22 +543,22 @@ class SingularityAnalysis(AbstractAnalysis):
 
     def _input_output(self, batch: Batch, output: int, rows: slice) -> Portrait:
         """Return the output against the input, all curves drawn, singularities marked."""
-        found = self._found(batch)
-        links = found.report.outputs[output]
+        sampled = self._found(batch)
+        links = sampled.report.outputs[output]
         curves: list[PlaneCurve] = []
         marks: list[Mark] = []
         x, y = np.full(len(batch), np.nan), np.full(len(batch), np.nan)
-        for number, curve in enumerate(found.curves):
+        for number, curve in enumerate(sampled.curves):
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), DRAWN)
-            q, turned = found.input_at(number, s), found.output_angle(number, output, s)
+            q, turned = sampled.input_at(number, s), sampled.output_angle(number, output, s)
             line = np.stack([q, turned], axis=1)
             jumps = np.max(np.abs(np.diff(line, axis=0, prepend=line[:1])), axis=1) > np.pi
             line[jumps] = np.nan
             curves.append(PlaneCurve(line, LINE_TONE))
-            (own,) = np.nonzero(found.curve == number)
-            nearest = np.clip(np.searchsorted(s, found.s[own]), 0, DRAWN - 1)
-            x[own], y[own] = batch.q[own], line[nearest, 1]
-            for point in found.report.points:
+            (on_curve,) = np.nonzero(sampled.curve == number)
+            nearest = np.clip(np.searchsorted(s, sampled.s[on_curve]), 0, DRAWN - 1)
+            x[on_curve], y[on_curve] = batch.q[on_curve], line[nearest, 1]
+            for point in sampled.report.points:
                 if point.curve == number and point.output == links:
                     place = line[int(np.argmin(np.abs(s - point.s)))]
                     if point.type is not Type.APPARENT and np.all(np.isfinite(place)):
@@ -581,16 +585,16 @@ class SingularityAnalysis(AbstractAnalysis):
 
     def _gallery(self, batch: Batch) -> Scene:
         """Return a page on which row k is singularity k, with what coincides there."""
-        found, every = self._found(batch), self._points(batch)
+        sampled, every = self._found(batch), self._points(batch)
         points = {k: v[np.isfinite(every["s"])] for k, v in every.items()}
         n = len(points["kind"])
         places = list(zip(points["curve"].tolist(), points["s"].tolist(), strict=True))
-        turned = np.stack([found.configuration(*place) for place in places])
+        turned = np.stack([sampled.configuration(*place) for place in places])
         planes = np.full((n, 2, 3), np.nan)
         axes = {name: np.full((n, 3), np.nan) for name in _AXES}
-        names = [_named(batch.mechanism, links) for links in found.report.outputs]
+        names = [_named(batch.mechanism, links) for links in sampled.report.outputs]
         for k, (curve, s) in enumerate(places):
-            at = found.at(curve, np.array([s]), names.index(points["output"][k]))
+            at = sampled.at(curve, np.array([s]), names.index(points["output"][k]))
             if at.poles:
                 for name in _AXES:
                     axes[name][k] = getattr(at.poles[-1], name)[0]
@@ -626,14 +630,14 @@ class SingularityAnalysis(AbstractAnalysis):
             (rows,) = np.nonzero(points["note"] == note)
             lines.append(f"- {numbered('sample', rows.tolist())}: {note}")
         parts.append(Text("list", "Singularities", "\n".join(lines)))
-        for output in range(len(found.report.outputs)):
+        for output in range(len(sampled.report.outputs)):
             whole = self._input_output(batch, output, slice(0, len(batch)))
-            own = points["output"] == names[output]
-            x = np.where(own, points["q"], np.nan)
+            here = points["output"] == names[output]
+            x = np.where(here, points["q"], np.nan)
             y = np.full(n, np.nan)
-            for row in np.flatnonzero(own).tolist():
+            for row in np.flatnonzero(here).tolist():
                 curve, s = places[row]
-                along = np.linspace(0.0, found.curves[curve].length, DRAWN)
+                along = np.linspace(0.0, sampled.curves[curve].length, DRAWN)
                 line = whole.curves[curve].points
                 y[row] = line[int(np.argmin(np.abs(along - s))), 1]
             parts.append(replace(whole, x=x, y=y))
@@ -673,9 +677,11 @@ def _in_words(counts: Mapping[str, int]) -> str:
 
 def _met(points: Row, kind: str, output: str) -> list[int]:
     """Return the assembly modes in which an output meets a type of singularity."""
-    own = (points["kind"] == kind) & (points["output"] == output)
-    own &= points["inside"] == "yes"
-    return [int(k) for modes in points["assembly_mode"][own] for k in modes.split("+") if k]
+    here = (points["kind"] == kind) & (points["output"] == output)
+    here &= points["inside"] == "yes"
+    return [
+        int(k) for modes in points["assembly_mode"][here] for k in modes.split("+") if k
+    ]
 
 
 def _joined(numbers: Iterable[int], sign: str = "+") -> str:
@@ -683,14 +689,16 @@ def _joined(numbers: Iterable[int], sign: str = "+") -> str:
 
 
 def _placed(
-    found: SampledSingularities, ends: Iterable[tuple[int, float]], q: float
+    sampled: SampledSingularities, ends: Iterable[tuple[int, float]], q: float
 ) -> Row:
     """Return the input of a singularity on curves, its modes, whether in the range."""
-    assembly_modes = {b for curve, s in ends for b in found.assembly_modes_at(curve, s, q)}
+    assembly_modes = {
+        b for curve, s in ends for b in sampled.assembly_modes_at(curve, s, q)
+    }
     return {
         "assembly_mode": _joined(sorted(assembly_modes)),
         "q": q,
-        "inside": "yes" if found.inside(q) else "no",
+        "inside": "yes" if sampled.inside(q) else "no",
     }
 
 
@@ -718,12 +726,12 @@ def _planes(six: SixPoles, kind: str) -> Floats:
         "I": (("io", "os", "is_"), ("ir", "is_", "rs")),
         "II": (("or_", "os", "rs"), ("io", "os", "is_")),
     }[kind if kind != "III" else "II"]
-    found = np.full((2, 3), np.nan)
+    planes = np.full((2, 3), np.nan)
     for k, names in enumerate(triplets):
         vectors = np.stack([getattr(six, name)[0] for name in names])
         normals = np.cross(vectors, np.roll(vectors, -1, axis=0))
         sizes = np.nan_to_num(np.linalg.norm(normals, axis=1))
         best = int(np.argmax(sizes))
         if sizes[best] > 0.0:
-            found[k] = normals[best] / sizes[best]
-    return found
+            planes[k] = normals[best] / sizes[best]
+    return planes

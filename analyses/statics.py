@@ -128,7 +128,7 @@ class Statics(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques and of the outputs."""
-        found, mechanism = self._found(batch), batch.mechanism
+        solution, mechanism = self._found(batch), batch.mechanism
         common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
         common |= input_columns(mechanism, batch.inputs)
         outputs = self._outputs(batch)
@@ -138,9 +138,11 @@ class Statics(AbstractAnalysis):
         }
         shape = (len(batch), 0)
         held = list(outputs.values())
-        advantages = _beside([each.advantage for each in held], (*shape, found.M.shape[1]))
-        sizes = _beside([each.stiffness for each in held], (*shape, 3))
-        axes = _beside([each.axes for each in held], (*shape, 3, 3))
+        advantages = _beside(
+            [stiffness.advantage for stiffness in held], (*shape, solution.M.shape[1])
+        )
+        sizes = _beside([stiffness.stiffness for stiffness in held], (*shape, 3))
+        axes = _beside([stiffness.axes for stiffness in held], (*shape, 3, 3))
         principal: dict[str, NDArray[Any]] = {}
         for number in range(3):
             principal[f"stiffness_{number + 1}"] = sizes[:, number]
@@ -149,16 +151,16 @@ class Statics(AbstractAnalysis):
         return {
             "statics": {
                 **common,
-                **_columns(mechanism, "tau", found.torques),
+                **_columns(mechanism, "tau", solution.torques),
                 "residual": batch.residual,
-                "status": found.status,
+                "status": solution.status,
             },
             "outputs": {
                 **repeated,
                 "output": np.tile(np.array(list(outputs), dtype=str), len(batch)),
                 **_columns(mechanism, "advantage", advantages),
                 **principal,
-                "status": np.repeat(found.status, count),
+                "status": np.repeat(solution.status, count),
             },
         }
 
@@ -169,9 +171,11 @@ class Statics(AbstractAnalysis):
 
     def _outputs(self, batch: Batch) -> Mapping[str, Stiffness]:
         def made() -> dict[str, Stiffness]:
-            found, each = self._found(batch), self._each(batch.mechanism)
+            solution, stiffnesses = self._found(batch), self._each(batch.mechanism)
             return {
-                output.name: output_stiffness(found, output.link, output.relative_to, each)
+                output.name: output_stiffness(
+                    solution, output.link, output.relative_to, stiffnesses
+                )
                 for output in batch.mechanism.outputs
             }
 
@@ -182,25 +186,27 @@ class Statics(AbstractAnalysis):
         torques = np.abs(self._found(batch).torques)
         return _said(
             {
-                name: float(np.max(known))
+                name: float(np.max(finite))
                 for k, name in enumerate(batch.moving_inputs)
-                if len(known := torques[np.isfinite(torques[:, k]), k])
+                if len(finite := torques[np.isfinite(torques[:, k]), k])
             }
         )
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
         both = [item.figures["largest_holding_torque_Nm"] for item in (before, now)]
-        names = dict.fromkeys(name for each in both for name in each)
-        return _said({name: max(each.get(name, 0.0) for each in both) for name in names})
+        names = dict.fromkeys(name for torques in both for name in torques)
+        return _said(
+            {name: max(torques.get(name, 0.0) for torques in both) for name in names}
+        )
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of holding torques, mechanical advantage and stiffness."""
-        found = self._found(batch)
+        solution = self._found(batch)
         curves: list[tuple[str, str, str, Floats, str]] = []
         for k, name in enumerate(batch.moving_inputs):
             title = "holding torques"
-            curves.append(("torque", f"at {name}", title, found.torques[:, k], "N m"))
+            curves.append(("torque", f"at {name}", title, solution.torques[:, k], "N m"))
         for output, held in self._outputs(batch).items():
             for k, name in enumerate(batch.moving_inputs):
                 label, values = f"{output} by {name}", held.advantage[:, k]
@@ -238,9 +244,9 @@ def _said(largest: Mapping[str, float]) -> Findings:
     return Findings({"largest_holding_torque_Nm": dict(largest)}, remarks=remarks)
 
 
-def _beside(each: list[Floats], empty: tuple[int, ...]) -> Floats:
+def _beside(parts: list[Floats], empty: tuple[int, ...]) -> Floats:
     """Return arrays (n, ...) of k things as rows (n k, ...), thing after thing."""
-    stacked = np.stack(each, axis=1) if each else np.zeros(empty)
+    stacked = np.stack(parts, axis=1) if parts else np.zeros(empty)
     return stacked.reshape(-1, *empty[2:])
 
 

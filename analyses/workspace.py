@@ -253,12 +253,12 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 modes[label], words = self._of_orientations(batch, item)
             warnings += [f"mode {label}: {text}" for text in words]
         alike: dict[str, list[str]] = {}
-        for label, own in modes.items():
-            alike.setdefault(own.get("same_as", label), []).append(label)
+        for label, facts in modes.items():
+            alike.setdefault(facts.get("same_as", label), []).append(label)
         for first, labels in alike.items():
             name = f"mode{'s' * (len(labels) > 1)} {', '.join(labels)}"
-            each = "each " * (len(labels) > 1)
-            remarks.append(f"{name}: {each}{_in_words(modes[first])}")
+            shared = "each " * (len(labels) > 1)
+            remarks.append(f"{name}: {shared}{_in_words(modes[first])}")
         figures["working_modes"] = modes
         if self.pose:
             figures["pose"], words, said = self._of_pose(batch)
@@ -272,9 +272,11 @@ class WorkspaceAnalysis(AbstractAnalysis):
         Of orientations how far the link can turn about each direction, and the margin.
         """
         pages = []
-        own = [item for item in self._found(batch) if item.same_as is None]
-        for item in own:
-            title = "Workspace" if len(own) == 1 else f"Workspace {label_of(item.signs)}"
+        distinct = [item for item in self._found(batch) if item.same_as is None]
+        for item in distinct:
+            title = (
+                "Workspace" if len(distinct) == 1 else f"Workspace {label_of(item.signs)}"
+            )
             if isinstance(item, DirectionWorkspace):
                 pages += self._pages(batch, item, title)
             else:
@@ -359,7 +361,10 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 parts.append(
                     {
                         "working_mode": np.full(n, label),
-                        **{name: np.full(n, each) for name, each in numbers.items()},
+                        **{
+                            name: np.full(n, limit_number)
+                            for name, limit_number in numbers.items()
+                        },
                         "point": np.arange(n),
                         **dict(zip(POSE[:3], arc.points.T, strict=True)),
                         "constraint": np.full(n, names[arc.margin]),
@@ -381,32 +386,32 @@ class WorkspaceAnalysis(AbstractAnalysis):
             rows.append((kind, number, part.area, part.boundaries, part.place))
         kinds, numbers, sizes, curves, places = zip(*rows, strict=True)
         at = np.array(places)
-        known = np.flatnonzero(np.isfinite(at[:, 0]))
+        finite = np.flatnonzero(np.isfinite(at[:, 0]))
         margin = np.full(len(rows), np.nan)
-        if len(known):
+        if len(finite):
             kinematics, bounds = self._kinematics(batch), self._bounds(batch)
-            margin[known] = judge(kinematics, bounds, item.signs, at[known]).margin
+            margin[finite] = judge(kinematics, bounds, item.signs, at[finite]).margin
         return {
             "working_mode": np.full(len(rows), label),
             "part": np.array(kinds),
             "number": np.array(numbers),
             "size": np.array(sizes),
             "error": np.full(len(rows), region.error),
-            "curves": np.array([" ".join(map(str, own)) for own in curves]),
+            "curves": np.array([" ".join(map(str, touching)) for touching in curves]),
             **_coordinates(at),
             "margin": margin,
         }
 
     def _volume(self, batch: Batch, item: OrientationWorkspace) -> Row:
-        found = item.orientations
+        orientations = item.orientations
         kinematics, bounds = self._kinematics(batch), self._bounds(batch)
-        place = found.place[None]
+        place = orientations.place[None]
         return {
             "working_mode": np.array([label_of(item.signs)]),
             "part": np.array(["whole"]),
             "number": np.array([0]),
-            "size": np.array([found.volume]),
-            "error": np.array([found.error]),
+            "size": np.array([orientations.volume]),
+            "error": np.array([orientations.error]),
             "curves": np.array([""]),
             **_coordinates(place),
             "margin": judge(kinematics, bounds, item.signs, place).margin,
@@ -417,7 +422,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
     ) -> tuple[dict[str, Any], list[str]]:
         region = item.region
         names = [bound.name for bound in self._bounds(batch)] + [UNDEFINED]
-        numbers = {arc.margin for each in region.boundaries for arc in each.arcs}
+        numbers = {arc.margin for boundary in region.boundaries for arc in boundary.arcs}
         figures: dict[str, Any] = {
             "area_sr": region.area,
             "error_sr": region.error,
@@ -432,7 +437,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             return figures, []
         words = []
         if not region.components:
-            sets = [" with ".join(names[k] for k in each) for each in region.excluding]
+            sets = [" with ".join(names[k] for k in subset) for subset in region.excluding]
             figures["excluding"] = sets
             words.append(
                 "the workspace is empty"
@@ -448,28 +453,29 @@ class WorkspaceAnalysis(AbstractAnalysis):
     def _of_orientations(
         self, batch: Batch, item: OrientationWorkspace
     ) -> tuple[dict[str, Any], list[str]]:
-        found = item.orientations
+        orientations = item.orientations
         figures: dict[str, Any] = {
-            "volume": found.volume,
-            "error": found.error,
-            "fraction": found.fraction,
-            "evaluations": found.evaluations,
+            "volume": orientations.volume,
+            "error": orientations.error,
+            "fraction": orientations.fraction,
+            "evaluations": orientations.evaluations,
         }
         if item.same_as is not None:
             figures["same_as"] = label_of(item.same_as)
             return figures, []
         words = []
-        if found.depth < 0.0:
+        if orientations.depth < 0.0:
             kinematics, bounds = self._kinematics(batch), self._bounds(batch)
-            here = judge(kinematics, bounds, item.signs, found.place[None])
+            here = judge(kinematics, bounds, item.signs, orientations.place[None])
             figures["nearest_limit"] = bounds[int(here.limiting[0])].name
             words.append(
                 "no orientation was found inside; the best one seen misses "
                 f"{figures['nearest_limit']} by {-np.degrees(here.margin[0]):.3g} deg"
             )
-        elif found.error > (self.tolerance or COARSE) * found.volume:
+        elif orientations.error > (self.tolerance or COARSE) * orientations.volume:
             words.append(
-                f"the volume {found.volume:.6g} is known to {found.error:.3g} only"
+                f"the volume {orientations.volume:.6g} is known to "
+                f"{orientations.error:.3g} only"
             )
         return figures, words
 
@@ -483,9 +489,11 @@ class WorkspaceAnalysis(AbstractAnalysis):
         pose = read_pose(self.pose, names, where)
         match pose:
             case AtInputs(inputs):
-                found = kinematics.forward(inputs[None])
+                solutions = kinematics.forward(inputs[None])
                 places = (
-                    found.directions if kinematics.points else quaternion(found.rotations)
+                    solutions.directions
+                    if kinematics.points
+                    else quaternion(solutions.rotations)
                 )
                 assert places is not None
                 _, first = np.unique(places, axis=0, return_index=True)
@@ -536,10 +544,10 @@ class WorkspaceAnalysis(AbstractAnalysis):
                     text = f"{margin} from {row['limiting']}, pose ({shown}) is inside"
                     within.setdefault(text, []).append(label)
                     continue
-                found = nearest_reachable(kinematics, bounds, item, place)
+                nearest = nearest_reachable(kinematics, bounds, item, place)
                 text = f"by {row['limiting']}"
-                if found is not None:
-                    there, angle = found
+                if nearest is not None:
+                    there, angle = nearest
                     row["nearest"] = there.tolist()
                     row["away_rad"] = angle
                     row["nearest_inputs"] = _numbers(
@@ -552,7 +560,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"pose ({shown}) is outside in mode {', '.join(labels)}, {text}"
                 for text, labels in told.items()
             ]
-        said = [f"{text} in mode {', '.join(own)}" for text, own in within.items()]
+        said = [f"{text} in mode {', '.join(modes)}" for text, modes in within.items()]
         return figures, warnings, said
 
     def _pages(self, batch: Batch, item: DirectionWorkspace, title: str) -> list[Scene]:
@@ -608,8 +616,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
         reached = 2.0 * np.pi * inside.reshape(-1, TORSIONS).mean(axis=1)
         judged, places = self._judged(batch, item)
         within = judged.inside
-        found = tilt_torsion(from_quaternion(places[within]))
-        flat = found[:, 1:2] * np.stack([np.cos(found[:, 0]), np.sin(found[:, 0])], axis=1)
+        tilts = tilt_torsion(from_quaternion(places[within]))
+        flat = tilts[:, 1:2] * np.stack([np.cos(tilts[:, 0]), np.sin(tilts[:, 0])], axis=1)
         seen: list[Primitive] = [
             SphereMap("workspace/map", "turn reached", vertices, triangles, reached, "rad")
         ]
@@ -618,7 +626,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Surface(
                     "workspace/margins",
                     "margin of orientations",
-                    np.column_stack([flat, found[:, 2]]),
+                    np.column_stack([flat, tilts[:, 2]]),
                     np.zeros((0, 3), dtype=np.int64),
                     ("tilt to x", "tilt to y", "torsion"),
                     unit="rad",
@@ -647,12 +655,12 @@ class WorkspaceAnalysis(AbstractAnalysis):
             for arc in boundary.arcs:
                 lines.setdefault(arc.margin, []).append(arc.points)
         curves: list[Primitive] = []
-        for tone, (number, own) in enumerate(sorted(lines.items()), 1):
-            longest = max(own, key=_length)
+        for tone, (number, arcs) in enumerate(sorted(lines.items()), 1):
+            longest = max(arcs, key=_length)
             short = names[number].partition(" (")[0]
             mark = Mark(short, longest[len(longest) // 2], tone)
             path = f"workspace/border/{number + 1}"
-            curves.append(SphereCurves(path, names[number], own, tone, [mark]))
+            curves.append(SphereCurves(path, names[number], arcs, tone, [mark]))
         return curves
 
     def _deepest(self, batch: Batch, item: DirectionWorkspace) -> list[Mark]:
@@ -689,7 +697,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "Bounded by:",
             "",
         ]
-        numbers = {arc.margin for each in region.boundaries for arc in each.arcs}
+        numbers = {arc.margin for boundary in region.boundaries for arc in boundary.arcs}
         return "\n".join([*lines, *(f"- {names[number]}" for number in sorted(numbers))])
 
 
@@ -699,7 +707,7 @@ def _sphere() -> tuple[Floats, NDArray[np.int64], Floats, Floats]:
         np.linspace(0.0, np.pi, ROWS + 1),
         np.linspace(0.0, 2.0 * np.pi, COLUMNS + 1),
     )
-    tilt, azimuth = (each.ravel() for each in np.meshgrid(tilts, turns, indexing="ij"))
+    tilt, azimuth = (grid.ravel() for grid in np.meshgrid(tilts, turns, indexing="ij"))
     sine = np.sin(tilt)
     vertices = np.stack(
         [sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(tilt)], axis=1
@@ -742,7 +750,7 @@ def _read_limit(text: str) -> tuple[str, float, float]:
     """Return a pair and its limits in rad from ``PAIR:LOW:HIGH`` in degrees."""
     pair, *limits = text.split(":")
     if len(limits) == 2:
-        low, high = (_degrees("limits", text, each) for each in limits)
+        low, high = (_degrees("limits", text, limit) for limit in limits)
         return pair, low, high
     raise AnalysisError(
         f'workspace: limits: "{text}" is not PAIR:LOW:HIGH, with both in degrees'
@@ -754,7 +762,7 @@ def _read_apart(text: str) -> AxesLimit:
     axes, *limits = text.split(":")
     one, _, other = axes.partition("/")
     if other and len(limits) in (1, 2):
-        return AxesLimit(one, other, *(_degrees("apart", text, each) for each in limits))
+        return AxesLimit(one, other, *(_degrees("apart", text, limit) for limit in limits))
     raise AnalysisError(
         f'workspace: apart: "{text}" is not PAIR/PAIR:LEAST or PAIR/PAIR:LEAST:GREATEST, '
         "with angles in degrees"

@@ -47,11 +47,15 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         signature = inspect.signature(function)
-        noted = {name: each.annotation for name, each in signature.parameters.items()}
+        noted = {
+            name: parameter.annotation for name, parameter in signature.parameters.items()
+        }
 
         @functools.cache
         def hints() -> dict[str, Any]:
-            return {name: _resolved(function, each) for name, each in noted.items()}
+            return {
+                name: _resolved(function, annotation) for name, annotation in noted.items()
+            }
 
         @functools.wraps(function)
         def _judged(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -64,10 +68,10 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
                 several = (
                     signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
                 )
-                for each in value if several else (value,):
-                    found = _fault(name, each, hints().get(name, Any))
-                    if found:
-                        raise error(f"{_called(function)}: {found}")
+                for item in value if several else (value,):
+                    complaint = _fault(name, item, hints().get(name, Any))
+                    if complaint:
+                        raise error(f"{_called(function)}: {complaint}")
             return function(*args, **kwargs)
 
         return _judged
@@ -133,7 +137,7 @@ def _fault(name: str, value: Any, hint: Any) -> str:
     allowed = _choices(hint)
     if allowed and isinstance(value, str):
         hint_of = nearest(value, allowed) or ";"
-        words = listing(f'"{each}"' for each in allowed)
+        words = listing(f'"{word}"' for word in allowed)
         return f'{name} "{value}" is not known{hint_of} allowed: {words}'
     shown = repr(value)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
@@ -143,10 +147,10 @@ def _fault(name: str, value: Any, hint: Any) -> str:
 def _choices(hint: Any) -> list[str]:
     """Return the words that a type allows, if it allows no other text."""
     if get_origin(hint) is Literal:
-        return [each for each in get_args(hint) if isinstance(each, str)]
+        return [word for word in get_args(hint) if isinstance(word, str)]
     if get_origin(hint) in (Union, UnionType):
         inner = get_args(hint)
-        return [] if str in inner else [word for each in inner for word in _choices(each)]
+        return [] if str in inner else [word for part in inner for word in _choices(part)]
     return []
 
 
@@ -165,9 +169,9 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, types)
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Literal:
-        return any(type(value) is type(each) and value == each for each in inner)
+        return any(type(value) is type(choice) and value == choice for choice in inner)
     if origin in (Union, UnionType):
-        return any(_fits(value, each) for each in _parts(inner))
+        return any(_fits(value, part) for part in _parts(inner))
     if origin is os.PathLike:
         return isinstance(value, os.PathLike)
     if origin is tuple:
@@ -176,24 +180,24 @@ def _fits(value: Any, hint: Any) -> bool:
         holds = isinstance(value, Sequence | np.ndarray) and not isinstance(
             value, str | bytes
         )
-        return holds and all(_fits(each, inner[0]) for each in value)
+        return holds and all(_fits(item, inner[0]) for item in value)
     if origin is Mapping:
         return isinstance(value, Mapping) and all(
-            _fits(key, inner[0]) and _fits(each, inner[1]) for key, each in value.items()
+            _fits(key, inner[0]) and _fits(item, inner[1]) for key, item in value.items()
         )
     if origin is Iterable:
         if isinstance(value, str | bytes) or not isinstance(value, Iterable):
             return False
         several = isinstance(value, Sequence | Set | np.ndarray)
-        return not several or all(_fits(each, inner[0]) for each in value)
+        return not several or all(_fits(item, inner[0]) for item in value)
     if origin is Callable:
         return callable(value)
     kind = origin or hint
     if getattr(kind, "_is_protocol", False):
         # Stand-ins need not have all of it; what has nothing of it is something else.
-        own = {*dir(type(value)), *getattr(value, "__dict__", ())}
-        asked = {each for each in dir(kind) if not each.startswith("_")}
-        return "__getattr__" in own or not own.isdisjoint(asked)
+        attributes = {*dir(type(value)), *getattr(value, "__dict__", ())}
+        asked = {name for name in dir(kind) if not name.startswith("_")}
+        return "__getattr__" in attributes or not attributes.isdisjoint(asked)
     return isinstance(value, kind) if isinstance(kind, type) else True
 
 
@@ -202,7 +206,7 @@ def _parts(inner: tuple[Any, ...]) -> tuple[Any, ...]:
     numbers = get_args(ArrayLike)
     if not set(numbers) <= set(inner):
         return inner
-    return (ArrayLike, *(each for each in inner if each not in numbers))
+    return (ArrayLike, *(part for part in inner if part not in numbers))
 
 
 def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
@@ -211,7 +215,7 @@ def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
     kinds = inner[:1] * len(value) if inner[1:] == (...,) else inner
     if len(kinds) != len(value):
         return False
-    return all(_fits(each, kind) for each, kind in zip(value, kinds, strict=True))
+    return all(_fits(item, kind) for item, kind in zip(value, kinds, strict=True))
 
 
 def _is_numeric(value: Any, hint: Any) -> bool:

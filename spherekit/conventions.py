@@ -86,8 +86,8 @@ MAX_NAME_LENGTH = 64
 def nearest(word: str, allowed: Iterable[str]) -> str:
     """Return a hint ``; did you mean "x"?`` for a misspelt word, or an empty string."""
     words = list(allowed)
-    close = [each for each in words if each.casefold() == word.casefold()]
-    close = close or [each for each in words if sorted(each) == sorted(word)]
+    close = [candidate for candidate in words if candidate.casefold() == word.casefold()]
+    close = close or [candidate for candidate in words if sorted(candidate) == sorted(word)]
     close = close or difflib.get_close_matches(word, words, n=1, cutoff=0.5)
     return f'; did you mean "{close[0]}"?' if close else ""
 

@@ -9,9 +9,9 @@ def html_table(
     header: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = ""
 ) -> str:
     """Return a table as HTML, every text in it escaped."""
-    head = "".join(f"<th>{escape(str(each))}</th>" for each in header)
+    head = "".join(f"<th>{escape(str(title))}</th>" for title in header)
     body = "".join(
-        "<tr>" + "".join(f"<td>{escape(shown(each))}</td>" for each in row) + "</tr>"
+        "<tr>" + "".join(f"<td>{escape(shown(cell))}</td>" for cell in row) + "</tr>"
         for row in rows
     )
     words = f"<caption>{escape(caption)}</caption>" if caption else ""

@@ -12,8 +12,11 @@ from typing import final
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.linalg import lu_factor, lu_solve
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+MOST_ROUNDS = 200
 
 Torque = Callable[[float, Mapping[str, float], Mapping[str, float]], Mapping[str, float]]
 """Torques (N m) at pairs, from the time, the angles turned since the start, the rates."""
@@ -31,18 +34,49 @@ class Hinge:
 
 
 @final
+@dataclass(frozen=True)
+class Bearing:
+    """Friction of -grip tanh(rate / speed) per N m across the axis of a hinge."""
+
+    grip: float
+    speed: float
+
+
+@final
+@dataclass(frozen=True)
+class Mesh:
+    """Two gears on a carrier: they turn about each other as it holds the pitch point."""
+
+    first: int
+    second: int
+    carrier: int
+    point: Floats
+
+
+@final
 class MultiBody:
     """Bodies with tensors (n, 3, 3) about the centre at the start, in ground axes."""
 
-    def __init__(self, tensors: Sequence[Floats], hinges: Sequence[Hinge]) -> None:
+    def __init__(
+        self,
+        tensors: Sequence[Floats],
+        hinges: Sequence[Hinge],
+        meshes: Sequence[Mesh] = (),
+    ) -> None:
         self.tensors = np.array(tensors)
         self.hinges = tuple(hinges)
+        self.meshes = tuple(meshes)
         self.count = len(self.tensors)
-        sides = [np.linalg.svd(each.axis[None])[2][1:] for each in self.hinges]
-        self._across = np.array(sides)
-        self._axes = np.array([each.axis for each in self.hinges])
-        self._first = np.array([each.first for each in self.hinges])
-        self._second = np.array([each.second for each in self.hinges])
+        held = [(each.first, each.second, each.first, each.axis) for each in self.hinges]
+        held += [
+            (each.first, each.second, each.carrier, each.point) for each in self.meshes
+        ]
+        first, second, carrier, lines = zip(*held, strict=True)
+        self._first, self._second = np.array(first), np.array(second)
+        self._carrier, self._axes = np.array(carrier), np.array(lines)
+        self._across = np.array([np.linalg.svd(line[None])[2][1:] for line in lines])
+        rows = self._rows(self._across)
+        self._repeats = np.linalg.matrix_rank(rows) < len(rows)
 
     def rates(self, pair: str, rate: float) -> Floats:
         """Return the angular velocities (n, 3) at the start for the rate of a pair."""
@@ -68,8 +102,14 @@ class MultiBody:
         times: Floats,
         rtol: float = 1e-11,
         longest: float = 5e-3,
+        bearings: Mapping[str, Bearing] | None = None,
     ) -> dict[str, Floats]:
-        """Return the angles (times,) that each pair has turned since the start."""
+        """Return the angles (times,) that each pair has turned since the start.
+
+        Bearings at pairs rub: the equations of motion and Coulomb's law of each are solved
+        together, by successive substitution to the last digit.
+        """
+        rubbing = bearings or {}
         n, names = self.count, [each.name for each in self.hinges]
         whole = np.tile([1.0, 0.0, 0.0, 0.0], n)
         start = np.concatenate([whole, w.ravel(), np.zeros(len(names))])
@@ -79,11 +119,11 @@ class MultiBody:
             angles = y[7 * n :]
             turn = np.concatenate([np.eye(3)[None], _matrices(q)])
             turning = np.concatenate([np.zeros((1, 3)), w])
-            held = turn[self._first]
+            held = turn[self._carrier]
             axes = np.einsum("kij,kj->ki", held, self._axes)
             across = np.einsum("kij,kaj->kai", held, self._across)
             apart = turning[self._second] - turning[self._first]
-            speeds = np.sum(apart * axes, axis=1)
+            speeds = np.sum(apart * axes, axis=1)[: len(names)]
             moments = np.zeros((n + 1, 3))
             given = torque(
                 t,
@@ -98,7 +138,7 @@ class MultiBody:
             spin = np.einsum("kij,kj->ki", tensors, w)
             free = moments[1:] - np.cross(w, spin)
             rows = self._rows(across)
-            moved = np.cross(turning[self._first][:, None], across)
+            moved = np.cross(turning[self._carrier][:, None], across)
             gaps = -np.sum(moved * apart[:, None], axis=2).ravel()
             size = 3 * n
             matrix = np.zeros((size + len(rows), size + len(rows)))
@@ -107,7 +147,28 @@ class MultiBody:
                 matrix[part, part] = tensors[body]
             matrix[size:, :size], matrix[:size, size:] = rows, rows.T
             right = np.concatenate([free.ravel(), gaps])
-            faster = np.linalg.solve(matrix, right)[:size]
+            if rubbing:
+                factored = lu_factor(matrix)
+                found = lu_solve(factored, right)
+                for _ in range(MOST_ROUNDS):
+                    rubbed = right.copy()
+                    held = -found[size:].reshape(-1, 2)
+                    for name, bearing in rubbing.items():
+                        k = names.index(name)
+                        slowed = np.tanh(speeds[k] / bearing.speed) * bearing.grip
+                        slowed *= -np.hypot(*held[k])
+                        for body, sign in ((self._second[k], 1.0), (self._first[k], -1.0)):
+                            if body:
+                                part = slice(3 * body - 3, 3 * body)
+                                rubbed[part] += sign * slowed * axes[k]
+                    before, found = found, lu_solve(factored, rubbed)
+                    if np.max(np.abs(found - before)) <= 1e-15 * np.max(np.abs(found)):
+                        break
+                faster = found[:size]
+            elif self._repeats:
+                faster = _along_null_space(matrix[:size, :size], rows, free.ravel(), gaps)
+            else:
+                faster = np.linalg.solve(matrix, right)[:size]
             return np.concatenate([_quaternion_rates(q, w).ravel(), faster, speeds])
 
         found = solve_ivp(
@@ -124,12 +185,21 @@ class MultiBody:
         return dict(zip(names, found.y[7 * n :], strict=True))
 
     def _rows(self, across: Floats) -> Floats:
-        rows = np.zeros((2 * len(self.hinges), 3 * (self.count + 1)))
+        rows = np.zeros((2 * len(self._axes), 3 * (self.count + 1)))
         for number, (i, j) in enumerate(zip(self._first, self._second, strict=True)):
             part = slice(2 * number, 2 * number + 2)
             rows[part, 3 * j : 3 * j + 3] += across[number]
             rows[part, 3 * i : 3 * i + 3] -= across[number]
         return rows[:, 3:]
+
+
+def _along_null_space(tensors: Floats, rows: Floats, free: Floats, gaps: Floats) -> Floats:
+    """Return the accelerations where rows repeat each other: multipliers are not known."""
+    _, sizes, back = np.linalg.svd(rows)
+    left = back[np.count_nonzero(sizes > 1e-9) :].T
+    own = np.linalg.lstsq(rows, gaps, rcond=1e-9)[0]
+    along = np.linalg.solve(left.T @ tensors @ left, left.T @ (free - tensors @ own))
+    return np.asarray(own + left @ along)
 
 
 def _matrices(q: Floats) -> Floats:

@@ -69,12 +69,62 @@ def number(text):
 class Sizes:
     """The axes and zero directions of a file in the form of sizes."""
 
-    def __init__(self, text, tolerance):
+    def __init__(self, text, tolerance, couplers=None):
         self.data = tomllib.loads(text, parse_float=str)
         self.slack = arb(0, tolerance) if tolerance else arb(0)
-        self.ends = {name: tuple(p["links"]) for name, p in self.data["pairs"].items()}
+        pairs = self.data["pairs"]
+        hinges = [name for name, p in pairs.items() if p["type"] in ("R", "P")]
+        self.ends = {name: tuple(pairs[name]["links"]) for name in hinges}
         self.links = list(self.data["links"])
-        need(all(p["type"] == "R" for p in self.data["pairs"].values()), "only R pairs")
+        self.couplers = {}
+        for contact, made in (couplers or {}).items():
+            need(pairs[contact]["type"] == "Cs", "a coupler for what does not slide")
+            need(made["link"] not in self.links, "a coupler that is another link")
+            self.links.append(made["link"])
+            for side, (name, link) in enumerate(
+                zip(made["pairs"], pairs[contact]["links"], strict=True)
+            ):
+                need(name not in self.ends, "a pair of a coupler that is another pair")
+                self.ends[name] = link, made["link"]
+                self.couplers[name] = contact, side
+        need(len(pairs) == len(hinges) + len(couplers or {}), "only R pairs and couplers")
+
+    def circle(self, contact, link):
+        """Centre and radius of the circle of a contact on a link."""
+        item = self.data["pairs"][contact]
+        follower = item.get("follower", {})
+        own = follower if follower.get("link") == link else item["profiles"][link]
+        need(own.get("kind", "circle") in ("circle", "great_circle"), "no circle")
+        key = next(k for k in own if k[:7] == "centre_" or k[:5] == "pole_")
+        radius = own.get("radius", own.get("roller"))
+        across = arb.pi() / 2 if radius is None else self.angle(radius) + self.slack
+        return self.direction(own[key], key.endswith("xyz")), across
+
+    def direction(self, row, is_xyz):
+        if is_xyz:
+            return [e + self.slack for e in unit([number(e) for e in row])]
+        (s, c), (up, across) = ((self.angle(e) + self.slack).sin_cos() for e in row)
+        return [c * across, s * across, up]
+
+    def coupler_frame(self, pair, link):
+        """Columns of a pair of a coupler: the azimuth of the contact is its angle."""
+        contact, side = self.couplers[pair]
+        item = self.data["pairs"][contact]
+        circles = [self.circle(contact, each) for each in item["links"]]
+        if link in item["links"]:
+            axis = circles[side][0]
+            first = int(abs(float(axis[0].mid())) > 0.9)
+            ahead = [int(k == first) - axis[first] * e for k, e in enumerate(axis)]
+            x = unit(ahead)
+        else:
+            (_, one), (_, other) = circles
+            inner = item.get("contact", "external") == "internal"
+            s, c = (one - other if inner else one + other).sin_cos()
+            ways = [0, 1, 0], ([0, c, -s] if inner else [0, -c, s])
+            axis, x = (([0, 0, 1], [0, s, c])[side], ways[side])
+            axis, x = [arb(e) for e in axis], [arb(e) for e in x]
+        y = cross(axis, x)
+        return rows([[x[k], y[k], axis[k]] for k in range(3)])
 
     def angle(self, text):
         degrees = self.data["angle_unit"] == "deg"
@@ -93,13 +143,8 @@ class Sizes:
     def posed(self, pair, link):
         """The same of a file that gives the axes in a pose, in which links are aligned."""
         item = self.data["pairs"][pair]
-        if "xyz" in item:
-            axis = [e + self.slack for e in unit([number(e) for e in item["xyz"]])]
-        else:
-            (s, c), (up, across) = (
-                (self.angle(e) + self.slack).sin_cos() for e in item["lonlat"]
-            )
-            axis = [c * across, s * across, up]
+        key = "xyz" if "xyz" in item else "lonlat"
+        axis = self.direction(item[key], key == "xyz")
         sizes = [abs(float(e.mid())) for e in axis]
         helper = [arb(int(k == sizes.index(min(sizes)))) for k in range(3)]
         x = unit(cross(axis, helper))
@@ -115,14 +160,19 @@ class Sizes:
 
     def frame(self, pair, link):
         """Columns x, y, z of a pair in a link, x towards the first other axis."""
+        if pair in self.couplers:
+            return self.coupler_frame(pair, link)
         if "axes" not in self.data["links"][link]:
             axis, x, y, zero = self.posed(pair, link)
             return self.turned(axis, x, y, zero)
         axes = self.axes(link)
         axis = axes[pair]
-        others = (o for name, o in axes.items() if name != pair)
+        others = [o for name, o in axes.items() if name != pair]
+        sizes = [abs(float(e.mid())) for e in axis]
+        others += [[arb(int(k == sizes.index(min(sizes)))) for k in range(3)]]
         other = next(o for o in others if dot(cross(axis, o), cross(axis, o)) > 1e-18)
-        x = unit(cross(cross(axis, other), axis))
+        alone = other is others[-1]
+        x = unit(cross(axis, other) if alone else cross(cross(axis, other), axis))
         y = cross(axis, x)
         zero = self.data["pairs"][pair].get("zero")
         return self.turned(axis, x, y, None if self.is_second(pair, link) else zero)
@@ -141,8 +191,10 @@ class System:
     """The equations of a certificate's construction."""
 
     def __init__(self, certificate):
-        self.sizes = Sizes(certificate["mechanism"], certificate["tolerance_rad"])
         self.made = certificate["construction"]
+        need(not self.made["follow"], "wheels in mesh are not checked")
+        text, tolerance = certificate["mechanism"], certificate["tolerance_rad"]
+        self.sizes = Sizes(text, tolerance, self.made["couplers"])
         self.unknowns = self.made["unknowns"]
         self.inputs = list(certificate["inputs"])
         ends = self.sizes.ends

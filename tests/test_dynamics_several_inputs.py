@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from multibody import Hinge, MultiBody
+from multibody import Hinge, Mesh, MultiBody
 from newton_euler import body, loaded, newton_euler
 
 import spherekit as sk
@@ -90,6 +90,9 @@ def test_inertia_is_symmetric_positive_and_changes_as_its_derivatives_say(name):
         pytest.param("three_rrr", "compiled", 0.6, marks=compiled),
         ("five_bar", "numpy", 1.8),
         pytest.param("five_bar", "compiled", 1.8, marks=compiled),
+        ("bevel_differential", "numpy", 1.0),
+        pytest.param("bevel_differential", "compiled", 1.0, marks=compiled),
+        pytest.param("two_dof_spm", "compiled", 0.6, marks=[compiled, pytest.mark.long]),
     ],
 )
 def test_bodies_held_together_move_the_same_way(name, engine, until):
@@ -110,14 +113,17 @@ def test_bodies_held_together_move_the_same_way(name, engine, until):
     assert np.max(np.abs(history.kinetic - history.kinetic[0] - history.work[:, 0])) < 1e-12
     at = Closure.of(made, geometry_of(made).joints).at(history.values[:1])
     turns = at.placed[0]
-    hinges = [
-        Hinge(pair.name, *ends, turns[ends[0]] @ at.states.first[0, k][:, 2])
-        for k, (pair, ends) in enumerate(zip(made.pairs, made.ends, strict=True))
-    ]
+    hinges, meshes = [], []
+    for k, (pair, ends) in enumerate(zip(made.pairs, made.ends, strict=True)):
+        line = turns[ends[0]] @ at.states.first[0, k][:, 2]
+        if pair.kind.has_axis:
+            hinges.append(Hinge(pair.name, *ends, line))
+        else:
+            meshes.append(Mesh(*ends, made.link_number["carrier"], line))
     tensors = []
     for link, mass in enumerate(made.masses, 1):
         tensors.append(turns[link] @ np.array(mass.tensor) @ turns[link].T)
-    bodies = MultiBody(tensors, hinges)
+    bodies = MultiBody(tensors, hinges, meshes)
     w = bodies.rates_of(dict(zip((driven, *passive), dq, strict=True)))
 
     def pull(t, angles, rates):

@@ -83,7 +83,7 @@ def test_solutions_at_infinity_are_counted_and_do_not_count_as_modes():
     # arcs of 90 degrees send 32 of the 64 complex modes to infinity
     written = Written.of(sk.load("two_dof_spm"))
     with bits(80):
-        equations = Equations(written, construct(written.mechanism))
+        equations = Equations(written, construct(written.structure))
         systems = Systems(equations)
         turns = circle([written.input_angle(text) for text in ("20.5", "17.3")])
     place = np.radians([[20.5, 17.3]])

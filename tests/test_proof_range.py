@@ -22,6 +22,7 @@ from spherekit.proof.construction import construct
 from spherekit.proof.curves import certified_curves
 from spherekit.proof.modes import certified_modes
 from spherekit.proof.singular import output_pairs, singularities
+from spherekit.proof.structure import structure_of
 from spherekit.proof.tubes import local
 from spherekit.proof.written import Written
 
@@ -30,7 +31,7 @@ TURN = ("0", "360")
 
 def over(name, pair=None, ends=TURN, tolerance=0.0, wanted=()):
     mechanism = driven_at(sk.load(name), pair) if isinstance(name, str) else name
-    made = construct(mechanism, wanted)
+    made = construct(structure_of(mechanism), wanted)
     return certified_curves(Written.of(mechanism, tolerance=tolerance), ends, made)
 
 
@@ -82,7 +83,7 @@ def test_rates_along_pieces_are_within_their_bounds():
 @pytest.mark.parametrize(("name", "pair"), [("four_bar", None), ("stephenson", "35")])
 def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     mechanism = driven_at(sk.load(name), pair)
-    curves = over(mechanism, wanted=output_pairs(mechanism))
+    curves = over(mechanism, wanted=output_pairs(Written.of(mechanism)))
     proven = singularities(curves)
     assert not proven.undecided and not proven.skipped
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
@@ -154,7 +155,7 @@ def test_the_checker_proves_curves_again_and_refuses_tampered_ones():
 
 def with_singularities(name, pair, ends):
     mechanism = driven_at(sk.load(name), pair)
-    curves = over(mechanism, ends=ends, wanted=output_pairs(mechanism))
+    curves = over(mechanism, ends=ends, wanted=output_pairs(Written.of(mechanism)))
     table = singular_table(singularities(curves))
     return json.loads(json.dumps({**curves_certificate(curves), "singularities": table}))
 
@@ -183,7 +184,7 @@ def test_the_checker_repeats_dead_centres_and_refuses_those_left_out():
 
 def test_the_input_is_clear_of_singularities_as_far_as_is_said():
     mechanism = driven_at(sk.load("four_bar"), "41")
-    curves = over(mechanism, wanted=output_pairs(mechanism))
+    curves = over(mechanism, wanted=output_pairs(Written.of(mechanism)))
     found = singularities(curves)
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
     for q in np.radians([-100.0, 77.7]):

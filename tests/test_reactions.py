@@ -200,7 +200,7 @@ def test_friction_follows_from_the_reactions_that_it_changes(positions):
     rub = sk.Bearings("rub", pair, positions, radius=0.05, coefficient=0.3, speed=0.01)
     motion = moving(made.with_loads(rub), (0.4,), [0.0, 0.1])
     found = reactions(motion)
-    assert np.all(found.torques.status == Status.OK) and 2 < found.torques.rounds < 40
+    assert np.all(found.torques.status == Status.OK) and 1 < found.torques.rounds < 10
     arm = positions[0] if len(positions) == 1 else positions[1] - positions[0]
     number = made.pair_number[pair]
     for row in range(2):
@@ -227,13 +227,21 @@ def test_friction_follows_from_the_reactions_that_it_changes(positions):
     assert np.all(np.isnan(found.bearing[:, [k for k in range(7) if k != number]]))
 
 
-def test_bearings_that_lock_or_move_by_loads_are_refused():
+def test_bearings_that_lock_are_refused(tmp_path):
     made, _ = loaded("stephenson", np.random.default_rng(5))
     tight = sk.Bearings("rub", "14", (0.1,), radius=0.5, coefficient=0.9, speed=0.01)
     locked = reactions(moving(made.with_loads(tight), (0.4,), [0.1]))
     assert locked.torques.status[0] != Status.OK
-    with pytest.raises(sk.SpherekitError, match="follows from the reaction of pair 14"):
-        sk.simulate(made.with_loads(tight), sk.Start(0.4, 1.0), 1.0)
+    rub = made.with_loads(replace(tight, coefficient=0.01))
+    start = sk.Start(0.4, 1.0)
+    for refused in (
+        lambda: sk.simulate(rub, start, 1.0, engine="compiled"),
+        lambda: sk.reference_simulation(rub, start, 1e-3),
+        lambda: sk.simulate(rub, start, 1.0, scheme="paper"),
+        lambda: sk.export(rub, tmp_path / "stored.npz"),
+    ):
+        with pytest.raises(sk.SpherekitError, match="the reaction of pair 14"):
+            refused()
 
 
 def test_a_simulation_ends_where_a_one_sided_contact_lifts_off(tmp_path):

@@ -200,8 +200,8 @@ def test_many_samples_are_read_from_nodes():
     made = sk.load("four_bar")
     found = trade(made, samples=1_000_000, settings=FEW[:1], checked=361, rounds=1)
     assert 361 < found.checked < 700
-    every = Measured("every", FEW[0], first=0.0, each=1e-5, error=1e-15)
-    nodes = Measured("nodes", FEW[-1], first=0.1, each=1e-6, error=1e-9)
+    every = Measured("every", FEW[0], first=0.0, per_sample=1e-5, error=1e-15)
+    nodes = Measured("nodes", FEW[-1], first=0.1, per_sample=1e-6, error=1e-9)
     for samples, cheapest in ((1_000, every), (1_000_000, nodes)):
         given = replace(found, samples=samples, settings=(every, nodes))
         assert given.cheapest(1e-6) is cheapest
@@ -210,9 +210,9 @@ def test_many_samples_are_read_from_nodes():
 
 
 def test_of_settings_alike_in_time_the_most_accurate():
-    rough = Measured("rough", FEW[0], first=0.0, each=1.00e-5, error=1e-10)
-    fine = Measured("fine", FEW[-1], first=0.0, each=1.05e-5, error=1e-15)
-    slow = Measured("slow", FEW[-1], first=0.0, each=1.50e-5, error=1e-16)
+    rough = Measured("rough", FEW[0], first=0.0, per_sample=1.00e-5, error=1e-10)
+    fine = Measured("fine", FEW[-1], first=0.0, per_sample=1.05e-5, error=1e-15)
+    slow = Measured("slow", FEW[-1], first=0.0, per_sample=1.50e-5, error=1e-16)
     given = replace(
         trade(sk.load("four_bar"), samples=31, settings=FEW[:1], rounds=1),
         settings=(rough, fine, slow),

@@ -22,13 +22,13 @@ _WRITTEN = {
 def parameters(cls: type) -> dict[str, tuple[str, Any]]:
     """Return each parameter's type as text and default (`MISSING` if it has none)."""
     hints = get_type_hints(cls)
-    found: dict[str, tuple[str, Any]] = {}
+    signature: dict[str, tuple[str, Any]] = {}
     for item in fields(cls):
         default = item.default
         if item.default_factory is not MISSING:
             default = item.default_factory()
-        found[item.name] = (_shown(hints[item.name]), default)
-    return found
+        signature[item.name] = (_shown(hints[item.name]), default)
+    return signature
 
 
 def _shown(hint: Any) -> str:
@@ -65,9 +65,9 @@ def given_in(
         For unknown keys, unreadable values and missing fields, with what is allowed.
     """
     words, hints = words or {}, get_type_hints(cls)
-    known = parameters(cls)
-    allowed = {words.get(key, key): value for key, value in known.items()}
-    field = {words.get(key, key): key for key in known}
+    declared = parameters(cls)
+    allowed = {words.get(key, key): value for key, value in declared.items()}
+    field = {words.get(key, key): key for key in declared}
     given: dict[str, Any] = {}
     for part in filter(None, text.split(",")):
         key, equals, value = part.partition("=")

@@ -42,9 +42,9 @@ def _faults(cls: Any) -> Iterator[str]:
         if not hasattr(cls, key):
             yield f"the class attribute `{key}` is missing"
         elif not isinstance(getattr(cls, key), kind):
-            found = type(getattr(cls, key)).__name__
+            actual = type(getattr(cls, key)).__name__
             wanted = kind.__name__
-            yield f"the class attribute `{key}` is a {found}, it has to be a {wanted}"
+            yield f"the class attribute `{key}` is a {actual}, it has to be a {wanted}"
     if not NAME_PATTERN.fullmatch(cls.name):
         yield f"its name {cls.name!r} may hold letters, digits and underscores only"
     if cls.name in TAKEN:
@@ -53,8 +53,8 @@ def _faults(cls: Any) -> Iterator[str]:
         yield f"written for contract {cls.contract}, this spherekit has {CONTRACT}"
     if cls.__abstractmethods__:
         yield f"methods missing: {listing(sorted(cls.__abstractmethods__))}"
-    own = getattr(cls, "__dataclass_params__", None)
-    if not is_dataclass(cls) or own is None or not own.frozen:
+    params = getattr(cls, "__dataclass_params__", None)
+    if not is_dataclass(cls) or params is None or not params.frozen:
         yield "the class is not a frozen dataclass; put @dataclass(frozen=True) before it"
         return
     try:
@@ -84,7 +84,7 @@ def _tables(tables: tuple[Any, ...]) -> Iterator[str]:
                 return
             yield from _column(f"table {table.name}: column {column.name}", column)
         ways = [column.turns for column in table.columns]
-        if any(len(list(own)) % 3 for way, own in groupby(ways) if way == "vector"):
+        if any(len(list(group)) % 3 for way, group in groupby(ways) if way == "vector"):
             yield f"table {table.name}: the columns of a vector come in threes: x, y, z"
         names = [column.name for column in table.columns]
         if len(set(names)) < len(names):

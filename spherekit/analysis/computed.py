@@ -43,26 +43,26 @@ def computed(
             f"{analysis.name}: compute returned {what or 'no tables'}, it has to return "
             f"the declared tables by name: {listing(names)}"
         )
-    found: dict[str, TableData] = {}
+    data: dict[str, TableData] = {}
     for table in tables:
         where = f"{analysis.name}: table {table.name}"
-        found[table.name] = own = _columns(where, table, given[table.name])
-        rows = len(next(iter(own.values())))
+        data[table.name] = columns = _columns(where, table, given[table.name])
+        rows = len(next(iter(columns.values())))
         if analysis.rowwise and table.in_assembly_modes and rows % max(len(batch), 1):
             raise PluginError(
                 f"{where} has {rows} rows for the {len(batch)} of the batch; give each "
                 "sample of each assembly mode as many rows as the others, NaN where it "
                 "failed"
             )
-    return found
+    return data
 
 
 def _columns(where: str, table: Table, data: Any) -> dict[str, NDArray[Any] | Interleaved]:
     names = [column.name for column in table.columns]
     if not isinstance(data, Mapping) or list(data) != names:
-        found = list(data) if isinstance(data, Mapping) else f"a {type(data).__name__}"
+        returned = list(data) if isinstance(data, Mapping) else f"a {type(data).__name__}"
         raise PluginError(
-            f"{where} was declared with columns {names}, but compute returned {found}"
+            f"{where} was declared with columns {names}, but compute returned {returned}"
         )
     made = {
         c.name: _typed(f"{where}: column {c.name}", c, data[c.name]) for c in table.columns
@@ -86,7 +86,7 @@ def _typed(where: str, column: Column, data: Any) -> NDArray[Any] | Interleaved:
     if values.ndim != 1:
         raise PluginError(f"{where} has the shape {values.shape}, it needs one value a row")
     if column.kind == "text":
-        fits = values.dtype.kind == "U" or all(isinstance(each, str) for each in values)
+        fits = values.dtype.kind == "U" or all(isinstance(text, str) for text in values)
         made = values if values.dtype.kind == "U" else values.astype(str)
     elif column.kind == "number":
         fits = values.dtype.kind in "fiub"
@@ -115,25 +115,25 @@ def findings_of(
         If that fails, or is not ready for JSON.
     """
     with faults_of(analysis.name, "findings"):
-        found = analysis.findings(batch)
-    if before is not None and isinstance(found, Findings):
+        findings = analysis.findings(batch)
+    if before is not None and isinstance(findings, Findings):
         with faults_of(analysis.name, "joined"):
-            found = analysis.joined(before, found)
-    if not isinstance(found, Findings):
+            findings = analysis.joined(before, findings)
+    if not isinstance(findings, Findings):
         raise PluginError(
-            f"{analysis.name}: findings returned a {type(found).__name__}, it has to "
+            f"{analysis.name}: findings returned a {type(findings).__name__}, it has to "
             "return Findings(...)"
         )
     with faults_of(analysis.name, "findings: making JSON of its figures"):
-        json.dumps(dict(found.figures))
+        json.dumps(dict(findings.figures))
     for key in ("warnings", "remarks"):
-        texts = getattr(found, key)
+        texts = getattr(findings, key)
         if not isinstance(texts, tuple) or not all(isinstance(t, str) for t in texts):
             raise PluginError(
                 f"{analysis.name}: findings: {key} are {texts!r}, they have to be a tuple "
                 "of texts"
             )
-    return found
+    return findings
 
 
 def scenes_of(analysis: AbstractAnalysis, batch: Batch) -> tuple[Scene, ...]:
@@ -145,11 +145,11 @@ def scenes_of(analysis: AbstractAnalysis, batch: Batch) -> tuple[Scene, ...]:
         If that fails, or is not made of scenes.
     """
     with faults_of(analysis.name, "scene"):
-        found = tuple(analysis.scene(batch))
-    for scene in found:
+        scenes = tuple(analysis.scene(batch))
+    for scene in scenes:
         if not isinstance(scene, Scene):
             raise PluginError(
                 f"{analysis.name}: scene returned a {type(scene).__name__}, it has to "
                 "return a tuple of Scene(...)"
             )
-    return found
+    return scenes

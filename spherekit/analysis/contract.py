@@ -450,8 +450,8 @@ def _no_time() -> UndeclaredNeed:
 def run_status(motion: Motion, fields: Sequence[PoleField]) -> NDArray[np.int8]:
     """Return (n,) status codes of a motion, or of the first input that says more."""
     status = motion.status
-    for found in fields:
-        status = np.where(status == Status.OK, found.status, status)
+    for pole_field in fields:
+        status = np.where(status == Status.OK, pole_field.status, status)
     return np.asarray(status, dtype=np.int8)
 
 

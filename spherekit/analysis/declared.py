@@ -30,22 +30,22 @@ def declared(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
         With which it refuses the mechanism, or its parameters.
     """
     name = getattr(analysis, "name", type(analysis).__name__)
-    known = isinstance(analysis, Unusable)
-    fault = "" if known else fault_of_class(type(analysis))
+    unusable = isinstance(analysis, Unusable)
+    fault = "" if unusable else fault_of_class(type(analysis))
     if not fault:
         with faults_of(name, "needs"):
-            found = analysis.needs(mechanism)
-        fault = _fault(found, mechanism)
+            needs = analysis.needs(mechanism)
+        fault = _fault(needs, mechanism)
     if fault:
         raise PluginError(f"{name}: {fault}")
-    return found
+    return needs
 
 
-def _fault(found: Any, mechanism: Mechanism) -> str:
-    if not isinstance(found, Needs):
-        return f"needs returns {_a(found)}, it has to return Needs(...)"
+def _fault(needs: Any, mechanism: Mechanism) -> str:
+    if not isinstance(needs, Needs):
+        return f"needs returns {_a(needs)}, it has to return Needs(...)"
     for item in fields(Needs):
-        value = getattr(found, item.name)
+        value = getattr(needs, item.name)
         where = f"Needs({item.name}=...)"
         if isinstance(item.default, bool):
             if not isinstance(value, bool):
@@ -53,10 +53,10 @@ def _fault(found: Any, mechanism: Mechanism) -> str:
             continue
         if not isinstance(value, frozenset):
             return f"{where} is {_a(value)}, it has to be a frozenset"
-        for each in value:
-            fault = _fault_of_item(item.name, each, mechanism)
+        for entry in value:
+            fault = _fault_of_item(item.name, entry, mechanism)
             if fault:
-                return f"{where} holds {each!r}{fault}"
+                return f"{where} holds {entry!r}{fault}"
     return ""
 
 

@@ -48,8 +48,12 @@ def described(problem: BaseException) -> str:
     """Return an exception with the last line of a plugin's own that led to it."""
     words = str(problem).strip().partition("\n")[0]
     frames = traceback.extract_tb(problem.__traceback__)
-    own = [frame for frame in frames if _is_own(frame.filename)]
-    where = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
+    plugin_frames = [frame for frame in frames if _is_own(frame.filename)]
+    where = (
+        f" ({Path(plugin_frames[-1].filename).name}, line {plugin_frames[-1].lineno})"
+        if plugin_frames
+        else ""
+    )
     return f"{type(problem).__name__}{': ' if words else ''}{words}{where}"
 
 

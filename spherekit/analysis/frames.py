@@ -61,8 +61,8 @@ def _frame(
             names = [status.name for status in Status]
             values = pd.Categorical.from_codes(values, categories=pd.Index(names))
         elif column.kind == "text":
-            own = pd.Index(list(words[column.name]))
-            values = pd.Categorical.from_codes(values, categories=own)
+            categories = pd.Index(list(words[column.name]))
+            values = pd.Categorical.from_codes(values, categories=categories)
         elif column.unit_in(degrees) != column.unit:
             values = np.degrees(values)
         columns[column.name] = values
@@ -79,9 +79,9 @@ def _arrow(
     import pyarrow as pa
 
     def dictionary(places: NDArray[Any], names: Sequence[str]) -> "pa.Array":
-        own = pa.array(list(names), pa.string())
+        texts = pa.array(list(names), pa.string())
         kind = pa.int8() if len(names) < 128 else pa.int32()
-        return pa.DictionaryArray.from_arrays(pa.array(places).cast(kind), own)
+        return pa.DictionaryArray.from_arrays(pa.array(places).cast(kind), texts)
 
     columns: dict[str, Any] = {}
     for column in table.columns:
@@ -127,7 +127,9 @@ def write_table(
         for kind in FILE_SIZE
         if kind in (wanted.formats or FILE_SIZE)
     }
-    plain = not any(SPECIAL & set(word) for own in rows.words.values() for word in own)
+    plain = not any(
+        SPECIAL & set(word) for categories in rows.words.values() for word in categories
+    )
     options = pc.WriteOptions(
         include_header=False, quoting_style="none" if plain else "needed"
     )
@@ -291,12 +293,12 @@ class ParquetColumns(Mapping[str, NDArray[Any]]):
 
         column = self._columns[name]
         header = column.header(self._degrees)
-        found = pq.read_table(self._path, columns=[header]).to_pandas()[header]
+        series = pq.read_table(self._path, columns=[header]).to_pandas()[header]
         if column.kind == "status":
-            return np.asarray(found.cat.codes)
+            return np.asarray(series.cat.codes)
         if column.kind == "text":
-            return np.asarray(found, dtype=str)
-        values = np.asarray(found)
+            return np.asarray(series, dtype=str)
+        values = np.asarray(series)
         if column.unit_in(self._degrees) != column.unit:
             return np.asarray(np.radians(values))
         return values

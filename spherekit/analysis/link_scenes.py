@@ -111,22 +111,22 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
     Each curve is held by an arc from the link's first joint, if it has one, to the
     curve's centre, or to its nearest point where it has no centre beside it.
     """
-    found = []
+    curves = []
     for pair, joint in zip(mechanism.pairs, geometry_of(mechanism).joints, strict=True):
         if pair.profiles is None or link not in pair.links:
             continue
         which = pair.links.index(link)
         curve = joint.tracks[which].curve
         points = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame[:, :, 2]
-        found.append(points)
+        curves.append(points)
         if len(joints):
             profile = pair.profiles[which]
             foot = points[int(np.argmax(points @ joints[0]))]
             if profile.centre is not None and profile.kind != "great_circle":
                 foot = np.array(profile.centre)
             if arc(joints[0], foot) > SAME_PLACE:
-                found.append(great_arc(joints[0], foot))
-    return found
+                curves.append(great_arc(joints[0], foot))
+    return curves
 
 
 def link_curves(joints: Floats) -> list[Floats]:

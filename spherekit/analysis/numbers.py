@@ -85,14 +85,14 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
             order = [header.index(name) for name in names]
             for cells in rows:
                 if cells:
-                    own = [cells[k] if k < len(cells) else "" for k in order]
-                    take(f"line {rows.line_num}", own)
+                    picked = [cells[k] if k < len(cells) else "" for k in order]
+                    take(f"line {rows.line_num}", picked)
     if bad:
         more = f" and {len(bad) - MOST_SHOWN} more" if len(bad) > MOST_SHOWN else ""
         raise FileError(
             f"{path}: {'; '.join(bad[:MOST_SHOWN])}{more}; every cell has to be a number"
         )
-    said = {name: found[1] for name in names if (found := _NAMED.search(name))}
+    said = {name: match[1] for name in names if (match := _NAMED.search(name))}
     return Numbers(np.array(values).reshape(-1, len(names)), places, said | units)
 
 

@@ -50,8 +50,8 @@ def study_of(
     PlanError, ModelError
         If `input_pair` names no R pair.
     """
-    own = {item.name for item in fields(second)}  # type: ignore[arg-type]
-    allowed = {"input_pair", *_of_study(second), *own}
+    extra = {item.name for item in fields(second)}  # type: ignore[arg-type]
+    allowed = {"input_pair", *_of_study(second), *extra}
     for name in options:
         if name not in allowed:
             raise AnalysisError(
@@ -62,7 +62,7 @@ def study_of(
         study = Study(subject.name, subject)
     else:
         study = subject if isinstance(subject, Study) else load_study(subject)
-    changes = {k: v for k, v in options.items() if k not in own and k != "input_pair"}
+    changes = {k: v for k, v in options.items() if k not in extra and k != "input_pair"}
     pairs = options.get("input_pair")
     if "samples" in changes or pairs is not None:
         changes.setdefault("path", None)
@@ -76,7 +76,7 @@ def study_of(
         changes["mechanism"] = driven_at(study.mechanism, pairs)
     if changes:
         study = replace(study, **changes)
-    return study, second(**{k: v for k, v in options.items() if k in own})
+    return study, second(**{k: v for k, v in options.items() if k in extra})
 
 
 def _of_study(second: type) -> list[str]:

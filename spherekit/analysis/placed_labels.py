@@ -25,8 +25,8 @@ def placed_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats
     """
     dot = np.full(2, DOT * letter)
     taken = [(place, dot) for place in np.moveaxis(places, 1, 0)]
-    found = np.full(places.shape, np.nan)
-    reach, turn = (each.ravel() for each in np.meshgrid(REACHES, TURNS, indexing="ij"))
+    middles = np.full(places.shape, np.nan)
+    reach, turn = (grid.ravel() for grid in np.meshgrid(REACHES, TURNS, indexing="ij"))
     way = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     for k, text in enumerate(texts):
         half = letter * np.array([ASPECT * len(text) + 0.1, 0.5])
@@ -36,6 +36,6 @@ def placed_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats
         for place, other in taken:
             covers |= np.all(np.abs(around - place[:, None]) < half + other, axis=2)
         best = np.argmin(covers, axis=1)
-        found[:, k] = np.take_along_axis(around, best[:, None, None], axis=1)[:, 0]
-        taken.append((found[:, k], half))
-    return found
+        middles[:, k] = np.take_along_axis(around, best[:, None, None], axis=1)[:, 0]
+        taken.append((middles[:, k], half))
+    return middles

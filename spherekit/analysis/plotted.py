@@ -31,8 +31,8 @@ def scale_of(values: Floats, unit: str) -> float:
 
     Their size says whether they are noise, that of a torque or an inertia does not.
     """
-    known = np.abs(values[np.isfinite(values)])
-    largest = float(np.max(known, initial=0.0))
+    finite = np.abs(values[np.isfinite(values)])
+    largest = float(np.max(finite, initial=0.0))
     return largest if any(part in unit for part in DIMENSIONAL) else max(largest, 1.0)
 
 
@@ -47,15 +47,15 @@ def plotted_range(
     Changes below the `resolution`, over the scale of the quantity, are rounding. About
     curves there is a margin.
     """
-    known = values[np.isfinite(values)]
-    if not len(known):
+    finite = values[np.isfinite(values)]
+    if not len(finite):
         return 0.0, 1.0
-    low, high = float(np.min(known)), float(np.max(known))
+    low, high = float(np.min(finite)), float(np.max(finite))
     if high - low <= resolution * scale:
         middle = 0.5 * (low + high)
         half = AROUND * max(abs(middle), scale) or 1.0
         return middle - half, middle + half
-    inner, outer = np.quantile(known, INNER).tolist()
+    inner, outer = np.quantile(finite, INNER).tolist()
     if outer > inner and high - low > LONELY[shown_by] * (outer - inner):
         reach = BEYOND * (outer - inner)
         low, high = max(low, inner - reach), min(high, outer + reach)
@@ -68,10 +68,10 @@ def map_range(values: Floats, unit: str) -> tuple[float, float]:
 
     Whole numbers are counts: their colours begin at zero.
     """
-    known = values[np.isfinite(values)]
-    if len(known) and np.all(known == np.round(known)):
-        return min(float(np.min(known)), 0.0), max(float(np.max(known)), 1.0)
-    return plotted_range(known, scale_of(known, unit), MAP_RESOLUTION, "colours")
+    finite = values[np.isfinite(values)]
+    if len(finite) and np.all(finite == np.round(finite)):
+        return min(float(np.min(finite)), 0.0), max(float(np.max(finite)), 1.0)
+    return plotted_range(finite, scale_of(finite, unit), MAP_RESOLUTION, "colours")
 
 
 def broken(line: Floats, frame: tuple[float, float], turn: float | None) -> Floats:

@@ -1,7 +1,7 @@
 """The poles of a run enclosed by proof, row by row, and their error bounds checked."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -22,7 +22,7 @@ from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.progress import Working
-from spherekit.proof.balls import bits, exact, middle, upper
+from spherekit.proof.balls import Ball, bits, exact, middle, upper
 from spherekit.proof.construction import construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.poles import CertifiedPole, enclosed_poles
@@ -31,6 +31,7 @@ from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
 PRECISION = 80
+PROVES = "poles"
 NEAR = 1e-6
 """A proven configuration farther (rad) from that of the run is another one."""
 
@@ -128,34 +129,28 @@ def prove_poles(
     motion, poles = (
         {name: np.asarray(each[name]) for name in each} for each in (motion, poles)
     )
-    made = construct(mechanism)
-    names = [pair.name for pair in mechanism.pairs]
-    variables = [f"theta_{names[pair]}" for pair in made.pairs]
-    missing = [name for name in variables if name not in motion]
-    if missing:
-        raise AnalysisError(
-            f"poles are proven from the angles of all pairs; {missing[0]} is not in the "
-            "table motion: run without --only-needed"
-        )
+    written = Written.of(mechanism)
+    made = construct(written.structure)
+    names = written.structure.pairs
+    columns = [written.motion_columns()[pair] for pair in made.pairs]
     working = Working("proving poles")
     found: dict[tuple[int, int], dict[tuple[str, frozenset[str]], CertifiedPole]] = {}
     with bits(PRECISION):
-        equations = Equations(Written.of(mechanism), made)
+        equations = Equations(written, made)
         good = np.flatnonzero(np.asarray(motion["status"]) == Status.OK)
-        values = np.stack([np.asarray(motion[name], dtype=float) for name in variables], 1)
+        values = np.stack(
+            [factor * np.asarray(motion[name], dtype=float) for name, factor in columns], 1
+        )
         for done, row in enumerate(good):
             working.tell(lambda: f"{done} of {len(good)} configurations")  # noqa: B023
             near = values[row]
-            driven = [exact(float(angle)) for angle in near[made.unknowns :]]
-            unknown = near[: made.unknowns]
-            root = root_near(equations, driven, [complex(angle) for angle in unknown])
-            if root is None or not root.real:
+            known = made.unknowns + made.inputs
+            inputs = [exact(float(angle)) for angle in near[made.unknowns : known]]
+            places = _proven_place(equations, near[: made.unknowns], written.given(inputs))
+            gap = [middle(ball) for ball in places] - near[: len(places)]
+            gap[known:] = np.remainder(gap[known:] + np.pi, 2.0 * np.pi) - np.pi
+            if not places or np.max(np.abs(gap)) > NEAR:
                 continue
-            balls = root.balls()
-            gap = [middle(ball) - angle for ball, angle in zip(balls, unknown, strict=True)]
-            if max(abs(each) for each in gap) > NEAR:
-                continue
-            places = [*balls, *driven]
             key = int(motion["sample"][row]), int(motion["assembly_mode"][row])
             found[key] = {
                 (
@@ -165,6 +160,47 @@ def prove_poles(
                 for pole in enclosed_poles(equations, places)
             }
         return _table(poles, found)
+
+
+def _proven_place(
+    equations: Equations, unknown: Floats, given: Sequence[Ball]
+) -> list[Ball]:
+    """Return balls of all variables in the configuration next to one, none unproven."""
+    if not len(unknown):
+        return list(given)
+    root = root_near(equations, given, [complex(angle) for angle in unknown])
+    return [] if root is None or not root.real else [*root.balls(), *given]
+
+
+def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:
+    """Refuse a run whose poles could not be proven, before anything is computed.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism of the run, with its inputs.
+    analyses
+        Names of the analyses.
+    whole
+        Whether all links and pairs are computed.
+
+    Raises
+    ------
+    AnalysisError
+        If poles are not among the analyses, or not all pairs are computed.
+    PlanError
+        If the mechanism is none that proofs are for.
+    """
+    if PROVES not in analyses:
+        raise AnalysisError(
+            f"--prove encloses poles; run the analysis {PROVES} too: -a {PROVES}"
+        )
+    if not whole:
+        raise AnalysisError(
+            "--prove reads the angles of all pairs, and --only-needed leaves pairs out; "
+            "give one of the two"
+        )
+    construct(Written.of(mechanism).structure)
 
 
 def _table(

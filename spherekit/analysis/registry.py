@@ -43,12 +43,12 @@ def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
 
 
 def _entries() -> Mapping[str, list[EntryPoint]]:
-    found: dict[str, list[EntryPoint]] = {}
+    entries: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=GROUP):
-        same = found.setdefault(entry.name, [])
-        if all(each.value != entry.value for each in same):
+        same = entries.setdefault(entry.name, [])
+        if all(other.value != entry.value for other in same):
             same.append(entry)
-    return found
+    return entries
 
 
 def _origin(entry: EntryPoint) -> str:
@@ -67,7 +67,7 @@ def names() -> tuple[str, ...]:
 
 def records() -> tuple[Record, ...]:
     """Return every installed analysis, loading each to learn whether it works."""
-    found = [Record(name, "this process", cls.__name__) for name, cls in _added.items()]
+    listed = [Record(name, "this process", cls.__name__) for name, cls in _added.items()]
     for name, entries in _entries().items():
         for entry in entries:
             try:
@@ -75,8 +75,8 @@ def records() -> tuple[Record, ...]:
                 error = ""
             except PluginError as problem:
                 error = str(problem)
-            found.append(Record(name, _origin(entry), entry.value, error))
-    return tuple(sorted(found, key=lambda record: (record.name, record.origin)))
+            listed.append(Record(name, _origin(entry), entry.value, error))
+    return tuple(sorted(listed, key=lambda record: (record.name, record.origin)))
 
 
 def load(name: str) -> type[AbstractAnalysis]:

@@ -103,8 +103,8 @@ class RunResult:
                 if table.name in result.data:
                     parts.append(_first_rows(name, table, result.data[table.name]))
         claims = [self.summary["search"]] if self.summary.get("assembly_modes") else []
-        found = [*claims, *self.summary.get("remarks", ())]
-        parts.append(html_list("Found", [str(each) for each in found]))
+        said = [*claims, *self.summary.get("remarks", ())]
+        parts.append(html_list("Found", [str(remark) for remark in said]))
         parts.append(html_list("Warnings", self.summary.get("warnings", ())))
         why = [failed(name, reason) for name, reason in self.failures.items()]
         parts.append(html_list("Failed", why))
@@ -398,8 +398,8 @@ def write_results(
     names: list[str] = []
     stems: dict[str, Table] = {}
     for analysis, table, rows in tables:
-        own = [each for name, each, _ in tables if name == analysis]
-        stem = stem_of(analysis, own, table)
+        siblings = [other for name, other, _ in tables if name == analysis]
+        stem = stem_of(analysis, siblings, table)
         stems[stem] = table
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
         own_names = write_table(made, stem, table, rows, notes, wanted)

@@ -127,11 +127,11 @@ def executed(
                 blocks = job.evaluation.blocks(job.block, standing.done)
                 for motion in ledger.each("positions", blocks):
                     before = standing.done
-                    found, angles = evaluate_block(
+                    fields, angles = evaluate_block(
                         job, motion, standing, store, stage, ledger
                     )
                     if verifier is not None:
-                        verifier.see(motion, found, angles)
+                        verifier.see(motion, fields, angles)
                     standing.seconds = ledger.closed()
                     after_block(job)
                     done, total = standing.done, job.course.total

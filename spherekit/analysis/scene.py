@@ -39,8 +39,8 @@ class Axis:
         """Least and greatest value, of all blocks if that is said."""
         if self.span is not None:
             return self.span
-        known = self.values[np.isfinite(self.values)]
-        return (float(np.min(known)), float(np.max(known))) if len(known) else (0.0, 1.0)
+        finite = self.values[np.isfinite(self.values)]
+        return (float(np.min(finite)), float(np.max(finite))) if len(finite) else (0.0, 1.0)
 
     @property
     def words(self) -> str:
@@ -106,8 +106,8 @@ class Trace:
         """The path in ground axes, where the link is at the first row that is known."""
         if self.quaternions is None:
             return self.directions
-        known = np.isfinite(self.quaternions).all(axis=1)
-        turn = from_quaternion(self.quaternions[int(np.argmax(known))])
+        finite = np.isfinite(self.quaternions).all(axis=1)
+        turn = from_quaternion(self.quaternions[int(np.argmax(finite))])
         return np.asarray(self.directions @ turn.T)
 
 
@@ -221,7 +221,7 @@ class Portrait:
         low, high = np.array([self.x_range, self.y_range]).T
         if self.logarithmic:
             points, low, high = (
-                np.log10(np.maximum(each, TINY)) for each in (points, low, high)
+                np.log10(np.maximum(values, TINY)) for values in (points, low, high)
             )
         return np.asarray((points - low) / np.maximum(high - low, TINY))
 
@@ -461,7 +461,7 @@ def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
         case GreatCircle(normals=rows):
             return replace(primitive, normals=rows[chosen])
         case Diagram(places=places, lines=lines, words=words):
-            kept = [each for each, is_in in zip(words, chosen, strict=False) if is_in]
+            kept = [word for word, is_in in zip(words, chosen, strict=False) if is_in]
             read = primitive.readings
             return replace(
                 primitive,

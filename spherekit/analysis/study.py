@@ -53,17 +53,17 @@ def chosen(
     AnalysisError, FileError
         As `create` and `analyses_of`.
     """
-    found = []
+    analyses = []
     named = {} if asked else study.analyses or {DEFAULT_ANALYSIS: {}}
     for item in [*asked, *named]:
         if isinstance(item, AbstractAnalysis):
-            found.append(item)
+            analyses.append(item)
             continue
         try:
-            found.append(create(item) if asked else _named(study, item, named[item]))
+            analyses.append(create(item) if asked else _named(study, item, named[item]))
         except PluginError as fault:
-            found.append(Unusable(item.partition(":")[0], str(fault)))
-    return found
+            analyses.append(Unusable(item.partition(":")[0], str(fault)))
+    return analyses
 
 
 def _named(study: Study, name: str, values: Mapping[str, Any]) -> AbstractAnalysis:
@@ -96,11 +96,13 @@ def _given(
     given = {}
     for key, value in values.items():
         if key not in allowed:
-            known = listing(f"{each} ({kind})" for each, (kind, _) in allowed.items())
+            listed = listing(
+                f"{parameter} ({kind})" for parameter, (kind, _) in allowed.items()
+            )
             raise study.fault(
                 (*path, key),
                 f"unknown parameter{nearest(key, allowed) or ';'} allowed for "
-                f"{cls.name}: {known or 'none'}",
+                f"{cls.name}: {listed or 'none'}",
             )
         try:
             given[key] = _typed(value, hints[key])
@@ -131,11 +133,11 @@ def _typed(value: Any, hint: Any) -> Any:
             return tuple(_typed(item, inner[0]) for item in value)
         if len(inner) == len(value):
             pairs = zip(value, inner, strict=True)
-            return tuple(_typed(item, each) for item, each in pairs)
+            return tuple(_typed(item, part) for item, part in pairs)
     if origin in (Union, types.UnionType):
-        for each in inner:
+        for option in inner:
             with suppress(TypeError):
-                return _typed(value, each)
+                return _typed(value, option)
     raise TypeError(hint)
 
 
@@ -149,5 +151,7 @@ def _words(hint: Any) -> str:
             return f"an array [...] with in each place {_words(inner[0])}"
         return f"an array of {len(inner)} values: {listing(map(_words, inner))}"
     if origin in (Union, types.UnionType):
-        return " or ".join(_words(each) for each in inner if each is not types.NoneType)
+        return " or ".join(
+            _words(option) for option in inner if option is not types.NoneType
+        )
     return _WORDS.get(hint, f"a value of type {hint}, which no file can give")

@@ -29,12 +29,12 @@ def table_scenes(
 
     Rows that belong to one sample are told apart by what their columns of text say.
     """
-    own = [table for table in tables if table.in_assembly_modes]
+    sampled = [table for table in tables if table.in_assembly_modes]
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
         parts = [
             part
-            for table in own
+            for table in sampled
             for part in _parts(table, data[table.name], mode, batch.sample[rows])
         ]
         if parts:

@@ -186,8 +186,8 @@ def arrays(data: TableData) -> dict[str, NDArray[Any]]:
 
 def input_columns(mechanism: Mechanism, inputs: NDArray[np.float64]) -> dict[str, Any]:
     """Return the columns `INPUTS` of values (n, inputs), by their names."""
-    own = Table("", "", (INPUTS,)).of(mechanism).columns
-    return {c.name: inputs[:, k] for k, c in enumerate(own)}
+    columns = Table("", "", (INPUTS,)).of(mechanism).columns
+    return {c.name: inputs[:, k] for k, c in enumerate(columns)}
 
 
 SAMPLE = Column("sample", "", "number of the input value, from 0", "integer")
@@ -226,9 +226,9 @@ class RowsInMemory(AbstractRows):
         self.words = {}
         for column in table.columns:
             if column.kind == "text":
-                found = np.unique(self._columns[column.name], return_inverse=True)
-                self.words[column.name] = [str(word) for word in found[0]]
-                self._columns[column.name] = found[1]
+                texts = np.unique(self._columns[column.name], return_inverse=True)
+                self.words[column.name] = [str(word) for word in texts[0]]
+                self._columns[column.name] = texts[1]
 
     def chunks(self) -> Iterator[TableArrays]:
         """Yield pieces of the arrays."""

@@ -16,7 +16,7 @@ def is_unit(text: str) -> bool:
 
     Several by ``or`` are units of one column whose rows differ in kind.
     """
-    return not text or all(_is_single(each) for each in text.split(" or "))
+    return not text or all(_is_single(unit) for unit in text.split(" or "))
 
 
 def in_signs(unit: str) -> str:
@@ -30,5 +30,5 @@ def _is_single(text: str) -> bool:
     return (
         len(parts) <= 2
         and all(parts)
-        and all(found is not None and found[1] in SYMBOLS for found in matches)
+        and all(match is not None and match[1] in SYMBOLS for match in matches)
     )

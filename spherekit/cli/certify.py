@@ -90,6 +90,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.files.library import find
     from spherekit.files.read import read
     from spherekit.planning.inputs import driven_at
+    from spherekit.proof.construction import construct
     from spherekit.proof.written import Written
 
     path = find(options.file)
@@ -103,12 +104,15 @@ def execute(options: argparse.Namespace) -> int:
     if options.clear_of and (options.at or len(mechanism.inputs) > 1):
         raise AnalysisError("--clear-of is for the range of one input, and not for --at")
     several = len(mechanism.inputs) > 1 and not options.at
+    wheels = not options.at and not construct(written.structure).unknowns
     if (options.cell or options.figure) and not several:
         raise AnalysisError(
             "--cell and --figure are for ranges of several inputs; "
             f"{mechanism.name} has {len(mechanism.inputs)}, or --at is given"
         )
-    if several:
+    if wheels:
+        made = _wheels(written)
+    elif several:
         made = _map(written, options)
     elif options.at:
         made = _at(written, options.at, options.poles)
@@ -135,7 +139,7 @@ def _at(written: Any, text: str, with_poles: bool) -> Made:
     from spherekit.proof.poles import certified_poles
 
     mechanism = written.mechanism
-    values = [_decimal("--at", each) for each in text.split(",")]
+    values = [_decimal("--at", part) for part in text.split(",")]
     count = len(mechanism.inputs)
     if len(values) != count:
         raise AnalysisError(
@@ -189,7 +193,7 @@ def _mode_lines(modes: Any) -> list[str]:
 
     from spherekit.proof.balls import middle, upper
 
-    names = [pair.name for pair in modes.written.mechanism.pairs]
+    names = modes.written.structure.pairs
     lines = []
     for number, angles in enumerate(modes.angles()):
         degrees = np.degrees([middle(angle) for angle in angles])
@@ -202,6 +206,29 @@ def _mode_lines(modes: Any) -> list[str]:
         width = np.degrees(2.0 * np.max(half))
         lines.append(f"  undecided: a cluster at {place} deg, {width:.1e} deg wide")
     return lines
+
+
+def _wheels(written: Any) -> Made:
+    """Return lines and certificate of a mechanism whose wheels fix all its angles."""
+    from spherekit.proof.balls import bits, middle, upper
+    from spherekit.proof.certificate import wheels_certificate
+
+    structure = written.structure
+    with bits(80):
+        ratios = written.ratios()
+    inputs = [structure.pairs[pair] for pair in structure.inputs]
+    lines = [
+        f"{structure.name}: certified: one mode at all inputs, no dead centre; wheels in "
+        "mesh fix every angle by the inputs"
+    ]
+    for pair, row in zip(structure.followers, ratios, strict=True):
+        parts = " ".join(
+            f"{middle(ratio):+.12g} x {name}"
+            for ratio, name in zip(row, inputs, strict=True)
+        )
+        off = max(upper(ratio - ratio.mid()) for ratio in row)
+        lines.append(f"  {structure.pairs[pair]} turns {parts}, factors to {off:.0e}")
+    return lines, wheels_certificate(written, ratios), True
 
 
 def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
@@ -218,25 +245,25 @@ def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
     ends = ends or list(written.input_range(mechanism.inputs[0].pair))
     if not float(ends[0]) < float(ends[1]):
         raise AnalysisError(f"the range {ends[0]} to {ends[1]} is empty; give FROM < TO")
-    made = construct(mechanism, output_pairs(mechanism))
+    made = construct(written.structure, output_pairs(written))
     curves = certified_curves(written, (ends[0], ends[1]), made)
-    found = singularities(curves)
-    lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, found)]
+    located = singularities(curves)
+    lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, located)]
     if clear_of is not None:
-        lines.append(_clear_line(written, found, clear_of))
-    certificate = {**curves_certificate(curves), "singularities": singular_table(found)}
-    complete = curves.claim.guarantee is Guarantee.CERTIFIED and not found.undecided
+        lines.append(_clear_line(written, located, clear_of))
+    certificate = {**curves_certificate(curves), "singularities": singular_table(located)}
+    complete = curves.claim.guarantee is Guarantee.CERTIFIED and not located.undecided
     return lines, certificate, complete
 
 
-def _clear_line(written: Any, found: Any, text: str) -> str:
+def _clear_line(written: Any, located: Any, text: str) -> str:
     import numpy as np
 
     from spherekit.proof.balls import bits, middle
 
     with bits(80):
         q = middle(written.input_angle(_decimal("--clear-of", text)))
-    free = np.degrees(found.clearance(q))
+    free = np.degrees(located.clearance(q))
     return f"  within {free:.9f} deg of {text} there is no singularity, in any mode"
 
 
@@ -260,38 +287,38 @@ def _map(written: Any, options: argparse.Namespace) -> Made:
     if not 1e-4 <= cell <= 1.0:
         raise AnalysisError(f"--cell {cell} rad is no use; give one from 0.0001 to 1")
     ends = [written.input_range(name) for name in names]
-    found = input_map(written, ends, cell)
-    lines = [f"{mechanism.name}: {found.claim}"]
+    boxes = input_map(written, ends, cell)
+    lines = [f"{mechanism.name}: {boxes.claim}"]
     lines += [
         f"  {count} mode{'s' * (count != 1)} in {100 * share:.3f} % of the area"
-        for count, share in found.counts.items()
+        for count, share in boxes.counts.items()
     ]
     if options.figure:
-        _draw(found, names, options.figure)
+        _draw(boxes, names, options.figure)
         lines.append(f"  drawn in {options.figure}")
-    return lines, map_certificate(found), not found.share(2)
+    return lines, map_certificate(boxes), not boxes.share(2)
 
 
-def _draw(found: Any, names: list[str], path: str) -> None:
+def _draw(boxes: Any, names: list[str], path: str) -> None:
     import numpy as np
 
     from spherekit.figures import certified_map
     from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED
 
-    centres, half = np.degrees(found.centres), np.degrees(found.radii)
-    counts = sorted(found.counts)
-    regular = found.kind == REGULAR
+    centres, half = np.degrees(boxes.centres), np.degrees(boxes.radii)
+    counts = sorted(boxes.counts)
+    regular = boxes.kind == REGULAR
     areas = {
-        str(n): (centres[regular & (found.modes == n)], half[regular & (found.modes == n)])
+        str(n): (centres[regular & (boxes.modes == n)], half[regular & (boxes.modes == n)])
         for n in counts
     }
     words = {CONTAINS: certified_map.CONTAINS, UNDECIDED: certified_map.UNDECIDED}
     for kind, word in words.items():
-        areas[word] = centres[found.kind == kind], half[found.kind == kind]
+        areas[word] = centres[boxes.kind == kind], half[boxes.kind == kind]
     certified_map.draw_certified_map(areas, counts, names).savefig(path)
 
 
-def _curve_lines(curves: Any, found: Any) -> list[str]:
+def _curve_lines(curves: Any, located: Any) -> list[str]:
     import numpy as np
 
     lines = []
@@ -302,14 +329,14 @@ def _curve_lines(curves: Any, found: Any) -> list[str]:
         )
     for low, high in curves.undecided[:8]:
         lines.append(f"  undecided: {np.degrees(low):.9f} to {np.degrees(high):.9f} deg")
-    for each in found.found:
-        where = "" if each.inside else ", out of the range"
+    for point in located.found:
+        where = "" if point.inside else ", out of the range"
         lines.append(
-            f"  output {each.output}: type {each.kind} at {np.degrees(each.q):.9f} deg, "
-            f"to {np.degrees(each.stop.off):.0e}, on curve {each.curve}{where}"
+            f"  output {point.output}: type {point.kind} at {np.degrees(point.q):.9f} deg, "
+            f"to {np.degrees(point.stop.off):.0e}, on curve {point.curve}{where}"
         )
-    if found.undecided:
-        lines.append(f"  singularities undecided in {found.undecided} parts of curves")
-    for name in found.skipped:
+    if located.undecided:
+        lines.append(f"  singularities undecided in {located.undecided} parts of curves")
+    for name in located.skipped:
         lines.append(f"  output {name}: no pair measures it; type II only")
     return lines

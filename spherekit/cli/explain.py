@@ -104,18 +104,18 @@ def execute(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(facts, indent=2, ensure_ascii=False))
         return 0
-    own = facts["other_configurations"]
+    others = facts["other_configurations"]
     every = len(names) * (len(names) - 1) // 2
     word = "inputs" if len(inputs) > 1 else "input"
     print(
         f"{mechanism.name}, {word} {', '.join(inputs)}, analyses: "
         f"{', '.join(facts['analyses'])}"
     )
-    print("positions, group by group:")
+    print(f"positions, group by group:{'' if facts['positions'] else ' no loop to close'}")
     for item in facts["positions"]:
         print(f"  {item['group']} of pairs {', '.join(item['pairs'])}")
-    if own:
-        print(f"configurations beside the samples, looked for by: {', '.join(own)}")
+    if others:
+        print(f"configurations beside the samples, looked for by: {', '.join(others)}")
     if at_once:
         print(
             f"all samples at once, so that a run that is stopped keeps nothing: "
@@ -132,33 +132,33 @@ def execute(options: argparse.Namespace) -> int:
 
 def _print_plans(facts: dict[str, Any], every: int) -> None:
     print(f"asked: {len(facts['asked'])} of {every} poles: {', '.join(facts['asked'])}")
-    for each in facts["plans"]:
-        if each["locked"]:
-            print(f"while {each['moving']} moves, {', '.join(each['locked'])} locked:")
-        counts = each["counts"]
+    for entry in facts["plans"]:
+        if entry["locked"]:
+            print(f"while {entry['moving']} moves, {', '.join(entry['locked'])} locked:")
+        counts = entry["counts"]
         secondary = counts["secondary"] + counts["irreducible"]
         print(
             f"evaluated: {counts['primary']} primary and {secondary} secondary poles, "
             f"{counts['great_circles']} great circles"
         )
-        for step in each["steps"]:
+        for step in entry["steps"]:
             print(f"  {step}")
-        orders = "first and second order" if each["derivatives"] else "first order"
-        print(f"rates of links {', '.join(each['links_with_rates'])}, {orders}")
+        orders = "first and second order" if entry["derivatives"] else "first order"
+        print(f"rates of links {', '.join(entry['links_with_rates'])}, {orders}")
 
 
-def _predicted(found: dict[str, Any], recording: bool) -> list[str]:
+def _predicted(sizes: dict[str, Any], recording: bool) -> list[str]:
     """Return the sizes in lines for people; perhaps those of a `recording` were asked."""
-    if "reason" in found:
-        return [f"sizes: not predicted; {found['reason']}"]
-    assembly_modes = found["assembly_modes"]
+    if "reason" in sizes:
+        return [f"sizes: not predicted; {sizes['reason']}"]
+    assembly_modes = sizes["assembly_modes"]
     who = (
         "for each assembly mode"
         if assembly_modes is None
         else f"{counted(assembly_modes, 'assembly mode')}"
     )
-    lines = [f"predicted, {who}: {counted(found['configurations'], 'configuration')}"]
-    solves = found["velocity_equation_solves"]
+    lines = [f"predicted, {who}: {counted(sizes['configurations'], 'configuration')}"]
+    solves = sizes["velocity_equation_solves"]
     if solves and assembly_modes is not None:
         lines.append(
             f"  velocity equations solved about {solves} times, once for each input"
@@ -168,15 +168,15 @@ def _predicted(found: dict[str, Any], recording: bool) -> list[str]:
         f"{counted(table['columns'], 'column')}, "
         f"{megabytes(table['csv_bytes'])} as CSV, "
         f"{megabytes(table['parquet_bytes'])} as Parquet"
-        for name, table in found["tables"].items()
+        for name, table in sizes["tables"].items()
     ]
-    if "recording" in found:
-        own = found["recording"]
+    if "recording" in sizes:
+        recorded = sizes["recording"]
         lines.append(
-            f"  recording: {own['entities']} entities, {counted(own['rows'], 'row')}, "
-            f"{megabytes(own['bytes'])}"
+            f"  recording: {recorded['entities']} entities, "
+            f"{counted(recorded['rows'], 'row')}, {megabytes(recorded['bytes'])}"
         )
-    missing = [f"analysis {name}" for name in found["not_predicted"]]
+    missing = [f"analysis {name}" for name in sizes["not_predicted"]]
     if assembly_modes is None:
         missing.insert(0, "the number of assembly modes")
         missing += ["the recording"] if recording else []

@@ -95,13 +95,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def numbers(text: str) -> tuple[float, ...]:
     """Return the numbers of a list with commas."""
-    found = []
+    values = []
     for part in text.split(","):
         try:
-            found.append(float(part))
+            values.append(float(part))
         except ValueError:
             raise argparse.ArgumentTypeError(f"{part!r} is not a number") from None
-    return tuple(found)
+    return tuple(values)
 
 
 FLAGS = {
@@ -145,7 +145,7 @@ def execute(options: argparse.Namespace) -> int:
         pairs=options.pairs,
         samples=options.samples,
         tolerance=options.tol,
-        at=options.at and tuple(to_radians(each, unit) for each in options.at),
+        at=options.at and tuple(to_radians(angle, unit) for angle in options.at),
     )
     if not options.quiet:
         for text in (made.holds, *made.notes):

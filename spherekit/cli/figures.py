@@ -32,8 +32,8 @@ class FigureDrawer:
 
     def write(self, folder: Path, kind: FigureFormat, quiet: bool) -> None:
         """Draw all figures into a folder of the run's folder."""
-        found = figures_of(self._collector.scenes(), self._collector.titles)
-        paths = write_figures(found, folder / FOLDER, kind)
+        figures = figures_of(self._collector.scenes(), self._collector.titles)
+        paths = write_figures(figures, folder / FOLDER, kind)
         if not quiet:
             print(f"{counted(len(paths), 'figure')} in {folder / FOLDER}", file=sys.stderr)
 
@@ -58,8 +58,8 @@ class Both:
         times: Floats | None = None,
     ) -> None:
         """Pass on the beginning of a run."""
-        for each in (self.first, self.second):
-            each.start(
+        for recorder in (self.first, self.second):
+            recorder.start(
                 scenes,
                 inputs,
                 assembly_modes=assembly_modes,
@@ -77,8 +77,8 @@ class Both:
         times: Floats | None = None,
     ) -> None:
         """Pass on a block."""
-        for each in (self.first, self.second):
-            each.log(scene, samples, inputs, times)
+        for recorder in (self.first, self.second):
+            recorder.log(scene, samples, inputs, times)
 
     def finish(self) -> None:
         """Make the recording of the second whole."""

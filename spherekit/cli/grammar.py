@@ -67,6 +67,11 @@ class Parser(argparse.ArgumentParser):
         """Say what is wrong and how to learn more, and exit."""
         message = re.sub(r"invalid float value: (.*)", r"\1 is not a number", message)
         message = re.sub(r"invalid int value: (.*)", r"\1 is not a whole number", message)
+        message = re.sub(
+            r"argument (?:\S+/)?(--\S+): expected one argument$",
+            r"\g<0>; one that starts with - is written \1=-VALUE",
+            message,
+        )
         hint = self._meant(message) or "."
         print(f"{self.prog}: {message}{hint} See: {self.prog} --help", file=sys.stderr)
         sys.exit(USAGE)
@@ -84,7 +89,7 @@ class Parser(argparse.ArgumentParser):
         if flag:
             return nearest(flag.partition("=")[0], self._option_string_actions)
         choices = (action.choices or () for action in self._actions)
-        hint = nearest(word, (str(each) for own in choices for each in own))
+        hint = nearest(word, (str(choice) for offered in choices for choice in offered))
         return hint or _as_file(word)
 
 
@@ -123,10 +128,10 @@ class CommandParser(Parser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Read words after all."""
         self.fill()
-        found, rest = super().parse_known_args(args, namespace)
+        parsed, rest = super().parse_known_args(args, namespace)
         if rest:
             self.error(f"unrecognized arguments: {' '.join(rest)}")
-        return found, rest
+        return parsed, rest
 
 
 def fill(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:

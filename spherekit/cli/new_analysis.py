@@ -60,10 +60,10 @@ def files_of(name: str) -> dict[str, str]:
         "@DASHED@": name.replace("_", "-"),
         "@CLASS@": "".join(part.capitalize() for part in name.split("_")),
     }
-    found = {}
+    files = {}
     for path in sorted(TEMPLATES.glob(f"*{SUFFIX}")):
         text = path.read_text("utf-8")
-        for word, own in words.items():
-            text = text.replace(word, own)
-        found[path.name.removesuffix(SUFFIX).replace("NAME", name)] = text
-    return found
+        for word, replacement in words.items():
+            text = text.replace(word, replacement)
+        files[path.name.removesuffix(SUFFIX).replace("NAME", name)] = text
+    return files

@@ -61,18 +61,18 @@ def execute(options: argparse.Namespace) -> int:
     moved = [options.input] if options.input else names
     planned = [plan(mechanism, options.poles, name) for name in moved]
     if options.json:
-        found = [as_dict(each) for each in planned]
-        shown = found[0] if len(found) == 1 else found
+        facts = [as_dict(made) for made in planned]
+        shown = facts[0] if len(facts) == 1 else facts
         print(json.dumps(shown, indent=2, ensure_ascii=False))
         return 0
-    for number, each in enumerate(planned):
-        if each.locked:
-            locked = ", ".join(mechanism.pairs[pair].name for pair in each.locked)
-            heading = f"input {mechanism.pairs[each.input].name}, locked: {locked}"
+    for number, input_plan in enumerate(planned):
+        if input_plan.locked:
+            locked = ", ".join(mechanism.pairs[pair].name for pair in input_plan.locked)
+            heading = f"input {mechanism.pairs[input_plan.input].name}, locked: {locked}"
             print("\n" * (number > 0) + heading)
-        print(as_markdown(each) if options.markdown else as_text(each))
+        print(as_markdown(input_plan) if options.markdown else as_text(input_plan))
         if options.steps:
             print()
-            for step in each.steps:
-                print(describe(each, step))
+            for step in input_plan.steps:
+                print(describe(input_plan, step))
     return 0

@@ -177,6 +177,11 @@ def execute(options: argparse.Namespace) -> int:
     study = _wanted(options)
     analyses = chosen(study, options.analysis or ())
     _check_effect(study, options)
+    if options.prove:
+        from spherekit.analysis.proven_poles import check_provable
+
+        names = [each.name for each in analyses]
+        check_provable(study.mechanism, names, not options.only_needed)
     made = study.folder is not None and not study.folder.exists()
     if study.folder is not None:
         make_folder(study.folder)
@@ -239,19 +244,16 @@ def _prove(options: argparse.Namespace, study: "Study", result: "RunResult") -> 
     """Prove the poles of a run, write and tell; return how many bounds are exceeded."""
     from spherekit.analysis.proven_poles import prove_poles
     from spherekit.analysis.tables import Files
-    from spherekit.errors import AnalysisError
 
-    if "poles" not in result.results:
-        raise AnalysisError("--prove encloses poles; run the analysis poles too: -a poles")
     motion, poles = (result.results[name].data[name] for name in ("motion", "poles"))
-    found = prove_poles(study.mechanism, motion, poles)
-    print(found, file=sys.stderr if options.json else sys.stdout)
+    proven = prove_poles(study.mechanism, motion, poles)
+    print(proven, file=sys.stderr if options.json else sys.stdout)
     if study.folder is not None:
         wanted = Files(study.degrees, FORMATS.get(options.format))
         digest = result.summary["mechanism_hash"]
-        names = found.write(study.folder, wanted, digest)
+        names = proven.write(study.folder, wanted, digest)
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
-    return found.exceeded
+    return proven.exceeded
 
 
 def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
@@ -471,7 +473,9 @@ def report(summary: Any) -> str:
             f"{names}; no motion was traced, as no analysis reads samples; mobility "
             f"{mobility['graph']} by the graph"
         )
-    lines = [f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups'])}"]
+    lines = [
+        f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups']) or 'none'}"
+    ]
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     repeated = summary["redundant_constraints"]
@@ -537,14 +541,14 @@ def report(summary: Any) -> str:
 def by_equal_counts(assembly_modes: Sequence[Any]) -> list[str]:
     """Return a line for all assembly modes whose samples have the same statuses."""
     alike: dict[str, list[Any]] = {}
-    for each in assembly_modes:
-        counts = ", ".join(f"{n} {name}" for name, n in each["status"].items())
-        alike.setdefault(counts, []).append(each)
+    for mode in assembly_modes:
+        counts = ", ".join(f"{n} {name}" for name, n in mode["status"].items())
+        alike.setdefault(counts, []).append(mode)
     return [
-        f"  assembly mode{'s' * (len(own) > 1)} "
-        + ", ".join(f"{each['number']} ({each['mode']})" for each in own)
-        + f": {'each ' * (len(own) > 1)}{counts}"
-        for counts, own in alike.items()
+        f"  assembly mode{'s' * (len(modes) > 1)} "
+        + ", ".join(f"{item['number']} ({item['mode']})" for item in modes)
+        + f": {'each ' * (len(modes) > 1)}{counts}"
+        for counts, modes in alike.items()
     ]
 
 
@@ -569,8 +573,9 @@ def spent(cost: Any) -> list[str]:
         if all(kind in table for table in tables.values()):
             line += f", {megabytes(sum(table[kind] for table in tables.values()))} {name}"
     if "recording" in cost:
-        own = cost["recording"]
-        line += f"; recording: {own['entities']} entities, {megabytes(own['bytes'])}"
+        recording = cost["recording"]
+        size = megabytes(recording["bytes"])
+        line += f"; recording: {recording['entities']} entities, {size}"
     return [*lines, line]
 
 
@@ -584,22 +589,22 @@ def megabytes(count: int) -> str:
     return f"{count / 1e6:.3g} MB" if count >= 1e5 else f"{count / 1e3:.3g} kB"
 
 
-def accuracy_line(found: Any) -> str:
+def accuracy_line(choice: Any) -> str:
     """Return which setting was taken for a tolerance, and what it reached."""
-    known = found["predicted_error"]
-    predicted = "" if known is None else f", predicted error {known:.1e}"
+    error = choice["predicted_error"]
+    predicted = "" if error is None else f", predicted error {error:.1e}"
     line = (
-        f"tolerance {found['tolerance']:g}: {found['setting']} ({found['why']}){predicted}"
+        f"tolerance {choice['tolerance']:g}: {choice['setting']} "
+        f"({choice['why']}){predicted}"
     )
-    unmet = "" if found["met"] else ": THE TOLERANCE IS NOT MET"
-    if found["achieved_error"] is None and known is not None:
+    unmet = "" if choice["met"] else ": THE TOLERANCE IS NOT MET"
+    if choice["achieved_error"] is None and error is not None:
         return f"{line} by that trade{unmet}"
-    if found["achieved_error"] is None:
+    if choice["achieved_error"] is None:
         return f"{line}; nothing that depends on samples was asked for"
     return (
-        f"{line}; {found['achieved_error']:.1e} reached at {found['check_rows']} check rows"
-        f" ({found['worst_column']})"
-        f"{unmet}"
+        f"{line}; {choice['achieved_error']:.1e} reached at {choice['check_rows']} "
+        f"check rows ({choice['worst_column']}){unmet}"
     )
 
 

@@ -60,33 +60,33 @@ def execute(options: argparse.Namespace) -> int:
     for name in ("designs", "starts"):
         if getattr(options, name) < 1:
             raise DesignError(f"--{name} {getattr(options, name)}: give at least 1")
-    found = size_of(
+    sized = size_of(
         options.file, designs=options.designs, starts=options.starts, seed=options.seed
     )
     if not options.quiet:
-        frame = found.frame()
+        frame = sized.frame()
         units = frame.attrs["units"]
         print(
-            f"{found.sizing.sweep.mechanism.name}: {counted(found.explored, 'design')} "
-            f"looked at, conditions held in {counted(found.feasible, 'row')}"
+            f"{sized.sizing.sweep.mechanism.name}: {counted(sized.explored, 'design')} "
+            f"looked at, conditions held in {counted(sized.feasible, 'row')}"
         )
         ends = zip(
-            found.headings,
-            found.sizing.minimise,
-            found.before,
-            found.objectives.min(axis=0),
+            sized.headings,
+            sized.sizing.minimise,
+            sized.before,
+            sized.objectives.min(axis=0),
             strict=True,
         )
         for name, text, before, after in ends:
             print(
                 f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}"
             )
-        if len(found.headings) > 1:
-            count = counted(len(found.objectives), "design")
+        if len(sized.headings) > 1:
+            count = counted(len(sized.objectives), "design")
             print(f"{count} that none of their mode beats in all objectives:")
-        hidden = [name for name in frame.columns if name in found.sizing.matched]
+        hidden = [name for name in frame.columns if name in sized.sizing.matched]
         few = np.unique(np.linspace(0, len(frame) - 1, SHOWN).astype(int))
-        rows = slice(SHOWN) if len(found.headings) == 1 else few
+        rows = slice(SHOWN) if len(sized.headings) == 1 else few
         shown = frame.drop(columns=hidden).iloc[rows]
         shown.columns = [f"{n} [{units[n]}]" if units.get(n) else n for n in shown.columns]
         print(shown.to_string(index=False, float_format="%.8g"))
@@ -94,7 +94,7 @@ def execute(options: argparse.Namespace) -> int:
             print(f"... {counted(len(frame) - SHOWN, 'more design')}")
     sys.stdout.flush()
     if options.output is not None:
-        dump(found.mechanism(), options.output)
+        dump(sized.mechanism(), options.output)
         if not options.quiet:
             print(f"the best in {options.output}", file=sys.stderr)
     elif not options.quiet:

@@ -228,14 +228,14 @@ def torque_of(texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
 
     if len(texts) == 1 and "=" not in texts[0]:
         return texts[0]
-    found: dict[str, str] = {}
+    torques: dict[str, str] = {}
     for text in texts:
         pair, equals, torque = text.partition("=")
-        if not equals or pair in found:
+        if not equals or pair in torques:
             inputs = [item.pair for item in study.mechanism.inputs]
             raise AnalysisError(
                 f'--torque: "{text}" does not say at which input it acts, or repeats it; '
                 f"write PAIR=EXPR once for each ({', '.join(inputs)})"
             )
-        found[pair] = torque
-    return found
+        torques[pair] = torque
+    return torques

@@ -39,7 +39,7 @@ def analyses(prefix: str, options: argparse.Namespace) -> list[str]:
     """Return the installed analyses; after a colon the parameters of one."""
     name, colon, given = prefix.partition(":")
     if not colon:  # without the registry, which loads NumPy
-        return [each.name for each in entry_points(group="spherekit.analyses")]
+        return [point.name for point in entry_points(group="spherekit.analyses")]
     from spherekit.analysis.arguments import parameters
     from spherekit.analysis.registry import load
 

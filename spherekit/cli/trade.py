@@ -72,16 +72,16 @@ def execute(options: argparse.Namespace) -> int:
                 f"{options.file}: names several analyses; say which with -a NAME"
             )
     _check_places(options)
-    found = trade(study, analysis, rounds=options.rounds)
+    result = trade(study, analysis, rounds=options.rounds)
     if options.json:
-        print(json.dumps(found.as_dict(options.tol), indent=2, ensure_ascii=False))
+        print(json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False))
     else:
-        print(as_text(found, options.tol))
+        print(as_text(result, options.tol))
     sys.stdout.flush()
     if options.output is not None:
-        _write(found, options)
+        _write(result, options)
     if options.save is not None:
-        _record(found, options)
+        _record(result, options)
     return 0
 
 
@@ -98,25 +98,25 @@ def _check_places(options: argparse.Namespace) -> None:
         check_folder(options.output)
 
 
-def _write(found: Any, options: argparse.Namespace) -> None:
+def _write(result: Any, options: argparse.Namespace) -> None:
     from spherekit.files.atomic import make_folder, write_text
     from spherekit.tradeoff.text import as_csv
 
     folder = make_folder(options.output)
-    data = json.dumps(found.as_dict(options.tol), indent=2, ensure_ascii=False)
-    write_text(folder / "trade.csv", as_csv(found))
+    data = json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False)
+    write_text(folder / "trade.csv", as_csv(result))
     write_text(folder / "trade.json", data + "\n")
     note = "3 files"
     if find_spec("matplotlib") is None:
         note = '2 files, and no figure without matplotlib: pip install "{}[plot]",'
         note = note.format("spherekit-mechanisms")
     else:
-        found.plot(options.tol).savefig(folder / "trade.png")
+        result.plot(options.tol).savefig(folder / "trade.png")
     if not options.quiet:
         print(f"{note} in {folder}", file=sys.stderr)
 
 
-def _record(found: Any, options: argparse.Namespace) -> None:
+def _record(result: Any, options: argparse.Namespace) -> None:
     from pathlib import Path
 
     import numpy as np
@@ -124,8 +124,8 @@ def _record(found: Any, options: argparse.Namespace) -> None:
     from spherekit.tradeoff.chart import scene
     from spherekit.view.rerun_view import RerunRecorder
 
-    with RerunRecorder(found.mechanism, path=Path(options.save)) as recorder:
+    with RerunRecorder(result.mechanism, path=Path(options.save)) as recorder:
         recorder.start([], None)
-        recorder.log(scene(found, options.tol), np.arange(1))
+        recorder.log(scene(result, options.tol), np.arange(1))
     if not options.quiet:
         print(f"recording in {options.save}", file=sys.stderr)

@@ -9,6 +9,7 @@ from typing import Any
 
 from spherekit.cli.study import add_lock_argument, with_locks
 from spherekit.cli.suggest import studies, suggesting
+from spherekit.conventions import counted
 from spherekit.errors import SpherekitError
 
 EXAMPLES = (
@@ -114,7 +115,7 @@ def line(facts: dict[str, Any]) -> str:
     if "study" in facts:
         text = f"{facts['study']}: ok, study of {facts['name']}"
     text += (
-        f", {facts['links']} links, {facts['pairs']} pairs, mobility "
+        f", {counted(facts['links'], 'link')}, {counted(facts['pairs'], 'pair')}, mobility "
         f"{_mobility(facts)}, {'inputs' if len(facts['inputs']) > 1 else 'input'} "
         f"{', '.join(facts['inputs'])}"
     )

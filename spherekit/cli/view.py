@@ -156,12 +156,12 @@ def find_recording(name: str, quiet: bool = False) -> Path:
     """Return the recording that a path or a folder stands for."""
     path = Path(name)
     if path.is_dir():
-        found = sorted(path.glob("*.rrd"))
-        if not found:
+        there = sorted(path.glob("*.rrd"))
+        if not there:
             raise OutputError(f"{name}: the folder holds no recording; run with --save")
-        taken = max(found, key=lambda item: item.stat().st_mtime)
-        if len(found) > 1 and not quiet:
-            others = listing(item.name for item in found if item != taken)
+        taken = max(there, key=lambda item: item.stat().st_mtime)
+        if len(there) > 1 and not quiet:
+            others = listing(item.name for item in there if item != taken)
             print(f"{taken}: the newest; also there: {others}", file=sys.stderr)
         return taken
     if not path.is_file():

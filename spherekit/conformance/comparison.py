@@ -61,9 +61,9 @@ def _pairs(
         if column.turns == "vector":
             vector.append(column)
         if len(vector) == 3:
-            components = np.stack([one[each.name] for each in vector])
-            for each, turned in zip(vector, rotation @ components, strict=True):
-                yield each, turned, other[each.name]
+            components = np.stack([one[axis.name] for axis in vector])
+            for component, turned in zip(vector, rotation @ components, strict=True):
+                yield component, turned, other[component.name]
             vector = []
 
 
@@ -89,7 +89,7 @@ def in_words(data: TableArrays, words: Mapping[str, str]) -> TableArrays:
     """Return a table in whose texts words are replaced, such as names of links."""
 
     def put(text: str) -> str:
-        return re.sub(r"\w+", lambda found: words.get(found[0], found[0]), text)
+        return re.sub(r"\w+", lambda match: words.get(match[0], match[0]), text)
 
     return {
         name: np.array([put(text) for text in values.tolist()], dtype=str)
@@ -109,19 +109,19 @@ def matched(
     that of the second relative to the first. `numbers` are those of links in the second.
     """
     keys = [c for c in table.columns if c.kind in ("text", "integer")]
-    found: list[dict[tuple[Any, ...], list[int]]] = []
+    by_key: list[dict[tuple[Any, ...], list[int]]] = []
     for data in (one, other):
-        own: dict[tuple[Any, ...], list[int]] = {}
+        positions: dict[tuple[Any, ...], list[int]] = {}
         columns = [data[column.name].tolist() for column in keys]
         for row, key in enumerate(zip(*columns, strict=True)):
-            own.setdefault(key, []).append(row)
-        found.append(own)
-    if not keys or any(len(rows) > 1 for own in found for rows in own.values()):
+            positions.setdefault(key, []).append(row)
+        by_key.append(positions)
+    if not keys or any(len(rows) > 1 for keyed in by_key for rows in keyed.values()):
         return one, other
     rows: list[tuple[int, int]] = []
-    for key, (row,) in found[0].items():
-        if key in found[1]:
-            rows.append((row, found[1][key][0]))
+    for key, (row,) in by_key[0].items():
+        if key in by_key[1]:
+            rows.append((row, by_key[1][key][0]))
         elif not _is_of_two_links(key, numbers):
             return f"table {table.name} has no row of {', '.join(map(str, key))} any more"
     order = np.array(rows, dtype=int).reshape(-1, 2)

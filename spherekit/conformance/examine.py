@@ -116,9 +116,9 @@ class Examination:
         where = origin_of(name) if isinstance(name, str) else ""
         if not where:
             raise NotAppliesError("no installed distribution offers it by its name")
-        found = load(name)
-        if found is not self._class:
-            raise PluginError(f"{where} offers another class by the name {name}: {found}")
+        offered = load(name)
+        if offered is not self._class:
+            raise PluginError(f"{where} offers another class by the name {name}: {offered}")
         return f"from {where}"
 
     def _metadata(self) -> str:
@@ -157,9 +157,10 @@ class Examination:
                 refused.append(f"{mechanism.name} ({refusal})")
                 continue
             again = [
-                declared(self._analysis, each) for each in (mechanism, replace(mechanism))
+                declared(self._analysis, subject)
+                for subject in (mechanism, replace(mechanism))
             ]
-            if any(each != first for each in again):
+            if any(answer != first for answer in again):
                 raise PluginError(
                     f"needs gives something else when it is asked again for "
                     f"{mechanism.name}: {_changed(first, again)}"
@@ -225,7 +226,7 @@ def _changed(first: Needs, again: Sequence[Needs]) -> str:
     return listing(
         name
         for name in names
-        if any(getattr(each, name) != getattr(first, name) for each in again)
+        if any(getattr(answer, name) != getattr(first, name) for answer in again)
     )
 
 
@@ -245,8 +246,8 @@ def _reads(trial: Trial) -> str:
         expected, _ = trial.whole
     except SpherekitError:
         return ""
-    found, _ = trial.given(size, shown=trial.only_declared)
-    _same(trial, expected, found, "where what was not declared is NaN")
+    tables, _ = trial.given(size, shown=trial.only_declared)
+    _same(trial, expected, tables, "where what was not declared is NaN")
     return ""
 
 
@@ -299,12 +300,13 @@ def _blocks(trial: Trial) -> str:
         raise NotAppliesError("it is asked for all samples at once")
     expected, findings = trial.whole
     for size in SIZES:
-        found, own = trial.given(size)
+        tables, in_blocks = trial.given(size)
         where = f"in blocks of {counted(size, 'sample')}"
-        _same(trial, expected, found, where)
-        if not _alike(_plain(own), _plain(findings)):
+        _same(trial, expected, tables, where)
+        if not _alike(_plain(in_blocks), _plain(findings)):
             raise PluginError(
-                f"findings {where} are {own.figures}, of all samples {findings.figures}"
+                f"findings {where} are {in_blocks.figures}, of all samples "
+                f"{findings.figures}"
             )
     return f"of {' and '.join(map(str, SIZES))} samples"
 
@@ -332,29 +334,29 @@ def _failed_rows(trial: Trial) -> str:
     course = trial.course
     row = len(course) // 2
     expected, _ = trial.whole
-    found, _ = trial.given(len(course), failed_at(row))
+    tables, _ = trial.given(len(course), failed_at(row))
     batch = trial.batches(len(course))[0]
     sample, mode = batch.sample[row], batch.assembly_mode[row]
     compared = False
     for table in trial.job.tables_of(trial.analysis):
         if not table.in_assembly_modes:
             continue
-        one, other = expected[table.name], found[table.name]
-        own = (one[SAMPLE.name] == sample) & (one[ASSEMBLY_MODE.name] == mode)
-        if len(own) != len(other[SAMPLE.name]):
+        one, other = expected[table.name], tables[table.name]
+        failed = (one[SAMPLE.name] == sample) & (one[ASSEMBLY_MODE.name] == mode)
+        if len(failed) != len(other[SAMPLE.name]):
             raise PluginError(f"table {table.name} loses rows where one fails")
-        first, second = ({k: v[~own] for k, v in each.items()} for each in (one, other))
+        first, second = ({k: v[~failed] for k, v in data.items()} for data in (one, other))
         fault = difference(table, first, second)
         if fault:
             raise PluginError(f"where another row fails, {fault}")
         for column in table.columns:
-            before, now = one[column.name][own], other[column.name][own]
+            before, now = one[column.name][failed], other[column.name][failed]
             if column.kind == "number" and np.any(np.isfinite(now) & (now != before)):
                 raise PluginError(
                     f"table {table.name}, column {column.name}: {now[0]} where the "
                     "configuration is missing; it has to be NaN"
                 )
-        compared = compared or bool(np.any(own))
+        compared = compared or bool(np.any(failed))
     if not compared:
         raise NotAppliesError("no table has rows of samples")
     return ""
@@ -380,8 +382,8 @@ def _names(trial: Trial) -> str:
         back = {new: old for old, new in names.items()}
         numbers = {old: other.mechanism.link_number[new] for old, new in names.items()}
         for table in trial.job.tables_of(trial.analysis):
-            own = in_words(other.whole[0][table.name], back)
-            both = matched(table, trial.whole[0][table.name], own, numbers)
+            restored = in_words(other.whole[0][table.name], back)
+            both = matched(table, trial.whole[0][table.name], restored, numbers)
             fault = both if isinstance(both, str) else difference(table, *both, VARIANTS)
             if fault:
                 raise PluginError(f"with other names or numbers of links, {fault}")
@@ -395,11 +397,11 @@ def with_names(analysis: AbstractAnalysis, names: Mapping[str, str]) -> Abstract
         if isinstance(value, tuple):
             return tuple(map(put, value))
         parts = value.split("/") if isinstance(value, str) else [value]
-        known = all(isinstance(part, str) and part in names for part in parts)
-        return "/".join(names[part] for part in parts) if known else value
+        named = all(isinstance(part, str) and part in names for part in parts)
+        return "/".join(names[part] for part in parts) if named else value
 
-    own = fields(analysis)  # type: ignore[arg-type]
-    changes = {item.name: put(getattr(analysis, item.name)) for item in own}
+    parameters = fields(analysis)  # type: ignore[arg-type]
+    changes = {item.name: put(getattr(analysis, item.name)) for item in parameters}
     return replace(analysis, **changes)  # type: ignore[type-var]
 
 
@@ -423,13 +425,13 @@ def _scene(trial: Trial) -> str:
 def _same(
     trial: Trial,
     expected: Mapping[str, TableArrays],
-    found: Mapping[str, TableArrays],
+    given: Mapping[str, TableArrays],
     where: str,
     rotation: Floats | None = None,
 ) -> None:
     """Raise `PluginError` where tables differ."""
     for table in trial.job.tables_of(trial.analysis):
-        tables = expected[table.name], found[table.name]
+        tables = expected[table.name], given[table.name]
         within = BLOCKS if rotation is None else VARIANTS
         fault = difference(table, *tables, within, rotation)
         if fault:

@@ -99,15 +99,15 @@ class Trial:
         SpherekitError
             See `spherekit.analysis.computed`.
         """
-        store, found = InMemory(), None
+        store, findings = InMemory(), None
         tables = self.job.tables_of(self.analysis)
         for batch in self.batches(size, change, shown):
             given = computed(self.analysis, tables, batch)
-            found = findings_of(self.analysis, batch, found)
+            findings = findings_of(self.analysis, batch, findings)
             for table in tables:
                 store.add(self.analysis.name, table, given[table.name])
-        assert found is not None
-        return {t.name: store.table(self.analysis.name, t) for t in tables}, found
+        assert findings is not None
+        return {t.name: store.table(self.analysis.name, t) for t in tables}, findings
 
     def only_declared(self, motion: Motion) -> Motion:
         """Return a motion with NaN for what the analysis has not declared.

@@ -81,8 +81,8 @@ def _turned_ground(
     zeros = dict(given.zeros)
     for pair in mechanism.pairs:
         if pair.kind.has_axis and ground in pair.links:
-            own = reference_frame(after, pair.name)
-            turn = own.T @ reference_frame(before, pair.name)
+            frame = reference_frame(after, pair.name)
+            turn = frame.T @ reference_frame(before, pair.name)
             angle = float(np.arctan2(turn[1, 0], turn[0, 0]))
             sign = 1.0 if pair.links[0] == ground else -1.0
             zeros[pair.name] = zeros.get(pair.name, 0.0) + sign * angle
@@ -182,4 +182,4 @@ def renamed(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
 
 
 def _put(text: str, words: Mapping[str, str]) -> str:
-    return re.sub(r"\w+", lambda found: words.get(found[0], found[0]), text)
+    return re.sub(r"\w+", lambda match: words.get(match[0], match[0]), text)

@@ -22,6 +22,7 @@ from spherekit.dynamics.simulation import (
 )
 from spherekit.dynamics.start import STANDSTILL, Problem
 from spherekit.errors import SolveError
+from spherekit.model.dynamics import need_no_rubbing
 from spherekit.sphere.rotation import Floats
 
 REASON = "the scheme of the source is written with NumPy only"
@@ -45,6 +46,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         raise SolveError(
             f"{name}: the scheme of the source is of one input; leave scheme out"
         )
+    need_no_rubbing(problem.equation.mechanism, "the scheme of the source does not know")
     (driven,), closure = problem.driven, problem.equation.closure
     variables = problem.equation.variables
     values, tangent, first = problem.values, problem.frame[0], float(problem.speed[0])

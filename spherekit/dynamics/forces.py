@@ -1,13 +1,13 @@
 """Generalised forces of the loads on a mechanism, load by load, at rows of a motion."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import final
 
 import numpy as np
 
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.model.actions import steep
-from spherekit.model.dynamics import Called, LinkMoment, TorqueTable, Vector
+from spherekit.model.dynamics import Called, Component, LinkMoment, TorqueTable, Vector
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross
 
@@ -20,7 +20,7 @@ class Loads:
     number of the load of each component, `steep` the arguments at whose zeros and turns
     loads may change at once, see `spherekit.model.actions.steep`; `watched` says whether
     steps have to be looked at for that, or for functions of which nothing is known,
-    `rubbing` whether friction of bearings follows from the reactions.
+    `rubbing` are the components whose friction follows from reactions.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -31,15 +31,20 @@ class Loads:
         self.owners = [k for k, parts in enumerate(each) for _ in parts]
         self.steep = steep(mechanism)
         functions = (isinstance(part.magnitude, Called) for part in self.components)
-        self.rubbing = any(
-            part.bearings is not None and part.bearings.grip > 0.0
-            for part in self.components
-        )
+        self.rubbing = [
+            k
+            for k, part in enumerate(self.components)
+            if part.bearings is not None and part.bearings.grip > 0.0
+        ]
         self.watched = bool(self.steep) or any(functions)
         self._first = np.array(
             [self.owners.index(k) for k in range(len(each))], dtype=np.intp
         )
         self._angles = mechanism.angles
+
+    def variable(self, component: int) -> int:
+        """Return the number of the variable of a component's pair."""
+        return self._angles[self.components[component].pair]
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
         """Return what each component works on (n, m, components), per unit rates."""
@@ -68,16 +73,21 @@ class Loads:
         known = self._known(values, value_rates, t)
         found = np.empty((len(t), len(self.components)))
         for column, part in enumerate(self.components):
-            law = part.magnitude
-            if isinstance(law, TorqueTable):
-                found[:, column] = law.at(t)
-            else:
-                used = {name: known[name] for name in law.names}
-                found[:, column] = law.evaluate(used)
+            found[:, column] = _magnitude(part, known)
             if part.bearings is not None:
                 pair = self.mechanism.pair_number[part.pair]
-                grip = part.bearings.grip
-                found[:, column] *= 0.0 if across is None else grip * across[:, pair]
+                found[:, column] *= 0.0 if across is None else across[:, pair]
+        return found
+
+    def friction(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
+        """Return that of the `rubbing` (n, k), N m per N m across the axes of their pairs.
+
+        For the same as `magnitudes`.
+        """
+        known = self._known(values, value_rates, t)
+        found = np.empty((len(t), len(self.rubbing)))
+        for column, number in enumerate(self.rubbing):
+            found[:, column] = _magnitude(self.components[number], known)
         return found
 
     def arguments(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
@@ -120,6 +130,15 @@ class Loads:
         magnitudes = self.magnitudes(motion.values, rates, t, across)
         each = magnitudes[:, None] * self.velocities(motion)
         return np.asarray(np.add.reduceat(each, self._first, axis=2))
+
+
+def _magnitude(part: Component, known: Mapping[str, Floats]) -> Floats:
+    """Return the magnitude of a component (n,), of bearings per N m across the axis."""
+    law = part.magnitude
+    if isinstance(law, TorqueTable):
+        return law.at(known["t"])
+    found = law.evaluate({name: known[name] for name in law.names})
+    return found if part.bearings is None else part.bearings.grip * found
 
 
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:

@@ -255,9 +255,9 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
             left = solver.left
             if left is None:
                 continue
-            now = Forecast(solver.seconds + left, compiling + left / QUICKER)
+            now = Forecast(left, compiling + left / QUICKER)
             forecast = forecast or now
-            if left > now.compiled:
+            if now.compiled < now.numpy:
                 why, forecast = str(now), now
         if why:
             tell(f"compiling the equation of motion, about {compiling:.0f} s", compiling)

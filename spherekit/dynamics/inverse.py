@@ -1,6 +1,6 @@
 """The inverse problem: the torques that drive a mechanism through a given motion."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -14,12 +14,13 @@ from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.input_motion import InputMotion, single
 from spherekit.dynamics.kinematics import CoordinateMotion, by_variables, determined
+from spherekit.dynamics.rubbing import Rubbed, rubbed
 from spherekit.dynamics.start import into_range, reaching
-from spherekit.dynamics.transmitted import Driven, Transmitted, transmitted
+from spherekit.dynamics.transmitted import Driven
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.schedule import Schedule
-from spherekit.model.dynamics import Bearings
+from spherekit.model.joints import Joint
 from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
@@ -33,11 +34,6 @@ from spherekit.sphere.rotation import Floats
 
 DEAD_CENTRE = 1e-6
 """Inputs that say less surely how all variables move lose half the digits of rates."""
-
-SETTLED = 1e-14
-"""Part of the largest reaction by which they may still change when friction is known."""
-
-MOST_ROUNDS = 100
 
 
 def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
@@ -293,24 +289,23 @@ def needed_torques(motion: Motion) -> InverseSolution:
     rounds = 0
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, found)
-        while True:
+
+        def needed(across: Floats | None) -> tuple[Floats, Floats]:
             forces = loads.parts(found, timing.dq, timing.t, across)
             Q = np.sum(forces, axis=2)
-            torques = driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
-            good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
-            if not loads.rubbing or not np.any(good):
-                break
-            driven = Driven(mechanism, at, found, timing, torques, across).rows(good)
-            before, across = across, np.zeros((len(motion), len(mechanism.pairs)))
-            across[good] = _known(mechanism, transmitted(driven, motion.joints))
-            change = np.max(np.abs(across - (0.0 if before is None else before)), axis=1)
-            moved = change > SETTLED * np.max(across, axis=1)
-            rounds += 1
-            if not np.any(moved):
-                break
-            if rounds == MOST_ROUNDS:
-                status[(status == Status.OK) & moved] = Status.NOT_CONVERGED
-                break
+            moved = timing.dq, timing.ddq
+            return forces, driving_torques(masses.M, masses.dM, Q, *moved)
+
+        forces, torques = needed(None)
+        good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
+        if loads.rubbing and np.any(good):
+            driven = Driven(mechanism, at, found, timing, torques, None).rows(good)
+            rub = _rubbed(driven, motion.joints, loads)
+            across, rounds = np.zeros((len(motion), len(mechanism.pairs))), rub.rounds
+            across[good] = rub.across
+            forces, torques = needed(across)
+            locked = np.flatnonzero(good)[~rub.settled]
+            status[locked[status[locked] == Status.OK]] = Status.NOT_CONVERGED
     flat = ~(determined(found.rates) >= DEAD_CENTRE)
     held = ~motion.failed
     # Where assembly modes nearly cross, rounding of the configuration decides the
@@ -342,19 +337,11 @@ def needed_torques(motion: Motion) -> InverseSolution:
     )
 
 
-def _known(mechanism: Mechanism, found: Transmitted) -> Floats:
-    """Return the moments (n, pairs) across axes, where bearings need them."""
-    across = found.across
-    for load in mechanism.loads:
-        if isinstance(load, Bearings) and load.grip > 0.0:
-            pair = mechanism.pair_number[load.pair]
-            if np.any(np.isnan(across[:, pair])):
-                raise SolveError(
-                    f"{mechanism.name}: loads.{load.name}: redundant constraints leave the "
-                    f"reaction of pair {load.pair} open, and so the friction of its "
-                    "bearings; take a load of kind friction"
-                )
-    return np.asarray(np.nan_to_num(across))
+def _rubbed(driven: Driven, joints: Sequence[Joint], loads: Loads) -> Rubbed:
+    """Return what bearings carry while drives at the inputs balance their friction."""
+    columns = [loads.variable(k) for k in loads.rubbing]
+    drives = -np.swapaxes(driven.motion.rates[:, :, columns], 1, 2)
+    return rubbed(driven, joints, loads, np.zeros_like(drives), drives)
 
 
 def need_terms(mechanism: Mechanism) -> None:

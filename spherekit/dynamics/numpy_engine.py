@@ -24,6 +24,7 @@ from spherekit.dynamics.path import CollocationPath, Travelled
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
+    LOCKING,
     EndKind,
     EngineReport,
     Event,
@@ -312,6 +313,8 @@ class Collocation:
         for code, kind in kinds.items():
             if np.any(codes == code):
                 return SimulationEnd(kind, t, STATUS_MEANING[code])
+        if np.any(codes == Status.NOT_CONVERGED):
+            return SimulationEnd("locking", t, LOCKING)
         values = state[: self.equation.variables]
         closure, freedoms = self.equation.closure, self.equation.freedoms
         if self.fine or reciprocal_condition(closure, values, freedoms) < 1e-5:

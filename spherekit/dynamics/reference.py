@@ -11,6 +11,7 @@ from spherekit.errors import EngineError, SolveError
 from spherekit.exact.arithmetic import Arithmetic, wide
 from spherekit.exact.simulation import ExactSimulation
 from spherekit.files.read import AnyMechanism, mechanism_of
+from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.laws import Start
 from spherekit.sphere.rotation import Floats
 
@@ -94,6 +95,7 @@ def refined(
             f"{mechanism.name}: a reference in wide numbers is of one input, not of "
             f"{len(mechanism.inputs)}"
         )
+    need_no_rubbing(mechanism, "a reference in wide numbers does not solve for")
     (q,), (dq,) = start.each([item.pair for item in mechanism.inputs])
     path, last = simulation.path, simulation.end.t
     count = simulation.equation.variables

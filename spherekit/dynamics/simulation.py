@@ -30,6 +30,7 @@ EndKind = Literal[
     "curvature",
     "singularity",
     "sticking",
+    "locking",
     "lift_off",
     "no_inertia",
     "too_fast",
@@ -47,6 +48,11 @@ NO_SERIES = (
     "tanh, or take the NumPy engine"
 )
 JUMPS = "a load jumps or grows without bound here: smooth it, or give its time in switches"
+LOCKING = (
+    "bearings lock here: their friction raises the reactions it follows from by as much as "
+    "it is, so rigid links do not say what it is; give them a smaller coefficient or "
+    "radius, or set them farther apart"
+)
 NO_INERTIA = (
     "the equivalent inertia goes to zero here: no link with mass moves together with the "
     "input, and the mechanism would go on infinitely fast; give mass to links that move"
@@ -130,13 +136,13 @@ def cannot_leave(problem: Problem, why: str) -> SolveError:
 @final
 @dataclass(frozen=True)
 class Forecast:
-    """What each engine was expected to take (s), compiling included."""
+    """What each engine was expected to take for what is left (s), compiling included."""
 
     numpy: float
     compiled: float
 
     def __str__(self) -> str:
-        return f"expected NumPy {self.numpy:.2g} s, compiled {self.compiled:.2g} s"
+        return f"expected NumPy {self.numpy:.2g} s more, compiled {self.compiled:.2g} s"
 
 
 @final
@@ -317,7 +323,7 @@ class Simulation:
         at = self.equation.closure.at(traced.states[:, : self.equation.variables])
         none = np.zeros((len(t), len(self.driven)))
         timing = Timing(np.asarray(t, dtype=float), found.speed, change)
-        driven = Driven(self.mechanism, at, motion, timing, none, None)
+        driven = Driven(self.mechanism, at, motion, timing, none, found.across)
         return transmitted(driven, self.equation.closure.joints)
 
     def _accelerated(

@@ -17,7 +17,6 @@ from spherekit.model.dynamics import (
     PairTorque,
     TorqueFunction,
     TorqueTable,
-    need_no_rubbing,
 )
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
@@ -108,7 +107,6 @@ def prepare(
             "finite time greater than 0"
         )
     need_inertia(mechanism)
-    need_no_rubbing(mechanism, "a simulation does not solve for")
     mechanism = driven_at(mechanism, input_pair)
     inputs = [item.pair for item in mechanism.inputs]
     if isinstance(start, PoseStart):

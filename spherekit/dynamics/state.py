@@ -23,7 +23,9 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from spherekit.conventions import Status
 from spherekit.dynamics.equation import coriolis
 from spherekit.dynamics.forces import Loads, rates_by_time
 from spherekit.dynamics.inertia import inertia, inertia_matrix
@@ -34,8 +36,11 @@ from spherekit.dynamics.kinematics import (
     by_combinations,
     continued,
 )
+from spherekit.dynamics.rubbing import rubbed
+from spherekit.dynamics.transmitted import Driven
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
+from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats, transpose
 
 
@@ -98,9 +103,10 @@ class Roots:
 class Dynamics:
     """Motion, inertia and generalised forces at n states.
 
-    `motion` is of the first order where there is one coordinate, otherwise of the second;
-    `M` (n, m, m) with its `roots`, `forces` (n, m, loads) the Q of each load, `speed`
-    (n, m) is u, `bend` (n, m) is S p.
+    `motion` is of the first order where there is one coordinate and no bearing rubs,
+    otherwise of the second; its status is NOT_CONVERGED where bearings lock. `M` (n, m, m)
+    with its `roots`, `forces` (n, m, loads) the Q of each load, `speed` (n, m) is u, `bend`
+    (n, m) is S p, `across` (n, pairs) N m what bearings that rub carry, None without any.
     """
 
     motion: CoordinateMotion
@@ -109,6 +115,7 @@ class Dynamics:
     forces: Floats
     speed: Floats
     bend: Floats
+    across: Floats | None = None
 
     @property
     def power(self) -> Floats:
@@ -188,10 +195,11 @@ class EquationOfMotion:
         `whole` (n, variables) rad are turns by which the states' variables are less than
         those that the loads see.
         """
-        several = self.freedoms > 1
-        motion = self.motion(states[:, : self.variables], frame, 2 if several else 1)
+        values = states[:, : self.variables]
+        second = self.freedoms > 1 or bool(self.loads.rubbing)
+        motion = self.motion(values, frame, 2 if second else 1)
         momenta = states[:, self.momenta]
-        if several:
+        if second:
             masses = inertia(self.mechanism, motion)
             M = masses.M
         else:
@@ -199,12 +207,54 @@ class EquationOfMotion:
         roots = Roots.of(M)
         speed = roots.solved(momenta)
         bend = np.zeros_like(momenta)
-        if several:
+        if self.freedoms > 1:
             bend = roots.turning(masses.dM, speed, momenta)
         seen = motion
         if whole is not None:
             seen = replace(motion, values=motion.values + whole)
-        return Dynamics(motion, M, roots, self.loads.parts(seen, speed, t), speed, bend)
+        forces, across = self.loads.parts(seen, speed, t), None
+        if self.loads.rubbing:
+            pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
+            drive = np.sum(forces, axis=2) - pull
+            across, locked = self._across(values, seen, roots, speed, drive, t)
+            forces = self.loads.parts(seen, speed, t, across)
+            status = np.where(locked, Status.NOT_CONVERGED, motion.status)
+            motion = replace(motion, status=status.astype(np.int8))
+        return Dynamics(motion, M, roots, forces, speed, bend, across)
+
+    def _across(
+        self,
+        values: Floats,
+        seen: CoordinateMotion,
+        roots: Roots,
+        speed: Floats,
+        drive: Floats,
+        t: Floats,
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return what bearings that rub carry (n, pairs), N m, and where they lock (n,).
+
+        `drive` (n, m) is what accelerates the coordinates while nothing rubs; rows that are
+        not finite are NaN.
+        """
+        n, joints = len(t), self.closure.joints
+        across = np.full((n, len(self.mechanism.pairs)), np.nan)
+        locked = np.zeros(n, dtype=bool)
+        change = roots.solved(roots.solved(drive))
+        good = np.all(np.isfinite(change), axis=1)
+        if not np.any(good):
+            return across, locked
+        none = np.zeros((n, len(self.mechanism.inputs)))
+        timing = Timing(t, speed, change)
+        at = self.closure.at(values)
+        driven = Driven(self.mechanism, at, seen, timing, none, None).rows(good)
+        columns = [self.loads.variable(k) for k in self.loads.rubbing]
+        own = np.moveaxis(driven.motion.rates[:, :, columns], 2, 0)
+        some = Roots(roots.vectors[good], roots.sizes[good])
+        faster = np.stack([some.solved(some.solved(each)) for each in own], axis=1)
+        drives = np.zeros((len(at.values[good]), len(columns), none.shape[1]))
+        found = rubbed(driven, joints, self.loads, faster, drives)
+        across[good], locked[good] = found.across, ~found.settled
+        return across, locked
 
     def arguments(self, found: Dynamics, whole: Floats, t: Floats) -> Floats:
         """Return the steep arguments (n, arguments) of the loads, `whole` as in `at`."""

@@ -22,13 +22,13 @@ from spherekit.dynamics.kinematics import (
     by_arc_length,
     by_variables,
 )
-from spherekit.dynamics.model_metadata import ModelMetadata, StoredFunction, StoredLoad
+from spherekit.dynamics.model_metadata import ModelMetadata, StoredFunction
+from spherekit.dynamics.stored_loads import own_velocities, stored_loads
 from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
-from spherekit.model.dynamics import TorqueTable, need_no_rubbing
-from spherekit.model.expression import Expression
+from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
@@ -148,7 +148,7 @@ def online_model(
         variables=made.variable_names,
         angles=tuple(made.angles),
         poles=tuple(pole_name(made, pole) for pole in wanted),
-        loads=tuple(map(sampler.stored_load, range(len(made.loads)))),
+        loads=stored_loads(sampler.loads, lambda name: f"d({name})/d{sampler.coordinate}"),
         rise=tuple(sampler.rise.tolist()),
         groups=tuple(groups),
     )
@@ -215,6 +215,7 @@ class _Sampler:
         self.curve, values = followed
         self.driven = tracer.solver.single
         self.loads = Loads(self.mechanism)
+        self.velocities = own_velocities(self.loads)
         self.poles = poles
         self.plan = plan(self.mechanism, list(poles), tracer.inputs[0], tracer.by_rank)
         here = self.curve.at(self.curve.find(values[None]))
@@ -267,36 +268,6 @@ class _Sampler:
             own = {f"pole {name} {axis}": "" for axis in "xyz"}
             every.append(own | {f"rate {name}": "", f"d(rate {name})/d{x}": "1/rad"})
         return tuple(every)
-
-    @cached_property
-    def velocities(self) -> dict[int, str]:
-        """Names of the velocities of loads' components that no pair's rate is."""
-        owners = self.loads.owners
-        found = {}
-        for k, part in enumerate(self.loads.components):
-            if not part.pair:
-                name = f"load {self.loads.names[owners[k]]}"
-                axis = f" {'xyz'[k - owners.index(owners[k])]}"
-                found[k] = name + axis * (owners.count(owners[k]) > 1)
-        return found
-
-    def stored_load(self, number: int) -> StoredLoad:
-        """Return what a load's magnitudes depend on besides the configuration."""
-        load, loads = self.mechanism.loads[number], self.loads
-        parts = [k for k, owner in enumerate(loads.owners) if owner == number]
-        works_on = tuple(
-            self.velocities.get(
-                k, f"d(theta_{loads.components[k].pair})/d{self.coordinate}"
-            )
-            for k in parts
-        )
-        if isinstance(load, TorqueTable):
-            return StoredLoad(
-                load.name, works_on, (), load.times, load.torques, load.periodic
-            )
-        laws = [loads.components[k].magnitude for k in parts]
-        texts = tuple(law.text for law in laws if isinstance(law, Expression))
-        return StoredLoad(load.name, works_on, texts)
 
     def columns(self, x: Floats) -> Floats:
         """Return all functions (n, columns)."""

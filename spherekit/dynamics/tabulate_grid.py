@@ -18,13 +18,13 @@ from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.grid_model import GridMetadata, GridModel
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import CoordinateMotion, by_variables, determined
-from spherekit.dynamics.model_metadata import StoredFunction, StoredLoad
+from spherekit.dynamics.model_metadata import StoredFunction
+from spherekit.dynamics.stored_loads import own_velocities, stored_loads
 from spherekit.dynamics.tabulate import LEAST, pole_name
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
-from spherekit.model.dynamics import TorqueTable, need_no_rubbing
-from spherekit.model.expression import Expression
+from spherekit.model.dynamics import need_no_rubbing
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.cells import TensorChebyshev
@@ -119,7 +119,7 @@ def grid_model(
         variables=mechanism.variable_names,
         angles=tuple(mechanism.angles),
         poles=tuple(pole_name(mechanism, pole) for pole in sampler.poles),
-        loads=tuple(map(sampler.stored_load, range(len(mechanism.loads)))),
+        loads=stored_loads(sampler.loads, str),
         functions=tuple(
             StoredFunction(name, unit, most, error / most)
             for (name, unit), most, error in units
@@ -167,6 +167,7 @@ class _Sampler:
         spans = np.array([(item.start, item.stop) for item in self.mechanism.inputs])
         self.low, self.high = np.min(spans, axis=1), np.max(spans, axis=1)
         self.loads = Loads(self.mechanism)
+        self.velocities = own_velocities(self.loads)
         motion = tracer.motion()
         shape = tracer.input_grid.shape
         good = (motion.status == Status.OK).reshape(shape)
@@ -196,7 +197,7 @@ class _Sampler:
             lower = [(a, b) for i, a in enumerate(heading) for b in heading[: i + 1]]
             found |= {f"M {a} {b}": "kg m2" for a, b in lower}
             found |= {f"c {x} {a} {b}": "kg m2" for x in heading for a, b in lower}
-        for k, name in self._velocities.items():
+        for k, name in self.velocities.items():
             unit = made.loads[self.loads.owners[k]].velocity_unit
             found |= {f"{name} by {pair}": unit for pair in heading}
         for pole in self.poles:
@@ -204,33 +205,6 @@ class _Sampler:
                 name = f"velocity {pole_name(made, pole)} {axis}"
                 found |= {f"{name} by {pair}": "" for pair in heading}
         return found
-
-    @property
-    def _velocities(self) -> dict[int, str]:
-        """Names of the velocities of loads' components that no pair's rate is."""
-        owners, found = self.loads.owners, {}
-        for k, part in enumerate(self.loads.components):
-            if not part.pair:
-                name = f"load {self.loads.names[owners[k]]}"
-                axis = f" {'xyz'[k - owners.index(owners[k])]}"
-                found[k] = name + axis * (owners.count(owners[k]) > 1)
-        return found
-
-    def stored_load(self, number: int) -> StoredLoad:
-        """Return what a load's magnitudes depend on besides the configuration."""
-        load, loads = self.mechanism.loads[number], self.loads
-        parts = [k for k, owner in enumerate(loads.owners) if owner == number]
-        velocities = self._velocities
-        works_on = tuple(
-            velocities.get(k, f"theta_{loads.components[k].pair}") for k in parts
-        )
-        if isinstance(load, TorqueTable):
-            return StoredLoad(
-                load.name, works_on, (), load.times, load.torques, load.periodic
-            )
-        laws = [loads.components[k].magnitude for k in parts]
-        texts = tuple(law.text for law in laws if isinstance(law, Expression))
-        return StoredLoad(load.name, works_on, texts)
 
     def at(self, q: Floats) -> Floats:
         """Return all functions (n, F) at inputs (n, m), NaN where the mode is not."""
@@ -252,8 +226,8 @@ class _Sampler:
             parts.append(masses.M[:, rows, columns])
             symbols = christoffel(masses.dM)
             parts.append(symbols[:, :, rows, columns].reshape(n, -1))
-        if self._velocities:
-            works = self.loads.velocities(motion)[..., list(self._velocities)]
+        if self.velocities:
+            works = self.loads.velocities(motion)[..., list(self.velocities)]
             parts.append(np.swapaxes(works, 1, 2).reshape(n, -1))
         for first, second in self.poles:
             w = motion.w[:, :, second] - motion.w[:, :, first]

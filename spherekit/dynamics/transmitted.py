@@ -80,36 +80,78 @@ class Transmitted:
         return np.asarray(np.hypot(self.moments[..., 0], self.moments[..., 1]))
 
 
+@final
+class Balance:
+    """Newton's and Euler's equations of all links at n rows, solved for what pairs hold."""
+
+    def __init__(
+        self, mechanism: Mechanism, joints: Sequence[Joint], frames: Floats
+    ) -> None:
+        """`frames` (n, pairs, 3, 3) are those of the pairs in ground axes."""
+        self.mechanism, self.frames = mechanism, frames
+        self.columns = [
+            (pair, column) for pair, joint in enumerate(joints) for column in _held(joint)
+        ]
+        n, links = len(frames), len(mechanism.links)
+        matrix = np.zeros((n, links, 3, len(self.columns)))
+        for k, (pair, column) in enumerate(self.columns):
+            first, second = mechanism.ends[pair]
+            matrix[:, second, :, k] = frames[:, pair, :, column]
+            matrix[:, first, :, k] = -frames[:, pair, :, column]
+        self._matrix = matrix[:, 1:].reshape(n, 3 * (links - 1), len(self.columns))
+        left, sizes, back = np.linalg.svd(self._matrix, full_matrices=False)
+        kept = sizes > DEPENDENT * sizes[:, :1]
+        with np.errstate(divide="ignore"):
+            scales = np.where(kept, 1.0 / sizes, 0.0)
+        self._inverse = transpose(back) @ (scales[..., None] * transpose(left))
+        share = np.sum(np.where(kept[..., None], back, 0.0) ** 2, axis=1)
+        self.is_open = 1.0 - share > DETERMINED
+
+    def left_by(self, needed: Floats, about: Floats) -> Floats:
+        """Return what is left for reactions (n, links, 3), `about` (n, pairs) taken off.
+
+        `needed` (n, links, 3) N m turns the links, `about` are torques about axes.
+        """
+        left = needed.copy()
+        for pair, (first, second) in enumerate(self.mechanism.ends):
+            along = about[:, pair, None] * self.frames[:, pair, :, 2]
+            left[:, second] -= along
+            left[:, first] += along
+        return left
+
+    def held(self, left: Floats) -> tuple[Floats, Floats]:
+        """Return the reactions (n, columns) and what misses the equations (n,)."""
+        right = left[:, 1:].reshape(len(left), self._matrix.shape[1], 1)
+        found = self._inverse @ right
+        # A step of refinement brings back the digits that the inverse loses.
+        found = found + self._inverse @ (right - self._matrix @ found)
+        missed = right - self._matrix @ found
+        return found[..., 0], np.max(np.abs(missed[..., 0]), axis=1, initial=0.0)
+
+
 def transmitted(driven: Driven, joints: Sequence[Joint]) -> Transmitted:
     """Return what every pair transmits; open components are NaN."""
-    mechanism, at = driven.mechanism, driven.at
-    applied, about = _applied(driven)
-    needed = _inertial(driven) - applied
-    for pair, (first, second) in enumerate(mechanism.ends):
-        along = about[:, pair, None] * at.frames[:, pair, :, 2]
-        needed[:, second] -= along
-        needed[:, first] += along
-    columns = [
-        (pair, column) for pair, joint in enumerate(joints) for column in _held(joint)
-    ]
-    n, links = len(about), len(mechanism.links)
-    matrix = np.zeros((n, links, 3, len(columns)))
-    for k, (pair, column) in enumerate(columns):
-        first, second = mechanism.ends[pair]
-        matrix[:, second, :, k] = at.frames[:, pair, :, column]
-        matrix[:, first, :, k] = -at.frames[:, pair, :, column]
-    found, loose, left = _balanced(
-        matrix[:, 1:].reshape(-1, 3 * (links - 1), len(columns)),
-        needed[:, 1:].reshape(-1, 3 * (links - 1)),
-    )
-    moments = np.zeros((n, len(mechanism.pairs), 3))
-    is_open = np.zeros((n, len(mechanism.pairs), 3), dtype=bool)
+    mechanism = driven.mechanism
+    balance = Balance(mechanism, joints, driven.at.frames)
+    left, about = left_over(driven, balance)
+    found, missed = balance.held(left)
+    moments = np.zeros((len(about), len(mechanism.pairs), 3))
+    is_open = np.zeros(moments.shape, dtype=bool)
     moments[:, :, 2] = about
-    for k, (pair, column) in enumerate(columns):
+    for k, (pair, column) in enumerate(balance.columns):
         moments[:, pair, column] = found[:, k]
-        is_open[:, pair, column] = loose[:, k]
+        is_open[:, pair, column] = balance.is_open[:, k]
     moments[is_open] = np.nan
-    return Transmitted(moments, is_open, left)
+    return Transmitted(moments, is_open, missed)
+
+
+def left_over(driven: Driven, balance: Balance) -> tuple[Floats, Floats]:
+    """Return what reactions have to do on links (n, links, 3), and torques (n, pairs)."""
+    applied, about = _applied(driven)
+    motion, speed = driven.motion, driven.timing.dq
+    needed = turning(driven.mechanism, motion, driven.timing.ddq)
+    needed += _gyroscopic(driven.mechanism, motion, speed)
+    return balance.left_by(needed - applied, about), about
 
 
 def _held(joint: Joint) -> tuple[int, ...]:
@@ -117,22 +159,30 @@ def _held(joint: Joint) -> tuple[int, ...]:
     return tuple(range(3 - joint.freedoms))
 
 
-def _inertial(driven: Driven) -> Floats:
-    """Return what turns the links so (n, links, 3): I a + w x I w, in ground axes."""
-    mechanism, motion = driven.mechanism, driven.motion
-    speed, change = driven.timing.dq, driven.timing.ddq
+def turning(mechanism: Mechanism, motion: CoordinateMotion, change: Floats) -> Floats:
+    """Return I a (n, links, 3), for coordinates that accelerate so (n, m), N m."""
+    return _times_tensors(mechanism, motion, np.einsum("ni,nila->nla", change, motion.w))
+
+
+def _gyroscopic(mechanism: Mechanism, motion: CoordinateMotion, speed: Floats) -> Floats:
+    """Return I a + w x I w (n, links, 3) while the coordinates do not accelerate, N m."""
     w = np.einsum("ni,nila->nla", speed, motion.w)
-    faster = np.einsum("ni,nila->nla", change, motion.w)
-    faster += np.einsum("ni,nk,nikla->nla", speed, speed, motion.dw)
-    needed = np.zeros_like(w)
+    bend = np.einsum("ni,nk,nikla->nla", speed, speed, motion.dw)
+    found = _times_tensors(mechanism, motion, bend)
+    return found + cross(w, _times_tensors(mechanism, motion, w))
+
+
+def _times_tensors(
+    mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
+) -> Floats:
+    """Return the links' tensors times vectors (n, links, 3), in ground axes."""
+    found = np.zeros_like(vectors)
     for mass in mechanism.masses:
         link = mechanism.link_number[mass.link]
         turn = motion.rotations[:, link]
         tensor = turn @ np.array(mass.tensor) @ transpose(turn)
-        spin = (tensor @ w[:, link, :, None])[..., 0]
-        needed[:, link] = (tensor @ faster[:, link, :, None])[..., 0]
-        needed[:, link] += cross(w[:, link], spin)
-    return np.asarray(needed)
+        found[:, link] = (tensor @ vectors[:, link, :, None])[..., 0]
+    return found
 
 
 def _applied(driven: Driven) -> tuple[Floats, Floats]:
@@ -158,20 +208,3 @@ def _applied(driven: Driven) -> tuple[Floats, Floats]:
     for k, item in enumerate(mechanism.inputs):
         about[:, mechanism.pair_number[item.pair]] += driven.torques[:, k]
     return moments, about
-
-
-def _balanced(matrices: Floats, right: Floats) -> tuple[Floats, NDArray[np.bool_], Floats]:
-    """Return x (n, k) with matrices x = right, which are open, what is left over (n,)."""
-    left, sizes, back = np.linalg.svd(matrices, full_matrices=False)
-    kept = sizes > DEPENDENT * sizes[:, :1]
-    with np.errstate(divide="ignore"):
-        scales = np.where(kept, 1.0 / sizes, 0.0)
-    inverse = transpose(back) @ (scales[..., None] * transpose(left))
-    found = (inverse @ right[..., None])[..., 0]
-    # A step of refinement brings back the digits that the inverse loses.
-    missed = right - (matrices @ found[..., None])[..., 0]
-    found = found + (inverse @ missed[..., None])[..., 0]
-    missed = right - (matrices @ found[..., None])[..., 0]
-    alone = np.where(kept[..., None], back, 0.0)
-    share = np.sum(alone**2, axis=1)
-    return found, 1.0 - share > DETERMINED, np.max(np.abs(missed), axis=1, initial=0.0)

@@ -36,7 +36,8 @@ from spherekit.engine.system import (
     stop_events,
 )
 from spherekit.engine.turns import turning_pairs
-from spherekit.model.dynamics import Stop, TorqueTable
+from spherekit.errors import EngineError, ModelError
+from spherekit.model.dynamics import Stop, TorqueTable, need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -143,6 +144,7 @@ def compiled_equation(
     PlanError
         If the coordinates are not independent.
     """
+    _need_written(mechanism)
     common = _common(mechanism, coordinates)
     fresh: list[bool] = []
 
@@ -176,6 +178,7 @@ def compiling_time(
     EngineError
         If heyoka is not installed, or a profile cannot be compiled.
     """
+    _need_written(mechanism)
     turning_pairs(mechanism)
     if not available():
         heyoka()
@@ -189,6 +192,14 @@ def compiling_time(
         more = 0.0 if coordinates is None else 0.5
         return more + max(0.22 * variables - 0.55, 0.3) + 0.07 * on_links + 0.02 * at_pairs
     return 0.06 * variables**2 * (1.0 + 0.25 * on_links + 0.03 * at_pairs)
+
+
+def _need_written(mechanism: Mechanism) -> None:
+    """Raise `EngineError` where a load is no expression of the state."""
+    try:
+        need_no_rubbing(mechanism, "Taylor series do not solve for")
+    except ModelError as fault:
+        raise EngineError(f"{fault}, or NumPy's engine") from None
 
 
 def _request(

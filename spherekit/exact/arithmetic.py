@@ -167,10 +167,10 @@ class Digits(Arithmetic):
 
         def real(*given: Any) -> Any:
             try:
-                found = operation(*given)
+                value = operation(*given)
             except ZeroDivisionError:
                 return context.nan
-            return context.nan if isinstance(found, context.mpc) else found
+            return context.nan if isinstance(value, context.mpc) else value
 
         made = np.frompyfunc(real, len(arguments), 1)(*arguments)
         return np.asarray(made, dtype=object)

@@ -43,23 +43,23 @@ class ExactChain:
         ]
         first = np.zeros((*values.shape[:2], 3, 3))
         first[0] = np.eye(3)
-        found = {0: self.arithmetic.exact(first)}
+        orientations = {0: self.arithmetic.exact(first)}
         for pair, parent, child in self._way:
             turn = turns[pair]
             if self.mechanism.ends[pair][0] == child:
                 turn = transpose(turn)
-            found[child] = matrix_product(found[parent], turn)
+            orientations[child] = matrix_product(orientations[parent], turn)
         every = range(len(self.mechanism.links))
-        return np.stack([found[link] for link in every], axis=2), turns
+        return np.stack([orientations[link] for link in every], axis=2), turns
 
     def gaps(self, placed: Numbers, turns: list[Numbers]) -> Numbers:
         """Return series (k, n, 3 loops): by how much the loops stay open, rad."""
-        found = [self.arithmetic.zeros(*placed.shape[:2], 0)]
+        gaps = [self.arithmetic.zeros(*placed.shape[:2], 0)]
         for pair in self.chords:
             a, b = self.mechanism.ends[pair]
             left = matrix_product(placed[:, :, a], turns[pair])
-            found.append(skew_part(matrix_product(left, transpose(placed[:, :, b]))))
-        return np.concatenate(found, axis=-1)
+            gaps.append(skew_part(matrix_product(left, transpose(placed[:, :, b]))))
+        return np.concatenate(gaps, axis=-1)
 
     def vectors(self, values: Numbers, placed: Numbers) -> Numbers:
         """Return the variables' vectors (n, variables, 3) in ground axes.
@@ -67,23 +67,23 @@ class ExactChain:
         A variable's vector is the angular velocity of its pair's second link relative to
         the first per unit rate. `values` (n, variables), `placed` (n, links, 3, 3).
         """
-        found = []
+        vectors = []
         for joint, columns, ends in zip(
             self.joints, self._columns, self.mechanism.ends, strict=True
         ):
-            own = joint.vectors(values[:, columns])
-            found.append(own @ transpose(placed[:, ends[0]]))
-        return np.concatenate(found, axis=1)
+            in_link = joint.vectors(values[:, columns])
+            vectors.append(in_link @ transpose(placed[:, ends[0]]))
+        return np.concatenate(vectors, axis=1)
 
     def axes(self, values: Numbers, placed: Numbers) -> Numbers:
         """Return (n, pairs, 3): the axis of each R pair, the contact point of others."""
-        found = []
+        axes = []
         for joint, columns, ends in zip(
             self.joints, self._columns, self.mechanism.ends, strict=True
         ):
-            own = joint.axis(values[:, columns])
-            found.append((placed[:, ends[0]] @ own[..., None])[..., 0])
-        return np.stack(found, axis=1)
+            in_link = joint.axis(values[:, columns])
+            axes.append((placed[:, ends[0]] @ in_link[..., None])[..., 0])
+        return np.stack(axes, axis=1)
 
     @cached_property
     def _ways(self) -> Floats:
@@ -97,12 +97,12 @@ class ExactChain:
     @cached_property
     def _passes(self) -> Floats:
         """(loops, variables): the sense in which a loop passes the pair of a variable."""
-        found = np.zeros((len(self.chords), len(self.joints)))
+        passes = np.zeros((len(self.chords), len(self.joints)))
         for row, pair in enumerate(self.chords):
             a, b = self.mechanism.ends[pair]
-            found[row] = self._ways[a] - self._ways[b]
-            found[row, pair] += 1.0
-        return found[:, list(self.mechanism.variable_owners)]
+            passes[row] = self._ways[a] - self._ways[b]
+            passes[row, pair] += 1.0
+        return passes[:, list(self.mechanism.variable_owners)]
 
     def velocities(self, vectors: Numbers, rates: Numbers) -> Numbers:
         """Return angular velocities (n, links, 3) relative to the ground, in its axes.
@@ -110,7 +110,7 @@ class ExactChain:
         At `vectors` (n, variables, 3) and rates (n, variables) of the variables.
         """
         n, count, _ = vectors.shape
-        found = self.arithmetic.zeros(n, len(self.mechanism.links), 3)
+        velocities = self.arithmetic.zeros(n, len(self.mechanism.links), 3)
         moved = vectors * rates[:, :, None]
         owners = self.mechanism.variable_owners
         for link, senses in enumerate(self._ways):
@@ -118,17 +118,17 @@ class ExactChain:
                 sense = senses[owners[variable]]
                 if sense:
                     part = moved[:, variable]
-                    found[:, link] += part if sense > 0 else -part
-        return found
+                    velocities[:, link] += part if sense > 0 else -part
+        return velocities
 
     def jacobian(self, vectors: Numbers) -> Numbers:
         """Return (n, 3 loops, variables): gaps change by it times the variables' rates."""
         n, count, _ = vectors.shape
-        found = self.arithmetic.zeros(n, 3 * len(self.chords), count)
+        jacobian = self.arithmetic.zeros(n, 3 * len(self.chords), count)
         for row, senses in enumerate(self._passes):
             for column in np.flatnonzero(senses):
                 part = vectors[:, column]
-                found[:, 3 * row : 3 * row + 3, column] = (
+                jacobian[:, 3 * row : 3 * row + 3, column] = (
                     part if senses[column] > 0 else -part
                 )
-        return found
+        return jacobian

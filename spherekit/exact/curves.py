@@ -228,7 +228,7 @@ def _pieces(arithmetic: Arithmetic, path: SplinePath) -> Numbers:
     every, control = arithmetic.exact(spline.t), arithmetic.exact(spline.c)
     span = np.searchsorted(spline.t, path.knots[:-1], side="right") - 1
     start = arithmetic.exact(path.knots[:-1])
-    found, factor = [], 1
+    pieces, factor = [], 1
     for order in range(degree + 1):
         rest = degree - order
         knots = every[order : len(every) - order]
@@ -240,13 +240,13 @@ def _pieces(arithmetic: Arithmetic, path: SplinePath) -> Numbers:
                 share = (start - knots[i]) / (knots[i + rest + 1 - level] - knots[i])
                 share = share[:, None]
                 points[r] = (1 - share) * points[r - 1] + share * points[r]
-        found.append(points[rest] / factor)
+        pieces.append(points[rest] / factor)
         factor *= order + 1
         if rest:
             count = len(control) - 1
             width = knots[rest + 1 : rest + 1 + count] - knots[1 : 1 + count]
             control = rest * (control[1:] - control[:-1]) / width[:, None]
-    return np.stack(found, axis=1)
+    return np.stack(pieces, axis=1)
 
 
 def _turned(

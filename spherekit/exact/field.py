@@ -136,12 +136,12 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
         )
         codes = field.pole_status[pole]
         made.pole_status[pole] = np.where(none, exact.status, codes).astype(np.int8)
-    for given_w, own, result in (
+    for given_w, exact_rates, result in (
         (field.w, exact.w, made.w),
         (field.dw, exact.dw, made.dw),
     ):
         for link, vectors in given_w.items():
-            result[link] = np.where(np.isnan(vectors), np.nan, floats(own[:, link]))
+            result[link] = np.where(np.isnan(vectors), np.nan, floats(exact_rates[:, link]))
     return made
 
 

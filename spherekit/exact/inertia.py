@@ -40,8 +40,8 @@ def link_inertia(
     for mass in mechanism.masses:
         link = mechanism.link_number[mass.link]
         turn = rotations[:, link]
-        own = (w[:, link][:, None, :] @ turn)[:, 0] @ arithmetic.exact(mass.tensor)
-        momentum = (turn @ own[..., None])[..., 0]
+        in_link = (w[:, link][:, None, :] @ turn)[:, 0] @ arithmetic.exact(mass.tensor)
+        momentum = (turn @ in_link[..., None])[..., 0]
         B = B + (w[:, link] * momentum).sum(axis=1)
         dB = dB + 2 * (dw[:, link] * momentum).sum(axis=1)
     return B, dB

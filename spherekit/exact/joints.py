@@ -79,11 +79,11 @@ class ExactContact:
         along = self.arithmetic.exact(np.ones(values.shape))
         first, second = self._frames(np.stack([values, along]))
         back = transpose(second)
-        found = self.arithmetic.zeros(*values.shape, 3)
-        found[:, self.variables[0]] += skew_part(first[1] @ transpose(first[0]))
+        vectors = self.arithmetic.zeros(*values.shape, 3)
+        vectors[:, self.variables[0]] += skew_part(first[1] @ transpose(first[0]))
         turned = first[0] @ back[1] @ second[0] @ transpose(first[0])
-        found[:, self.variables[1]] += skew_part(turned)
-        return np.asarray(found)
+        vectors[:, self.variables[1]] += skew_part(turned)
+        return np.asarray(vectors)
 
     def axis(self, values: Numbers) -> Numbers:
         """Return the contact point (n, 3) in the first link's axes."""
@@ -91,14 +91,14 @@ class ExactContact:
 
     def _frames(self, values: Numbers) -> list[Numbers]:
         """Return the frames (k, n, 3, 3) of both curves at series of the variables."""
-        found = []
+        frames = []
         for curve, variable, start in zip(
             self.curves, self.variables, self.start, strict=True
         ):
             s = values[..., variable].copy()
             s[0] = s[0] + start
-            found.append(curve.frame(s))
-        return found
+            frames.append(curve.frame(s))
+        return frames
 
 
 ExactJoint = ExactRevolute | ExactContact
@@ -194,13 +194,13 @@ def _size_frames(
 
 def _axes_of_link(arithmetic: Arithmetic, sizes: LinkSizes) -> dict[str, Numbers]:
     """Return the unit axes (3,) of a link in its own frame, in the order listed."""
-    found = {name: arithmetic.exact([0.0, 0.0, 1.0]) for name in sizes.axes[:1]}
+    axes = {name: arithmetic.exact([0.0, 0.0, 1.0]) for name in sizes.axes[:1]}
     arcs, angles = arithmetic.exact(sizes.arcs), arithmetic.exact((0.0, *sizes.angles))
     for name, length, angle in zip(sizes.axes[1:], arcs, angles, strict=False):
         up, across = arithmetic.cosine_sine(np.asarray(length))
         c, s = arithmetic.cosine_sine(np.asarray(angle))
-        found[name] = np.stack([-across * s, across * c, up])
-    return found
+        axes[name] = np.stack([-across * s, across * c, up])
+    return axes
 
 
 def _reference_frame(

@@ -28,11 +28,11 @@ def _with_slope(x: Numbers, count: int) -> tuple[Numbers, Numbers]:
 
 def legendre(x: Numbers, count: int) -> Numbers:
     """Return the first `count` Legendre polynomials at x (...), as (..., count)."""
-    found = [x * 0 + 1, x][:count]
+    polynomials = [x * 0 + 1, x][:count]
     for degree in range(1, count - 1):
-        before, here = found[-2:]
-        found.append(((2 * degree + 1) * x * here - degree * before) / (degree + 1))
-    return np.stack(found, axis=-1)
+        before, here = polynomials[-2:]
+        polynomials.append(((2 * degree + 1) * x * here - degree * before) / (degree + 1))
+    return np.stack(polynomials, axis=-1)
 
 
 @final
@@ -59,10 +59,10 @@ class LegendreSeries:
         From (2 k + 1) P_k = (P_{k+1} - P_{k-1})'.
         """
         every = legendre(x, self.count + 1)
-        found = [x + 1]
+        integrals = [x + 1]
         for k in range(1, self.count):
-            found.append((every[..., k + 1] - every[..., k - 1]) / (2 * k + 1))
-        return np.stack(found, axis=-1)
+            integrals.append((every[..., k + 1] - every[..., k - 1]) / (2 * k + 1))
+        return np.stack(integrals, axis=-1)
 
     def values(self, coefficients: Numbers, x: Numbers) -> Numbers:
         """Return the series with coefficients (count,) at x (n,)."""

@@ -70,7 +70,7 @@ class ExactLoads:
 
     def knots(self, until: float) -> list[Any]:
         """Return the times between 0 and `until` (s) at which tables have kinks."""
-        found = []
+        knots = []
         for part in self.parts:
             table = part.magnitude
             if not isinstance(table, TorqueTable):
@@ -82,8 +82,8 @@ class ExactLoads:
                 first = int(np.floor(-table.times[-1] / period))
                 turns = range(first, int(np.ceil((until - table.times[0]) / period)) + 1)
             for turn in turns:
-                found += [t + turn * (times[-1] - times[0]) for t in times]
-        inside = [t for t in found if 0.0 < float(t) < until]
+                knots += [t + turn * (times[-1] - times[0]) for t in times]
+        inside = [t for t in knots if 0.0 < float(t) < until]
         return sorted(set(inside))
 
     def force(
@@ -114,8 +114,8 @@ class ExactLoads:
         turn = 0
         if table.periodic:
             turn = int(np.floor((inside - table.times[0]) / float(period)))
-        own = inside - turn * float(period)
-        after = int(np.clip(np.searchsorted(table.times, own), 1, len(times) - 1))
+        within = inside - turn * float(period)
+        after = int(np.clip(np.searchsorted(table.times, within), 1, len(times) - 1))
         slope = (torques[after] - torques[after - 1]) / (times[after] - times[after - 1])
         since = t - turn * period - times[after - 1]
         return np.asarray(torques[after - 1] + slope * since)

@@ -113,8 +113,8 @@ def exact_rows(
     SolveError
         If the pair is not an input, or the order is not 1, 2 or 3.
     """
-    (found,) = exact_rows_by_input(motion, rows, (driven,), arithmetic, order, inputs)
-    return found
+    (reference,) = exact_rows_by_input(motion, rows, (driven,), arithmetic, order, inputs)
+    return reference
 
 
 def exact_rows_by_input(
@@ -163,22 +163,22 @@ class _Solver:
         self.closed = self._closed(self.known)
 
     def rows(self, driven: int, order: int) -> ExactRows:
-        motion, closed, known = self.motion, self.closed, self.known
+        motion, closed, usable = self.motion, self.closed, self.known
         n, count = motion.values.shape
         links = len(motion.mechanism.links)
         status = motion.status.copy()
         status[status == Status.OK] = Status.NOT_CONVERGED
-        status[known] = closed.status
+        status[usable] = closed.status
         distance, residual, condition = (np.full(n, np.nan) for _ in range(3))
-        distance[known], residual[known] = closed.distance, closed.residual
-        condition[known] = closed.condition
+        distance[usable], residual[usable] = closed.distance, closed.residual
+        condition[usable] = closed.condition
         values, rates = self._nothing(n, count), self._nothing(n, count)
         rotations = self._nothing(n, links, 3, 3)
         axes = self._nothing(n, len(motion.mechanism.pairs), 3)
         w = [self._nothing(n, links, 3) for _ in range(order)]
         good = closed.status == Status.OK
         if np.any(good):
-            kept = known[good]
+            kept = usable[good]
             inverse = closed.inverse[good]
             (moved,) = motion.mechanism.variables_of(driven)
             series = motion_series(
@@ -188,8 +188,8 @@ class _Solver:
             values[kept], rates[kept] = series[0], series[1]
             rotations[kept] = placed[0]
             axes[kept] = self.chain.axes(series[0], placed[0])
-            for given, found in zip(w, turning_rates(placed), strict=True):
-                given[kept] = found
+            for given, rate in zip(w, turning_rates(placed), strict=True):
+                given[kept] = rate
         more = [*w[1:], None, None]
         return ExactRows(
             arithmetic=self.arithmetic,
@@ -234,11 +234,11 @@ class _Solver:
         """Return the inverse of the Jacobian without the inputs, and its condition."""
         placed, _ = self.chain.place(values[None])
         jacobian = self.chain.jacobian(self.chain.vectors(values, placed[0]))
-        own = jacobian[:, :, self.free]
-        inverse = left_inverse(self.arithmetic, own)
+        passive = jacobian[:, :, self.free]
+        inverse = left_inverse(self.arithmetic, passive)
         sizes = (
-            np.linalg.norm(self.arithmetic.floats(each), axis=(1, 2))
-            for each in (own, inverse)
+            np.linalg.norm(self.arithmetic.floats(matrix), axis=(1, 2))
+            for matrix in (passive, inverse)
         )
         return inverse, np.maximum(np.prod(list(sizes), axis=0), 1.0)
 

@@ -28,24 +28,24 @@ def matrix_product(a: Numbers, b: Numbers) -> Numbers:
 
 def quotient(a: Numbers, b: Numbers) -> Numbers:
     """Return a / b, element by element."""
-    found: list[Numbers] = []
+    series: list[Numbers] = []
     for k in range(len(a)):
         rest = a[k]
         for j in range(k):
-            rest = rest - found[j] * b[k - j]
-        found.append(rest / b[0])
-    return np.stack(found)
+            rest = rest - series[j] * b[k - j]
+        series.append(rest / b[0])
+    return np.stack(series)
 
 
 def root(arithmetic: Arithmetic, a: Numbers) -> Numbers:
     """Return the square root of a."""
-    found = [arithmetic.root(a[0])]
+    series = [arithmetic.root(a[0])]
     for k in range(1, len(a)):
         rest = a[k]
         for j in range(1, k):
-            rest = rest - found[j] * found[k - j]
-        found.append(rest / (2 * found[0]))
-    return np.stack(found)
+            rest = rest - series[j] * series[k - j]
+        series.append(rest / (2 * series[0]))
+    return np.stack(series)
 
 
 def cosine_sine(arithmetic: Arithmetic, a: Numbers) -> tuple[Numbers, Numbers]:

@@ -205,18 +205,18 @@ class ExactSimulation:
         exact = self.arithmetic
         t = np.asarray(t, dtype=float)
         end = float(self.end)
-        own = np.where(t >= end, self.end, exact.exact(t))
+        times = np.where(t >= end, self.end, exact.exact(t))
         starts = np.array([float(step.start) for step in self._steps])
         owner = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(starts) - 1)
         shape = len(t), len(self.mechanism.variable_owners)
-        found = [exact.zeros(*shape) for _ in range(3)]
+        states = [exact.zeros(*shape) for _ in range(3)]
         for number in np.unique(owner):
             rows = owner == number
             for array, made in zip(
-                found, self._states(self._steps[number], own[rows]), strict=True
+                states, self._states(self._steps[number], times[rows]), strict=True
             ):
                 array[rows] = made
-        return ExactStates(own, *found)
+        return ExactStates(times, *states)
 
     def _states(self, step: _Step, t: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         """Return the variables and their two derivatives by time within a step."""
@@ -362,14 +362,14 @@ class ExactSimulation:
                     f"{self.mechanism.name}: no step of the reference is short enough at "
                     f"{float(self.end):.6g} s; smooth the loads"
                 )
-            found = self._picard(c, p, along, length, sides)
-            if found is None:
+            solved = self._picard(c, p, along, length, sides)
+            if solved is None:
                 length = length / 2
-            elif found.error > ACCEPTED:
-                factor = 0.9 * (ACCEPTED / found.error) ** (1 / self._series.count)
+            elif solved.error > ACCEPTED:
+                factor = 0.9 * (ACCEPTED / solved.error) ** (1 / self._series.count)
                 length = length * self.arithmetic.exact(np.clip(factor, 0.1, 0.9))[()]
             else:
-                return found
+                return solved
 
     def _picard(
         self, c: Any, p: Any, along: int, length: Any, sides: Sides
@@ -395,7 +395,7 @@ class ExactSimulation:
             if sides is None:
                 _, seen = self._loads.force(state, None, inside)
                 signs = [
-                    np.sign(float(each[0])) or 1.0 for each in map(np.atleast_1d, seen)
+                    np.sign(float(value[0])) or 1.0 for value in map(np.atleast_1d, seen)
                 ]
                 sides = np.array(signs, dtype=float)
             force, conditions = self._loads.force(state, sides, inside)
@@ -436,7 +436,7 @@ class ExactSimulation:
 
     def _root(self, solved: _Solved) -> _Root | None:
         """Return the first place at which a switch turns, or a stop is reached."""
-        found: _Root | None = None
+        nearest: _Root | None = None
         exact = self.arithmetic
         for switch, signed in self._signed(solved):
             series = self._series.from_values @ signed
@@ -447,22 +447,22 @@ class ExactSimulation:
             first = int(beyond[0])
             low = self._grid[first - 1] if first else -1.0
             x = self._bisected(series, exact.exact([low]), self._grid[first])
-            if found is None or x[0] < found.x[0]:
-                found = _Root(x, switch, first == 0)
-        return found
+            if nearest is None or x[0] < nearest.x[0]:
+                nearest = _Root(x, switch, first == 0)
+        return nearest
 
     def _signed(self, solved: _Solved) -> Sequence[tuple[int, Numbers]]:
         """Return what stays positive at the nodes of a step until something happens."""
         exact, sides = self.arithmetic, solved.step.sides
-        found = []
+        signed = []
         for number, condition in enumerate(solved.conditions):
             ones = exact.exact(np.full(self._series.count, sides[number]))
-            found.append((number, condition * ones))
+            signed.append((number, condition * ones))
         for variable, stop in self._stops:
             value = solved.values[:, variable]
-            found.append((-1, value - exact.exact(stop.low)))
-            found.append((-1, exact.exact(stop.high) - value))
-        return found
+            signed.append((-1, value - exact.exact(stop.low)))
+            signed.append((-1, exact.exact(stop.high) - value))
+        return signed
 
     def _bisected(self, series: Numbers, low: Numbers, beyond: float) -> Numbers:
         high = self.arithmetic.exact([beyond])

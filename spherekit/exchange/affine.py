@@ -42,21 +42,21 @@ def affine(expression: Expression) -> Affine | None:
 
 
 def _applied(function: str, parts: list[Affine | None]) -> Affine | None:
-    known = [part for part in parts if part is not None]
-    if len(known) < len(parts):
+    terms = [part for part in parts if part is not None]
+    if len(terms) < len(parts):
         return None
-    if not any(part.factors for part in known):
+    if not any(part.factors for part in terms):
         with np.errstate(all="ignore"):
-            value = float(ON_ARRAYS[function](*(np.float64(p.constant) for p in known)))
+            value = float(ON_ARRAYS[function](*(np.float64(p.constant) for p in terms)))
         return Affine(value, {}) if np.isfinite(value) else None
     if function == "negative":
-        return known[0].times(-1.0)
+        return terms[0].times(-1.0)
     if function in ("+", "-"):
-        return known[0].plus(known[1].times(1.0 if function == "+" else -1.0))
+        return terms[0].plus(terms[1].times(1.0 if function == "+" else -1.0))
     if function == "*":
-        for part, factor in (known, known[::-1]):
+        for part, factor in (terms, terms[::-1]):
             if not factor.factors:
                 return part.times(factor.constant)
-    if function == "/" and not known[1].factors and known[1].constant:
-        return known[0].times(1.0 / known[1].constant)
+    if function == "/" and not terms[1].factors and terms[1].constant:
+        return terms[0].times(1.0 / terms[1].constant)
     return None

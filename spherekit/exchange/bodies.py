@@ -71,7 +71,7 @@ class LoopCut:
 class BodyInertia:
     """Mass (kg), centre of mass (3,) and tensor (3, 3) about it, in m and kg m2.
 
-    `known` says whether they are the link's own. Otherwise they are some that have the
+    `stated` says whether they are the link's own. Otherwise they are some that have the
     right tensor about O, which alone matters where no gravity acts on the link.
     """
 
@@ -79,7 +79,7 @@ class BodyInertia:
     mass: float
     centre: Floats
     tensor: Floats
-    known: bool
+    stated: bool
 
 
 @final
@@ -183,7 +183,7 @@ def _tree(mechanism: Mechanism, wanted: Iterable[str]) -> tuple[tuple[int, int, 
         a, b = (piece[end] for end in ends[pair])
         if a != b and mechanism.pairs[pair].kind.has_axis:
             kept.append(pair)
-            piece = [a if each == b else each for each in piece]
+            piece = [a if label == b else label for label in piece]
     return spanning(ends, pairs=kept)
 
 
@@ -207,19 +207,19 @@ def _hinges(
 def _depth_first(
     ways: Sequence[tuple[int, int, int]], root: int
 ) -> list[tuple[int, int, int]]:
-    found: list[tuple[int, int, int]] = []
+    ordered: list[tuple[int, int, int]] = []
     for way in ways:
         if way[1] == root:
-            found += [way, *_depth_first(ways, way[2])]
-    return found
+            ordered += [way, *_depth_first(ways, way[2])]
+    return ordered
 
 
 def _masses(mechanism: Mechanism) -> tuple[dict[str, Mass], bool]:
     """Return the masses by link, made up where no moving link has any."""
-    known = {mass.link: mass for mass in mechanism.masses}
-    moving = [mass for link, mass in known.items() if link != mechanism.ground]
+    masses = {mass.link: mass for mass in mechanism.masses}
+    moving = [mass for link, mass in masses.items() if link != mechanism.ground]
     if any(np.any(np.array(mass.tensor) != 0.0) for mass in moving):
-        return known, False
+        return masses, False
     shapes = zip(mechanism.links, link_shapes(mechanism), strict=True)
     return {
         link: _wire(link, [*shape.curves, *spokes(shape.joints)]) for link, shape in shapes

@@ -27,8 +27,8 @@ def continued_on_grid(
         (K,) of the values; infinite where they have none.
     """
     beside = list(_beside(shape))
-    known = np.all(np.isfinite(values), axis=1)
-    values, done = values.copy(), ~known
+    present = np.all(np.isfinite(values), axis=1)
+    values, done = values.copy(), ~present
     finite = np.isfinite(periods)
 
     def ahead(start: NDArray[np.intp], end: NDArray[np.intp]) -> Floats:
@@ -37,7 +37,7 @@ def continued_on_grid(
         return np.asarray(values[start] + np.einsum("nki,ni->nk", slope, way))
 
     edges = np.concatenate(beside) if beside else np.empty((0, 2), dtype=np.intp)
-    edges = edges[known[edges[:, 0]] & known[edges[:, 1]]]
+    edges = edges[present[edges[:, 0]] & present[edges[:, 1]]]
     while not np.all(done):
         done[int(np.argmin(done))] = True
         while True:

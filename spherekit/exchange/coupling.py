@@ -87,7 +87,7 @@ class CouplingTable:
             for first, step, count in zip(self.start, self.step, self.count, strict=True)
         ]
         return np.stack(
-            [each.ravel() for each in np.meshgrid(*axes, indexing="ij")], axis=1
+            [grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")], axis=1
         )
 
     def at(self, q: ArrayLike, assembly_mode: int | None = None) -> Coupled:
@@ -120,15 +120,23 @@ class CouplingTable:
         number = self.modes.index(mode)
         q = np.asarray(q, dtype=float).reshape(-1, len(self.inputs))
         cells, at, turns, inside = self._cells(q)
-        found = self._blended(number, cells, at)
+        coupled = self._blended(number, cells, at)
         grown = turns @ self.rise[number]
         good = inside & self.sure[number, self._number(cells, self.count - 1)]
-        found = Coupled(
-            found.angles + grown, found.coefficients, found.derivatives, found.turning
+        coupled = Coupled(
+            coupled.angles + grown,
+            coupled.coefficients,
+            coupled.derivatives,
+            coupled.turning,
         )
-        for part in (found.angles, found.coefficients, found.derivatives, found.turning):
+        for part in (
+            coupled.angles,
+            coupled.coefficients,
+            coupled.derivatives,
+            coupled.turning,
+        ):
             part[~good] = np.nan
-        return found
+        return coupled
 
     def _cells(
         self, q: Floats
@@ -141,17 +149,17 @@ class CouplingTable:
         slack = 1e-9
         with np.errstate(invalid="ignore"):
             inside = np.all((along >= -slack) & (along <= self.count - 1 + slack), axis=1)
-        known = np.nan_to_num(along)
-        cells = np.clip(np.floor(known).astype(np.int64), 0, self.count - 2)
-        return cells, known - cells, turns, inside
+        filled = np.nan_to_num(along)
+        cells = np.clip(np.floor(filled).astype(np.int64), 0, self.count - 2)
+        return cells, filled - cells, turns, inside
 
     @staticmethod
     def _number(places: NDArray[np.int64], count: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the numbers (n,) of places (n, m) in a grid of so many."""
-        found = np.zeros(len(places), dtype=np.int64)
+        number = np.zeros(len(places), dtype=np.int64)
         for axis, size in enumerate(count):
-            found = found * size + places[:, axis]
-        return found
+            number = number * size + places[:, axis]
+        return number
 
     def _blended(self, mode: int, cells: NDArray[np.int64], at: Floats) -> Coupled:
         parts: list[Floats] = []
@@ -163,13 +171,13 @@ class CouplingTable:
             H, w = self.derivatives[mode, node], self.turning[mode, node]
             dw = self.turning_derivatives[mode, node]
             bent = np.einsum("nkij,nj->nki", H, d)
-            own = [
+            expansion = [
                 f + np.einsum("nki,ni->nk", 2.0 / 3.0 * g + bent / 6.0, d),
                 g + 0.5 * bent,
                 H,
                 w + 0.5 * np.einsum("npijx,nj->npix", dw, d),
             ]
-            for k, part in enumerate(own):
+            for k, part in enumerate(expansion):
                 shaped = weight.reshape(-1, *(1,) * (part.ndim - 1)) * part
                 if len(parts) > k:
                     parts[k] = parts[k] + shaped

@@ -94,12 +94,12 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
     cell that starts at the node.
     """
     modes, nodes = len(table.modes), len(table.nodes)
-    found: dict[str, Floats] = {"assembly_mode": np.repeat(table.modes, nodes)}
+    arrays: dict[str, Floats] = {"assembly_mode": np.repeat(table.modes, nodes)}
     for k, name in enumerate(table.inputs):
-        found[f"q_{name}"] = np.tile(table.nodes[:, k], modes)
+        arrays[f"q_{name}"] = np.tile(table.nodes[:, k], modes)
 
     def put(name: str, values: Floats) -> None:
-        found[name] = values.reshape(modes * nodes)
+        arrays[name] = values.reshape(modes * nodes)
 
     for v, name in enumerate(table.variables):
         put(name, table.angles[:, :, v])
@@ -116,7 +116,7 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
     cells = cells_of(table)
     padded = np.concatenate([table.error, np.full((modes, 1), np.nan)], axis=1)
     put("cell_error", padded[:, cells])
-    return found
+    return arrays
 
 
 def write_csv(table: CouplingTable, path: str | os.PathLike[str]) -> None:

@@ -180,7 +180,7 @@ def header(table: CouplingTable) -> str:
         modes=modes,
         nodes=nodes,
         cells=cells,
-        enums=_enum(name, (f"{each}" for each in table.variables)),
+        enums=_enum(name, (f"{variable}" for variable in table.variables)),
         mode_numbers=_row(table.modes),
         start=_row(table.start),
         step=_row(table.step),
@@ -220,11 +220,11 @@ def _lines(values: Floats) -> Iterator[str]:
 def _braced(values: Floats) -> str:
     if np.ndim(values) == 0:
         return _number(values)
-    return "{" + ", ".join(_braced(each) for each in values) + "}"
+    return "{" + ", ".join(_braced(row) for row in values) + "}"
 
 
 def _row(values: Iterable[float]) -> str:
-    return ", ".join(_number(each) for each in values)
+    return ", ".join(_number(value) for value in values)
 
 
 def _number(value: object) -> str:

@@ -104,8 +104,8 @@ def coupling_table(
             break
         counts = finer
     if not np.any(table.sure):
-        known = table.error[np.isfinite(table.error)]
-        best = f"the best is to {np.min(known):.2g}" if len(known) else "no mode is there"
+        errors = table.error[np.isfinite(table.error)]
+        best = f"the best is to {np.min(errors):.2g}" if len(errors) else "no mode is there"
         raise SolveError(
             f"{mechanism.name}: no cell of {'x'.join(map(str, counts))} nodes is sure to "
             f"{tolerance:g} rad, {best}: ask for more samples, a larger tolerance, or "
@@ -139,6 +139,11 @@ def _passive(mechanism: Mechanism, pairs: Sequence[str] | None) -> tuple[int, ..
                     f"{listing(named)}"
                 )
         named = list(dict.fromkeys(pairs))
+    if not named:
+        raise SolveError(
+            f"{mechanism.name}: a coupling table has the variables of passive pairs, and "
+            + ("all pairs are inputs" if pairs is None else "no pair was named")
+        )
     return tuple(
         v for name in named for v in mechanism.variables_of(mechanism.pair_number[name])
     )
@@ -164,9 +169,9 @@ def _table(
     parts = by_variables(tracer.solver.closure, motion.values[good], held)
 
     def spread(values: Floats) -> Floats:
-        found = np.full((n, *values.shape[1:]), np.nan)
-        found[good] = values
-        return found
+        whole = np.full((n, *values.shape[1:]), np.nan)
+        whole[good] = values
+        return whole
 
     columns = list(chosen)
     angles = spread(parts.values[:, columns])
@@ -178,7 +183,7 @@ def _table(
     usable = np.all(np.isfinite(first), axis=(1, 2))
     usable &= np.all(np.isfinite(second), axis=(1, 2, 3))
     angles[~usable] = np.nan
-    modes = [each.number for each in tracer.assembly_modes]
+    modes = [mode.number for mode in tracer.assembly_modes]
     shape = (len(modes), motion.samples)
     q = tracer.input_grid.q
     angles = angles.reshape(*shape, k)
@@ -237,14 +242,14 @@ def _measured(table: CouplingTable, exact: Coupled, fine: tuple[int, ...]) -> Co
     for place in inner:
         node = np.ravel_multi_index(tuple((PARTS * every + place).T), fine)
         for number in range(len(table.modes)):
-            found = table._blended(
+            blended = table._blended(
                 number, every, np.broadcast_to(place / PARTS, every.shape)
             )
-            gap = np.abs(found.angles - exact.angles[number, node])
+            gap = np.abs(blended.angles - exact.angles[number, node])
             error[number] = np.maximum(error[number], np.max(gap, axis=1, initial=0.0))
             for ours, theirs in (
-                (found.coefficients, exact.coefficients[number, node]),
-                (found.turning, exact.turning[number, node]),
+                (blended.coefficients, exact.coefficients[number, node]),
+                (blended.turning, exact.turning[number, node]),
             ):
                 off = np.abs(ours - theirs).reshape(len(node), -1)
                 slope[number] = np.maximum(slope[number], np.max(off, axis=1, initial=0.0))
@@ -283,6 +288,6 @@ def cells_of(table: CouplingTable) -> NDArray[np.int64]:
     """Return for each node (nodes,) the cell that starts there, -1 at the last ones."""
     places = np.stack(np.unravel_index(np.arange(len(table.nodes)), tuple(table.count)), 1)
     inner = np.all(places < table.count - 1, axis=1)
-    found = np.full(len(places), -1, dtype=np.int64)
-    found[inner] = np.ravel_multi_index(tuple(places[inner].T), tuple(table.count - 1))
-    return found
+    numbers = np.full(len(places), -1, dtype=np.int64)
+    numbers[inner] = np.ravel_multi_index(tuple(places[inner].T), tuple(table.count - 1))
+    return numbers

@@ -108,7 +108,7 @@ class _Import:
             for pair in self.pairs
             if pair.hinge is not None and pair.hinge.limits is not None
         }
-        x, y, z = (plain(each, 1.0) for each in self.centre)
+        x, y, z = (plain(coordinate, 1.0) for coordinate in self.centre)
         heading = (
             f"Imported from the {model.source}.",
             f"The centre of the sphere is at {x}, {y}, {z} m in its world axes, which are "
@@ -169,13 +169,13 @@ class _Import:
 
     def _unique(self, text: str, used: Iterable[str]) -> str:
         clean = re.sub(r"[^A-Za-z0-9_]", "_", text)[:MAX_NAME_LENGTH] or "unnamed"
-        taken, found, k = set(used), clean, 1
-        while found in taken:
+        taken, name, k = set(used), clean, 1
+        while name in taken:
             k += 1
-            found = f"{clean[: MAX_NAME_LENGTH - 4]}_{k}"
-        if found != text:
-            self.notes.append(f'"{text}" is called {found}')
-        return found
+            name = f"{clean[: MAX_NAME_LENGTH - 4]}_{k}"
+        if name != text:
+            self.notes.append(f'"{text}" is called {name}')
+        return name
 
     def _links(self) -> list[str]:
         used = dict.fromkeys(
@@ -203,15 +203,15 @@ class _Import:
 
     def _held(self) -> dict[tuple[int, int], list[Any]]:
         """Return the points that hold bodies, by the two links."""
-        found: dict[tuple[int, int], list[Any]] = {}
+        holds: dict[tuple[int, int], list[Any]] = {}
         for hold in self.model.holds:
             if hold.point is not None:
                 ends = self.find(hold.first), self.find(hold.second)
                 if ends[0] != ends[1]:
-                    found.setdefault(
-                        ends if ends in found or ends[::-1] not in found else ends[::-1], []
+                    holds.setdefault(
+                        ends if ends in holds or ends[::-1] not in holds else ends[::-1], []
                     ).append(hold)
-        return found
+        return holds
 
     def _meet(self, within: float | None) -> tuple[Floats, float]:
         lines = self._lines()
@@ -232,7 +232,7 @@ class _Import:
         gaps = {line.name: line.distance(centre) for line in lines}
         worst = max(gaps.values())
         if worst > allowed:
-            x, y, z = (plain(each, size) for each in centre)
+            x, y, z = (plain(coordinate, size) for coordinate in centre)
             told = "".join(
                 f"\n  {name}: {gap if gap > 1e-3 * allowed else 0.0:.4g} m"
                 for name, gap in sorted(gaps.items(), key=lambda g: -g[1])
@@ -250,7 +250,7 @@ class _Import:
     # Pairs
 
     def _pairs(self) -> list[_Pair]:
-        model, found = self.model, []
+        model, pairs = self.model, []
         names: list[str] = []
 
         def named(text: str) -> str:
@@ -275,22 +275,25 @@ class _Import:
                     self.names[above] = self._unique(
                         f"{model.bodies[body].name}_{hinge.name}", self.names.values()
                     )
-                found.append(
+                pairs.append(
                     _Pair(named(hinge.name), (below, above), hinge.axis, hinge.value, hinge)
                 )
                 below = above
         for ends, holds in self._held().items():
-            found += self._closing(ends, holds, named)
-        if not found:
+            pairs += self._closing(ends, holds, named)
+        if not pairs:
             raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
-        self._need_pieces(found)
-        return found
+        self._need_pieces(pairs)
+        return pairs
 
     def _closing(
         self, ends: tuple[int, int], holds: Sequence[Any], named: Any
     ) -> list[_Pair]:
         """Return the pair that points which hold two links make."""
-        hold = max(holds, key=lambda each: float(np.linalg.norm(each.point - self.centre)))
+        hold = max(
+            holds,
+            key=lambda candidate: float(np.linalg.norm(candidate.point - self.centre)),
+        )
         arm = hold.point - self.centre
         length = float(np.linalg.norm(arm))
         if length <= self.miss or length == 0.0:
@@ -309,18 +312,18 @@ class _Import:
         turning = [Turning(p.hinge.name, p.links, p.axis) for p in self.pairs if p.hinge]
         names = [pair.name for pair in self.pairs]
         for coupling in self.model.couplings:
-            found = gears_of(turning, coupling.factors)
-            if isinstance(found, str):
+            gears = gears_of(turning, coupling.factors)
+            if isinstance(gears, str):
                 raise FileError(
                     f"{self.where}: {coupling.name} couples joints "
-                    f"{listing(coupling.factors)}, but no two gears do: {found}. Take it "
+                    f"{listing(coupling.factors)}, but no two gears do: {gears}. Take it "
                     "out of a copy of the file"
                 )
             names.append(self._unique(coupling.name, names))
-            links = [self._name(link) for link in found.links]
+            links = [self._name(link) for link in gears.links]
             table: Table = {"type": "Cr", "links": links}
-            if found.contact != "external":
-                table["contact"] = found.contact
+            if gears.contact != "external":
+                table["contact"] = gears.contact
             table["profiles"] = {
                 link: {
                     "kind": "circle",
@@ -328,7 +331,7 @@ class _Import:
                     "radius": self.units.angle(radius),
                 }
                 for link, centre, radius in zip(
-                    links, found.centres, found.radii, strict=True
+                    links, gears.centres, gears.radii, strict=True
                 )
             }
             self.comments["pairs", names[-1]] = "Joints at a constant ratio: gears."
@@ -418,7 +421,7 @@ class _Import:
     # Inertia and loads
 
     def _masses(self) -> Table:
-        model, found = self.model, {}
+        model, masses = self.model, {}
         if model.made_up:
             self.notes.append(
                 "the masses, which the file says are made up, and its servos were left out"
@@ -455,16 +458,16 @@ class _Import:
                     self.comments["mass", self._name(link)] = (
                         "Its weight is compensated: its centre counts as the sphere's."
                     )
-            found[self._name(link)] = table
-        return found
+            masses[self._name(link)] = table
+        return masses
 
     def _loads(self, masses: Table) -> Table:
-        model, found = self.model, {}
+        model, loads = self.model, {}
         names: list[str] = []
 
         def put(name: str, table: Table) -> None:
             names.append(self._unique(name, names))
-            found[names[-1]] = table
+            loads[names[-1]] = table
 
         if model.gravity is not None and masses:
             put(
@@ -497,7 +500,7 @@ class _Import:
                 put(f"damper_{pair.name}", {"kind": "damper", "pair": pair.name, **damping})
         for load in model.loads:
             put(load.name, self._load(load))
-        return found
+        return loads
 
     def _load(self, load: ForeignLoad) -> Table:
         parts = [plain(x, float(np.max(np.abs(load.vector)))) for x in load.vector]

@@ -72,8 +72,8 @@ def gears_of(hinges: Sequence[Turning], factors: Mapping[str, float]) -> Gears |
         if not lines or np.linalg.norm(np.cross(hinge.axis, lines[-1])) > ONE_LINE:
             lines.append(hinge.axis)
             shares.append(sense * factors[hinge.name])
-        own = sense * factors[hinge.name] * float(np.sign(hinge.axis @ lines[-1]))
-        if abs(own - shares[-1]) > SAME * abs(own):
+        share = sense * factors[hinge.name] * float(np.sign(hinge.axis @ lines[-1]))
+        if abs(share - shares[-1]) > SAME * abs(share):
             return "its joints about one axis do not add up"
     if len(lines) != 2:
         return f"its joints lie along {len(lines)} axes, and two gears have two"
@@ -105,16 +105,16 @@ def _way(hinges: Sequence[Turning]) -> list[tuple[Turning, float]] | None:
     odd = [link for link in dict.fromkeys(ends) if ends.count(link) == 1]
     if len(odd) != 2 or max(ends.count(link) for link in ends) > 2:
         return None
-    left, link, found = list(hinges), odd[0], []
+    left, link, ordered = list(hinges), odd[0], []
     while left:
         here = next((hinge for hinge in left if link in hinge.links), None)
         if here is None:
             return None
         forwards = here.links[0] == link
-        found.append((here, 1.0 if forwards else -1.0))
+        ordered.append((here, 1.0 if forwards else -1.0))
         link = here.links[1] if forwards else here.links[0]
         left = [hinge for hinge in left if hinge is not here]
-    return found
+    return ordered
 
 
 def _first(way: Sequence[tuple[Turning, float]]) -> int:

@@ -81,7 +81,7 @@ def import_mechanism(
     name = _name(model.name, where)
     units: tuple[AngleUnit, ...] = ("deg", "rad")
     both = [(unit, tables_of(str(where), model, unit, within)) for unit in units]
-    texts = ["\n".join([*_lines(name, unit, found), ""]) for unit, found in both]
+    texts = ["\n".join([*_lines(name, unit, built), ""]) for unit, built in both]
     text = min(texts, key=len)
     return Imported(loads(text, f"{where}: imported"), text, both[0][1].notes)
 
@@ -91,20 +91,20 @@ def _name(text: str, where: Path) -> str:
     return clean or where.stem
 
 
-def _lines(name: str, unit: AngleUnit, found: Tables) -> Iterator[str]:
-    for line in found.heading:
+def _lines(name: str, unit: AngleUnit, built: Tables) -> Iterator[str]:
+    for line in built.heading:
         yield f"# {line}"
     yield assignment("format", FORMAT)
     yield assignment("name", name)
     yield assignment("angle_unit", unit)
-    yield assignment("ground", next(iter(found.content["links"])))
-    for key, content in found.content.items():
+    yield assignment("ground", next(iter(built.content["links"])))
+    for key, content in built.content.items():
         if key == "source":
             yield from tables((key,), content)
             continue
-        for each, table in content.items():
-            blank, *rest = tables((key, each), table)
+        for item, table in content.items():
+            blank, *rest = tables((key, item), table)
             yield blank
-            if (key, each) in found.comments:
-                yield f"# {found.comments[key, each]}"
+            if (key, item) in built.comments:
+                yield f"# {built.comments[key, item]}"
             yield from rest

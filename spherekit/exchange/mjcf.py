@@ -97,9 +97,11 @@ def mjcf(
             raise ModelError(f"mjcf: {name} is {value} {unit}; it has to be above 0")
     loads = mujoco_loads(mechanism)
     made = rigid_bodies(mechanism, values, loads.held)
-    known = [np.linalg.norm(body.centre) for body in made.bodies if body.known]
+    distances = [np.linalg.norm(body.centre) for body in made.bodies if body.stated]
     size = (
-        float(np.round(max(known), 3) or max(known)) if known and not made.made_up else 1.0
+        float(np.round(max(distances), 3) or max(distances))
+        if distances and not made.made_up
+        else 1.0
     )
     writer = _Writer(made, loads, timestep, radius or size)
     notes = _notes(made, loads)
@@ -217,9 +219,9 @@ class _Writer:
                 body = _add(parent, "body", name=_twin(twin))
                 self.turned(body, self.turn(link).T @ self.turn(twin.child))
                 self.joint(body, twin)
-                own = next(b for b in self.made.bodies if b.link == twin.child)
+                shared = next(b for b in self.made.bodies if b.link == twin.child)
                 parts = 1 + sum(other.child == twin.child for other in self.twins)
-                self.inertia(body, own, 1.0 / parts)
+                self.inertia(body, shared, 1.0 / parts)
 
     @cached_property
     def twins(self) -> list[Hinge]:
@@ -279,7 +281,7 @@ class _Writer:
             pos=_text(turn.T @ inertia.centre),
             fullinertia=_text(inner),
         )
-        if not inertia.known:
+        if not inertia.stated:
             body.set("gravcomp", "1")
 
     def looks(self, body: Element, link: str) -> None:
@@ -416,7 +418,7 @@ def _notes(made: RigidBodies, loads: MujocoLoads) -> tuple[str, ...]:
             f"stops of {pairs} are MuJoCo's soft limits, where spherekit ends a simulation"
         )
     weighed = {mass.link for mass in mechanism.masses if np.any(np.array(mass.tensor))}
-    unknown = [b.link for b in made.bodies if not b.known and b.link in weighed]
+    unknown = [b.link for b in made.bodies if not b.stated and b.link in weighed]
     if unknown:
         notes.append(
             f"mass and centre chosen so that the tensor about the centre of the sphere is "

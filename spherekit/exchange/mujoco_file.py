@@ -139,14 +139,14 @@ class _Reader:
         self.need_hinges()
         drives = self.drives()
         self.close({int(m.joint(name).dofadr[0]) for name in drives})
-        texts = {each.name: each.data for each in self.spec.texts}
-        numbers = {each.name: list(each.data) for each in self.spec.numerics}
+        texts = {text.name: text.data for text in self.spec.texts}
+        numbers = {numeric.name: list(numeric.data) for numeric in self.spec.numerics}
         self.made_up = texts.get("masses") == "made up"
-        own: dict[str, tuple[float, float]] = {}
+        ranges: dict[str, tuple[float, float]] = {}
         for name in drives:
             ends = numbers.get(f"input_{name}", [])
             if len(ends) == 2:
-                own[name] = (float(ends[0]), float(ends[1]))
+                ranges[name] = (float(ends[0]), float(ends[1]))
         what = "URDF" if self.urdf is not None else "MuJoCo model"
         return ForeignModel(
             name=self.path.stem if self.spec.modelname in NAMELESS else self.spec.modelname,
@@ -154,7 +154,7 @@ class _Reader:
             bodies=[self.body(k) for k in range(m.nbody)],
             hinges=[self.hinge(k) for k in range(m.njnt)],
             holds=list(self.holds()),
-            driven={name: own.get(name, ends) for name, ends in drives.items()},
+            driven={name: ranges.get(name, ends) for name, ends in drives.items()},
             couplings=list(self.couplings()),
             loads=list(self.loads()),
             gravity=self.gravity(),
@@ -238,28 +238,28 @@ class _Reader:
         m, d = self.m, self.d
         self.mj.mj_forward(m, d)
         rows = d.efc_type == self.kinds["mjCNSTR_EQUALITY"]
-        found: dict[str, float] = {}
+        gaps: dict[str, float] = {}
         for number, gap in zip(d.efc_id[rows], np.abs(d.efc_pos[rows]), strict=True):
             name = _named(m.eq(int(number)), "equality", int(number))
-            found[name] = max(found.get(name, 0.0), float(gap))
-        return found
+            gaps[name] = max(gaps.get(name, 0.0), float(gap))
+        return gaps
 
     def drives(self) -> dict[str, tuple[float, float] | None]:
         """Return the actuated hinges with the range of their angle where there is one."""
         m = self.m
-        found: dict[str, tuple[float, float] | None] = {}
+        drives: dict[str, tuple[float, float] | None] = {}
         joints = {m.joint(k).name for k in range(m.njnt)}
         for name in driven(self.urdf) if self.urdf is not None else ():
             if name in joints:
-                found[name] = None
+                drives[name] = None
         for k in range(m.nu):
             at_joint = m.actuator_trntype[k] == self.kinds["mjTRN_JOINT"]
             if at_joint and np.any(m.actuator_gainprm[k]):
                 servo = m.actuator_ctrllimited[k] and m.actuator_biasprm[k][1] != 0.0
                 low, high = m.actuator_ctrlrange[k]
                 name = m.joint(int(m.actuator_trnid[k][0])).name
-                found[name] = (float(low), float(high)) if servo else None
-        return found
+                drives[name] = (float(low), float(high)) if servo else None
+        return drives
 
     def body(self, number: int) -> ForeignBody:
         m, d = self.m, self.d
@@ -380,7 +380,7 @@ class _Reader:
         for k in range(m.nu):
             name, transmission = _named(m.actuator(k), "actuator", k), m.actuator_trntype[k]
             gear, bias = m.actuator_gear[k], m.actuator_biasprm[k][:3]
-            first, second = (int(each) for each in m.actuator_trnid[k])
+            first, second = (int(number) for number in m.actuator_trnid[k])
             if np.any(m.actuator_gainprm[k]):
                 if transmission != kinds["mjTRN_JOINT"]:
                     self.notes.append(f"actuator {name} left out: it drives no hinge")
@@ -405,10 +405,10 @@ class _Reader:
             return
         turn = d.site_xmat[site if seen < 0 else seen].reshape(3, 3)
         body, point = int(m.site_bodyid[site]), d.site_xpos[site].copy()
-        x, y, z = (float(each) for each in turn @ wrench[:3])
+        x, y, z = (float(component) for component in turn @ wrench[:3])
         if np.any(wrench[:3]):
             yield ForeignLoad(name, "force", (x, y, z), "", body, point, seen < 0)
-        x, y, z = (float(each) for each in turn @ wrench[3:])
+        x, y, z = (float(component) for component in turn @ wrench[3:])
         if np.any(wrench[3:]):
             yield ForeignLoad(name, "moment", (x, y, z), "", body, None, seen < 0)
 

@@ -115,11 +115,13 @@ def _constant(mechanism: Mechanism, load: Load) -> Actuated | str:
         return "MuJoCo has no tables in time"
     if not isinstance(load, PairTorque | PointForce | Moment):
         return f"MuJoCo has no load of kind {load.kind}"
-    found = [_bias(part, getattr(load, "pair", "")) for part in load.components(mechanism)]
-    reasons = [each for each in found if isinstance(each, str)]
+    answers = [
+        _bias(part, getattr(load, "pair", "")) for part in load.components(mechanism)
+    ]
+    reasons = [answer for answer in answers if isinstance(answer, str)]
     if reasons:
         return reasons[0]
-    biases = [each for each in found if not isinstance(each, str)]
+    biases = [answer for answer in answers if not isinstance(answer, str)]
     if isinstance(load, PairTorque):
         return Actuated(load.name, load.pair, biases[0])
     return Actuated(load.name, load=load, vector=tuple(bias[0] for bias in biases))
@@ -132,11 +134,11 @@ def _bias(part: Component, pair: str) -> Bias | str:
         return "it is a Python function"
     if "t" in law.names:
         return f"MuJoCo has no loads that change in time: {law.text}"
-    own = (f"theta_{pair}", f"dtheta_{pair}") if pair else ()
-    if not law.names <= set(own):
+    names = (f"theta_{pair}", f"dtheta_{pair}") if pair else ()
+    if not law.names <= set(names):
         return f"it depends on other pairs: {law.text}"
-    found = affine(law)
-    if found is None:
+    form = affine(law)
+    if form is None:
         return f"it is not constant, and not in proportion to an angle or rate: {law.text}"
-    of_variable, of_rate = (found.factors.get(name, 0.0) for name in own or ("", ""))
-    return found.constant, of_variable, of_rate
+    of_variable, of_rate = (form.factors.get(name, 0.0) for name in names or ("", ""))
+    return form.constant, of_variable, of_rate

@@ -68,21 +68,21 @@ def ratio_of(
                 mechanism, pair, f"hinge {name} between its links lies along neither centre"
             )
         factors[name] = sense * float(np.sign(axis @ centres[side])) * weights[side]
-    most = max(abs(each) for each in factors.values())
-    return Ratio(pair.name, {name: each / most for name, each in factors.items()})
+    most = max(abs(factor) for factor in factors.values())
+    return Ratio(pair.name, {name: factor / most for name, factor in factors.items()})
 
 
 def _centres(mechanism: Mechanism, at: Linearisation, pair: Pair) -> list[Floats]:
     """Return the centres (3,) of both circles in ground axes."""
     if pair.type != "Cr" or pair.profiles is None:
         raise _no_ratio(mechanism, pair, f"a {pair.kind.words} has none")
-    found = []
+    centres = []
     for link, profile in zip(pair.links, pair.profiles, strict=True):
         if profile.kind not in ("circle", "great_circle") or profile.centre is None:
             raise _no_ratio(mechanism, pair, f"the profile of link {link} is no circle")
         turn = at.placed[0, mechanism.link_number[link]]
-        found.append(turn @ np.array(profile.centre))
-    return found
+        centres.append(turn @ np.array(profile.centre))
+    return centres
 
 
 def _between(
@@ -95,22 +95,22 @@ def _between(
     up = {child: (pair, parent) for pair, parent, child in ways}
 
     def to_root(link: int) -> list[int]:
-        found = []
+        path = []
         while link in up:
             pair, link = up[link]
-            found.append(pair)
-        return found
+            path.append(pair)
+        return path
 
     one, other = to_root(first), to_root(second)
     while one and other and one[-1] == other[-1]:
         one.pop()
         other.pop()
-    found, link = [], first
+    passed, link = [], first
     for pair in [*one, *reversed(other)]:
         forwards = ends[pair][0] == link
-        found.append((pair, 1.0 if forwards else -1.0))
+        passed.append((pair, 1.0 if forwards else -1.0))
         link = ends[pair][1] if forwards else ends[pair][0]
-    return found
+    return passed
 
 
 def _on_one_line(axis: Floats, other: Floats) -> bool:

@@ -91,13 +91,13 @@ def _ends(item: Element) -> Iterator[tuple[str, Floats, Floats]]:
 
 def driven(root: Element) -> list[str]:
     """Return the joints that transmissions and ros2_control drive, in their order."""
-    found = [
+    joints = [
         joint.get("name", "")
         for drive in [*root.iter("transmission"), *root.iter("ros2_control")]
         for joint in drive.findall("joint")
         if drive.tag == "transmission" or joint.find("command_interface") is not None
     ]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(joints))
 
 
 def _vector(item: Element | None, key: str) -> Floats:

@@ -76,7 +76,7 @@ def _joined(blocks: Sequence[Scene]) -> Scene:
         Axis(axes[0].label, axes[0].unit, np.concatenate([axis.values for axis in axes]))
         for axes in zip(*(scene.over for scene in blocks), strict=True)
     )
-    primitives = tuple(_whole(own) for own in parts.values())
+    primitives = tuple(_whole(pieces) for pieces in parts.values())
     return Scene(blocks[0].page, primitives, over, blocks[0].source)
 
 
@@ -104,7 +104,7 @@ def _whole(parts: Sequence[Any]) -> Primitive:
         case Portrait():
             return replace(first, x=rows("x"), y=rows("y"))
         case Diagram():
-            words = [each for part in parts for each in part.words]
+            words = [word for part in parts for word in part.words]
             return replace(
                 first,
                 places=rows("places"),

@@ -63,16 +63,18 @@ class Figures(Mapping[str, Figure]):
         AnalysisError
             If there is none, or several.
         """
-        found = [each for each in self if name in (each, each.partition("/")[2])]
-        found = found or [each for each in self if each.startswith(f"{name}/")]
-        if len(found) != 1:
-            what = f"several figures are meant by {name!r}: {listing(found, len(found))}"
-            if not found:
-                known = listing(self, len(self)) or "none, as nothing was to be seen"
-                close = nearest(name, [*self, *(each.partition("/")[2] for each in self)])
-                what = f"this run has no figure {name!r}{close or '.'} Figures: {known}"
+        names = [figure for figure in self if name in (figure, figure.partition("/")[2])]
+        names = names or [figure for figure in self if figure.startswith(f"{name}/")]
+        if len(names) != 1:
+            what = f"several figures are meant by {name!r}: {listing(names, len(names))}"
+            if not names:
+                all_names = listing(self, len(self)) or "none, as nothing was to be seen"
+                close = nearest(
+                    name, [*self, *(figure.partition("/")[2] for figure in self)]
+                )
+                what = f"this run has no figure {name!r}{close or '.'} Figures: {all_names}"
             raise AnalysisError(what)
-        (key,) = found
+        (key,) = names
         if key not in self._made:
             self._made[key] = self._draw[key]()
         return self._made[key]
@@ -107,28 +109,30 @@ def figures_of(
     sheet = Sheet(columns, titles)
     drawn: dict[str, Draw] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):
-        own = [scene for scene in scenes if scene.source == source]
-        for subject, draw in _of_source(own, scenes, sheet):
+        of_source = [scene for scene in scenes if scene.source == source]
+        for subject, draw in _of_source(of_source, scenes, sheet):
             drawn.setdefault(f"{source}/{subject}" if source else subject, draw)
     return Figures(drawn)
 
 
 def _of_source(
-    own: Sequence[Scene], every: Sequence[Scene], sheet: Sheet
+    of_source: Sequence[Scene], every: Sequence[Scene], sheet: Sheet
 ) -> Iterator[tuple[str, Draw]]:
-    yield from _planes(own, sheet)
-    yield from _spheres(own, sheet)
-    yield from _series(own, every, sheet)
-    yield from _surfaces(own, sheet)
-    yield from _paths(own, sheet)
-    yield from _axodes(own, sheet)
-    yield from _diagrams(own, sheet)
+    yield from _planes(of_source, sheet)
+    yield from _spheres(of_source, sheet)
+    yield from _series(of_source, every, sheet)
+    yield from _surfaces(of_source, sheet)
+    yield from _paths(of_source, sheet)
+    yield from _axodes(of_source, sheet)
+    yield from _diagrams(of_source, sheet)
 
 
 def _series(
-    own: Sequence[Scene], every: Sequence[Scene], sheet: Sheet
+    of_source: Sequence[Scene], every: Sequence[Scene], sheet: Sheet
 ) -> Iterator[tuple[str, Draw]]:
-    groups = _grouped(own, Series, lambda scene, item: (_kind(scene.page), item.group))
+    groups = _grouped(
+        of_source, Series, lambda scene, item: (_kind(scene.page), item.group)
+    )
     for (_, name), items in groups.items():
         lines = [
             (scene, item)
@@ -191,21 +195,23 @@ def _marks(scenes: Sequence[Scene], over: Sequence[Axis]) -> list[tuple[Page, In
     ]
 
 
-def _planes(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
-    groups = _grouped(own, Portrait, lambda scene, item: (_kind(scene.page), item.label))
+def _planes(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+    groups = _grouped(
+        of_source, Portrait, lambda scene, item: (_kind(scene.page), item.label)
+    )
     of_modes = {name for page, name in groups if not page}
     for (page, name), items in groups.items():
         planes = [Plane(scene.page, item, scene.over) for scene, item in items]
         if page and name in of_modes:  # the same once more, for a page of its own
             continue
-        if any(each.shows for each in planes):
+        if any(plane.shows for plane in planes):
             yield name, partial(draw_plane, planes, sheet)
 
 
-def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+def _spheres(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     pages: dict[str, list[Scene]] = {}
     seen: set[bytes] = set()
-    for scene in own:
+    for scene in of_source:
         pages.setdefault(_kind(scene.page), []).append(scene)
     for name, scenes in pages.items():
         curves: dict[str, SphereCurves] = {}
@@ -222,19 +228,19 @@ def _spheres(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
             yield title, partial(draw_sphere, shown, sheet)
 
 
-def _surfaces(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
-    groups = _grouped(own, Surface, lambda scene, item: item.axes)
+def _surfaces(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+    groups = _grouped(of_source, Surface, lambda scene, item: item.axes)
     for number, items in enumerate(groups.values()):
         surfaces = list({item.path: item for _, item in items}.values())
         name = "surfaces" if len(groups) == 1 else f"surfaces {number + 1}"
         yield name, partial(draw_surfaces, surfaces, sheet)
 
 
-def _paths(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+def _paths(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     """Yield the paths of axes of modes; over several inputs there are no paths."""
     arrows = [
         (scene.page, item)
-        for scene in own
+        for scene in of_source
         for item in scene.primitives
         if isinstance(item, Arrow)
         and item.path_shown
@@ -244,31 +250,35 @@ def _paths(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
         and len(scene.over) == 1
     ]
     yield from (
-        _parted("paths of the axes", arrows, lambda each: each[1].label, draw_paths, sheet)
+        _parted(
+            "paths of the axes", arrows, lambda entry: entry[1].label, draw_paths, sheet
+        )
         if arrows
         else ()
     )
 
 
-def _axodes(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+def _axodes(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     """Yield for each mode the paths of directions in links, as these stand at first."""
-    for scene in own:
-        traces = [each for each in scene.primitives if isinstance(each, Trace)]
+    for scene in of_source:
+        traces = [trace for trace in scene.primitives if isinstance(trace, Trace)]
         curves = [
-            SphereCurves(each.path, each.label, [each.at_first], tone)
-            for tone, each in enumerate(traces, start=1)
+            SphereCurves(trace.path, trace.label, [trace.at_first], tone)
+            for tone, trace in enumerate(traces, start=1)
         ]
         if curves and isinstance(scene.page, int):
             title = f"axodes, {sheet.title(scene.page)}"
             yield title, partial(draw_sphere, OnSphere([], curves), sheet)
 
 
-def _diagrams(own: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
-    groups = _grouped(own, Diagram, lambda scene, item: (_kind(scene.page), item.label))
+def _diagrams(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+    groups = _grouped(
+        of_source, Diagram, lambda scene, item: (_kind(scene.page), item.label)
+    )
     for (page, label), items in groups.items():
-        each = [(scene.page, item) for scene, item in items if len(scene.over) == 1]
-        if each and not page:
-            yield from _parted(label, each, lambda item: item[0], draw_diagrams, sheet)
+        diagrams = [(scene.page, item) for scene, item in items if len(scene.over) == 1]
+        if diagrams and not page:
+            yield from _parted(label, diagrams, lambda item: item[0], draw_diagrams, sheet)
 
 
 def _kind(page: Page) -> str:
@@ -281,9 +291,9 @@ def _grouped(
     kind: type[Item],
     key: Callable[[Scene, Item], Hashable],
 ) -> dict[Any, list[tuple[Scene, Item]]]:
-    found: dict[Any, list[tuple[Scene, Item]]] = {}
+    groups: dict[Any, list[tuple[Scene, Item]]] = {}
     for scene in scenes:
         for item in scene.primitives:
             if isinstance(item, kind):
-                found.setdefault(key(scene, item), []).append((scene, item))
-    return found
+                groups.setdefault(key(scene, item), []).append((scene, item))
+    return groups

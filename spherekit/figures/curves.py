@@ -63,9 +63,9 @@ def draw_curves(
         entries += [
             (sheet.title(page), stroke(*page_look(page))) for page in pages if page in seen
         ]
-    own = [(page, each) for page, each in marks if page in pages and len(each.inputs)]
-    named = {each.label: each for _, each in own}
-    entries += [(label, spot(each.tone)) for label, each in named.items()]
+    visible = [(page, item) for page, item in marks if page in pages and len(item.inputs)]
+    named = {item.label: item for _, item in visible}
+    entries += [(label, spot(item.tone)) for label, item in named.items()]
     count = 1 if together else len(labels)
     with style.look():
         longest = max(map(len, labels)) if count > 1 else 0
@@ -77,10 +77,10 @@ def draw_curves(
         for k, panel in enumerate(panels):
             shown = curves if together else _of(curves, labels[k])
             _panel(panel, shown, scale, labels if together else None)
-            for page, each in own:
+            for page, mark in visible:
                 for curve in shown:
                     if curve.page == page:
-                        _mark(panel, curve, each)
+                        _mark(panel, curve, mark)
             heading = shown[0].series
             if count > 1:
                 panel.set_title(labels[k])
@@ -125,9 +125,9 @@ def _panel(
         line.set_gid(f"mode {curve.page}" if isinstance(curve.page, int) else None)
         lone = points[_alone(curve.series.values)]
         panel.plot(lone[:, 0], lone[:, 1], ".", color=colour, markersize=3.0)
-    known = every[np.isfinite(every)]
-    if len(known) and np.ptp(known) <= resolution * scale and np.any(known != known[0]):
-        within = f"{float(np.ptp(known)):.0e} {in_signs(unit)}".strip()
+    finite = every[np.isfinite(every)]
+    if len(finite) and np.ptp(finite) <= resolution * scale and np.any(finite != finite[0]):
+        within = f"{float(np.ptp(finite)):.0e} {in_signs(unit)}".strip()
         words = f"all within {within}"
         panel.annotate(
             words,
@@ -146,8 +146,8 @@ def _panel(
 
 def _alone(values: Floats) -> NDArray[np.bool_]:
     """Return which values are known beside none, so that no stroke shows them."""
-    known = np.concatenate([[False], np.isfinite(values), [False]])
-    return np.asarray(known[1:-1] & ~known[:-2] & ~known[2:])
+    finite = np.concatenate([[False], np.isfinite(values), [False]])
+    return np.asarray(finite[1:-1] & ~finite[:-2] & ~finite[2:])
 
 
 def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
@@ -170,8 +170,8 @@ def _alike(every: Sequence[Floats], span: float) -> list[tuple[int, int]]:
     """Return of each curve which of those it is that it lies on, and how many these are."""
     leader: list[int] = []
     for k, values in enumerate(every):
-        found = (n for n in range(k) if leader[n] == n and _same(values, every[n], span))
-        leader.append(next(found, k))
+        earlier = (n for n in range(k) if leader[n] == n and _same(values, every[n], span))
+        leader.append(next(earlier, k))
     return [
         (leader[:k].count(leader[k]), leader.count(leader[k])) for k in range(len(every))
     ]

@@ -32,17 +32,17 @@ class InputMap:
 
 def ticks(over: Sequence[Axis]) -> list[Floats] | None:
     """Return the values of each axis if the rows are a grid of them, the last quickest."""
-    own = [np.unique(axis.values) for axis in over]
-    if any(len(values) < 2 for values in own):
+    per_axis = [np.unique(axis.values) for axis in over]
+    if any(len(values) < 2 for values in per_axis):
         return None
-    if np.prod([len(values) for values in own]) != len(over[0].values):
+    if np.prod([len(values) for values in per_axis]) != len(over[0].values):
         return None
-    mesh = np.meshgrid(*own, indexing="ij")
+    mesh = np.meshgrid(*per_axis, indexing="ij")
     same = all(
         np.array_equal(axis.values, flat.ravel())
         for axis, flat in zip(over, mesh, strict=True)
     )
-    return own if same else None
+    return per_axis if same else None
 
 
 def along_path(over: Sequence[Axis]) -> Axis:
@@ -59,9 +59,9 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
     """
     grid = ticks(maps[0].over)
     assert grid is not None
-    panels_of = [(each, at) for each in maps for at in _slices(grid[2:])]
+    panels_of = [(item, at) for item in maps for at in _slices(grid[2:])]
     first = maps[0].series
-    values = np.concatenate([each.series.values for each in maps])
+    values = np.concatenate([item.series.values for item in maps])
     scale = scale_of(values, first.unit)
     low, high = plotted_range(values, scale, first.resolution, "colours")
     signed = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
@@ -71,9 +71,11 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
         figure, panels, across = sheet.panels(len(panels_of), RATIO)
         tint = Normalize(low, high)
         colours = SIGNED if signed else style.HEAT
-        for k, (panel, (each, at)) in enumerate(zip(panels, panels_of, strict=True)):
-            shape = [len(own) for own in grid]
-            table = np.moveaxis(each.series.values.reshape(shape), (0, 1), (-2, -1))[at]
+        for k, (panel, (input_map, at)) in enumerate(zip(panels, panels_of, strict=True)):
+            shape = [len(axis) for axis in grid]
+            table = np.moveaxis(input_map.series.values.reshape(shape), (0, 1), (-2, -1))[
+                at
+            ]
             panel.pcolormesh(
                 grid[0],
                 grid[1],
@@ -85,8 +87,8 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
             )
             if signed:
                 _zeros(panel, grid[0], grid[1], table, high - low)
-            panel.set_title(_title(each, grid, at, sheet), color=_ink(each.page))
-            _axes(panel, each.over, k % across == 0, k + across >= len(panels))
+            panel.set_title(_title(input_map, grid, at, sheet), color=_ink(input_map.page))
+            _axes(panel, input_map.over, k % across == 0, k + across >= len(panels))
         bar = figure.colorbar(
             ScalarMappable(tint, colours),
             ax=panels,
@@ -111,8 +113,8 @@ def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> Non
         lines = np.moveaxis(still, axis, 0)
         lines[:-1][sign] = np.nan
         lines[1:][sign] = np.nan
-    known = still[np.isfinite(still)]
-    if len(known) and np.min(known) < 0.0 < np.max(known):
+    finite = still[np.isfinite(still)]
+    if len(finite) and np.min(finite) < 0.0 < np.max(finite):
         panel.contour(x, y, still.T, levels=[0.0], colors=style.INK, linewidths=0.8)
 
 
@@ -131,16 +133,18 @@ def _axes(panel: Axes, over: Sequence[Axis], left: bool, bottom: bool) -> None:
 def _slices(rest: Sequence[Floats]) -> list[tuple[int, ...]]:
     """Return at which values of the further inputs maps are drawn."""
     chosen: list[tuple[int, ...]] = [()]
-    for own in rest:
-        ends = np.linspace(0, len(own) - 1, min(MOST_SLICES, len(own)))
+    for values in rest:
+        ends = np.linspace(0, len(values) - 1, min(MOST_SLICES, len(values)))
         chosen = [(*at, k) for at in chosen for k in np.unique(np.round(ends).astype(int))]
     return chosen
 
 
-def _title(each: InputMap, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet) -> str:
-    words = [sheet.title(each.page)] if isinstance(each.page, int) else []
-    for axis, own, k in zip(each.over[2:], grid[2:], at, strict=True):
-        words.append(f"{axis.label} = {own[k]:.4g} {axis.unit}")
+def _title(
+    input_map: InputMap, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet
+) -> str:
+    words = [sheet.title(input_map.page)] if isinstance(input_map.page, int) else []
+    for axis, values, k in zip(input_map.over[2:], grid[2:], at, strict=True):
+        words.append(f"{axis.label} = {values[k]:.4g} {axis.unit}")
     return "\n".join(words)
 
 

@@ -44,16 +44,16 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     """Return one figure of a portrait in all pages: their curves, marks and rows."""
     first = planes[0].portrait
     curves = {
-        curve.points.tobytes(): curve for each in planes for curve in each.portrait.curves
+        curve.points.tobytes(): curve for item in planes for curve in item.portrait.curves
     }
     marks = {
         (mark.label, mark.place.tobytes()): mark
-        for each in planes
-        for mark in each.portrait.marks
+        for item in planes
+        for mark in item.portrait.marks
     }
     kinds = {mark.label: mark.tone for mark in marks.values()}
     entries: list[tuple[str, Line2D]] = []
-    traced = [each for each in planes if each.is_path]
+    traced = [item for item in planes if item.is_path]
     if len(traced) > 1:
         entries += [(sheet.title(e.page), stroke(*page_look(e.page))) for e in traced]
     named = {
@@ -72,8 +72,8 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
         for curve in curves.values():
             look = {"color": style.tone_colour(curve.tone), "label": curve.label or "_"}
             line_between(panel, curve.points, look | {"linewidth": 0.9, "zorder": 1.5})
-        for each in traced:
-            _trace(panel, each)
+        for plane in traced:
+            _trace(panel, plane)
         for mark in marks.values():
             panel.plot(*mark.place, zorder=4.0, **spot_look(mark.tone))
         _frame(panel, first)
@@ -86,10 +86,10 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     return figure
 
 
-def _trace(panel: Axes, each: Plane) -> None:
+def _trace(panel: Axes, plane: Plane) -> None:
     """Draw the rows of a page in its colour, from a dot on."""
-    portrait = each.portrait
-    colour, dashes = page_look(each.page)
+    portrait = plane.portrait
+    colour, dashes = page_look(plane.page)
     line = np.stack([portrait.x, portrait.y], axis=1)
     for column, unit in ((0, portrait.x_unit), (1, portrait.y_unit)):
         turn = TURNS.get(unit)
@@ -98,10 +98,10 @@ def _trace(panel: Axes, each: Plane) -> None:
             line = np.insert(line, np.nonzero(jumps)[0] + 1, np.nan, axis=0)
     look = {"color": colour, "linestyle": dashes, "linewidth": 1.4, "zorder": 2.5}
     drawn = line_between(panel, line, look)
-    drawn.set_gid(f"mode {each.page}" if isinstance(each.page, int) else None)
-    known = line[np.isfinite(line).all(axis=1)]
-    if len(known) and not portrait.curves:
-        panel.plot(*known[0], "o", color=colour, markersize=4.0, zorder=3.0)
+    drawn.set_gid(f"mode {plane.page}" if isinstance(plane.page, int) else None)
+    finite = line[np.isfinite(line).all(axis=1)]
+    if len(finite) and not portrait.curves:
+        panel.plot(*finite[0], "o", color=colour, markersize=4.0, zorder=3.0)
 
 
 def _frame(panel: Axes, portrait: Portrait) -> None:

@@ -171,9 +171,9 @@ def ends(values: Floats, tint: Normalize) -> Literal["neither", "both"]:
 def label_x(panel: Axes, axis: Axis) -> None:
     """Name the x axis, with its unit; its ends are those of the rows."""
     panel.set_xlabel(titled(axis.label, axis.unit))
-    known = axis.values[np.isfinite(axis.values)]
-    if len(known) and np.ptp(known) > 0.0:
-        panel.set_xlim(float(np.min(known)), float(np.max(known)))
+    finite = axis.values[np.isfinite(axis.values)]
+    if len(finite) and np.ptp(finite) > 0.0:
+        panel.set_xlim(float(np.min(finite)), float(np.max(finite)))
     ticks_of(panel, axis.unit, "x")
 
 

@@ -77,17 +77,19 @@ class OnSphere:
             meshed = len(item.triangles) > 0
             used = np.unique(item.triangles) if meshed else slice(None)
             every.append(item.vertices[used])
-        every += [mark.place[None] for each in self.curves for mark in each.marks]
+        every += [mark.place[None] for curves in self.curves for mark in curves.marks]
         if len(every) == 1:
-            every += [np.asarray(curve) for each in self.curves for curve in each.curves]
-        found = np.concatenate(every)
-        return found[np.isfinite(found).all(axis=1)]
+            every += [
+                np.asarray(curve) for curves in self.curves for curve in curves.curves
+            ]
+        directions = np.concatenate(every)
+        return directions[np.isfinite(directions).all(axis=1)]
 
     @property
     def content(self) -> bytes:
         """What tells it from others."""
         parts = [item.values.tobytes() for item in self.maps]
-        parts += [np.asarray(c).tobytes() for each in self.curves for c in each.curves]
+        parts += [np.asarray(c).tobytes() for curves in self.curves for c in curves.curves]
         return b"".join(parts)
 
 
@@ -134,8 +136,8 @@ def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
             rim_patch = _graticule(panel, view)
             for item in shown.maps:
                 _map(panel, view, item, tint, colours, rim_patch)
-            for each in shown.curves:
-                _curves(panel, view, each, rim_patch)
+            for curves in shown.curves:
+                _curves(panel, view, curves, rim_patch)
             panel.set_title(f"{view.projection.name}, about {view.centre.name}", pad=12)
         if shown.maps:
             first = shown.maps[0]
@@ -163,8 +165,8 @@ def draw_paths(arrows: Sequence[tuple[Page, Arrow]], sheet: Sheet) -> Figure:
     labels = list(dict.fromkeys(arrow.label for _, arrow in arrows))
     pages = list(dict.fromkeys(page for page, _ in arrows))
     directions = np.concatenate([arrow.directions for _, arrow in arrows])
-    known = directions[np.isfinite(directions).all(axis=1)]
-    out = int(np.argmax(np.mean(known**2, axis=0))) if len(known) else 2
+    finite = directions[np.isfinite(directions).all(axis=1)]
+    out = int(np.argmax(np.mean(finite**2, axis=0))) if len(finite) else 2
     centre = centre_of(np.eye(3)[[out]])
     view = View(centre, EQUAL_AREA, HALF)
     entries: list[tuple[str, Line2D]] = []
@@ -197,15 +199,15 @@ def _path(panel: Axes, view: View, directions: Floats, page: Page, rim: Circle) 
 
 def _entries(shown: OnSphere) -> list[tuple[str, Line2D]]:
     entries = [
-        (each.label, stroke(style.tone_colour(each.tone)))
-        for each in shown.curves
-        if len(each.curves)
+        (curves.label, stroke(style.tone_colour(curves.tone)))
+        for curves in shown.curves
+        if len(curves.curves)
     ]
     kinds = {
-        (mark.label if len(each.curves) else _told(each.label, mark.label), mark.tone)
-        for each in shown.curves
-        for mark in each.marks
-        if mark.label != each.label or not len(each.curves)
+        (mark.label if len(curves.curves) else _told(curves.label, mark.label), mark.tone)
+        for curves in shown.curves
+        for mark in curves.marks
+        if mark.label != curves.label or not len(curves.curves)
     }
     if len(kinds) <= MOST_NAMED:
         entries += [(label, spot(tone)) for label, tone in sorted(kinds)]

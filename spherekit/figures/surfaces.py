@@ -14,32 +14,32 @@ from spherekit.figures.sheet import Sheet, ends, stroke, ticks_of
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
     """Return a figure of surfaces in the same space."""
-    meshed = [each for each in surfaces if len(each.triangles)]
-    clouds = [each for each in surfaces if not len(each.triangles)]
+    meshed = [item for item in surfaces if len(item.triangles)]
+    clouds = [item for item in surfaces if not len(item.triangles)]
     entries = [
-        (each.label, stroke(style.tone_colour(each.tone), width=4.0)) for each in meshed
+        (item.label, stroke(style.tone_colour(item.tone), width=4.0)) for item in meshed
     ]
     with style.look():
         size = min(sheet.width, 4.5)
         figure = sheet.figure(1, size, sheet.legend_rows(entries))
         panel: Any = figure.add_subplot(projection="3d")
-        for each in meshed:
+        for surface in meshed:
             panel.add_collection3d(
                 Poly3DCollection(
-                    each.vertices[each.triangles],
-                    facecolors=style.tone_colour(each.tone),
+                    surface.vertices[surface.triangles],
+                    facecolors=style.tone_colour(surface.tone),
                     alpha=0.6,
                     shade=True,
                     linewidths=0.0,
                 )
             )
-        for each in clouds:
-            if each.values is None:
-                panel.scatter(*each.vertices.T, c=style.tone_colour(each.tone), s=3.0)
+        for surface in clouds:
+            if surface.values is None:
+                panel.scatter(*surface.vertices.T, c=style.tone_colour(surface.tone), s=3.0)
                 continue
-            tint = Normalize(*map_range(each.values, each.values_unit))
+            tint = Normalize(*map_range(surface.values, surface.values_unit))
             dots = panel.scatter(
-                *each.vertices.T, c=each.values, norm=tint, cmap=style.HEAT, s=3.0
+                *surface.vertices.T, c=surface.values, norm=tint, cmap=style.HEAT, s=3.0
             )
             bar = figure.colorbar(
                 dots,
@@ -47,10 +47,10 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
                 shrink=0.7,
                 pad=0.12,
                 aspect=28,
-                extend=ends(each.values, tint),
+                extend=ends(surface.values, tint),
             )
-            bar.set_label(titled(each.label, each.values_unit))
-        every = np.concatenate([each.vertices for each in surfaces])
+            bar.set_label(titled(surface.label, surface.values_unit))
+        every = np.concatenate([item.vertices for item in surfaces])
         first = surfaces[0]
         for which, name, column in zip("xyz", first.axes, every.T, strict=True):
             getattr(panel, f"set_{which}label")(titled(name, first.unit))

@@ -43,7 +43,9 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
 
 def check_folder(path: str | os.PathLike[str]) -> None:
     """Raise `OutputError` unless a folder is there or can be made; nothing is made."""
-    nearest = next(each for each in (Path(path), *Path(path).parents) if each.exists())
+    nearest = next(
+        folder for folder in (Path(path), *Path(path).parents) if folder.exists()
+    )
     if not nearest.is_dir():
         number = errno.EEXIST if nearest == Path(path) else errno.ENOTDIR
         raise refused(path, "made", OSError(number, ""))

@@ -113,7 +113,7 @@ def build(
         "name": name,
         "angle_unit": angle_unit,
         "ground": ground,
-        "links": links if isinstance(links, Mapping) else {each: {} for each in links},
+        "links": links if isinstance(links, Mapping) else {link: {} for link in links},
         "pairs": {key: _pair(item) for key, item in pairs.items()},
         "inputs": _inputs(name, inputs),
     }

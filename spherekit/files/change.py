@@ -100,13 +100,13 @@ def number_at(document: Document, path: KeyPath) -> float:
 def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Document:
     """Return a document with other numbers at some paths."""
     data = dict(document.data)
-    own: set[KeyPath] = set()
+    copied: set[KeyPath] = set()
     for path, number in numbers.items():
         place: Any = data
         for k, step in enumerate(path[:-1]):
-            if path[: k + 1] not in own:
+            if path[: k + 1] not in copied:
                 place[step] = copy.copy(place[step])
-                own.add(path[: k + 1])
+                copied.add(path[: k + 1])
             place = place[step]
         place[path[-1]] = LiteralNumber(repr(float(number)))
     return replace(document, data=data)
@@ -151,10 +151,10 @@ def _steps(
         return (part,)
     if isinstance(place, list) and part.isdecimal() and int(part) < len(place):
         return (int(part),)
-    known = _names(place)
+    names = _names(place)
     where = spelt(tuple(path))
     raise FileError(
         f'{document.name}: {where + ": " if where else ""}there is no "{part}"'
-        f"{nearest(part, known) or ';'} "
-        + (f"it holds {listing(known)}" if known else "it is a single value")
+        f"{nearest(part, names) or ';'} "
+        + (f"it holds {listing(names)}" if names else "it is a single value")
     )

@@ -40,8 +40,8 @@ _TYPES = {
 def schema(kind: Kind = "mechanism") -> Mapping[str, Any]:
     """Return the JSON Schema of a kind of file: every key, its limits and unit."""
     resource = files("spherekit.files") / _SCHEMAS[kind]
-    found: Mapping[str, Any] = json.loads(resource.read_text(encoding="utf-8"))
-    return found
+    declaration: Mapping[str, Any] = json.loads(resource.read_text(encoding="utf-8"))
+    return declaration
 
 
 def check(document: Document, kind: Kind = "mechanism") -> None:
@@ -89,12 +89,14 @@ def _validator(kind: Kind) -> Any:
 
     whole, rules = schema(kind), Draft202012Validator.VALIDATORS
 
-    def items(validator: Any, each: Any, value: Any, part: Any) -> Iterator[Any]:
+    def items(validator: Any, item_schema: Any, value: Any, part: Any) -> Iterator[Any]:
         if not isinstance(value, list) or len(value) > part.get("maxItems", math.inf):
             return
-        limits = whole["$defs"].get(each.get("$ref", "").removeprefix("#/$defs/"), each)
+        limits = whole["$defs"].get(
+            item_schema.get("$ref", "").removeprefix("#/$defs/"), item_schema
+        )
         if limits.get("type") != "number" or not _PLAIN.issuperset(limits):
-            yield from rules["items"](validator, each, value, part)
+            yield from rules["items"](validator, item_schema, value, part)
             return
         low, high = limits.get("minimum", -math.inf), limits.get("maximum", math.inf)
         for place, item in enumerate(value):
@@ -102,13 +104,13 @@ def _validator(kind: Kind) -> Any:
             if isinstance(item, bool) or not (
                 isinstance(item, int | float) and low <= item <= high
             ):
-                yield from validator.descend(item, each, path=place)
+                yield from validator.descend(item, item_schema, path=place)
 
     def unless_too_many(rule: str) -> Any:
-        def judged(validator: Any, each: Any, value: Any, part: Any) -> Iterator[Any]:
+        def judged(validator: Any, limit: Any, value: Any, part: Any) -> Iterator[Any]:
             most = part.get("maxProperties", math.inf)
             if isinstance(value, dict) and len(value) <= most:
-                yield from rules[rule](validator, each, value, part)
+                yield from rules[rule](validator, limit, value, part)
 
         return judged
 
@@ -126,17 +128,17 @@ def _check_format(document: Document) -> None:
         raise FileError(
             f"{document.name}:1: format: missing; files start with format = {FORMAT}"
         )
-    found = document.data["format"]
-    if isinstance(found, int) and not isinstance(found, bool):
-        if found > FORMAT:
+    version = document.data["format"]
+    if isinstance(version, int) and not isinstance(version, bool):
+        if version > FORMAT:
             raise document.fault(
                 ("format",),
-                f"found {shown(found)}, this version of spherekit reads {FORMAT}; the "
+                f"found {shown(version)}, this version of spherekit reads {FORMAT}; the "
                 "file needs a newer spherekit",
             )
-        if found == FORMAT:
+        if version == FORMAT:
             return
-    raise document.fault(("format",), f"found {shown(found)}, needs {FORMAT}")
+    raise document.fault(("format",), f"found {shown(version)}, needs {FORMAT}")
 
 
 def _not_numbers(data: Mapping[str, Any]) -> Iterator[_Fault]:
@@ -170,11 +172,14 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
                 yield path, f"the key {key} is missing{described}"
     elif rule == "type":
         wanted = limit if isinstance(limit, list) else [limit]
-        yield path, mismatch(value, " or ".join(_TYPES[each] for each in wanted))
+        types = " or ".join(_TYPES[name] for name in wanted)
+        yield path, mismatch(value, types) + _in_words(error.schema)
     elif rule in ("enum", "const"):
         allowed = limit if rule == "enum" else [limit]
         hint = nearest(value, allowed) if isinstance(value, str) else ""
-        words = [shown(each) if isinstance(each, bool) else each for each in allowed]
+        words = [
+            shown(choice) if isinstance(choice, bool) else choice for choice in allowed
+        ]
         yield path, f"found {shown(value)}, allowed: {listing(words)}{hint}"
     elif rule in ("not", "anyOf"):
         yield path, str(error.schema["description"])
@@ -190,7 +195,7 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
         bound = "at least" if rule.startswith("min") else "at most"
         needs = f"{limit}" if least == most else f"{bound} {limit}"
         what = "values" if "Items" in rule else "entries"
-        yield path, f"has {len(value)} {what}, needs {needs}"
+        yield path, f"has {len(value)} {what}, needs {needs}{_in_words(schema_)}"
     elif rule in ("minimum", "maximum"):
         bound = "at least" if rule == "minimum" else "at most"
         yield path, f"found {shown(value)}, needs {bound} {limit:g}"
@@ -205,21 +210,28 @@ _NAME_RULE = f"use 1 to {MAX_NAME_LENGTH} letters (A-Z, a-z), digits and undersc
 
 
 def _unknown_keys(
-    path: KeyPath, value: Mapping[str, Any], known: Mapping[str, Any]
+    path: KeyPath, value: Mapping[str, Any], declared: Mapping[str, Any]
 ) -> Iterator[_Fault]:
     where = f"in {spelt(path)}" if path else "at the top of the file"
     for key in value:
-        if key not in known:
-            hint = nearest(key, known)
-            allowed = f"allowed {where}: {listing(known, 20)}"
+        if key not in declared:
+            hint = nearest(key, declared)
+            allowed = f"allowed {where}: {listing(declared, 20)}"
             yield (*path, key), f"unknown key{hint or ';'} {allowed}"
 
 
 def _described(part: Mapping[str, Any], key: str, kind: Kind) -> str:
     whole = schema(kind)
     parts = (part, *whole["$defs"].values(), whole)
-    declared = [each["properties"].get(key, {}) for each in parts if "properties" in each]
-    text = next((each["description"] for each in declared if each), "")
+    declared = [
+        table["properties"].get(key, {}) for table in parts if "properties" in table
+    ]
+    return _in_words(next((entry for entry in declared if entry), {}))
+
+
+def _in_words(part: Mapping[str, Any]) -> str:
+    """Return what a part of the schema says of itself, to end a message with."""
+    text = str(part.get("description", ""))
     return f": {text[0].lower()}{text[1:].rstrip('.')}" if text else ""
 
 

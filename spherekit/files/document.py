@@ -84,9 +84,9 @@ class Document:
         """Return the error to raise about a key path."""
         return self._error(self.sentence(path, message))
 
-    def faults(self, found: Iterable[tuple[KeyPath, str]]) -> FileError | ModelError:
+    def faults(self, faults: Iterable[tuple[KeyPath, str]]) -> FileError | ModelError:
         """Return one error for several faults, one a line, in the order of the file."""
-        unique = dict.fromkeys(sorted(found, key=lambda item: self.line(item[0])))
+        unique = dict.fromkeys(sorted(faults, key=lambda item: self.line(item[0])))
         sentences = [self.sentence(path, message) for path, message in unique]
         if len(sentences) > MOST_FAULTS:
             rest = len(sentences) - MOST_FAULTS
@@ -128,15 +128,15 @@ def read_text(path: Path) -> str:
         raise FileError(f"{str(path)!r}: cannot be opened: {reason}") from None
     try:
         with open(handle, "rb") as stream:  # noqa: PTH123 (an open descriptor)
-            found = os.fstat(handle)
-            if not stat.S_ISREG(found.st_mode):
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode):
                 raise FileError(f"{path}: is a folder or a device, not a regular file")
-            data = stream.read(MAX_BYTES + 1) if found.st_size <= MAX_BYTES else b""
+            data = stream.read(MAX_BYTES + 1) if status.st_size <= MAX_BYTES else b""
     except OSError as error:
         if error.errno == errno.EISDIR:
             raise FileError(f"{path}: is a folder; name a file in it") from None
         raise FileError(f"{path}: cannot be read: {error.strerror}") from None
-    size = max(found.st_size, len(data))
+    size = max(status.st_size, len(data))
     if size > MAX_BYTES:
         raise FileError(
             f"{path}: has {size} bytes; at most {MAX_BYTES} are read, and a mechanism "
@@ -177,8 +177,8 @@ def parse(text: str, name: str) -> Document:
             f"{name}:{line}: nested too deeply; at most {MAX_NESTING} levels"
         ) from None
     except (ValueError, OverflowError):
-        found = _HUGE_INTEGER.search(text)
-        line = text.count("\n", 0, found.start()) + 1 if found else 1
+        digits = _HUGE_INTEGER.search(text)
+        line = text.count("\n", 0, digits.start()) + 1 if digits else 1
         raise FileError(f"{name}:{line}: a value cannot be read: too many digits") from None
     document = Document(name, text, data)
     _check_nesting(document)
@@ -237,8 +237,8 @@ def _syntax_fault(text: str, name: str, message: str) -> str:
         key = spelt(path)
         return f"{name}:{line}: {key}: is given twice{seen}; names are unique ({what})"
     if what.startswith("Cannot overwrite"):
-        found = _KEY.match(content)
-        key = f"{found[1]}: " if found else ""
+        match = _KEY.match(content)
+        key = f"{match[1]}: " if match else ""
         return f"{name}:{line}: {key}this key is given twice; keys are unique ({what})"
     return f"{name}:{line}: {place}{what}{_syntax_hint(content)}"
 

@@ -42,9 +42,9 @@ class Pack:
 
 def shipped() -> tuple[Pack, ...]:
     """Return all installed packs with their mechanisms, without importing them."""
-    found = sorted(entry_points(group=GROUP), key=lambda each: (each.name, each.value))
-    unique = {(each.name, each.value): each for each in found}
-    return tuple(_pack(each) for each in unique.values())
+    points = sorted(entry_points(group=GROUP), key=lambda point: (point.name, point.value))
+    unique = {(point.name, point.value): point for point in points}
+    return tuple(_pack(point) for point in unique.values())
 
 
 @final
@@ -155,7 +155,7 @@ def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
     folder = path.parent
     try:
         nearby = sorted(
-            each.name for each in folder.iterdir() if each.name.endswith(_SUFFIX)
+            file.name for file in folder.iterdir() if file.name.endswith(_SUFFIX)
         )
     except OSError:
         return f"{path}: not found; nor is its folder {folder} readable"

@@ -112,15 +112,15 @@ class DynamicsReader:
 
     def _axes(self, path: KeyPath, link: str, pairs: Sequence[str]) -> list[Floats]:
         """Return the axes of R pairs in link axes."""
-        own = self._axes_in_links[link]
+        axes = self._axes_in_links[link]
         for number, pair in enumerate(pairs):
-            if pair not in own:
+            if pair not in axes:
                 raise self.document.fault(
                     (*path, number),
                     f'link "{link}" has no R pair "{pair}"'
-                    f"{nearest(pair, own) or ';'} R pairs on it: {listing(own)}",
+                    f"{nearest(pair, axes) or ';'} R pairs on it: {listing(axes)}",
                 )
-        return [own[pair] for pair in pairs]
+        return [axes[pair] for pair in pairs]
 
     @cached_property
     def _axes_in_links(self) -> dict[str, dict[str, Floats]]:

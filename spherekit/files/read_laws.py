@@ -68,13 +68,15 @@ def _built(item: Mapping[str, Any], unit: AngleUnit) -> Law:
         speed, start = (to_radians(item.get(key, 0.0), unit) for key in ("speed", "from"))
         return ConstantSpeed(speed, start)
     if kind == "polynomial":
-        return Polynomial(tuple(to_radians(each, unit) for each in item["coefficients"]))
+        return Polynomial(
+            tuple(to_radians(number, unit) for number in item["coefficients"])
+        )
     if kind == "cycloidal":
         start, stop = (to_radians(item[key], unit) for key in ("from", "to"))
         return Cycloidal(start, stop, float(item["duration"]))
     return Tabulated(
         tuple(map(float, item["times"])),
-        tuple(to_radians(each, unit) for each in item["angles"]),
+        tuple(to_radians(angle, unit) for angle in item["angles"]),
         item.get("rest_at_ends", False),
     )
 

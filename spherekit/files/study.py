@@ -122,14 +122,14 @@ def _driven(document: Document, mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, inputs=tuple(ranged))
 
 
-def _ranged(document: Document, own: Input) -> Input:
+def _ranged(document: Document, driven: Input) -> Input:
     """Return an input over the range that the study gives it."""
-    path, item = ("inputs", own.pair), document.data["inputs"][own.pair]
+    path, item = ("inputs", driven.pair), document.data["inputs"][driven.pair]
     start, stop = (
         angle_at(document, (*path, key), item[key], document.data["angle_unit"])
         if key in item
         else default
-        for key, default in (("from", own.start), ("to", own.stop))
+        for key, default in (("from", driven.start), ("to", driven.stop))
     )
     if not start < stop:
         raise document.fault(
@@ -137,20 +137,20 @@ def _ranged(document: Document, own: Input) -> Input:
             "the range must rise from `from` to `to`, but it is "
             f"{start:.6g} to {stop:.6g} rad",
         )
-    return Input(own.pair, start, stop)
+    return Input(driven.pair, start, stop)
 
 
 def _samples(document: Document, mechanism: Mechanism) -> int | tuple[int, ...]:
-    found = document.data.get("samples", DEFAULT_SAMPLES)
-    if not isinstance(found, list):
-        return int(found)
-    if len(found) != len(mechanism.inputs):
+    samples = document.data.get("samples", DEFAULT_SAMPLES)
+    if not isinstance(samples, list):
+        return int(samples)
+    if len(samples) != len(mechanism.inputs):
         raise document.fault(
             ("samples",),
-            f"has {len(found)} numbers for {len(mechanism.inputs)} inputs "
+            f"has {len(samples)} numbers for {len(mechanism.inputs)} inputs "
             f"({listing(item.pair for item in mechanism.inputs)})",
         )
-    return tuple(int(count) for count in found)
+    return tuple(int(count) for count in samples)
 
 
 def _input_path(document: Document, mechanism: Mechanism) -> Floats | None:

@@ -37,9 +37,9 @@ def assignment(key: str, value: object) -> str:
 def tables(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
     """Return the lines of a table and the tables within it, each after a blank line."""
     inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
-    own = [assignment(key, table[key]) for key in table if key not in inner]
-    if own or not inner:
-        yield from ("", f"[{'.'.join(map(key_text, path))}]", *own)
+    lines = [assignment(key, table[key]) for key in table if key not in inner]
+    if lines or not inner:
+        yield from ("", f"[{'.'.join(map(key_text, path))}]", *lines)
     for key, value in inner.items():
         yield from tables((*path, key), value)
 
@@ -81,8 +81,8 @@ def value_text(value: object) -> str:
 
 def _string(text: str) -> str:
     inner = "".join(
-        _ESCAPES.get(each)
-        or (each if each >= " " and each != "\x7f" else f"\\u{ord(each):04x}")
-        for each in text
+        _ESCAPES.get(letter)
+        or (letter if letter >= " " and letter != "\x7f" else f"\\u{ord(letter):04x}")
+        for letter in text
     )
     return f'"{inner}"'

@@ -181,9 +181,9 @@ def _angle(angle: float, unit: AngleUnit) -> Literal:
 
 
 def _first_difference(mechanism: Mechanism, again: Mechanism) -> str:
-    for each in fields(mechanism):
-        ours, theirs = getattr(mechanism, each.name), getattr(again, each.name)
-        if each.name == "user":
+    for field in fields(mechanism):
+        ours, theirs = getattr(mechanism, field.name), getattr(again, field.name)
+        if field.name == "user":
             # As text, since a NaN in it differs from itself, and a tuple from a list.
             same = list(tables((), ours)) == list(tables((), theirs))
         else:
@@ -192,7 +192,7 @@ def _first_difference(mechanism: Mechanism, again: Mechanism) -> str:
             except ValueError:  # NumPy arrays have no single truth value
                 same = False
         if not same:
-            return f"{each.name}{_place(ours, theirs)}"
+            return f"{field.name}{_place(ours, theirs)}"
     return ""
 
 

@@ -193,7 +193,7 @@ class Kinematics:
         def gathered(values: list[NDArray[Any]]) -> NDArray[Any]:
             return np.stack(values, axis=1).reshape(n * k, *values[0].shape[1:])
 
-        u = gathered([self.direction(*each) for each in asked])
+        u = gathered([self.direction(*wanted) for wanted in asked])
         names = [pole.split("/") for pole, _ in asked]
         data: dict[str, Any] = {
             "sample": spread(self.sample),
@@ -209,10 +209,10 @@ class Kinematics:
             "uy": u[:, 1],
             "uz": u[:, 2],
             "velocity_coefficient": gathered(
-                [self.velocity_coefficient(*each) for each in asked]
+                [self.velocity_coefficient(*wanted) for wanted in asked]
             ),
             "acceleration_coefficient": gathered(
-                [self.acceleration_coefficient(*each) for each in asked]
+                [self.acceleration_coefficient(*wanted) for wanted in asked]
             ),
             "residual": spread(self.residual),
             "status": gathered(
@@ -229,13 +229,13 @@ class Kinematics:
 
     def _variables(self, pair: str) -> tuple[int, ...]:
         number = self.mechanism.pair_number[self.mechanism.pair(pair).name]
-        found = self.mechanism.variables_of(number)
-        if len(found) > 1:
-            names = listing(self.mechanism.variable_names[k] for k in found)
+        variables = self.mechanism.variables_of(number)
+        if len(variables) > 1:
+            names = listing(self.mechanism.variable_names[k] for k in variables)
             raise SolveError(
                 f"{self.mechanism.name}: pair {pair} has two variables: ask for {names}"
             )
-        return found
+        return variables
 
     def _pole(self, text: str) -> Pole:
         pole = parse_pole(self.mechanism, text)
@@ -341,8 +341,10 @@ def evaluate(
         link_rates=frozenset(mechanism.links),
     )
     requests = requests_for(tracer.mechanism, needs, tracer.by_rank)
-    fields = tuple(evaluate_poles(motion, each) for each in requests)
-    batch = Batch(mechanism, tuple(each.plan for each in requests), needs, motion, fields)
+    fields = tuple(evaluate_poles(motion, request) for request in requests)
+    batch = Batch(
+        mechanism, tuple(request.plan for request in requests), needs, motion, fields
+    )
     return Kinematics(
         mechanism, tuple(_name(mechanism, pole) for pole in wanted), batch, motion
     )

@@ -150,7 +150,7 @@ def _kind(target: Path, to: Kind | None) -> Kind:
     for kind, suffixes in SUFFIXES.items():
         if target.suffix in suffixes and to in (None, kind):
             return kind
-    every = dict.fromkeys(each for suffixes in SUFFIXES.values() for each in suffixes)
+    every = dict.fromkeys(suffix for suffixes in SUFFIXES.values() for suffix in suffixes)
     allowed = every if to is None else SUFFIXES[to]
     raise OutputError(
         f"{target}: {to or 'exported'} files are named *{', *'.join(allowed)}; give it one "

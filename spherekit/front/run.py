@@ -69,14 +69,14 @@ def _visible(function: Callable[P, RunResult]) -> Callable[P, RunResult]:
 
     @wraps(function)
     def _run(*args: P.args, **kwargs: P.kwargs) -> RunResult:
-        found = function(*args, **kwargs)
+        result = function(*args, **kwargs)
         again: dict[str, Any] = {k: v for k, v in kwargs.items() if k not in ONCE}
 
         def go(recorder: "Recorder") -> None:
             again.update(recorder=recorder, tables=False)
             function(*args, **again)  # type: ignore[call-arg]
 
-        return replace(found, views=_Again(found.summary["mechanism"], go))
+        return replace(result, views=_Again(result.summary["mechanism"], go))
 
     return _run
 

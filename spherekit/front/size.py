@@ -92,8 +92,8 @@ def sizing_of(
 
 
 def _mechanism(wanted: str, folder: Path) -> str | Path:
-    known = any(wanted in pack.files for pack in shipped())
-    return wanted if known else folder / wanted
+    is_shipped = any(wanted in pack.files for pack in shipped())
+    return wanted if is_shipped else folder / wanted
 
 
 def _missed(

@@ -105,7 +105,7 @@ def sweep(
     """
     made = sweep_of(
         subject,
-        DesignSpace.of([_variation(*each) for each in vary.items()], designs, scheme, seed),
+        DesignSpace.of([_variation(*item) for item in vary.items()], designs, scheme, seed),
         [reduce] if isinstance(reduce, str) else reduce,
         [create(name) for name in analyses],
         samples,
@@ -130,13 +130,13 @@ def sweep_of(
     radians = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
     merits: dict[str, Merit] = {}
     for analysis in analyses:
-        own = analysis.merits(study.mechanism)
-        if not own:
+        offered = analysis.merits(study.mechanism)
+        if not offered:
             raise DesignError(
                 f"{analysis.name} has no figures of merit of its own for "
                 f"{study.mechanism.name}; say what is wanted by reduce"
             )
-        merits |= {merit.name: merit for merit in own}
+        merits |= {merit.name: merit for merit in offered}
     merits |= {m.name: m for m in (parse_merit(text, radians) for text in reduce)}
     if not any(merit.table for merit in merits.values()):
         samples_of = DesignSamples.of(study)
@@ -185,8 +185,8 @@ def _document(mechanism: Mechanism, subject: Subject) -> Document:
     A mechanism with locked pairs, or that of a study, is not that of a file.
     """
     if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
-        own = load(subject)
-        if replace(own, inputs=()) == replace(mechanism, inputs=()):
+        stated = load(subject)
+        if replace(stated, inputs=()) == replace(mechanism, inputs=()):
             return document_of(subject)
         return document_of(mechanism, angle_unit_of(subject))
     return document_of(mechanism)

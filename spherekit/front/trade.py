@@ -25,11 +25,11 @@ def _drawable(function: Callable[P, Trade]) -> Callable[P, Trade]:
     return _trade
 
 
-def _figure(found: Trade, tolerance: float | None, columns: Columns) -> "Figure":
+def _figure(result: Trade, tolerance: float | None, columns: Columns) -> "Figure":
     from spherekit.figures.contents import figures_of
     from spherekit.tradeoff.chart import scene
 
-    (figure,) = figures_of([scene(found, tolerance)], {}, columns=columns).values()
+    (figure,) = figures_of([scene(result, tolerance)], {}, columns=columns).values()
     return figure
 
 

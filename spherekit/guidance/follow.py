@@ -139,20 +139,20 @@ class FollowedRotation:
             w = w / np.linalg.norm(w, axis=1, keepdims=True)
         lost = beyond | ~np.isin(status, (Status.OK, Status.AT_SINGULARITY))
 
-        def known(array: Floats) -> Floats:
+        def kept(array: Floats) -> Floats:
             array[lost] = np.nan
             return array
 
         return RotationSamples(
             theta=theta,
-            inputs=known(near.values[:, self.driven]),
-            rates=known(slopes[:, self.driven]),
-            second_rates=known(bends[:, self.driven]),
-            values=known(near.values),
-            orientation=known(near.reached),
-            departure=known(turns_between(near.reached, wanted).angle),
-            drift=known(arc(w, np.broadcast_to(self.axis, w.shape))),
-            type_2=known(held),
+            inputs=kept(near.values[:, self.driven]),
+            rates=kept(slopes[:, self.driven]),
+            second_rates=kept(bends[:, self.driven]),
+            values=kept(near.values),
+            orientation=kept(near.reached),
+            departure=kept(turns_between(near.reached, wanted).angle),
+            drift=kept(arc(w, np.broadcast_to(self.axis, w.shape))),
+            type_2=kept(held),
             status=status,
         )
 
@@ -174,12 +174,15 @@ class FollowedRotation:
             points = 0.5 * (low + high) + 0.5 * (high - low) * x
             wanted = rotation(self.axis, points) @ self.start
             around, _ = corrected(self.target, self._predict(points)[0], wanted, self.exact)
-            known = around.rates(self.axis)
+            around_rates = around.rates(self.axis)
             distance = theta[rows, None] - points
             distance[distance == 0.0] = 1e-300
             weights = (-1.0) ** np.arange(POINTS) * np.sin(k * np.pi / POINTS) / distance
             weights /= np.sum(weights, axis=1, keepdims=True)
-            slopes[rows], bends[rows] = weights @ known.first, weights @ known.second
+            slopes[rows], bends[rows] = (
+                weights @ around_rates.first,
+                weights @ around_rates.second,
+            )
         return slopes, bends
 
 

@@ -82,7 +82,7 @@ def mid_plane_loci(
         return None
     budget = budget or Budget()
     modes = _Modes(form, mechanism, kind, output)
-    found = list(modes.borders() if kind == "I" else modes.contours(budget))
+    curves = list(modes.borders() if kind == "I" else modes.contours(budget))
     none = np.zeros((0, len(mechanism.variable_owners)))
     beyond = "configurations in which the output is not a mirror image of the base"
     if kind == "I":
@@ -93,7 +93,7 @@ def mid_plane_loci(
     else:
         words = f"changes of sign over the mid-planes of every mode, without {beyond}"
         claim = Claim(Guarantee.TO_BOX, words, SIDE)
-    return SingularCurves(kind, tuple(found), claim, 0, 0, 0, none, none)
+    return SingularCurves(kind, tuple(curves), claim, 0, 0, 0, none, none)
 
 
 @final
@@ -146,8 +146,8 @@ class _Modes:
                 return
             modes = np.array(signs)
             values = self._determinants(nodes, modes)
-            known = np.all(np.isfinite(values[edges]), axis=1)
-            changes = known & (values[edges[:, 0]] * values[edges[:, 1]] < 0.0)
+            finite = np.all(np.isfinite(values[edges]), axis=1)
+            changes = finite & (values[edges[:, 0]] * values[edges[:, 1]] < 0.0)
             cut = edges[changes]
             roots = self._roots(nodes[cut[:, 0]], nodes[cut[:, 1]], modes)
             number = np.where(changes, np.cumsum(changes) - 1, -1)
@@ -186,11 +186,11 @@ class _Modes:
     def _determinants(self, normals: Floats, modes: NDArray[np.int64]) -> Floats:
         """Return (n,) the determinant of the locked mechanism, NaN out of reach."""
         values = self._values(normals, modes)
-        found = np.full(len(normals), np.nan)
+        determinants = np.full(len(normals), np.nan)
         rows = np.flatnonzero(np.isfinite(values[:, 0]))
         jacobian = self.locus.closure.at(values[rows]).jacobian
-        found[rows] = np.linalg.det(jacobian[:, :, self.passive])
-        return found
+        determinants[rows] = np.linalg.det(jacobian[:, :, self.passive])
+        return determinants
 
     def _curve(
         self, normals: Floats, modes: NDArray[np.int64], closed: bool, why: str

@@ -216,16 +216,16 @@ class MidPlaneArchitecture:
             leg = self.legs[carrier.leg]
             if carrier.link in ends and ends & {leg.near, leg.far}:
                 return np.asarray(carrier.sense * elbows[:, carrier.leg])
-        carrier = next(each for each in self.carriers if each.link in ends)
+        carrier = next(candidate for candidate in self.carriers if candidate.link in ends)
         ahead = self._axis(pair, carrier.link) @ carrier.normal
         return np.asarray(np.sign(ahead) * normals)
 
     def axes(self, normals: Floats, elbows: Floats) -> Floats:
         """Return the axes (n, pairs, 3) of all pairs, see `axis`."""
-        found = np.empty((len(normals), len(self.mechanism.pairs), 3))
+        axes = np.empty((len(normals), len(self.mechanism.pairs), 3))
         for pair in range(len(self.mechanism.pairs)):
-            found[:, pair] = self.axis(pair, normals, elbows)
-        return found
+            axes[:, pair] = self.axis(pair, normals, elbows)
+        return axes
 
     @cached_property
     def _transmission(self) -> Transmission:
@@ -377,8 +377,8 @@ class MidPlaneRotation:
         while len(places) and width > CROSSING_WIDTH:
             grid = places[:, None] + width * np.linspace(-1.0, 1.0, ZOOM + 1)
             grid = np.clip(grid, 0.0, self.reached)
-            found = np.nan_to_num(self._transmission_at(grid.ravel()), nan=np.inf)
-            best = np.argmin(found.reshape(grid.shape), axis=1)
+            measures = np.nan_to_num(self._transmission_at(grid.ravel()), nan=np.inf)
+            best = np.argmin(measures.reshape(grid.shape), axis=1)
             places = grid[np.arange(len(grid)), best]
             width *= 2.0 / ZOOM
         lost = ~(self._transmission_at(places) > SINGULAR_RATIO)
@@ -402,8 +402,8 @@ class MidPlaneRotation:
         marks = np.linspace(0.0, self.angle, MARKS)
         elbows, _ = self.form.plane.elbows(self.normals(marks), self.modes)
         readings = self.form.plane.readings(elbows)[:, list(self.form.plane.driven)]
-        known = np.all(np.isfinite(readings), axis=1)
-        return marks[known], np.unwrap(readings[known], axis=0)
+        finite = np.all(np.isfinite(readings), axis=1)
+        return marks[finite], np.unwrap(readings[finite], axis=0)
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
@@ -431,20 +431,20 @@ class MidPlaneRotation:
         w = form.rates_of_links(normals, slopes, self.modes)[:, form.effector]
         w /= np.linalg.norm(w, axis=1, keepdims=True)
 
-        def known(array: Floats) -> Floats:
+        def kept(array: Floats) -> Floats:
             array[~inside] = np.nan
             array[~np.isfinite(array)] = np.nan
             return array
 
         return RotationSamples(
             theta=theta,
-            inputs=known(inputs),
-            rates=known(rates.first[:, driven]),
-            second_rates=known(rates.second[:, driven]),
+            inputs=kept(inputs),
+            rates=kept(rates.first[:, driven]),
+            second_rates=kept(rates.second[:, driven]),
             values=values,
-            orientation=known(orientation),
-            departure=known(turns_between(form.orientations(normals), turned).angle),
-            drift=known(arc(w, np.broadcast_to(self.axis, w.shape))),
+            orientation=kept(orientation),
+            departure=kept(turns_between(form.orientations(normals), turned).angle),
+            drift=kept(arc(w, np.broadcast_to(self.axis, w.shape))),
             type_2=held,
             status=status,
         )

@@ -161,15 +161,15 @@ class MidPlane:
         the second, Fig. 5(a), and towards it in the other ones.
         """
         wanted = ((-1, 1), (-1, -1), (1, 1), (1, -1))
-        found = {modes: np.empty((len(normals), 2)) for modes in wanted}
+        solutions = {modes: np.empty((len(normals), 2)) for modes in wanted}
         for start in range(0, len(normals), ROWS):
             rows = slice(start, start + ROWS)
             for k, leg in enumerate(self.driven):
                 for mode, readings in self._both(leg, normals[rows]).items():
                     for modes in wanted:
                         if modes[k] == mode:
-                            found[modes][rows, k] = readings
-        return found
+                            solutions[modes][rows, k] = readings
+        return solutions
 
     def _both(self, leg: int, normals: Floats) -> dict[int, Floats]:
         """Return a leg's readings (n,) rad in its modes 1 and -1.
@@ -183,13 +183,13 @@ class MidPlane:
         with np.errstate(invalid="ignore"):
             root = np.sqrt(_left(arc, sine, np.hypot(u, v)))
         x, y, aside, back = along * u, along * v, root * v, root * u
-        found = {}
+        readings = {}
         for mode in (1, -1):
             azimuth = np.arctan2(y - mode * back, x + mode * aside) - self.phases[leg]
             azimuth -= 2.0 * np.pi * (azimuth > np.pi)
             azimuth += 2.0 * np.pi * (azimuth <= -np.pi)
-            found[mode] = self.senses[leg] * azimuth
-        return found
+            readings[mode] = self.senses[leg] * azimuth
+        return readings
 
     def folds(self, normals: Floats, legs: Sequence[int] | None = None) -> Floats:
         """Return the angles (n, legs) rad between base and tip axes of each leg, or some.
@@ -207,14 +207,14 @@ class MidPlane:
         them meet; `margin` (rad) is how far inside. NaN if there is none.
         """
         limits = np.sin(np.minimum(self.arcs, np.pi - self.arcs) - margin)
-        found = [normal]
+        candidates = [normal]
         circles = [(k, sign) for k in range(len(self.arcs)) for sign in (1.0, -1.0)]
         for k, sign in circles:
             axis, height = self.axes[k], sign * limits[k]
             flat = normal - (normal @ axis) * axis
             if np.linalg.norm(flat) > REACH_SLACK:
                 flat = flat / np.linalg.norm(flat)
-                found.append(height * axis + np.sqrt(1.0 - height**2) * flat)
+                candidates.append(height * axis + np.sqrt(1.0 - height**2) * flat)
         for (k, one), (j, other) in combinations(circles, 2):
             across = cross(self.axes[k], self.axes[j])
             square = across @ across
@@ -226,8 +226,8 @@ class MidPlane:
             left = 1.0 - middle @ middle
             if left >= 0.0:
                 aside = np.sqrt(left / square) * across
-                found += [middle + aside, middle - aside]
-        every = np.stack(found)
+                candidates += [middle + aside, middle - aside]
+        every = np.stack(candidates)
         inside = np.all(np.abs(every @ self.axes.T) <= limits + REACH_SLACK, axis=1)
         if not np.any(inside):
             return np.full(3, np.nan)

@@ -262,7 +262,7 @@ class Optimality:
     def _nearest_rates(self, axis: Floats) -> "NearestRates":
         """Return the rates of the nearest configurations, from the condition for those."""
         inverse, free, _ = self._split
-        log, own = LogRate(self.left), LogRate(self.left, -1.0)
+        log, backward = LogRate(self.left), LogRate(self.left, -1.0)
         tree, reach = self.target.closure.tree, self.target.reach
         about = np.broadcast_to(axis, self.left.shape)
         soft = _inverse(self.stiffness)
@@ -277,7 +277,7 @@ class Optimality:
         first = along(seen(log.of(about)))
         turned = self._turned(first)
         w = np.einsum("nkv,nv->nk", self.turning, first)
-        left_rate = log.of(about) - own.of(w)
+        left_rate = log.of(about) - backward.of(w)
         pulls = self._pulls
         slope = np.einsum("nvk,nvk->nv", turned, pulls)
         slope += np.einsum("nkv,nk->nv", self.turning, left_rate)
@@ -292,8 +292,8 @@ class Optimality:
         force += 2.0 * np.einsum("nvk,nvk->nv", turned, pulls_rate)
         w_bias = np.einsum("nkv,nv->nk", self.turning, held)
         w_bias += np.einsum("v,nvk,nv->nk", reach, turned, first)
-        left_bias = log.changed(left_rate, about) - own.changed(left_rate, w)
-        left_bias -= own.of(w_bias)
+        left_bias = log.changed(left_rate, about) - backward.changed(left_rate, w)
+        left_bias -= backward.of(w_bias)
         second = held + along(np.einsum("nvj,nv->nj", free, force) + seen(left_bias))
         return NearestRates(first, second, w, np.zeros(len(w), dtype=bool))
 

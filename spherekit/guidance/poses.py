@@ -154,14 +154,14 @@ class PoseFinder:
     """Finds the configurations of a mechanism at poses of an output.
 
     `form` is its mid-plane symmetric architecture for this output, None if it has none;
-    `known` are configurations of which the nearest is offered for a pose out of reach:
+    `motion` has configurations of which the nearest is offered for a pose out of reach:
     `OFFERED` samples of the motion if that is empty, traced when they are needed.
     """
 
     solver: Solver
     output: Output
     form: MidPlaneArchitecture | None
-    known: Motion | None = None
+    motion: Motion | None = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -210,14 +210,14 @@ class PoseFinder:
     def _of_values(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
         placed = self.solver.closure.at(values).placed
         driven = list(self.solver.driven)
-        found = PoseCandidates(
+        candidates = PoseCandidates(
             values,
             self.solver.reduced(values[:, driven]),
             pose_of(self.mechanism, self.output, placed),
             tuple(labels),
             self._singular(values),
         )
-        return found.singular_last()
+        return candidates.singular_last()
 
     @cached_property
     def _target(self) -> Target:
@@ -228,8 +228,8 @@ class PoseFinder:
     def _singular(self, values: Floats) -> NDArray[np.bool_]:
         near = self._target.at(values, np.broadcast_to(np.eye(3), (len(values), 3, 3)))
         free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
-        own = Transmission.of(self.mechanism, self.output)
-        held = own.of_values(self.solver.closure, values) > SINGULAR
+        transmission = Transmission.of(self.mechanism, self.output)
+        held = transmission.of_values(self.solver.closure, values) > SINGULAR
         return np.asarray(~(free & held))
 
     def _inverse(self, pose: Floats, points: bool) -> PoseCandidates:
@@ -241,17 +241,17 @@ class PoseFinder:
                 f"{self.mechanism.name}: outputs.{self.output.name} takes {takes}, or "
                 "inputs"
             )
-        found = kinematics.solutions(pose[None])
+        solutions = kinematics.solutions(pose[None])
         values, labels = [], []
-        for k, signs in enumerate(found.signs):
-            at = self._assembled(found.inputs[k])
-            wanted = np.broadcast_to(found.rotations[k], at.orientations.shape)
+        for k, signs in enumerate(solutions.signs):
+            at = self._assembled(solutions.inputs[k])
+            wanted = np.broadcast_to(solutions.rotations[k], at.orientations.shape)
             off = turns_between(wanted, at.orientations).angle
             best = int(np.argmin(off))
             if off[best] < SAME_POSE:
                 values.append(at.values[best])
                 labels.append(label_of(signs))
-        if not values and len(found.row):
+        if not values and len(solutions.row):
             raise SolveError(
                 f"{self.mechanism.name}: outputs.{self.output.name} is singular at this "
                 "pose; choose another one"
@@ -272,15 +272,15 @@ class PoseFinder:
 
     def _offer(self, pose: AtInputs | AtOrientation | AtDirection) -> str:
         """Return words on the known configuration nearest to a pose, if there is one."""
-        known = self.known
-        if known is not None and not len(known):
+        motion = self.motion
+        if motion is not None and not len(motion):
             try:
-                known = trace(self.mechanism, OFFERED)
+                motion = trace(self.mechanism, OFFERED)
             except SolveError:
                 return ""
-        if known is None or np.all(known.failed):
+        if motion is None or np.all(motion.failed):
             return ""
-        good = known.rows(~known.failed)
+        good = motion.rows(~motion.failed)
         turned = pose_of(self.mechanism, self.output, good.rotations)
         match pose:
             case AtInputs(inputs):
@@ -341,8 +341,8 @@ class PoseFinder:
             self.check_reach(normal)
             for modes in _modes(form):
                 label = label_of(modes)
-                own = "".join(label[k] for k in form.plane.driven)
-                if not driven_signs or own == driven_signs:
+                driven_label = "".join(label[k] for k in form.plane.driven)
+                if not driven_signs or driven_label == driven_signs:
                     values.append(form.values(form.place(normal[None], modes))[0][0])
                     labels.append(label)
         return self._of_values(np.stack(values), labels)
@@ -422,13 +422,13 @@ def _modes(form: MidPlaneArchitecture) -> list[Floats]:
     """Return all signs of the legs: first those of the driven ones as in `solutions`."""
     count = len(form.legs)
     others = [k for k in range(count) if k not in form.plane.driven]
-    found = []
-    for own in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
+    modes = []
+    for driven in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
         for rest in product((1, -1), repeat=len(others)):
             signs = np.empty(count)
-            signs[list(form.plane.driven)], signs[others] = own, rest
-            found.append(signs)
-    return found
+            signs[list(form.plane.driven)], signs[others] = driven, rest
+            modes.append(signs)
+    return modes
 
 
 def _named(normal: Floats) -> str:

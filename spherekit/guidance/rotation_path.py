@@ -191,15 +191,15 @@ class March:
         moved = float(np.max(np.abs(node.values - at.values)))
         if not np.all(VERIFIED.corrected(steps.first, steps.ratio, moved)):
             return None
-        for each in (middle, node):
-            if not self._holds(each) or each.follows != at.follows:
+        for reached in (middle, node):
+            if not self._holds(reached) or reached.follows != at.follows:
                 return None
             if at.follows:
-                change = at.inverse @ (each.near.system[0] - at.near.system[0])
+                change = at.inverse @ (reached.near.system[0] - at.near.system[0])
                 if not VERIFIED.regular(np.abs(np.linalg.eigvals(change))):
                     return None
             elif (
-                not min(each.near.least_eigenvalue[0], each.near.loop_conditioning[0])
+                not min(reached.near.least_eigenvalue[0], reached.near.loop_conditioning[0])
                 > UNFIXED
             ):
                 return None
@@ -236,9 +236,9 @@ class March:
             guess = np.stack([self._between(at, node, place) for place in places])
             inner, _ = self._nodes(places, guess)
             off = [
-                np.max(np.abs(each.values - one))
-                for each, one in zip(inner, guess, strict=True)
-                if each.condition > 100.0 * UNFIXED
+                np.max(np.abs(inner_node.values - one))
+                for inner_node, one in zip(inner, guess, strict=True)
+                if inner_node.condition > 100.0 * UNFIXED
             ]
             if len(off) < 2 or max(off) > SMOOTH or not all(map(self._holds, inner)):
                 continue

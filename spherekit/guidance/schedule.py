@@ -99,10 +99,10 @@ class Schedule:
         """The extreme that sets the duration, at its limit but for whole cycles."""
         return max(
             self.extremes,
-            key=lambda each: (
-                abs(each.value) / each.limit
-                if each.quantity == "speed"
-                else np.sqrt(abs(each.value) / each.limit)
+            key=lambda extreme: (
+                abs(extreme.value) / extreme.limit
+                if extreme.quantity == "speed"
+                else np.sqrt(abs(extreme.value) / extreme.limit)
             ),
         )
 
@@ -121,17 +121,17 @@ class Schedule:
                 f"t has to be an array (n,) of times from 0 to {self.duration:.6g} s"
             )
         part = np.clip(t / self.duration, 0.0, 1.0)
-        found, motion = _moved(self.rotation, self.shape, part)
+        samples, motion = _moved(self.rotation, self.shape, part)
         count = len(self.rotation.inputs)
         return Timetable(
             self.rotation.inputs,
             t,
-            found.theta,
-            found.inputs,
+            samples.theta,
+            samples.inputs,
             motion[:, :count] / self.duration,
             motion[:, count:] / self.duration**2,
-            found.type_2,
-            found.status,
+            samples.type_2,
+            samples.status,
         )
 
     def table(self, samples: int) -> Timetable:
@@ -253,16 +253,16 @@ def _moved(
     """
     s, ds, dds = law.at(part)
     whole = rotation.angle
-    found = rotation.at(whole * np.clip(s, 0.0, 1.0))
-    lost = ~np.all(np.isfinite(found.second_rates), axis=1)
+    samples = rotation.at(whole * np.clip(s, 0.0, 1.0))
+    lost = ~np.all(np.isfinite(samples.second_rates), axis=1)
     if np.any(lost):
-        first = int(np.argmin(np.where(lost, found.theta, np.inf)))
+        first = int(np.argmin(np.where(lost, samples.theta, np.inf)))
         raise SolveError(
             f"the mechanism does not follow all the way: at theta = "
-            f"{np.degrees(found.theta[first]):.6g} of {np.degrees(whole):.6g} deg it is "
-            f"{Status(found.status[first]).name}; choose a nearer pose or another start"
+            f"{np.degrees(samples.theta[first]):.6g} of {np.degrees(whole):.6g} deg it is "
+            f"{Status(samples.status[first]).name}; choose a nearer pose or another start"
         )
     turned, swung = (whole * ds)[:, None], (whole * dds)[:, None]
-    speeds = found.rates * turned
-    accelerations = found.second_rates * turned**2 + found.rates * swung
-    return found, np.concatenate([speeds, accelerations], axis=1)
+    speeds = samples.rates * turned
+    accelerations = samples.second_rates * turned**2 + samples.rates * swung
+    return samples, np.concatenate([speeds, accelerations], axis=1)

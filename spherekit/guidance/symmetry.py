@@ -73,8 +73,8 @@ def mid_plane_form(
             f"the elbows of {len(held)} of {len(legs)} legs with equal arcs are held in "
             "one plane, but those of all, and of three at least, have to be",
         )
-    known = {0, effector, *(n for leg in legs for n in (leg.near, leg.far))}
-    others = set(range(len(made.links))) - known - {c.link for c in carriers}
+    in_legs = {0, effector, *(n for leg in legs for n in (leg.near, leg.far))}
+    others = set(range(len(made.links))) - in_legs - {c.link for c in carriers}
     if others:
         names = listing(made.links[n] for n in sorted(others))
         raise _refusal(made, f"links {names} belong to no leg and hold no elbow")
@@ -108,7 +108,7 @@ def _legs(mechanism: Mechanism, joints: Sequence[Joint], effector: int) -> tuple
     for pair, (a, b) in enumerate(mechanism.ends):
         at[a].append((pair, b))
         at[b].append((pair, a))
-    found = []
+    legs = []
     for base, near in at[0]:
         for elbow, far in at[near]:
             for tip, end in at[far]:
@@ -125,8 +125,8 @@ def _legs(mechanism: Mechanism, joints: Sequence[Joint], effector: int) -> tuple
                         f"{mechanism.links[far]} differ, {np.degrees(arcs[0]):.9g} and "
                         f"{np.degrees(arcs[1]):.9g} deg",
                     )
-                found.append(Leg(base, elbow, tip, near, far))
-    return tuple(found)
+                legs.append(Leg(base, elbow, tip, near, far))
+    return tuple(legs)
 
 
 def _carriers(
@@ -139,7 +139,7 @@ def _carriers(
         if a in inside or b in inside:
             continue
         normals = _turning_together(mechanism, joints, pair, inside)
-        found = []
+        carriers = []
         for number, (one, other) in enumerate(mechanism.ends):
             for link, holder in ((one, other), (other, one)):
                 if link not in normals or holder not in inside:
@@ -154,9 +154,9 @@ def _carriers(
                     if np.linalg.norm(held - sense * elbow) > SAME:
                         continue
                     if abs(hinge @ normals[link]) < SAME:
-                        found.append(Carrier(link, k, hinge, normals[link], sense))
-        if len({c.leg for c in found}) > len({c.leg for c in best}):
-            best = tuple(found)
+                        carriers.append(Carrier(link, k, hinge, normals[link], sense))
+        if len({c.leg for c in carriers}) > len({c.leg for c in best}):
+            best = tuple(carriers)
     return best
 
 

@@ -16,14 +16,14 @@ from spherekit.model.mechanism import Mechanism
 def used_pairs(mechanism: Mechanism) -> frozenset[str]:
     """Return the R pairs whose variable or rate the loads depend on."""
     names = mechanism.angles
-    found: set[str] = set()
+    pairs: set[str] = set()
     for part in _all(mechanism):
         if part.pair:
-            found.add(part.pair)
+            pairs.add(part.pair)
         if isinstance(part.magnitude, Expression):
             used = part.magnitude.names
-            found |= {n for n in names if {f"theta_{n}", f"dtheta_{n}"} & used}
-    return frozenset(found)
+            pairs |= {n for n in names if {f"theta_{n}", f"dtheta_{n}"} & used}
+    return frozenset(pairs)
 
 
 def smooth(mechanism: Mechanism) -> bool:
@@ -39,7 +39,9 @@ def steep(mechanism: Mechanism) -> tuple[Expression, ...]:
     """
     laws = [part.magnitude for part in _all(mechanism)]
     every = [law.steep for law in laws if isinstance(law, Expression)]
-    return tuple({each.root: each for own in every for each in own}.values())
+    return tuple(
+        {argument.root: argument for arguments in every for argument in arguments}.values()
+    )
 
 
 def used_links(mechanism: Mechanism) -> frozenset[str]:

@@ -46,10 +46,10 @@ def changed(
 
 def rows_of(key: str, given: ArrayLike, shape: tuple[int, ...]) -> Any:
     """Return numbers of a shape as tuples of floats."""
-    found = np.asarray(given, dtype=float)
-    if found.shape != shape:
-        raise ModelError(f"{key}: has the shape {found.shape}, needs {shape}")
-    rows = found.tolist()
+    numbers = np.asarray(given, dtype=float)
+    if numbers.shape != shape:
+        raise ModelError(f"{key}: has the shape {numbers.shape}, needs {shape}")
+    rows = numbers.tolist()
     return tuple(map(tuple, rows)) if len(shape) > 1 else tuple(rows)
 
 

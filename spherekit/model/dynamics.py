@@ -20,6 +20,7 @@ from spherekit.model.needs import (
     need_expression,
     need_finite,
     need_function,
+    need_smoothing,
 )
 
 if TYPE_CHECKING:
@@ -377,12 +378,7 @@ class Friction(Load):
         need_angle(f"{key}.pair", self.pair, mechanism)
         need_at_least_zero(f"{key}.torque", self.torque, "N m")
         need_at_least_zero(f"{key}.viscous", self.viscous, "N m s/rad")
-        need_finite(f"{key}.speed", [self.speed])
-        if not self.speed > 0:
-            raise ModelError(
-                f"{key}.speed: found {self.speed:g} rad/s, needs more than 0: the rate "
-                "below which the jump of dry friction is smoothed"
-            )
+        need_smoothing(f"{key}.speed", self.speed)
 
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
         rate = f"dtheta_{self.pair}"
@@ -443,12 +439,7 @@ class Bearings(Load):
             )
         need_at_least_zero(f"{key}.radius", self.radius, "m")
         need_at_least_zero(f"{key}.coefficient", self.coefficient, "")
-        need_finite(f"{key}.speed", [self.speed])
-        if not self.speed > 0:
-            raise ModelError(
-                f"{key}.speed: found {self.speed:g} rad/s, needs more than 0: the rate "
-                "below which the jump of dry friction is smoothed"
-            )
+        need_smoothing(f"{key}.speed", self.speed)
 
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
         rubs = self.grip > 0.0

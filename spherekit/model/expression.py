@@ -137,7 +137,7 @@ def fold(
         return number(node.value)
     if isinstance(node, Name):
         return name(node.name)
-    parts = [fold(each, number, name, apply) for each in node.arguments]
+    parts = [fold(argument, number, name, apply) for argument in node.arguments]
     return apply(node.function, parts)
 
 
@@ -175,8 +175,8 @@ class Expression:
         return self._arguments(())
 
     def _arguments(self, kinked: Sequence[str]) -> "tuple[Expression, ...]":
-        found = dict.fromkeys(_steep(self.root, kinked))
-        return tuple(Expression(self.text, _names(x), x) for x in found)
+        nodes = dict.fromkeys(_steep(self.root, kinked))
+        return tuple(Expression(self.text, _names(x), x) for x in nodes)
 
     def evaluate(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
         """Return the expression's value for every sample.
@@ -193,13 +193,13 @@ class Expression:
         """
         arrays, shape = self._arrays(values)
         with np.errstate(all="ignore"):
-            found: Any = fold(
+            value: Any = fold(
                 self.root,
                 np.float64,
                 arrays.__getitem__,
                 lambda function, parts: ON_ARRAYS[function](*parts),
             )
-            return np.array(np.broadcast_to(found, shape), dtype=np.float64)
+            return np.array(np.broadcast_to(value, shape), dtype=np.float64)
 
     def scalar(
         self, read: Mapping[str, Callable[[Sequence[float]], float]]
@@ -316,8 +316,8 @@ class _Parser:
         if isinstance(item, ast.Call):
             return self.call(item, column, depth)
         what = {"FloorDiv": "//"}.get(type(getattr(item, "op", item)).__name__)
-        found = f'the operator "{what}"' if what else f"{type(item).__name__.lower()}"
-        raise _fault(column, f"found {found}, which is not allowed")
+        construct = f'the operator "{what}"' if what else f"{type(item).__name__.lower()}"
+        raise _fault(column, f"found {construct}, which is not allowed")
 
     def number(self, value: object, column: int) -> Node:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -354,7 +354,7 @@ class _Parser:
         if count < fewest or (most is not None and count > most) or item.keywords:
             needs = f"{fewest} or more" if most is None else f"{fewest}"
             raise _fault(column, f"{name} has {count} arguments", f"it takes {needs}")
-        return Call(name, tuple(self.node(each, depth + 1) for each in item.args))
+        return Call(name, tuple(self.node(argument, depth + 1) for argument in item.args))
 
 
 _SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
@@ -408,19 +408,21 @@ def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:
     """Yield the arguments that `Expression.steep` has, the innermost first."""
     if not isinstance(node, Call):
         return
-    for each in node.arguments:
-        yield from _steep(each, kinked)
-    name, own = node.function, node.arguments
+    for child in node.arguments:
+        yield from _steep(child, kinked)
+    name, arguments = node.function, node.arguments
     if name in ENTIRE or (name in KINKED and name not in kinked):
         return
     if name in ("min", "max"):
-        own = tuple(Call("-", pair) for pair in combinations(own, 2))
+        arguments = tuple(Call("-", pair) for pair in combinations(arguments, 2))
     elif name == "/":
-        own = own[1:]
-    elif name == "**" and isinstance(own[1], Number):
-        whole = own[1].value >= 0.0 and own[1].value == round(own[1].value)
-        own = () if whole else own[:1]
-    yield from (each for each in own if _names(each))
+        arguments = arguments[1:]
+    elif name == "**" and isinstance(arguments[1], Number):
+        whole = arguments[1].value >= 0.0 and arguments[1].value == round(
+            arguments[1].value
+        )
+        arguments = () if whole else arguments[:1]
+    yield from (argument for argument in arguments if _names(argument))
 
 
 def _names(node: Node) -> frozenset[str]:

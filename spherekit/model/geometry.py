@@ -73,8 +73,8 @@ def geometry_of(mechanism: Mechanism) -> Geometry:
         else:
             joints.append(Sliding(*curves))
             reference += start
-    known = isinstance(given, PoseGeometry)
-    return Geometry(tuple(joints), np.array(reference) if known else None)
+    in_pose = isinstance(given, PoseGeometry)
+    return Geometry(tuple(joints), np.array(reference) if in_pose else None)
 
 
 def _curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:

@@ -33,13 +33,13 @@ def spanning(
 def pieces(mechanism: Mechanism) -> list[list[str]]:
     """Return the connected pieces, each as its links in file order, ground's first."""
     left = list(range(len(mechanism.links)))
-    found: list[list[str]] = []
+    components: list[list[str]] = []
     while left:
         ways = spanning(mechanism.ends, left[:1])
         reached = {left[0], *(link for _, _, link in ways)}
-        found.append([mechanism.links[link] for link in sorted(reached)])
+        components.append([mechanism.links[link] for link in sorted(reached)])
         left = [link for link in left if link not in reached]
-    return found
+    return components
 
 
 @final

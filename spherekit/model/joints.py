@@ -417,10 +417,10 @@ def _along(vectors: Floats, directions: Floats) -> Floats:
 
 def _contact_states(joints: Sequence[Rolling | Sliding], values: Floats) -> PairStates:
     made = PairStates.blank(len(values), len(joints))
-    known = np.nan_to_num(values)
+    finite = np.nan_to_num(values)
     for k, joint in enumerate(joints):
         one, other = (
-            track.curve.at(known[:, k, track.variable] + track.start)
+            track.curve.at(finite[:, k, track.variable] + track.start)
             for track in joint.tracks
         )
         made.first[:, k], made.second[:, k] = one.frame, other.frame

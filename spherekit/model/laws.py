@@ -198,7 +198,7 @@ class Start:
         ModelError
             If there is not one number for each.
         """
-        found = []
+        state = []
         for key, given in (("q", self.q), ("dq", self.dq)):
             numbers = np.atleast_1d(np.asarray(given, dtype=float))
             if key == "dq" and given == 0.0:
@@ -209,8 +209,8 @@ class Start:
                     f"{'number' if len(numbers) == 1 else 'numbers'}, needs {len(inputs)}, "
                     f"one for each input ({', '.join(inputs)})"
                 )
-            found.append(numbers)
-        return found[0], found[1]
+            state.append(numbers)
+        return state[0], state[1]
 
 
 KINDS: Mapping[str, type[Law]] = {

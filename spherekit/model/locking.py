@@ -77,12 +77,12 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
                 f"{where}: {value:.6g} rad is outside its stops, {stop.low:.6g} to "
                 f"{stop.high:.6g} rad"
             )
-    touching = {x for each in made.pairs if not each.kind.has_axis for x in each.links}
+    touching = {x for other in made.pairs if not other.kind.has_axis for x in other.links}
     kept, gone = pair.links
     if gone == made.ground or (gone in touching and kept not in touching | {made.ground}):
         kept, gone = gone, kept
-    rest = tuple(each for each in made.pairs if each.name != pair.name)
-    between = [each.name for each in rest if set(each.links) == {kept, gone}]
+    rest = tuple(other for other in made.pairs if other.name != pair.name)
+    between = [other.name for other in rest if set(other.links) == {kept, gone}]
     if between:
         raise ModelError(
             f"{where} joins the same two links as pair {between[0]}, which could not move"
@@ -94,21 +94,21 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
 
     outputs = tuple(
         replace(
-            each,
-            link=on(each.link),
-            relative_to=on(each.relative_to),
-            direction=_turned(turn, each.direction)
-            if each.link == gone and each.direction is not None
-            else each.direction,
+            output,
+            link=on(output.link),
+            relative_to=on(output.relative_to),
+            direction=_turned(turn, output.direction)
+            if output.link == gone and output.direction is not None
+            else output.direction,
         )
-        for each in made.outputs
-        if on(each.link) != on(each.relative_to)
+        for output in made.outputs
+        if on(output.link) != on(output.relative_to)
     )
     still = {f"theta_{pair.name}": f"({value!r})", f"dtheta_{pair.name}": "(0)"}
     return replace(
         made,
         links=tuple(link for link in made.links if link != gone),
-        pairs=tuple(_pair(each, kept, gone, turn, where) for each in rest),
+        pairs=tuple(_pair(other, kept, gone, turn, where) for other in rest),
         geometry=geometry,
         inputs=tuple(item for item in made.inputs if item.pair != pair.name),
         outputs=outputs,
@@ -134,11 +134,11 @@ def _geometry(
     """Return the new geometry, and the turn (3, 3) from axes of the link that goes."""
     geometry = made.geometry
     if isinstance(geometry, PoseGeometry):
-        own = geometry.values.get(pair.name, 0.0)
-        if abs(math.remainder(value - own, 2.0 * math.pi)) > SAME:
+        posed = geometry.values.get(pair.name, 0.0)
+        if abs(math.remainder(value - posed, 2.0 * math.pi)) > SAME:
             raise ModelError(
                 f"{where}: the mechanism is given in a reference pose, in which the pair "
-                f"has {own:.6g} rad, not {value:.6g} rad; lock it there, or give the "
+                f"has {posed:.6g} rad, not {value:.6g} rad; lock it there, or give the "
                 "mechanism by arcs and angles"
             )
         axes = {name: axis for name, axis in geometry.axes.items() if name != pair.name}
@@ -155,7 +155,9 @@ def _geometry(
     plain = replace(
         made,
         links=tuple(link for link in made.links if link != gone),
-        pairs=tuple(replace(each, links=_ends(each, kept, gone)) for each in rest),
+        pairs=tuple(
+            replace(kept_pair, links=_ends(kept_pair, kept, gone)) for kept_pair in rest
+        ),
         geometry=SizeGeometry(links, {}),
         inputs=(),
         outputs=(),
@@ -164,19 +166,19 @@ def _geometry(
         stops=(),
     )
     one, other = frames_of_sizes(plain, SizeGeometry(links, {}))
-    for each in rest:
-        if each.kind.has_axis and {kept, gone} & set(each.links):
+    for remaining in rest:
+        if remaining.kind.has_axis and {kept, gone} & set(remaining.links):
             wanted = [
-                (turn if link == gone else np.eye(3)) @ frames[each.name]
-                for link, frames in zip(each.links, (first, second), strict=True)
+                (turn if link == gone else np.eye(3)) @ frames[remaining.name]
+                for link, frames in zip(remaining.links, (first, second), strict=True)
             ]
             shifts = [
                 _about(want.T @ have)
                 for want, have in zip(
-                    wanted, (one[each.name], other[each.name]), strict=True
+                    wanted, (one[remaining.name], other[remaining.name]), strict=True
                 )
             ]
-            zeros[each.name] = shifts[1] - shifts[0]
+            zeros[remaining.name] = shifts[1] - shifts[0]
     return SizeGeometry(links, zeros), turn
 
 
@@ -244,16 +246,16 @@ def _profile(profile: Profile, turn: Floats, pair: Pair, where: str) -> Profile:
 
 
 def _masses(made: Mechanism, kept: str, gone: str, turn: Floats) -> tuple[Mass, ...]:
-    own = {mass.link: mass for mass in made.masses}
-    moved = own.pop(gone, None)
+    masses = {mass.link: mass for mass in made.masses}
+    moved = masses.pop(gone, None)
     if moved is None:
-        return tuple(own.values())
+        return tuple(masses.values())
     tensor = turn @ np.array(moved.tensor, dtype=float) @ turn.T
     mass, centre = moved.mass, moved.centre
     if centre is not None:
         centre = _turned(turn, centre)
-    if kept in own:
-        other = own[kept]
+    if kept in masses:
+        other = masses[kept]
         tensor = tensor + np.array(other.tensor, dtype=float)
         if mass is None or other.mass is None or centre is None or other.centre is None:
             mass, centre = None, None
@@ -262,8 +264,8 @@ def _masses(made: Mechanism, kept: str, gone: str, turn: Floats) -> tuple[Mass, 
             mass = mass + other.mass
             centre = _turned(np.eye(3), both / mass if mass else 0.0 * both)
     rows = tuple(map(tuple, (0.5 * (tensor + tensor.T)).tolist()))
-    own[kept] = Mass(kept, rows, mass, centre)  # type: ignore[arg-type]
-    return tuple(own.values())
+    masses[kept] = Mass(kept, rows, mass, centre)  # type: ignore[arg-type]
+    return tuple(masses.values())
 
 
 def _load(

@@ -345,8 +345,8 @@ class Mechanism:
         >>> driven = sk.load("four_bar").with_inputs("41")
         >>> half = driven.with_inputs(ranges={"41": (0, 90)}, angle_unit="deg")
         """
-        known = {item.pair: item for item in self.inputs}
-        names = pairs or tuple(known)
+        driven = {item.pair: item for item in self.inputs}
+        names = pairs or tuple(driven)
         if ranges and angle_unit is None:
             raise ModelError('with_inputs: ranges need angle_unit="deg" or "rad"')
         for name, (start, stop) in (ranges or {}).items():
@@ -354,9 +354,9 @@ class Mechanism:
                 raise ModelError(
                     f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
                 )
-            known[name] = Input(name, *(in_radians(x, angle_unit) for x in (start, stop)))
+            driven[name] = Input(name, *(in_radians(x, angle_unit) for x in (start, stop)))
         inputs = (
-            known.get(name, Input(self.pair(name).name, 0.0, 2.0 * math.pi))
+            driven.get(name, Input(self.pair(name).name, 0.0, 2.0 * math.pi))
             for name in names
         )
         return (
@@ -417,8 +417,10 @@ class Mechanism:
             links = dict(geometry.links)
             for key, given in (("arcs", arcs), ("angles", angles)):
                 for link, sizes in (given or {}).items():
-                    own = links.get(self.links[self.link(link)], LinkSizes(()))
-                    change = own.with_arcs if key == "arcs" else own.with_angles
+                    link_sizes = links.get(self.links[self.link(link)], LinkSizes(()))
+                    change = (
+                        link_sizes.with_arcs if key == "arcs" else link_sizes.with_angles
+                    )
                     try:
                         links[link] = change(all_in_radians(sizes, angle_unit))
                     except ModelError as error:

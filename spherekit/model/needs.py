@@ -55,6 +55,16 @@ def need_at_least_zero(key: str, number: float, unit: str, hint: str = "") -> No
         raise ModelError(f"{key}: found {number:g} {unit}, needs at least 0{hint}")
 
 
+def need_smoothing(key: str, speed: float) -> None:
+    """Refuse a rate (rad/s) that does not smooth the jump of dry friction."""
+    need_finite(key, [speed])
+    if not speed > 0:
+        raise ModelError(
+            f"{key}: found {speed:g} rad/s, needs more than 0: the rate below which the "
+            "jump of dry friction is smoothed"
+        )
+
+
 def need_finite(key: str, numbers: Any) -> None:
     """Refuse numbers that are not finite."""
     for number in numbers:

@@ -151,6 +151,8 @@ def _dyad_assembly_modes(solver: Solver, input_grid: InputGrid, search: bool) ->
 
 def _probed(solver: Solver, input_grid: InputGrid) -> tuple[Floats, Claim]:
     """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
+    if not solver.assembly.groups:
+        return input_grid.q[:1], Claim(Guarantee.COMPLETE, "no loop has to close")
     if input_grid.q.shape[1] > 1:
         q = input_grid.thinned(PROBED_INPUTS).q
         return q, Claim(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")

@@ -68,12 +68,12 @@ class TensorChebyshev:
             bounds = np.array([cell for cell, _ in open_])
             half = 0.5 * (bounds[:, 1] - bounds[:, 0])
             x = bounds[:, None, 0] + half[:, None] * (1.0 + places)
-            found = function(x.reshape(-1, m)).reshape(len(open_), len(places), -1)
-            series = found[:, : len(grid)].reshape(len(open_), *[count] * m, -1)
+            samples = function(x.reshape(-1, m)).reshape(len(open_), len(places), -1)
+            series = samples[:, : len(grid)].reshape(len(open_), *[count] * m, -1)
             for axis in range(1, m + 1):
                 series = np.moveaxis(np.tensordot(series, fitting, (axis, 1)), -1, axis)
             flat = series.reshape(len(open_), len(grid), -1)
-            gap = np.abs(checking @ flat - found[:, len(grid) :]) / size
+            gap = np.abs(checking @ flat - samples[:, len(grid) :]) / size
             with np.errstate(invalid="ignore"):
                 error = np.max(gap, axis=(1, 2))
             later: list[tuple[Floats, tuple[int, int] | None]] = []
@@ -81,7 +81,7 @@ class TensorChebyshev:
             for number, (cell, parent) in enumerate(open_):
                 axis = _worst(series[number] / size, half[number], high - low)
                 wide = 2.0 * half[number][axis] > 1.5 * NARROWEST * (high - low)[axis]
-                wide &= bool(np.any(np.isfinite(found[number])))
+                wide &= bool(np.any(np.isfinite(samples[number])))
                 if error[number] <= tolerance:
                     kept.append((cell, series[number]))
                     _link(splits, parent, -len(kept))
@@ -100,7 +100,9 @@ class TensorChebyshev:
             high,
             np.array(splits).reshape(-1, 4),
             np.array([cell for cell, _ in kept]).reshape(-1, 2, m),
-            np.array([each for _, each in kept]) if kept else np.zeros(shape),
+            np.array([coefficients for _, coefficients in kept])
+            if kept
+            else np.zeros(shape),
         )
 
     @property
@@ -125,15 +127,15 @@ class TensorChebyshev:
     def cells(self, x: Floats) -> NDArray[np.intp]:
         """Return the cells (n,) of places (n, m), -1 outside the box or the domain."""
         inside = np.all((x >= self.low) & (x <= self.high), axis=1)
-        found = [
+        numbers = [
             self.cell(row) if good else -1 for row, good in zip(x, inside, strict=True)
         ]
-        return np.array(found, dtype=np.intp)
+        return np.array(numbers, dtype=np.intp)
 
     def at(self, x: Floats) -> Floats:
         """Return the functions (n, F) at places (n, m), NaN outside the domain."""
         owner = self.cells(x)
-        found = np.full((len(x), self.coefficients.shape[-1]), np.nan)
+        values = np.full((len(x), self.coefficients.shape[-1]), np.nan)
         for number in np.unique(owner[owner >= 0]):
             rows = np.flatnonzero(owner == number)
             low, high = self.bounds[number]
@@ -141,8 +143,8 @@ class TensorChebyshev:
             series = self.coefficients[number]
             degree = series.shape[0] - 1
             flat = series.reshape(-1, series.shape[-1])
-            found[rows] = _products(place, degree) @ flat
-        return found
+            values[rows] = _products(place, degree) @ flat
+        return values
 
     def mixed(self, factors: Floats) -> "TensorCells":
         """Return K sums of the functions, by factors (F, K), for single places."""
@@ -158,10 +160,10 @@ class TensorCells:
     """Sums of the functions of a `TensorChebyshev` at one place, in little time."""
 
     def __init__(self, series: TensorChebyshev, factors: Floats) -> None:
-        own = series.coefficients @ factors
-        self._count = own.shape[1]
+        coefficients = series.coefficients @ factors
+        self._count = coefficients.shape[1]
         self._orders = np.arange(self._count, dtype=float)
-        self._flat = [cell.reshape(self._count, -1) for cell in own]
+        self._flat = [cell.reshape(self._count, -1) for cell in coefficients]
         middle = 0.5 * (series.bounds[:, 0] + series.bounds[:, 1])
         scale = 2.0 / (series.bounds[:, 1] - series.bounds[:, 0])
         self._affine = [
@@ -171,12 +173,12 @@ class TensorCells:
 
     def at(self, number: int, x: Sequence[float]) -> Floats:
         """Return the sums (K,) at a place in the cell of this number."""
-        found, orders, cos = self._flat[number], self._orders, np.cos
+        sums, orders, cos = self._flat[number], self._orders, np.cos
         for value, (middle, scale) in zip(x, self._affine[number], strict=True):
             place = (value - middle) * scale
             angle = acos(place if -1.0 <= place <= 1.0 else copysign(1.0, place))
-            found = cos(orders * angle).dot(found.reshape(self._count, -1))
-        return found  # type: ignore[no-any-return]
+            sums = cos(orders * angle).dot(sums.reshape(self._count, -1))
+        return sums  # type: ignore[no-any-return]
 
 
 def _tensor(axes: Sequence[Floats]) -> Floats:
@@ -204,11 +206,13 @@ def _fitting(degree: int) -> Floats:
 
 def _products(x: Floats, degree: int) -> Floats:
     """Return the products (n, (degree + 1)^m) of Chebyshev polynomials at x (n, m)."""
-    each = np.cos(np.arccos(np.clip(x, -1.0, 1.0))[..., None] * np.arange(degree + 1))
-    found = each[:, 0]
+    polynomials = np.cos(
+        np.arccos(np.clip(x, -1.0, 1.0))[..., None] * np.arange(degree + 1)
+    )
+    products = polynomials[:, 0]
     for k in range(1, x.shape[1]):
-        found = (found[:, :, None] * each[:, k, None]).reshape(len(x), -1)
-    return np.asarray(found)
+        products = (products[:, :, None] * polynomials[:, k, None]).reshape(len(x), -1)
+    return np.asarray(products)
 
 
 def _worst(series: Floats, half: Floats, width: Floats) -> int:

@@ -71,12 +71,12 @@ class PiecewiseChebyshev:
             half = 0.5 * (ends - starts)[:, None]
             x = np.minimum(starts[:, None] + half * (1.0 + places), ends[:, None])
             order = np.argsort(x.ravel())
-            found = function(x.ravel()[order])[np.argsort(order)]
-            found = found.reshape(len(starts), len(places), -1)
+            values = function(x.ravel()[order])[np.argsort(order)]
+            values = values.reshape(len(starts), len(places), -1)
             if size is None:
-                size = np.full(found.shape[2], np.max(np.abs(found)) or 1.0)
-            series = through(found[:, :count])
-            gap = np.einsum("jk,ckm->cjm", checking, series) - found[:, count:]
+                size = np.full(values.shape[2], np.max(np.abs(values)) or 1.0)
+            series = through(values[:, :count])
+            gap = np.einsum("jk,ckm->cjm", checking, series) - values[:, count:]
             error = np.max(np.abs(gap) / size, axis=(1, 2))
             good = (error <= tolerance) | ((error < rounding) & (error > 0.5 * before))
             if len(done) + 2 * len(starts) > most:

@@ -94,11 +94,11 @@ def crossings(
         values = function(given.ravel()).reshape(given.shape)
         kept: list[int] = []
         for number, value in enumerate(values):
-            found = _in_cell(value)
-            if found is None:
+            contents = _in_cell(value)
+            if contents is None:
                 zeros, rates, open_parts = np.zeros(0), np.zeros(0), np.array([[-1.0, 1.0]])
             else:
-                zeros, rates, open_parts = found
+                zeros, rates, open_parts = contents
             if len(open_parts) and not last and barren[number] < BARREN:
                 kept.append(number)
                 continue
@@ -118,7 +118,7 @@ def crossings(
         cells = np.stack([split[:, 0], inner, inner, split[:, 1]], axis=1).reshape(-1, 2)
     exact = _polished(function, np.concatenate(places), np.concatenate(slopes))
     parts = _merged(np.concatenate(doubtful))
-    return Crossings(*(np.clip(found, low, high) for found in (np.sort(exact), parts)))
+    return Crossings(*(np.clip(x, low, high) for x in (np.sort(exact), parts)))
 
 
 def _polished(
@@ -137,11 +137,11 @@ def _in_cell(values: Floats) -> tuple[Floats, Floats, Floats] | None:
 
     None where the polynomial is not the function given by its samples.
     """
-    known, checked = values[: DEGREE + 1], values[DEGREE + 1 :]
-    series = _FITTING @ known
+    nodal, checked = values[: DEGREE + 1], values[DEGREE + 1 :]
+    series = _FITTING @ nodal
     gap = float(np.max(np.abs(series @ _CHECKING - checked)))
     error = max(gap, float(np.max(np.abs(series[-TAIL:]))))
-    if not error <= FITTED * float(np.max(np.abs(known))) or not np.any(known):
+    if not error <= FITTED * float(np.max(np.abs(nodal))) or not np.any(nodal):
         return None
     return _zeros(series, error)
 

@@ -15,17 +15,17 @@ def cubic(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
     """
     (value, slope), (last, last_slope) = start, stop
     y = 1.0 - x
-    found = value + x * x * (3.0 - 2.0 * x) * (last - value)
-    return np.asarray(found + x * y * h * (y * slope - x * last_slope))
+    blend = value + x * x * (3.0 - 2.0 * x) * (last - value)
+    return np.asarray(blend + x * y * h * (y * slope - x * last_slope))
 
 
 def cubic_slope(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
     """Return the derivatives of what `cubic` returns."""
     (value, slope), (last, last_slope) = start, stop
     y = 1.0 - x
-    found = 6.0 * x * y * ((last - value) / h)
+    blend = 6.0 * x * y * ((last - value) / h)
     return np.asarray(
-        found + y * (1.0 - 3.0 * x) * slope + x * (3.0 * x - 2.0) * last_slope
+        blend + y * (1.0 - 3.0 * x) * slope + x * (3.0 * x - 2.0) * last_slope
     )
 
 

@@ -54,12 +54,12 @@ class LocalPolynomials:
         for order in orders:
             powers[order, : order + 1] = chebyshev.cheb2poly(np.eye(DEGREE + 1)[order])
         half = 0.5 * np.diff(fine.edges)
-        found = np.einsum("ckm,kj->cmj", fine.coefficients, powers)
-        found /= half[:, None, None] ** orders
+        monomials = np.einsum("ckm,kj->cmj", fine.coefficients, powers)
+        monomials /= half[:, None, None] ** orders
         return LocalPolynomials(
             fine.edges[1:-1].tolist(),
             (fine.edges[:-1] + half).tolist(),
-            [[tuple(each) for each in cell] for cell in found.tolist()],
+            [[tuple(coefficients) for coefficients in cell] for cell in monomials.tolist()],
         )
 
     def at(self, x: float) -> list[float]:

@@ -47,23 +47,23 @@ class Periodic:
         """
 
         def sample(places: Floats) -> Floats:
-            known = function(period * places)
-            return known if rise is None else known - np.outer(places, rise)
+            values = function(period * places)
+            return values if rise is None else values - np.outer(places, rise)
 
         count = FEWEST_SAMPLES
-        known = sample(np.arange(count) / count)
+        samples = sample(np.arange(count) / count)
         while True:
             middle = sample((np.arange(count) + 0.5) / count)
-            series = np.fft.rfft(known, axis=0) / count
-            finer = np.concatenate([series, np.zeros((count // 2, known.shape[1]))])
+            series = np.fft.rfft(samples, axis=0) / count
+            finer = np.concatenate([series, np.zeros((count // 2, samples.shape[1]))])
             finer[count // 2] *= 0.5
             guess = np.fft.irfft(finer * (2 * count), 2 * count, axis=0)[1::2]
-            size = max(float(np.max(np.abs(known))), float(np.max(np.abs(middle))))
+            size = max(float(np.max(np.abs(samples))), float(np.max(np.abs(middle))))
             error = float(np.max(np.abs(guess - middle))) / (size or 1.0)
             if error <= tolerance or 2 * count > most:
-                growth = np.zeros(known.shape[1]) if rise is None else rise
+                growth = np.zeros(samples.shape[1]) if rise is None else rise
                 return Periodic(period, growth, series, count, error)
-            known = np.stack([known, middle], axis=1).reshape(2 * count, -1)
+            samples = np.stack([samples, middle], axis=1).reshape(2 * count, -1)
             count *= 2
 
     def at(self, s: ArrayLike) -> Floats:

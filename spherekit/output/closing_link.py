@@ -87,21 +87,21 @@ class DyadsWithClosingLink:
         """Return the orientations (n, count, 3, 3) of all links but the virtual ones."""
         assert placed.given_rotation is not None
         n = placed.given_rotation.shape[-1]
-        found = np.empty((n, count, 3, 3))
+        rotations = np.empty((n, count, 3, 3))
         for link in range(count):
             if link == self.bar:
                 continue
             for k, vector in enumerate(np.eye(3)):
                 seen = placed.vector(vector, link, signs, ("frame", k))
-                found[:, link, :, k] = seen.T
+                rotations[:, link, :, k] = seen.T
         (first, second), (one, other) = self.pairs, self.links
         outer = (
             np.broadcast_to(placed.axis(pair, link, signs), (3, n)).T
             for pair, link in ((first, one), (second, other))
         )
         inner = (self.dyads.axis_in(pair, self.bar) for pair in self.pairs)
-        found[:, self.bar] = frame_toward(*outer) @ frame_toward(*inner).T
-        return found
+        rotations[:, self.bar] = frame_toward(*outer) @ frame_toward(*inner).T
+        return rotations
 
     def gap(self, placed: Placed, signs: Signs) -> Floats:
         """Return f (n,)."""
@@ -169,14 +169,14 @@ class DyadsWithClosingLink:
         and an extremum of f.
         """
         row, low, high = self._brackets(directions, signs)
-        found, held = self.close(directions[:, row], low, signs, (low, high))
-        row, found = row[held], np.remainder(found[held] + np.pi, 2 * np.pi) - np.pi
-        order = np.lexsort((found, row))
-        row, found = row[order], found[order]
+        turns, held = self.close(directions[:, row], low, signs, (low, high))
+        row, turns = row[held], np.remainder(turns[held] + np.pi, 2 * np.pi) - np.pi
+        order = np.lexsort((turns, row))
+        row, turns = row[order], turns[order]
         new = np.ones(len(row), dtype=bool)
-        new[1:] = (row[1:] != row[:-1]) | (np.diff(found) > SAME_TURN)
-        row, found = row[new], found[new]
-        return row, found, self.sense(directions[:, row], found, signs)
+        new[1:] = (row[1:] != row[:-1]) | (np.diff(turns) > SAME_TURN)
+        row, turns = row[new], turns[new]
+        return row, turns, self.sense(directions[:, row], turns, signs)
 
     def _brackets(
         self, directions: Floats, signs: Signs
@@ -292,7 +292,7 @@ def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | 
         first, second = pairs
         direction = np.array(output.direction)
         frame = frame_from(direction, perpendicular(direction))
-        found = DyadsWithClosingLink(
+        candidate = DyadsWithClosingLink(
             dyads,
             assembly,
             bar,
@@ -302,8 +302,8 @@ def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | 
             frame.T[:2],
             direction,
         )
-        if best is None or found.depth < best.depth:
-            best = found
+        if best is None or candidate.depth < best.depth:
+            best = candidate
     return best
 
 

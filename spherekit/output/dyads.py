@@ -233,12 +233,12 @@ class Dyads:
         """Return groups that the rate of a dyad's pair depends on, at most."""
         group = self.group_of[pair]
         stand = self.stands[group]
-        found = self.needs[group]
+        groups = self.needs[group]
         for link in (stand.foot, stand.hold):
             if link in self.placed_by:
                 below = self.stands[self.placed_by[link]]
-                found |= self.moves_with(below.near) | self.needs_of(link)
-        return found
+                groups |= self.moves_with(below.near) | self.needs_of(link)
+        return groups
 
     def is_coaxial(self, one: int, other: int, link: int) -> bool:
         """Return whether two pairs of a link have their axes on one line."""
@@ -261,7 +261,7 @@ class Placed:
     dyads: Dyads
     given_axes: Mapping[int, Floats]
     given_rotation: Floats | None
-    known: dict[Hashable, Any] = field(default_factory=dict)
+    computed: dict[Hashable, Any] = field(default_factory=dict)
 
     def key(self, name: str, what: int, groups: frozenset[int], signs: Signs) -> Hashable:
         """Return a key for what depends on the signs of some groups only."""
@@ -292,14 +292,14 @@ class Placed:
             return vector[:, None]
         if link in dyads.given:
             key: Hashable = (*name, link)
-            if key not in self.known:
+            if key not in self.computed:
                 assert self.given_rotation is not None
                 columns = self.given_rotation.reshape(3, -1)
-                self.known[key] = (vector @ columns).reshape(3, -1)
-            return np.asarray(self.known[key])
+                self.computed[key] = (vector @ columns).reshape(3, -1)
+            return np.asarray(self.computed[key])
         group = dyads.placed_by[link]
         key = (self.key(*name, dyads.needs[group], signs), link)
-        if key not in self.known:
+        if key not in self.computed:
             spread = dyads.spreads.get((*name, link))
             if spread is None:
                 spread = dyads.spread_of(vector, link)
@@ -307,8 +307,8 @@ class Placed:
             p = self.axis(spread.outer, link, signs)
             q = self.axis(spread.middle, link, signs)
             a, b, c = spread.weights
-            self.known[key] = a * p + b * q + c * cross(p, q)
-        return np.asarray(self.known[key])
+            self.computed[key] = a * p + b * q + c * cross(p, q)
+        return np.asarray(self.computed[key])
 
     def outer(self, group: int, signs: Signs) -> tuple[Floats, Floats]:
         """Return the axes of a dyad's near and far pair."""
@@ -321,17 +321,17 @@ class Placed:
     def middle(self, group: int, signs: Signs) -> tuple[Floats, Floats]:
         """Return the middle axis (3, n) and middle . (near x far), NaN out of reach."""
         key = self.key("middle", group, self.dyads.needs[group], signs)
-        if key not in self.known:
+        if key not in self.computed:
             level, across, height = self._halves(group, signs)
             sign = signs[group] * self.dyads.stands[group].parity
-            self.known[key] = level + sign * across, sign * height
-        found: tuple[Floats, Floats] = self.known[key]
-        return found
+            self.computed[key] = level + sign * across, sign * height
+        middle: tuple[Floats, Floats] = self.computed[key]
+        return middle
 
     def _halves(self, group: int, signs: Signs) -> tuple[Floats, Floats, Floats]:
         """Return the part of the middle axis that both signs share, the other, and |t|."""
         key = self.reach_key(group, signs)
-        if key not in self.known:
+        if key not in self.computed:
             stand = self.dyads.stands[group]
             halves = stand.cones.halves
             a, c = self.outer(group, signs)
@@ -348,24 +348,24 @@ class Placed:
                 level += difference * beside
             across = cross(difference, total)  # 2 a x c, to rounding of its own size
             across *= 0.5 * height
-            self.known[key] = level, across, root
-            self.known[key, "squares"] = squares
-            self.known[key, "sound"] = root >= FLAT_DYAD * stand.flat
-        found: tuple[Floats, Floats, Floats] = self.known[key]
-        return found
+            self.computed[key] = level, across, root
+            self.computed[key, "squares"] = squares
+            self.computed[key, "sound"] = root >= FLAT_DYAD * stand.flat
+        parts: tuple[Floats, Floats, Floats] = self.computed[key]
+        return parts
 
     def margin(self, group: int, signs: Signs) -> Floats:
         """Return by how much (rad) a dyad reaches, negative if it does not (n,)."""
         key = self.reach_key(group, signs), "margin"
-        if key not in self.known:
+        if key not in self.computed:
             cones = self.dyads.stands[group].cones
             u, v = self._beside(group, signs, "squares")
             half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
             base = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
             centre = 0.5 * (cones.longest + cones.shortest)
             reach = 0.5 * (cones.longest - cones.shortest)
-            self.known[key] = reach - np.abs(base - centre)
-        return np.asarray(self.known[key])
+            self.computed[key] = reach - np.abs(base - centre)
+        return np.asarray(self.computed[key])
 
     def square(self, group: int, signs: Signs) -> Floats:
         """Return t^2 (n,) of a dyad: negative where it does not reach."""
@@ -379,7 +379,7 @@ class Placed:
 
     def _beside(self, group: int, signs: Signs, what: str) -> Any:
         self._halves(group, signs)
-        return self.known[self.reach_key(group, signs), what]
+        return self.computed[self.reach_key(group, signs), what]
 
     def reach_key(self, group: int, signs: Signs) -> Hashable:
         """Return the key of what a dyad's reach depends on: all but its own sign."""
@@ -389,9 +389,9 @@ class Placed:
         """Return the variable (n,) of a pair in (-pi, pi] rad, and its key."""
         needs = (self.dyads.needs_of(link) for link in self.dyads.ends[pair])
         key = self.key("angle", pair, frozenset().union(*needs), signs)
-        if key not in self.known:
-            self.known[key] = self._angle(pair, signs)
-        return self.known[key], key
+        if key not in self.computed:
+            self.computed[key] = self._angle(pair, signs)
+        return self.computed[key], key
 
     def _angle(self, pair: int, signs: Signs) -> Floats:
         dyads = self.dyads
@@ -438,7 +438,7 @@ class Placed:
         dyads = self.dyads
         group = dyads.group_of[pair]
         key = self.key("rate", pair, dyads.moves_with(pair), signs)
-        if key not in self.known:
+        if key not in self.computed:
             stand = dyads.stands[group]
             a, c = self.outer(group, signs)
             b, triple = self.middle(group, signs)
@@ -454,11 +454,11 @@ class Placed:
             still = self.along(across, stand.foot, near, signs)
             rate = difference(moved, still)
             ahead = dyads.ends[pair][1] == body
-            self.known[key] = Fraction(
+            self.computed[key] = Fraction(
                 rate.top, rate.bottom * (-triple if ahead else triple)
             )
-        found: Fraction = self.known[key]
-        return found
+        fraction: Fraction = self.computed[key]
+        return fraction
 
     def along(
         self, vector: Floats, link: int, across: int | None, signs: Signs
@@ -480,10 +480,10 @@ class Placed:
         if across is not None and dyads.is_coaxial(pair, across, link):
             return self.along(vector, foot, pair, signs)
         carried = self.along(vector, foot, None, signs)
-        own = self.rate(pair, signs)
+        turning = self.rate(pair, signs)
         share = dot(vector, self.axis(pair, link, signs))
         ahead = dyads.ends[pair][1] == link
-        turned = Fraction(own.top * (share if ahead else -share), own.bottom)
+        turned = Fraction(turning.top * (share if ahead else -share), turning.bottom)
         return turned if carried is None else _sum(turned, carried)
 
 

@@ -82,9 +82,9 @@ class ForwardKinematics:
             modes = _signs(len(self.solver.assembly.groups))
         rotations, status = [], []
         for number, signs in enumerate(modes):
-            found = self.solver.evaluate(AssemblyMode(number, tuple(signs)), q)
-            rotations.append(pose_of(self.mechanism, self.output, found.rotations))
-            status.append(found.status)
+            evaluated = self.solver.evaluate(AssemblyMode(number, tuple(signs)), q)
+            rotations.append(pose_of(self.mechanism, self.output, evaluated.rotations))
+            status.append(evaluated.status)
         turned = np.stack(rotations)
         direction = self.output.direction
         return Forward(
@@ -111,11 +111,13 @@ class ForwardKinematics:
 
     def _dyads(self, q: Floats) -> PoseSolutions:
         modes = _signs(len(self.solver.assembly.groups))
-        found = [self.solver.evaluate(AssemblyMode(0, signs), q) for signs in modes]
-        held = np.stack([_closed(each) for each in found], axis=1)
+        evaluated = [self.solver.evaluate(AssemblyMode(0, signs), q) for signs in modes]
+        held = np.stack([_closed(in_mode) for in_mode in evaluated], axis=1)
         row, mode = np.nonzero(held)
-        values = np.stack([each.values for each in found], axis=1)[row, mode]
-        rotations = np.stack([each.rotations for each in found], axis=1)[row, mode]
+        values = np.stack([in_mode.values for in_mode in evaluated], axis=1)[row, mode]
+        rotations = np.stack([in_mode.rotations for in_mode in evaluated], axis=1)[
+            row, mode
+        ]
         turned = pose_of(self.mechanism, self.output, rotations)
         direction = self.output.direction
         return PoseSolutions(
@@ -134,8 +136,8 @@ def _signs(groups: int) -> list[tuple[int, ...]]:
     return list(product((1, -1), repeat=groups))
 
 
-def _closed(found: Evaluated) -> NDArray[np.bool_]:
-    status = found.status
+def _closed(evaluated: Evaluated) -> NDArray[np.bool_]:
+    status = evaluated.status
     return np.asarray((status == Status.OK) | (status == Status.AT_SINGULARITY))
 
 

@@ -190,15 +190,15 @@ class InverseKinematics:
 
         A bar whose arc gives the turn of the output about its direction comes last.
         """
-        found = [
+        legs = [
             f"{group.kind} of "
             + ", ".join(self.mechanism.pairs[p].name for p in group.pairs)
             for group in self._assembly.groups
         ]
         if self._turned is not None:
             names = (self.mechanism.pairs[pair].name for pair in self._turned.pairs)
-            found.append("bar of " + ", ".join(names))
-        return tuple(found)
+            legs.append("bar of " + ", ".join(names))
+        return tuple(legs)
 
     @property
     def modes(self) -> tuple[Signs, ...]:
@@ -207,13 +207,13 @@ class InverseKinematics:
         The sign of a bar is the sense in which its axes come nearer as the output turns
         about its direction: a direction may have several such solutions.
         """
-        found: list[Signs] = [()]
+        modes: list[Signs] = [()]
         for group in self._assembly.groups:
             choices = (1, -1) if group.is_dyad else (0,)
-            found = [(*signs, sign) for signs in found for sign in choices]
+            modes = [(*signs, sign) for signs in modes for sign in choices]
         if self._turned is not None:
-            found = [(*signs, sign) for signs in found for sign in (1, -1)]
-        return tuple(found)
+            modes = [(*signs, sign) for signs in modes for sign in (1, -1)]
+        return tuple(modes)
 
     @checked(SolveError)
     def at(
@@ -298,23 +298,23 @@ class InverseKinematics:
         """Yield each mode at poses; what modes share is computed once."""
         block = np.ascontiguousarray(given.T)
         placed = self._placed(block) if self._turned is None else None
-        own = self._own(given)
+        inputs_and_measure = self._own(given)
         for signs in modes:
             if self._turned is not None:
-                yield _closed(self._turned, block, starts, signs, own)
+                yield _closed(self._turned, block, starts, signs, inputs_and_measure)
             else:
                 assert placed is not None
-                yield PosedMode(placed, signs, reach_of(placed, signs), *own)
+                yield PosedMode(placed, signs, reach_of(placed, signs), *inputs_and_measure)
 
     def _type_2(self, given: Floats, starts: Floats, modes: Sequence[Signs]) -> Floats:
         """Return the measure (m, n) of type II of modes at poses."""
-        found = np.full((len(modes), len(given)), np.nan)
+        type_2 = np.full((len(modes), len(given)), np.nan)
         with np.errstate(invalid="ignore", divide="ignore"):
             for start in range(0, len(given), ROWS):
                 rows = slice(start, min(start + ROWS, len(given)))
                 for k, view in enumerate(self._views(given[rows], starts[rows], modes)):
-                    found[k, rows] = view.type_2
-        return found
+                    type_2[k, rows] = view.type_2
+        return type_2
 
     def _own(self, poses: Floats) -> tuple[tuple[int, ...], Callable[[PosedMode], Floats]]:
         """Return the driven pairs, and what measures type II at poses."""
@@ -485,7 +485,7 @@ def _closed(
     directions: Floats,
     near: Floats,
     signs: Signs,
-    own: tuple[tuple[int, ...], Callable[[PosedMode], Floats]],
+    inputs_and_measure: tuple[tuple[int, ...], Callable[[PosedMode], Floats]],
 ) -> PosedMode:
     """Return one mode with the output turned so that the bar closes, next to `near`."""
     mode, wanted = signs[:-1], signs[-1]
@@ -493,7 +493,9 @@ def _closed(
     turn, converged = turned.close(directions, start, mode)
     placed = turned.place(directions, turn)
     reach = reach_of(placed, mode)
-    view = PosedMode(placed, mode, reach, *own, (turned.rate(placed, mode), directions))
+    view = PosedMode(
+        placed, mode, reach, *inputs_and_measure, (turned.rate(placed, mode), directions)
+    )
     status = reach.status.copy()
     within = status != Status.OUT_OF_REACH
     status[within & (np.abs(view.slope) < FLAT_DYAD)] = Status.AT_SINGULARITY

@@ -28,7 +28,7 @@ def reach_of(placed: Placed, signs: Signs) -> Reachability:
     """Return whether the dyads of a mode close."""
     numbers = range(len(signs))
     key = ("reach", *(placed.reach_key(number, signs) for number in numbers))
-    if key not in placed.known:
+    if key not in placed.computed:
         margin = placed.margin(0, signs)
         limiting = np.zeros(len(margin), dtype=np.int8)
         status = np.zeros(len(margin), dtype=np.int8)
@@ -38,9 +38,9 @@ def reach_of(placed: Placed, signs: Signs) -> Reachability:
             margin = np.fmin(margin, another)
             status[~placed.sound(number, signs)] = Status.AT_SINGULARITY
         status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
-        placed.known[key] = Reachability(key, margin, limiting, status)
-    found: Reachability = placed.known[key]
-    return found
+        placed.computed[key] = Reachability(key, margin, limiting, status)
+    reach: Reachability = placed.computed[key]
+    return reach
 
 
 @final
@@ -93,9 +93,9 @@ class PosedMode:
     @property
     def type_2(self) -> Floats:
         """(n,) measure of type II, NaN where the mode has no configuration."""
-        found = self.measure(self)
+        measure = self.measure(self)
         held = np.isin(self.reach.status, (Status.OK, Status.AT_SINGULARITY))
-        return np.where(held, found, np.nan)
+        return np.where(held, measure, np.nan)
 
     @property
     def rates(self) -> Floats:
@@ -112,21 +112,21 @@ class PosedMode:
 
     def input(self, pair: int) -> Floats:
         """Return an input (n,), NaN where the mode has no configuration."""
-        known = self.placed.known
+        computed = self.placed.computed
         angle, key = self.placed.angle(pair, self.signs)
         masked = (key, self.reach.key)
-        if masked not in known:
+        if masked not in computed:
             held = angle.copy()
             status = self.reach.status
             held[(status != Status.OK) & (status != Status.AT_SINGULARITY)] = np.nan
-            known[masked] = held
-        return np.asarray(known[masked])
+            computed[masked] = held
+        return np.asarray(computed[masked])
 
     def rate(self, pair: int) -> Rate:
         """Return how an input moves with the output, its turn being what the bar asks."""
         placed, signs = self.placed, self.signs
         key = ("size", placed.key("rate", pair, placed.dyads.moves_with(pair), signs))
-        if key not in placed.known:
+        if key not in placed.computed:
             rate = placed.rate(pair, signs)
             if self.turn is not None:
                 gap, directions = self.turn
@@ -134,9 +134,9 @@ class PosedMode:
                 rate = Fraction(rate.top * about - gap.top * along, rate.bottom * about)
             size = norm(rate.top)
             speed = np.abs(rate.bottom) / size
-            placed.known[key] = Rate(rate.top, size, np.sign(rate.bottom), speed)
-        found: Rate = placed.known[key]
-        return found
+            placed.computed[key] = Rate(rate.top, size, np.sign(rate.bottom), speed)
+        output_rate: Rate = placed.computed[key]
+        return output_rate
 
     def speed_square(self, pair: int) -> Floats:
         """Return the square (n,) of the speed of `rate`, continued beyond the reach.
@@ -153,10 +153,10 @@ class PosedMode:
     def axes(self, count: int) -> Floats:
         """Return the axes (n, count, 3) of the first pairs, NaN where the mode has none."""
         n = len(self.reach.status)
-        found = np.empty((n, count, 3))
+        axes = np.empty((n, count, 3))
         for pair in range(count):
-            found[:, pair] = self._axis(pair).T
-        return found
+            axes[:, pair] = self._axis(pair).T
+        return axes
 
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach."""
@@ -167,8 +167,8 @@ class PosedMode:
 
         NaN where an axis cannot be placed; it may be known where the mode does not close.
         """
-        found = dot(self._axis(one), self._axis(other))
-        return np.broadcast_to(found, len(self.reach.status))
+        cosine = dot(self._axis(one), self._axis(other))
+        return np.broadcast_to(cosine, len(self.reach.status))
 
     def _axis(self, pair: int) -> Floats:
         dyads = self.placed.dyads

@@ -57,9 +57,9 @@ def solved(
             continue
         here = assemblies(solver, q)
         complete[number] = all(m is None or m.is_complete for m in here.methods)
-        for mode, found in here.modes:
+        for mode, configuration in here.modes:
             row.append(number)
-            values.append(found)
+            values.append(configuration)
             signs.append(mode)
     every = np.array(values).reshape(-1, len(solver.mechanism.variable_owners))
     turned = pose_of(solver.mechanism, output, solver.closure.at(every).placed)

@@ -145,12 +145,12 @@ def _unused(
     taken: "tuple[str, ...] | Mapping[str, int]", names: tuple[str, ...]
 ) -> list[str]:
     """Return names that are not taken, with underscores if need be."""
-    found = []
+    unused = []
     for name in names:
         while name in taken:
             name += "_"
-        found.append(name)
-    return found
+        unused.append(name)
+    return unused
 
 
 def _posed(geometry: PoseGeometry, names: list[str], direction: Vector) -> PoseGeometry:

@@ -48,11 +48,16 @@ def coaxial_links(mechanism: Mechanism) -> tuple[Coaxial, ...]:
                     ):
                         rounded |= {number[one], number[other]}
                     low, high = sorted((owner[number[one]], owner[number[other]]))
-                    owner = [low if each == high else each for each in owner]
-    found = []
+                    owner = [
+                        low if representative == high else representative
+                        for representative in owner
+                    ]
+    sets = []
     for first in sorted(set(owner)):
-        pairs = [pair for pair, each in enumerate(owner) if each == first]
+        pairs = [
+            pair for pair, representative in enumerate(owner) if representative == first
+        ]
         if len(pairs) > 1:
             links = frozenset(link for pair in pairs for link in mechanism.ends[pair])
-            found.append(Coaxial(links, first, not rounded & set(pairs)))
-    return tuple(found)
+            sets.append(Coaxial(links, first, not rounded & set(pairs)))
+    return tuple(sets)

@@ -1,10 +1,23 @@
 """The driven pairs of a mechanism, and the bodies that are left when some are locked."""
 
 from collections.abc import Iterable, Sequence
+from typing import Protocol
 
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
+
+
+class Linked(Protocol):
+    """Links, and pairs with two of them each."""
+
+    @property
+    def links(self) -> Sequence[str]:
+        """Names of links."""
+
+    @property
+    def ends(self) -> Sequence[tuple[int, int]]:
+        """The two link numbers of every pair."""
 
 
 def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
@@ -47,7 +60,7 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
     return mechanism.with_inputs(*([names] if isinstance(names, str) else names))
 
 
-def merged(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int, ...]:
+def merged(mechanism: Linked, locked: Iterable[int]) -> tuple[int, ...]:
     """Return for each link the smallest link of its body when pairs are locked."""
     body = list(range(len(mechanism.links)))
     for pair in locked:

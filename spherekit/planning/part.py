@@ -104,10 +104,11 @@ def _geometry(
             {name: value for name, value in given.values.items() if name in pairs},
         )
     sizes: dict[str, LinkSizes] = {}
-    for link, own in given.links.items():
+    for link, link_sizes in given.links.items():
         if link in links:
             sizes[link] = replace(
-                own, unpaired=tuple(axis for axis in own.axes if axis not in pairs)
+                link_sizes,
+                unpaired=tuple(axis for axis in link_sizes.axes if axis not in pairs),
             )
     zeros = {name: zero for name, zero in given.zeros.items() if name in pairs}
     return SizeGeometry(sizes, zeros)

@@ -159,15 +159,15 @@ class Plan:
     def coaxial(self) -> tuple[tuple[int, int], ...]:
         """For each common axis its bodies, as bits of a number, and an R pair about it."""
         return tuple(
-            (_mask(self.body[link] for link in each.links), each.pair)
-            for each in coaxial_links(self.mechanism)
+            (_mask(self.body[link] for link in axis.links), axis.pair)
+            for axis in coaxial_links(self.mechanism)
         )
 
     @cached_property
     def rounded_axes(self) -> frozenset[int]:
         """The pairs of `coaxial` whose axes are common but for rounding."""
         shared = coaxial_links(self.mechanism)
-        return frozenset(each.pair for each in shared if not each.exactly)
+        return frozenset(axis.pair for axis in shared if not axis.exactly)
 
     def pole(self, i: int, j: int) -> Pole | None:
         """Return the pole of the bodies of two links, None if they are one body."""
@@ -177,20 +177,20 @@ class Plan:
     def name(self, body: int) -> str:
         """Return the name of a body: its links, joined by plus signs."""
         names = self.mechanism.links
-        return "+".join(names[k] for k, own in enumerate(self.body) if own == body)
+        return "+".join(names[k] for k, owner in enumerate(self.body) if owner == body)
 
     @property
     def rounds(self) -> dict[Pole, int]:
         """The pass in which each pole becomes known; 0 for primary poles."""
-        found: dict[Pole, int] = {}
+        passes: dict[Pole, int] = {}
         for step in self.steps:
             if isinstance(step, PrimaryPole):
-                found[step.pole] = 0
+                passes[step.pole] = 0
             elif isinstance(step, LinePole | CoaxialPole):
-                found[step.pole] = step.round
+                passes[step.pole] = step.round
             else:
-                found.update(step.rounds)
-        return found
+                passes.update(step.rounds)
+        return passes
 
     @property
     def blocks(self) -> tuple[BlockPoles, ...]:
@@ -216,17 +216,17 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
         splits = [(names[0], names[-1])] if len(names) == 2 else []
     else:
         splits = [(text[:cut], text[cut:]) for cut in range(1, len(text))]
-    found = {
+    poles = {
         pole_of(number[a], number[b])
         for a, b in splits
         if a in number and b in number and a != b
     }
-    if len(found) == 1:
-        return found.pop()
+    if len(poles) == 1:
+        return poles.pop()
     every = [
         f"{mechanism.links[j]}/{mechanism.links[i]}" for i, j in all_poles(len(number))
     ]
-    why = "could be several poles" if found else "is not a pole"
+    why = "could be several poles" if poles else "is not a pole"
     hint = nearest(text, every) or "."
     raise PlanError(
         f'{mechanism.name}: "{text}" {why}{hint} Write LINK/LINK with two of the links '
@@ -311,7 +311,7 @@ def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
 def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
     """Return the steps that give all poles of a chain, given as a plan without steps."""
     mechanism = chain.mechanism
-    known = [0] * len(mechanism.links)
+    partners = [0] * len(mechanism.links)
     steps: list[Step] = []
     contacts: dict[Pole, list[int]] = {}
     for number, (pair, (a, b)) in enumerate(zip(mechanism.pairs, chain.ends, strict=True)):
@@ -322,43 +322,43 @@ def _steps(chain: Plan, game: Pebbles | None) -> list[Step]:
             contacts.setdefault(pole, []).append(number)
         else:
             steps.append(PrimaryPole(pole, number))
-            _mark(known, [pole])
+            _mark(partners, [pole])
     every = combinations(chain.bodies, 2)
-    unknown = [p for p in every if not known[p[0]] >> p[1] & 1]
+    unknown = [p for p in every if not partners[p[0]] >> p[1] & 1]
     parts: dict[Pole, set[int]] = {}
     round_number = 0
     while unknown:
         round_number += 1
-        found: list[Step] = []
+        new_steps: list[Step] = []
         for pole in unknown:
             shared = next((n for mask, n in chain.coaxial if _holds(mask, *pole)), None)
             if shared is not None:
-                found.append(CoaxialPole(pole, round_number, shared))
+                new_steps.append(CoaxialPole(pole, round_number, shared))
                 continue
-            by_lines = _by_lines(chain, contacts, known, pole, round_number)
+            by_lines = _by_lines(chain, contacts, partners, pole, round_number)
             if by_lines is not None:
-                found.append(by_lines)
-        if not found:
+                new_steps.append(by_lines)
+        if not new_steps:
             block = _smallest_block(chain, game, parts, unknown, round_number)
             if game is not None:
-                block = _opened(chain, contacts, known, block)
-            found, round_number = [block], block.last
-        for step in found:
-            _mark(known, step.poles if isinstance(step, BlockPoles) else [step.pole])
-        steps += found
-        unknown = [p for p in unknown if not known[p[0]] >> p[1] & 1]
+                block = _opened(chain, contacts, partners, block)
+            new_steps, round_number = [block], block.last
+        for step in new_steps:
+            _mark(partners, step.poles if isinstance(step, BlockPoles) else [step.pole])
+        steps += new_steps
+        unknown = [p for p in unknown if not partners[p[0]] >> p[1] & 1]
     return steps
 
 
 def _by_lines(
     chain: Plan,
     contacts: dict[Pole, list[int]],
-    known: Sequence[int],
+    partners: Sequence[int],
     pole: Pole,
     round_number: int,
 ) -> LinePole | None:
     """Return the step that gives a pole by two lines or more, if there are as many."""
-    common = known[pole[0]] & known[pole[1]]
+    common = partners[pole[0]] & partners[pole[1]]
     touching = tuple(contacts.get(pole, ()))
     if len(_circles(common, pole, chain.coaxial)) + len(touching) < 2:
         return None
@@ -368,30 +368,30 @@ def _by_lines(
 def _opened(
     chain: Plan,
     contacts: dict[Pole, list[int]],
-    known: Sequence[int],
+    partners: Sequence[int],
     block: BlockPoles,
 ) -> BlockPoles:
     """Return a part with the pole by which passes find the most others, and soonest."""
 
     def lines(pole: Pole) -> int:
-        return (known[pole[0]] & known[pole[1]]).bit_count()
+        return (partners[pole[0]] & partners[pole[1]]).bit_count()
 
     best: tuple[int, int, Pole, tuple[LinePole, ...]] | None = None
     ordered = sorted(block.poles, key=lambda pole: (-lines(pole), pole))
     for pole in ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]:
-        then = list(known)
+        then = list(partners)
         _mark(then, [pole])
         left, passes = [other for other in block.poles if other != pole], block.round
         steps: list[LinePole] = []
         while left:
             passes += 1
-            made = [_by_lines(chain, contacts, then, each, passes) for each in left]
-            found = [step for step in made if step is not None]
-            if not found:
+            made = [_by_lines(chain, contacts, then, other, passes) for other in left]
+            new_steps = [step for step in made if step is not None]
+            if not new_steps:
                 break
-            _mark(then, [step.pole for step in found])
-            steps += found
-            left = [each for each in left if not then[each[0]] >> each[1] & 1]
+            _mark(then, [step.pole for step in new_steps])
+            steps += new_steps
+            left = [other for other in left if not then[other[0]] >> other[1] & 1]
         if best is None or (len(left), passes) < best[:2]:
             best = len(left), passes, pole, tuple(steps)
     assert best is not None
@@ -493,8 +493,8 @@ def _cheapest_lines(
     needs = {k: cost[pole_of(i, k)] | cost[pole_of(j, k)] for k in step.via}
     lines = max(2 - len(step.contacts), 0)
     circles = _circles(_mask(step.via), step.pole, coaxial)
-    each = (min(links, key=lambda k: (len(needs[k]), k)) for links in circles)
-    first = sorted(each, key=lambda k: (len(needs[k]), k))[:12]
+    cheapest = (min(links, key=lambda k: (len(needs[k]), k)) for links in circles)
+    first = sorted(cheapest, key=lambda k: (len(needs[k]), k))[:12]
     if lines == 0:
         return (), frozenset()
     if lines == 1:
@@ -535,10 +535,10 @@ def _smallest_block(
     )
 
 
-def _mark(known: list[int], poles: Iterable[Pole]) -> None:
+def _mark(partners: list[int], poles: Iterable[Pole]) -> None:
     for i, j in poles:
-        known[i] |= 1 << j
-        known[j] |= 1 << i
+        partners[i] |= 1 << j
+        partners[j] |= 1 << i
 
 
 def _mask(links: Iterable[int]) -> int:

@@ -241,7 +241,7 @@ def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) 
             into = min(part)
             game.gather(into, FREEDOMS)
             game.merge(part, into)
-            body = tuple(into if own in part else own for own in body)
+            body = tuple(into if owner in part else owner for owner in body)
     moved = [pair for pair in driven if pair not in locked]
     for number in moved:
         a, b = (body[link] for link in mechanism.ends[number])

@@ -72,7 +72,7 @@ def describe(plan: Plan, step: Step) -> str:
             f"{roman(step.round):4s} {pole_name(plan, step.pole)} case ({step.case}) = "
             + " x ".join(f"({line})" for line in lines)
         )
-    by_passes = {each.pole for each in step.passes}
+    by_passes = {inner.pole for inner in step.passes}
     first = [pole for pole in step.poles if pole not in by_passes]
     if step.opening is not None and step.opening not in first:
         first.insert(0, step.opening)
@@ -81,7 +81,7 @@ def describe(plan: Plan, step: Step) -> str:
         f"{roman(step.round) + '*':4s} {poles}: irreducible part of links "
         f"{', '.join(plan.name(k) for k in step.links)}, by the {step.method}"
     )
-    return "\n".join([line, *(describe(plan, each) for each in step.passes)])
+    return "\n".join([line, *(describe(plan, inner) for inner in step.passes)])
 
 
 def as_dict(plan: Plan) -> dict[str, Any]:
@@ -131,7 +131,7 @@ def as_dict(plan: Plan) -> dict[str, Any]:
             "pairs": [pairs[n].name for n in step.pairs],
             "method": step.method,
             "opening": None if step.opening is None else named(step.opening),
-            "passes": [step_dict(each) for each in step.passes],
+            "passes": [step_dict(inner) for inner in step.passes],
         }
 
     return {

@@ -12,6 +12,7 @@ from spherekit.proof.modes import CertifiedModes
 from spherekit.proof.poles import CertifiedPole
 from spherekit.proof.roots import Root
 from spherekit.proof.singular import CertifiedSingularities
+from spherekit.proof.written import Written
 from spherekit.version import __version__
 
 FORMAT = 1
@@ -34,14 +35,11 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
     The root centres are exact: mantissa and exponent of 2 of real and imaginary parts.
     """
     written = modes.written
-    names = [pair.name for pair in written.mechanism.pairs]
-    driven = [
-        names[pair] for pair in modes.construction.pairs[modes.construction.unknowns :]
-    ]
+    driven = [written.structure.pairs[pair] for pair in modes.construction.driven]
     return {
         **heading("modes at inputs", written.document.text or "", written.tolerance),
         "inputs": dict(zip(driven, modes.inputs, strict=True)),
-        "construction": construction_table(written.mechanism, modes.construction),
+        "construction": construction_table(written, modes.construction),
         "bound": modes.bound,
         "complete": modes.complete,
         "counted": modes.counted,
@@ -55,10 +53,10 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
     }
 
 
-def construction_table(mechanism: Any, construction: Construction) -> Mapping[str, Any]:
+def construction_table(written: Written, construction: Construction) -> Mapping[str, Any]:
     """Return an order of placing links with names."""
-    links = mechanism.links
-    names = [pair.name for pair in mechanism.pairs]
+    structure = written.structure
+    links, names = structure.links, structure.pairs
     steps: list[dict[str, Any]] = []
     for step in construction.steps:
         if isinstance(step, Across):
@@ -71,6 +69,14 @@ def construction_table(mechanism: Any, construction: Construction) -> Mapping[st
         "root": links[construction.root],
         "steps": steps,
         "unknowns": [names[pair] for pair in construction.pairs[: construction.unknowns]],
+        "couplers": {
+            written.mechanism.pairs[coupler.contact].name: {
+                "link": links[coupler.link],
+                "pairs": [names[pair] for pair in coupler.pairs],
+            }
+            for coupler in structure.couplers
+        },
+        "follow": [names[pair] for pair in construction.followers],
     }
 
 
@@ -81,11 +87,11 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     again: the boxes are not in it.
     """
     written, made = curves.written, curves.construction
-    names = [pair.name for pair in written.mechanism.pairs]
+    names = written.structure.pairs
     return {
         **heading("curves over a range", written.document.text or "", written.tolerance),
         "inputs": {names[made.pairs[curves.driven]]: list(curves.range_text)},
-        "construction": construction_table(written.mechanism, made),
+        "construction": construction_table(written, made),
         "complete": curves.claim.guarantee is Guarantee.CERTIFIED,
         "undecided_rad": [list(part) for part in curves.undecided],
         "problems": list(curves.problems),
@@ -116,13 +122,12 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
 def map_certificate(found: InputMap) -> dict[str, Any]:
     """Return the certificate of boxes of several inputs: what was proven of each."""
     written, made = found.written, found.construction
-    names = [pair.name for pair in written.mechanism.pairs]
-    driven = [names[pair] for pair in made.pairs[made.unknowns :]]
+    driven = [written.structure.pairs[pair] for pair in made.driven]
     kinds = {REGULAR: "regular", CONTAINS: "contains type II", UNDECIDED: "undecided"}
     return {
         **heading("modes over boxes", written.document.text or "", written.tolerance),
         "inputs": dict(zip(driven, map(list, found.range_texts), strict=True)),
-        "construction": construction_table(written.mechanism, made),
+        "construction": construction_table(written, made),
         "shares": {words: found.share(kind) for kind, words in kinds.items()},
         "boxes": [
             {
@@ -138,11 +143,30 @@ def map_certificate(found: InputMap) -> dict[str, Any]:
     }
 
 
+def wheels_certificate(
+    written: Written, ratios: Sequence[Sequence[Ball]]
+) -> dict[str, Any]:
+    """Return the certificate of wheels that fix all angles: their rates by the inputs."""
+    structure = written.structure
+    return {
+        **heading("wheels fix all angles", written.document.text or "", written.tolerance),
+        "inputs": [structure.pairs[pair] for pair in structure.inputs],
+        "ratios": [
+            {
+                "pair": structure.pairs[pair],
+                "ratios": [middle(ratio) for ratio in row],
+                "off": max(upper(ratio - exact(middle(ratio))) for ratio in row),
+            }
+            for pair, row in zip(structure.followers, ratios, strict=True)
+        ],
+    }
+
+
 def pole_table(
     modes: CertifiedModes, poles: Sequence[CertifiedPole]
 ) -> list[dict[str, Any]]:
     """Return enclosures of poles: float64 numbers, and how far off they are at most."""
-    mechanism = modes.written.mechanism
+    structure = modes.written.structure
     table = []
     for pole in poles:
         balls = (*(pole.direction or ()), pole.coefficient)
@@ -153,9 +177,9 @@ def pole_table(
         table.append(
             {
                 "mode": pole.mode,
-                "moving": mechanism.pairs[pole.driven].name,
-                "link": mechanism.links[pole.first],
-                "relative_to": mechanism.links[pole.second],
+                "moving": structure.pairs[pole.driven],
+                "link": structure.links[pole.first],
+                "relative_to": structure.links[pole.second],
                 "direction": numbers[:-1] or None,
                 "direction_off": max(off[:-1], default=None),
                 "velocity_coefficient": numbers[-1],

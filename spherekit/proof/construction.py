@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Mechanism
-from spherekit.planning.inputs import driven_pairs, merged
+from spherekit.planning.inputs import merged
+from spherekit.proof.structure import Structure
 
 MOST_ORDERS = 20000
 """Orders looked at; those of eight-bars are some hundred."""
@@ -55,14 +55,25 @@ _Key = tuple[tuple[tuple[int, int], ...], int, tuple[int, ...], frozenset[int]]
 class Construction:
     """All links of a mechanism in an order of placing them, from `root` on.
 
-    Variables are numbered: the unknown angles, then those of the inputs, whose pairs are
-    `pairs` in that order.
+    Variables are numbered: the unknown angles, then those of the inputs, then those that
+    follow from them through wheels; their pairs are `pairs` in that order.
     """
 
     root: int
     steps: tuple[Step, ...]
     pairs: tuple[int, ...]
     unknowns: int
+    inputs: int
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """The pairs of the inputs."""
+        return self.pairs[self.unknowns : self.unknowns + self.inputs]
+
+    @property
+    def followers(self) -> tuple[int, ...]:
+        """The pairs whose angles follow from the inputs through wheels."""
+        return self.pairs[self.unknowns + self.inputs :]
 
     @property
     def equations(self) -> tuple[Onto, ...]:
@@ -149,13 +160,13 @@ class Ranks:
 _FOUND: dict[_Key, Construction | None] = {}
 
 
-def construct(mechanism: Mechanism, wanted: Collection[int] = ()) -> Construction:
+def construct(structure: Structure, wanted: Collection[int] = ()) -> Construction:
     """Return the order of placing links that has the lowest bound of complex modes.
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
+    structure
+        The links and pairs.
     wanted
         Numbers of pairs of which as many as possible are to be variables.
 
@@ -164,36 +175,36 @@ def construct(mechanism: Mechanism, wanted: Collection[int] = ()) -> Constructio
     PlanError
         If there is none, since the pairs do not leave one freedom for each input.
     """
-    inputs = driven_pairs(mechanism)
-    key = mechanism.ends, len(mechanism.links), inputs, frozenset(wanted)
+    known = (*structure.inputs, *structure.followers)
+    key = structure.ends, len(structure.links), known, frozenset(wanted)
     if key not in _FOUND:
         if len(_FOUND) >= MOST_KEPT:
             _FOUND.clear()
-        _FOUND[key] = _searched(mechanism, inputs, wanted)
+        _FOUND[key] = _searched(structure, known, wanted)
     best = _FOUND[key]
     if best is None:
         raise PlanError(
-            f"{mechanism.name}: its links cannot be placed one after another on at most "
+            f"{structure.name}: its links cannot be placed one after another on at most "
             f"two axes each; proofs need one freedom for each input by counting"
         )
-    if not best.unknowns:
+    if not best.unknowns and not best.followers:
         raise PlanError(
-            f"{mechanism.name}: it has no closed loop, so that all angles are inputs and "
+            f"{structure.name}: it has no closed loop, so that all angles are inputs and "
             "there is nothing to prove"
         )
     return best
 
 
 def _searched(
-    mechanism: Mechanism, inputs: tuple[int, ...], wanted: Collection[int]
+    structure: Structure, known: tuple[int, ...], wanted: Collection[int]
 ) -> Construction | None:
     """Return the order with the lowest bound of all, None if there is none."""
     best: tuple[tuple[float, ...], Construction] | None = None
-    bodies = merged(mechanism, inputs)
+    bodies = merged(structure, known)
     roots = sorted(
-        set(bodies), key=lambda body: body != bodies[mechanism.ends[inputs[0]][0]]
+        set(bodies), key=lambda body: body != bodies[structure.ends[known[0]][0]]
     )
-    found = chain.from_iterable(_orders(mechanism, inputs, root) for root in roots)
+    found = chain.from_iterable(_orders(structure, known, root) for root in roots)
     for number, made in enumerate(found):
         if made.bound:
             missing = len(set(wanted) - set(made.pairs))
@@ -206,17 +217,17 @@ def _searched(
 
 
 def _orders(
-    mechanism: Mechanism, inputs: tuple[int, ...], first: int
+    structure: Structure, known: tuple[int, ...], first: int
 ) -> Iterator[Construction]:
     """Yield constructions from a body on, no two that differ only in what comes when."""
-    bodies = merged(mechanism, inputs)
+    bodies = merged(structure, known)
     members: dict[int, list[int]] = {}
     for link, body in enumerate(bodies):
         members.setdefault(body, []).append(link)
-    free = [pair for pair in range(len(mechanism.pairs)) if pair not in inputs]
-    if any(len(set(mechanism.ends[p])) < 2 for p in free):
+    free = [pair for pair in range(len(structure.pairs)) if pair not in known]
+    if any(len(set(structure.ends[p])) < 2 for p in free):
         return
-    joins = {p: (bodies[mechanism.ends[p][0]], bodies[mechanism.ends[p][1]]) for p in free}
+    joins = {p: (bodies[structure.ends[p][0]], bodies[structure.ends[p][1]]) for p in free}
     if any(one == other for one, other in joins.values()):
         return
     seen: set[tuple[frozenset[int], ...]] = set()
@@ -229,7 +240,7 @@ def _orders(
             key = tuple(sorted((frozenset((-1 - b[0], *b[1:])) for b in last), key=sorted))
             if key not in seen:
                 seen.add(key)
-                made = _constructed(mechanism, inputs, members, first, last)
+                made = _constructed(structure, known, members, first, last)
                 if made is not None:
                     yield made
             return
@@ -242,25 +253,25 @@ def _orders(
 
 
 def _constructed(
-    mechanism: Mechanism,
-    inputs: tuple[int, ...],
+    structure: Structure,
+    known: tuple[int, ...],
     members: dict[int, list[int]],
     first: int,
     order: tuple[tuple[int, ...], ...],
 ) -> Construction | None:
     """Return the construction in which bodies come in an order, None if it is none."""
-    ends = mechanism.ends
+    ends = structure.ends
     unknown = [own[0] for _, *own in order if len(own) == 1]
-    pairs = (*unknown, *inputs)
+    pairs = (*unknown, *known)
     steps: list[Step] = []
     placed: set[int] = set()
 
     def spread(body: int) -> None:
-        """Place the links that inputs join to one placed of a body."""
+        """Place the links that known angles join to one placed of a body."""
         waiting = True
         while waiting:
             waiting = False
-            for pair in inputs:
+            for pair in known:
                 for a, b in (ends[pair], ends[pair][::-1]):
                     if a in placed and b not in placed:
                         steps.append(Across(b, a, pair, pairs.index(pair)))
@@ -284,4 +295,4 @@ def _constructed(
     equations = sum(isinstance(step, Onto) for step in steps)
     if equations != len(unknown):
         return None
-    return Construction(root, tuple(steps), pairs, len(unknown))
+    return Construction(root, tuple(steps), pairs, len(unknown), len(structure.inputs))

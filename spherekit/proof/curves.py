@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.proof.along import Stop, stops
@@ -214,7 +215,14 @@ def certified_curves(
     PlanError
         If the mechanism is none that proofs are for.
     """
-    made = construction or construct(written.mechanism)
+    made = construction or construct(written.structure)
+    if made.followers:
+        raise PlanError(
+            f"{written.mechanism.name}: wheels turn "
+            f"{listing(written.structure.pairs[pair] for pair in made.followers)} with the "
+            "input; proofs over ranges are for mechanisms without rolling contacts: give "
+            "values of the inputs with --at"
+        )
     with bits(PRECISION):
         equations = Equations(written, made)
         low, high = (written.input_angle(text) for text in range_text)

@@ -30,7 +30,8 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.construction import Across, Construction, Onto, Ranks
 from spherekit.proof.jets import Arithmetic, Balls, Batches, Jet, product, total
-from spherekit.proof.written import Frame, Vector, Written, cross, dot
+from spherekit.proof.vectors import Frame, Vector, cross, dot
+from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
 SHORTEST = 1e-6
@@ -92,8 +93,7 @@ class Equations:
         self.ranks = Ranks(construction)
         self.unknowns = construction.unknowns
         self.variables = len(construction.pairs)
-        names = [pair.name for pair in written.mechanism.pairs]
-        self.frames = [written.frames()[name] for name in names]
+        self.frames = written.frames()
         self.parts: dict[int, Turning | Putting] = {}
         for step in construction.steps:
             made = self._turning(step) if isinstance(step, Across) else self._putting(step)
@@ -104,13 +104,13 @@ class Equations:
 
     def frame(self, pair: int, link: int) -> Frame:
         """Return the frame of a pair in one of its links."""
-        side = self.written.mechanism.ends[pair].index(link)
+        side = self.written.structure.ends[pair].index(link)
         return self.frames[pair][side]
 
     def _turning(self, step: Across) -> Turning:
         one = _columns(self.frame(step.pair, step.parent))
         other = _columns(self.frame(step.pair, step.link)).transpose()
-        ahead = self.written.mechanism.ends[step.pair][0] == step.parent
+        ahead = self.written.structure.ends[step.pair][0] == step.parent
         sense = 1 if ahead else -1
         parts = ([0, 0, 0, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 1, 0, 0, 0, 0])
         odd = [0, -sense, 0, sense, 0, 0, 0, 0, 0]
@@ -125,9 +125,9 @@ class Equations:
         square = dot(normal, normal)
         sine = float(np.sqrt(lower(square)) * (1 - 8 * UNIT))
         if not sine > SHORTEST:
-            mechanism = self.written.mechanism
+            structure = self.written.structure
             raise PlanError(
-                f"{mechanism.name}: link {mechanism.links[step.link]} has an arc of about "
+                f"{structure.name}: link {structure.links[step.link]} has an arc of about "
                 "0 or 180 deg between two pairs, about which it could spin; nothing can "
                 "be proven of it"
             )

@@ -14,6 +14,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import listing
+from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.progress import Working
 from spherekit.proof.balls import bits
@@ -127,7 +129,14 @@ def input_map(
         If no input leaves as many complex modes as there can be at most: some coincide
         everywhere, or solutions at infinity do.
     """
-    made = construct(written.mechanism)
+    made = construct(written.structure)
+    if made.followers:
+        raise PlanError(
+            f"{written.mechanism.name}: wheels turn "
+            f"{listing(written.structure.pairs[pair] for pair in made.followers)} with the "
+            "inputs; maps of inputs are for mechanisms without rolling contacts: give "
+            "values of the inputs with --at"
+        )
     with bits(PRECISION):
         equations = Equations(written, made)
         axes = []

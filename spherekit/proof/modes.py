@@ -146,9 +146,12 @@ class CertifiedModes:
         """
         with bits(max(self.precision, PRECISIONS[0])):
             equations = Equations(self.written, self.construction)
-            driven = [self.written.input_angle(text) for text in self.inputs]
+            driven = given_at(self.written, self.inputs)
             places = []
             for root in self.real:
+                if not root.centre:
+                    places.append(driven)
+                    continue
                 near = root_near(equations, driven, [middle_of(a) for a in root.centre])
                 same = near is not None and near.real and root.holds(near)
                 narrow = near if near is not None and same else root
@@ -175,7 +178,10 @@ def certified_modes(
     PlanError
         If the mechanism is none that proofs are for.
     """
-    made = construction or construct(written.mechanism)
+    made = construction or construct(written.structure)
+    if not made.unknowns:
+        only = (Root((), 0.0, 0.0, True),)
+        return CertifiedModes(written, made, tuple(inputs), only, PRECISIONS[0])
     near: list[Complexes] = []
     with bits(PRECISIONS[0]):
         search = _Search(written, made, inputs)
@@ -198,7 +204,7 @@ def certified_modes(
     if len(found) < made.bound and not by_systems:
         with bits(precision):
             equations = Equations(written, made)
-            driven = [written.input_angle(text) for text in inputs]
+            driven = given_at(written, inputs)
             real = RealModes(equations, driven, [root for root in found if root.real])
             left = real.excluded()
             found = [*(root for root in found if not root.real), *real.roots]
@@ -206,6 +212,11 @@ def certified_modes(
     return CertifiedModes(
         written, made, tuple(inputs), tuple(order), precision, left, by_systems
     )
+
+
+def given_at(written: Written, inputs: Sequence[str]) -> list[Ball]:
+    """Return the angles of inputs, given as decimal numbers, and what follows from them."""
+    return written.given([written.input_angle(text) for text in inputs])
 
 
 def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
@@ -242,7 +253,7 @@ class _Search:
         self, written: Written, construction: Construction, inputs: Sequence[str]
     ) -> None:
         self.equations = Equations(written, construction)
-        self.driven = [written.input_angle(text) for text in inputs]
+        self.driven = given_at(written, inputs)
         self.turns = circle(self.driven)
         self.found: list[Root] = []
         self.lost = False
@@ -331,7 +342,7 @@ def pair_angles(equations: Equations, places: Sequence[Ball]) -> list[Ball]:
     construction = equations.construction
     placed = equations.orientations(places)
     found = []
-    for number, ends in enumerate(equations.written.mechanism.ends):
+    for number, ends in enumerate(equations.written.structure.ends):
         if number in construction.pairs:
             found.append(places[construction.pairs.index(number)])
             continue

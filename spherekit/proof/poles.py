@@ -54,7 +54,7 @@ def enclosed_poles(
 ) -> Iterator[CertifiedPole]:
     """Yield the poles of all pairs of links at narrow balls of all variables."""
     made = equations.construction
-    for column in range(made.unknowns, len(made.pairs)):
+    for column in range(made.unknowns, made.unknowns + made.inputs):
         turning = _angular_velocities(equations, places, column)
         yield from _poles(mode, made.pairs[column], turning)
 
@@ -74,14 +74,25 @@ def _angular_velocities(
     square = matrix(
         [[slope(row, column) for column in range(count)] for row in range(count)]
     )
-    right = matrix([[-slope(row, driven)] for row in range(count)])
+    ratios = [each[driven - count] for each in equations.written.ratios()]
+    following = {
+        count + equations.construction.inputs + number: complex_ball(ratio)
+        for number, ratio in enumerate(ratios)
+    }
+    given = {driven: complex_ball(exact(1.0)), **following}
+    right = matrix(
+        [
+            [-sum((slope(row, each) * rate for each, rate in given.items()), zero)]
+            for row in range(count)
+        ]
+    )
     rates = list(solved(square, right).entries()) if count else []
-    by_variable = {**dict(enumerate(rates)), driven: complex_ball(exact(1.0))}
+    by_variable = {**dict(enumerate(rates)), **given}
     placed = equations.orientations(places, 1)
     root = equations.construction.root
     ground: BallMatrix | None = placed[0][()].transpose() if root != 0 else None
     found = []
-    for link in range(len(equations.written.mechanism.links)):
+    for link in range(equations.written.structure.bodies):
         velocity = [zero, zero, zero]
         if link != root:
             jet = placed[link]

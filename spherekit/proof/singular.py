@@ -11,10 +11,10 @@ from typing import final
 import numpy as np
 
 from spherekit.guarantee import Guarantee
-from spherekit.model.mechanism import Mechanism
 from spherekit.proof.along import Stop
 from spherekit.proof.cover import TURN
 from spherekit.proof.curves import CertifiedCurves
+from spherekit.proof.written import Written
 
 ROUNDING = 1e-12
 """More than inputs (rad) are off by in float64."""
@@ -72,19 +72,20 @@ class CertifiedSingularities:
         return max(min([*gaps, *ends, np.pi]) - ROUNDING, 0.0)
 
 
-def pair_of_output(mechanism: Mechanism, name: str) -> int | None:
+def pair_of_output(written: Written, name: str) -> int | None:
     """Return the pair that joins an output to what it is seen from, None without one."""
+    mechanism = written.mechanism
     output = next(each for each in mechanism.outputs if each.name == name)
-    two = {output.link, output.relative_to}
-    for number, pair in enumerate(mechanism.pairs):
-        if set(pair.links) == two:
+    two = {mechanism.link(output.link), mechanism.link(output.relative_to)}
+    for number, ends in enumerate(written.structure.ends):
+        if set(ends) == two:
             return number
     return None
 
 
-def output_pairs(mechanism: Mechanism) -> list[int]:
+def output_pairs(written: Written) -> list[int]:
     """Return the pairs that join outputs to what they are seen from."""
-    pairs = (pair_of_output(mechanism, each.name) for each in mechanism.outputs)
+    pairs = (pair_of_output(written, each.name) for each in written.mechanism.outputs)
     return [pair for pair in pairs if pair is not None]
 
 
@@ -95,7 +96,7 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     undecided = sum(count for _, count in curves.stopping)
     skipped = []
     for output in mechanism.outputs:
-        pair = pair_of_output(mechanism, output.name)
+        pair = pair_of_output(curves.written, output.name)
         if pair == made.pairs[curves.driven]:
             continue
         known = pair is not None and pair in made.pairs

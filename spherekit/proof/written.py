@@ -4,8 +4,8 @@ An angle of 45.1 degrees is 45.1 pi / 180 here, and no float64 number next to it
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -16,11 +16,11 @@ from spherekit.files.read import read
 from spherekit.files.write import dumps
 from spherekit.model.geometry import COLLINEAR, link_axes
 from spherekit.model.mechanism import Mechanism, PoseGeometry
-from spherekit.proof.balls import Ball, decimal, exact, pi, wide
-
-Vector = tuple[Ball, Ball, Ball]
-Frame = tuple[Vector, Vector, Vector]
-"""The unit vectors of a pair in one of its links: zero direction, side, axis."""
+from spherekit.proof.balls import Ball, decimal, exact, middle, pi, wide
+from spherekit.proof.circles import Touching, touching
+from spherekit.proof.gears import Train, mesh_of, train_of
+from spherekit.proof.structure import Structure, structure_of
+from spherekit.proof.vectors import Frame, Vector, cross, unit
 
 
 @final
@@ -29,11 +29,14 @@ class Written:
     """A mechanism with the text of its file, and by how much its sizes may be off.
 
     `tolerance` (rad) is that of every arc, angle, zero and direction of the file.
+    `structure` are the links and R pairs that it stands for, `train` its wheels in mesh.
     """
 
     mechanism: Mechanism
     document: Document
-    tolerance: float = 0.0
+    tolerance: float
+    structure: Structure
+    train: Train | None = None
 
     @staticmethod
     def of(
@@ -44,14 +47,10 @@ class Written:
         Raises
         ------
         PlanError
-            If it has contact pairs, or the tolerance is negative.
+            If it has contacts that are not of circles, or circles that roll by what does
+            not follow from the inputs, or the tolerance is negative.
         """
-        contact = [pair.name for pair in mechanism.pairs if not pair.kind.has_axis]
-        if contact:
-            raise PlanError(
-                f"{mechanism.name}: pair {contact[0]} is a contact pair; proofs are for "
-                "mechanisms with R and P pairs only"
-            )
+        structure = structure_of(mechanism)
         if not 0.0 <= tolerance < 0.1:
             raise PlanError(
                 f"a tolerance of {tolerance} rad makes no sense; give 1e-9, say"
@@ -59,13 +58,98 @@ class Written:
         if document is None:
             document = parse(dumps(mechanism), mechanism.name)
             assert read(document) == mechanism or mechanism.user
-        return Written(mechanism, document, tolerance)
+        made = Written(mechanism, document, tolerance, structure)
+        return made._in_mesh() if structure.wheels else made
 
-    def frames(self) -> dict[str, tuple[Frame, Frame]]:
-        """Return the frames of every pair in its first and its second link."""
-        if isinstance(self.mechanism.geometry, PoseGeometry):
-            return self._pose_frames(self.mechanism.geometry)
-        return self._size_frames()
+    def frames(self) -> list[tuple[Frame, Frame]]:
+        """Return the frames of every pair of the structure in its two links."""
+        given = self.mechanism.geometry
+        if isinstance(given, PoseGeometry):
+            made = self._pose_frames(given)
+        else:
+            made = self._size_frames()
+        found = [made[name] for name in self.structure.pairs if name in made]
+        for coupler in self.structure.couplers:
+            pair = self.mechanism.pairs[coupler.contact]
+            found += _coupler_frames(touching(self, pair, made))
+        return found
+
+    def given(self, inputs: Sequence[Ball]) -> list[Ball]:
+        """Return the angles (rad) of the inputs and of all pairs that follow from them."""
+        if self.train is None:
+            return list(inputs)
+        frames = self.frames()
+        touches = [self._touching(mesh.contact) for mesh in self.train.meshes]
+        starts = [self._starts(mesh.contact) for mesh in self.train.meshes]
+        return [*inputs, *self.train.angles(touches, starts, frames, inputs)]
+
+    def ratios(self) -> list[list[Ball]]:
+        """Return the rates (followers, inputs) of the angles that wheels fix."""
+        if self.train is None:
+            return []
+        return self.train.ratios([self._touching(m.contact) for m in self.train.meshes])
+
+    def motion_columns(self) -> list[tuple[str, float]]:
+        """Return the column of the table motion and the factor of each pair's angle.
+
+        The angles of couplers are lengths over the sines of radii there.
+        """
+        found = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
+        frames = dict(zip(self.structure.pairs, self.frames(), strict=True))
+        for coupler in self.structure.couplers:
+            pair = self.mechanism.pairs[coupler.contact]
+            contact = touching(self, pair, frames)
+            names = pair.kind.variable_names(pair.name, pair.links)
+            for side, sense in ((0, 1), (1, contact.sense)):
+                sine = middle(contact.circles[side].radius.sin())
+                found[coupler.pairs[side]] = names[side], sense / sine
+        return found
+
+    def item(self, pair: str) -> Mapping[str, Any]:
+        """Return the table of a pair in the file."""
+        table: Mapping[str, Any] = self.document.data["pairs"][pair]
+        return table
+
+    def _touching(self, contact: int) -> Touching:
+        frames = dict(zip(self.structure.pairs, self.frames(), strict=True))
+        return touching(self, self.mechanism.pairs[contact], frames)
+
+    def _starts(self, contact: int) -> tuple[Ball, Ball]:
+        """Return the lengths (rad) along both circles at which a contact starts."""
+        item = self.item(self.mechanism.pairs[contact].name)
+        one, other = (self.angle(each, False) for each in item.get("start", (0.0, 0.0)))
+        return one, other
+
+    def _in_mesh(self) -> "Written":
+        """Return the same with its wheels in mesh."""
+        structure, mechanism = self.structure, self.mechanism
+        frames = self.frames()
+        meshes = []
+        for contact in structure.wheels:
+            pair, wheels = mechanism.pairs[contact], mechanism.ends[contact]
+            made = mesh_of(structure, contact, wheels, self._touching(contact), frames)
+            if made is None:
+                raise PlanError(
+                    f"{mechanism.name}: pair {pair.name} is a rolling contact, and no link "
+                    f"carries {pair.links[0]} and {pair.links[1]} each about the centre of "
+                    "its circle so that they touch; of rolling contacts proofs are for "
+                    "wheels that a link carries so, and for sliding contacts of circles"
+                )
+            meshes.append(made)
+        given = mechanism.geometry
+        reference = None
+        if isinstance(given, PoseGeometry):
+            names = structure.pairs
+            values = (self.item(each).get("value") for each in given.axes)
+            reference = {
+                names.index(name): exact(0.0) if value is None else self.angle(value)
+                for name, value in zip(given.axes, values, strict=True)
+            }
+        touches = [self._touching(contact) for contact in structure.wheels]
+        starts = [self._starts(contact) for contact in structure.wheels]
+        train = train_of(structure, meshes, touches, starts, frames, reference)
+        known = replace(structure, followers=train.followers)
+        return replace(self, structure=known, train=train)
 
     def angle(self, number: float, tolerance: bool = True) -> Ball:
         """Return an angle of the file in rad."""
@@ -88,6 +172,8 @@ class Written:
         axes = {link: self._axes(item) for link, item in data["links"].items()}
         made = {}
         for pair in self.mechanism.pairs:
+            if not pair.kind.has_axis:
+                continue
             first, second = (
                 _reference_frame(axes[link], near[link], pair.name) for link in pair.links
             )
@@ -126,14 +212,13 @@ class Written:
     def _axis(self, item: Mapping[str, Any]) -> Vector:
         for key in ("through_xyz", "through_lonlat"):
             if key in item:
-                one, other = (
-                    self._direction(row, key.endswith("xyz")) for row in item[key]
-                )
+                one, other = (self.direction(row, key.endswith("xyz")) for row in item[key])
                 return unit(cross(one, other))
         key = "xyz" if "xyz" in item else "lonlat"
-        return self._direction(item[key], key == "xyz")
+        return self.direction(item[key], key == "xyz")
 
-    def _direction(self, row: Any, is_xyz: bool) -> Vector:
+    def direction(self, row: Any, is_xyz: bool) -> Vector:
+        """Return a direction of the file, by coordinates or longitude and latitude."""
         if is_xyz:
             x, y, z = (_number(number) for number in row)
             x, y, z = unit((x, y, z))
@@ -181,21 +266,16 @@ def _reference_frame(
     return across, cross(axis, across), axis
 
 
-def dot(a: Vector, b: Vector) -> Ball:
-    """Return the product of two vectors."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _coupler_frames(contact: Touching) -> list[tuple[Frame, Frame]]:
+    """Return the frames of both pairs of a coupler, in the link of the contact and in it.
 
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product."""
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-
-
-def unit(a: Vector) -> Vector:
-    """Return a vector over its length."""
-    length = dot(a, a).sqrt()
-    return a[0] / length, a[1] / length, a[2] / length
+    The angle of each is the azimuth of the contact about the centre.
+    """
+    sine, cosine = contact.arc.sin_cos()
+    zero, one = exact(0.0), exact(1.0)
+    axes = (zero, zero, one), (zero, sine, cosine)
+    toward = contact.towards(*axes)
+    return [
+        (circle.axes, (ahead, cross(axis, ahead), axis))
+        for circle, axis, ahead in zip(contact.circles, axes, toward, strict=True)
+    ]

@@ -74,9 +74,9 @@ def weights(order: int) -> Floats:
     moments = 2.0 / (1.0 - even**2.0)
     cosines = np.cos(np.outer(np.arange(order + 1), even) * np.pi / order)
     share = np.where((even == 0) | (even == order), 0.5, 1.0)
-    found = (cosines * (share * moments)).sum(axis=1) * 2.0 / order
-    found[[0, -1]] *= 0.5
-    return np.asarray(found)
+    quadrature = (cosines * (share * moments)).sum(axis=1) * 2.0 / order
+    quadrature[[0, -1]] *= 0.5
+    return np.asarray(quadrature)
 
 
 def between(order: int, u: Floats) -> Floats:
@@ -130,9 +130,9 @@ class BoundarySegments(ArrayRows):
             sought.copy(),
         )
         which = np.flatnonzero(sought)
-        known = np.full((len(which), ORDERS[0] + 1), np.nan)
-        known[:, [0, -1]] = 0.0
-        pieces._measure(evaluate, which, ORDERS[0], known)
+        heights = np.full((len(which), ORDERS[0] + 1), np.nan)
+        heights[:, [0, -1]] = 0.0
+        pieces._measure(evaluate, which, ORDERS[0], heights)
         pieces.raise_order(evaluate, np.flatnonzero(pieces.sound))
         return pieces
 
@@ -142,9 +142,9 @@ class BoundarySegments(ArrayRows):
         for order in ORDERS[1:]:
             some = which[wanted == order]
             if len(some):
-                known = np.full((len(some), order + 1), np.nan)
-                known[:, ::2] = self.height[some, : order // 2 + 1]
-                self._measure(evaluate, some, order, known)
+                heights = np.full((len(some), order + 1), np.nan)
+                heights[:, ::2] = self.height[some, : order // 2 + 1]
+                self._measure(evaluate, some, order, heights)
 
     def _measure(
         self, evaluate: Evaluator, which: Indices, order: int, height: Floats
@@ -159,8 +159,10 @@ class BoundarySegments(ArrayRows):
         guess = np.zeros(height.shape)
         if order > ORDERS[0]:
             guess = height[:, ::2] @ between(order // 2, nodes(order)).T
-        found, sound = _heights(evaluate, frame, u, number, guess[row, node], REACH[order])
-        height[row, node] = np.where(sound, found, 0.0)
+        heights, sound = _heights(
+            evaluate, frame, u, number, guess[row, node], REACH[order]
+        )
+        height[row, node] = np.where(sound, heights, 0.0)
         bad = np.zeros(len(which), dtype=bool)
         bad[row[~sound]] = True
         area = -0.5 * chords.length * (np.sin(height) @ weights(order))
@@ -181,12 +183,12 @@ class BoundarySegments(ArrayRows):
         height = np.empty((len(which), len(u)))
         for order in ORDERS:
             some = self.order[which] == order
-            known = self.height[which[some], : order + 1]
-            height[some] = known @ between(order, u).T
+            nodal = self.height[which[some], : order + 1]
+            height[some] = nodal @ between(order, u).T
         places = self.chords.rows(which).at(u, height)
         rows = evaluate(places.reshape(-1, 3))
-        own = chosen(rows, np.repeat(self.margin[which], len(u)))
-        rows = (rows - own[:, None]).reshape(len(which), len(u), rows.shape[1])
+        margin = chosen(rows, np.repeat(self.margin[which], len(u)))
+        rows = (rows - margin[:, None]).reshape(len(which), len(u), rows.shape[1])
         a, b, c = rows[:, :-2], rows[:, 1:-1], rows[:, 2:]
         bend, slope = a - 2.0 * b + c, 0.5 * (c - a)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -211,8 +213,8 @@ class BoundarySegments(ArrayRows):
         place = np.arange(1, ORDERS[-1] + 1)
         shown = place % step[:, None] == 0
         u = nodes(ORDERS[-1])[1:]
-        own = place // step[:, None]
-        height = np.take_along_axis(self.height[chain], own, axis=1)
+        node = place // step[:, None]
+        height = np.take_along_axis(self.height[chain], node, axis=1)
         height[~self.sound[chain]] = 0.0
         points = self.chords.rows(chain).at(u, height)[shown]
         return np.concatenate([self.chords.start[chain[:1]], points])

@@ -103,8 +103,8 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     - Else the triangle is open.
     """
     missing = np.isnan(rows)
-    known = np.where(missing, 0.0, rows)
-    low, high, error = _bounds(triangles, known)
+    filled = np.where(missing, 0.0, rows)
+    low, high, error = _bounds(triangles, filled)
     whole = np.asarray(~missing.any(axis=0))
     if not whole.all():
         _bound_in_part(rows, whole, low, high)
@@ -115,7 +115,7 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
         uncertain.any(axis=1) & ~negative.any(axis=1) & np.all(whole | ~uncertain, axis=1)
     )
     corners = points[triangles[tried]]
-    simple = _within_cone(corners, known[:6, tried], error[tried], uncertain[tried])
+    simple = _within_cone(corners, filled[:6, tried], error[tried], uncertain[tried])
     verdict[tried[simple]] = TriangleClass.SIMPLE
     if missing.any():
         empty = void(rows)
@@ -179,8 +179,8 @@ def _within_cone(corners: Floats, values: Floats, error: Floats, uncertain: Bool
     slack = np.where(size > 0.0, slack, np.inf)
     angle = np.where(uncertain, np.arctan2(second, first), np.nan)
     slack, angle = (
-        np.moveaxis(each, 1, 0).reshape(n, 3 * uncertain.shape[1])
-        for each in (slack, angle)
+        np.moveaxis(columns, 1, 0).reshape(n, 3 * uncertain.shape[1])
+        for columns in (slack, angle)
     )
     rising = np.sort(angle, axis=1)
     last = np.maximum(np.count_nonzero(~np.isnan(angle), axis=1) - 1, 0)

@@ -22,14 +22,14 @@ class Evaluator:
     """Calls margins, checks what they return, and counts.
 
     A margin below 0 by less than its `floor` (k,) is 0 up to rounding; that follows from
-    margins that are `known` (n, k), or from the first call.
+    margins that were `sampled` (n, k), or from the first call.
     """
 
-    def __init__(self, margins: Margins, known: Floats | None = None) -> None:
+    def __init__(self, margins: Margins, sampled: Floats | None = None) -> None:
         self.margins = margins
         self.evaluations = 0
         self.calls = 0
-        self.floor = np.zeros(0) if known is None else rounding(known)
+        self.floor = np.zeros(0) if sampled is None else rounding(sampled)
 
     def __call__(self, places: Floats) -> Floats:
         """Return the margins (n, k) at places (n, d)."""

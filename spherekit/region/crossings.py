@@ -78,7 +78,7 @@ def corners(
     length = arc(start, end)
     toward = unit(cross(cross(start, end - start), first))
     frame = np.stack([toward, cross(first, toward)], axis=1)
-    found = np.full(len(start), np.nan)[:, None] * first
+    corner = np.full(len(start), np.nan)[:, None] * first
     sound = np.zeros(len(start), dtype=bool)
 
     def values(x: Floats, which: Indices) -> Floats:
@@ -120,5 +120,5 @@ def corners(
         near = np.linalg.norm(x[going], axis=1) < most
         sound[going[settled & near]] = True
         going = going[~settled & (np.linalg.norm(x[going], axis=1) < 3.0 * most)]
-    found[sound] = unit(first + np.einsum("nd,ndx->nx", x, frame))[sound]
-    return found, sound
+    corner[sound] = unit(first + np.einsum("nd,ndx->nx", x, frame))[sound]
+    return corner, sound

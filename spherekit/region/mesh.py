@@ -58,9 +58,9 @@ def hemisphere(spacing: float) -> tuple[Floats, Indices]:
 def refined(points: Floats, triangles: Indices, spacing: float) -> tuple[Floats, Indices]:
     """Return triangles quartered until their edges are at most `spacing` (rad) long."""
     while np.max(edge_lengths(points, triangles)) > spacing:
-        edges, own = edges_of(triangles)
+        edges, sides = edges_of(triangles)
         a, b, c = triangles.T
-        ab, bc, ca = len(points) + own.T
+        ab, bc, ca = len(points) + sides.T
         points = np.concatenate([points, unit(points[edges].sum(axis=1))])
         quarters = [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
         triangles = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
@@ -109,20 +109,20 @@ def bisected(
     origin
         (T,) the number of the old triangle where it was left as it was, else -1.
     """
-    edges, own = edges_of(triangles)
+    edges, sides = edges_of(triangles)
     cut = np.zeros(len(edges), dtype=bool)
-    cut[own[marked].ravel()] = True
+    cut[sides[marked].ravel()] = True
     while True:
-        closing = cut[own].any(axis=1) & ~cut[own[:, 0]]
+        closing = cut[sides].any(axis=1) & ~cut[sides[:, 0]]
         if not closing.any():
             break
-        cut[own[closing, 0]] = True
+        cut[sides[closing, 0]] = True
     middle = np.full(len(edges), -1, dtype=np.intp)
     middle[cut] = len(points) + np.arange(np.count_nonzero(cut))
     points = np.concatenate([points, unit(points[edges[cut]].sum(axis=1))])
     n1, n2, n3 = triangles.T
-    m1, m2, m3 = middle[own].T
-    first, second, third = cut[own].T
+    m1, m2, m3 = middle[sides].T
+    first, second, third = cut[sides].T
 
     def child(where: Bools, *vertices: Indices) -> Indices:
         return np.stack([vertex[where] for vertex in vertices], axis=1)

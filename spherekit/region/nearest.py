@@ -67,8 +67,8 @@ def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> 
         slope[piece, step + 1],
     )
     height = np.sum(chebyshev.chebvander(zero, ORDERS[-1]) * series[:, piece].T, axis=1)
-    found = frames.rows(piece).at(zero, height)[pieces.sound[piece]]
-    points = np.concatenate([found, *np.moveaxis(ends, 1, 0)])
+    feet = frames.rows(piece).at(zero, height)[pieces.sound[piece]]
+    points = np.concatenate([feet, *np.moveaxis(ends, 1, 0)])
     held = least(evaluate(points)) >= -SLACK * np.max(evaluate.floor)
     points = points[held] if held.any() else points
     return np.asarray(points[np.argmin(arc(points, place))])

@@ -241,12 +241,12 @@ class _Cells:
             key = key << (BITS + 1) | whole[..., axis].ravel()
         _, first, back = np.unique(key, return_index=True, return_inverse=True)
         quaternions = _quaternions(cubes.ravel()[first], whole.reshape(-1, 3)[first])
-        found = self.evaluate(quaternions)
-        smallest = least(found)
+        margins = self.evaluate(quaternions)
+        smallest = least(margins)
         best = int(np.argmax(smallest))
         if smallest[best] > self.depth:
             self.place, self.depth = quaternions[best], float(smallest[best])
-        rows = found[back].reshape(*whole.shape[:2], found.shape[1])
+        rows = margins[back].reshape(*whole.shape[:2], margins.shape[1])
         missing = np.isnan(rows)
         if missing.any():
             negative = np.any(rows < 0.0, axis=2, keepdims=True)

@@ -94,7 +94,7 @@ class Refinement:
         hang together means something.
         """
         held = self.inside[self.triangles].sum(axis=1)
-        found = np.where(held == 3, self.areas, 0.0)
+        area = np.where(held == 3, self.areas, 0.0)
         odd, second, third = self._turned(self.owner)
         single = held[self.owner] == 1
         apex = self.points[np.where(single, odd, second)]
@@ -102,8 +102,8 @@ class Refinement:
         part = triangle_areas(apex, start, end) + self.pieces.area
         more = ~single & self.leading
         part[more] += triangle_areas(apex[more], self.points[third[more]], start[more])
-        np.add.at(found, self.owner, part)
-        return found
+        np.add.at(area, self.owner, part)
+        return area
 
     def surface(self) -> tuple[Floats, Indices]:
         """Return points and triangles of the region alone, its border as it was found."""
@@ -139,7 +139,7 @@ class Refinement:
         first[self.start[lead]] = lead
         rest = np.flatnonzero(~self.leading)
         second[self.start[rest]] = rest
-        found, free = [], first >= 0
+        loops, free = [], first >= 0
         for origin in np.flatnonzero(free):
             chain, here = [], int(origin)
             while free[here]:
@@ -149,8 +149,8 @@ class Refinement:
                     chain.append(second[here])
                 here = int(self.stop[first[here]])
             if chain:
-                found.append(np.array(chain, dtype=np.intp))
-        return found
+                loops.append(np.array(chain, dtype=np.intp))
+        return loops
 
     def _turned(self, which: Indices) -> tuple[Indices, Indices, Indices]:
         """Return the vertices of mixed triangles, the one unlike the two others first."""
@@ -169,13 +169,13 @@ class Refinement:
         triangles = self.triangles[fresh]
         self.size[fresh] = edge_lengths(self.points, triangles).max(axis=1)
         middles, checks, centres = samples(self.points, triangles)
-        edges, own = edges_of(triangles)
+        edges, sides = edges_of(triangles)
         shown = np.empty(len(edges), dtype=np.intp)
-        shown[own.ravel()] = np.arange(own.size)
+        shown[sides.ravel()] = np.arange(sides.size)
         places = [middles.reshape(-1, 3)[shown], checks.reshape(-1, 3)[shown], centres]
-        found = self.evaluate(np.concatenate(places))
-        middle, check, centre = np.split(found, [len(edges), 2 * len(edges)])
-        rows = [self.values[triangles.T], middle[own.T], check[own.T], centre[None]]
+        margins = self.evaluate(np.concatenate(places))
+        middle, check, centre = np.split(margins, [len(edges), 2 * len(edges)])
+        rows = [self.values[triangles.T], middle[sides.T], check[sides.T], centre[None]]
         self.verdict[fresh], self.contested[fresh] = judge(
             self.points, triangles, np.concatenate(rows)
         )
@@ -203,17 +203,17 @@ class Refinement:
         first, last = self.crossing_margins[start], self.crossing_margins[end]
         a, b = self.crossing_points[start], self.crossing_points[end]
         turning = np.flatnonzero(first != last)
-        corner, found = corners(
+        corner, sound = corners(
             self.evaluate,
             a[turning],
             b[turning],
             self.points[odd[turning]],
             np.stack([first[turning], last[turning]], axis=1),
         )
-        self.verdict[fresh[turning[~found]]] = TriangleClass.OPEN
+        self.verdict[fresh[turning[~sound]]] = TriangleClass.OPEN
         middle = b.copy()
-        middle[turning[found]] = corner[found]
-        more = turning[found]
+        middle[turning[sound]] = corner[sound]
+        more = turning[sound]
         owner = np.concatenate([fresh, fresh[more]])
         pieces = BoundarySegments.over(
             self.evaluate,

@@ -51,8 +51,8 @@ class Boundary:
     @property
     def points(self) -> Floats:
         """The points (m, 3) of the whole curve, the first repeated at the end."""
-        each = [arc.points[:-1] for arc in self.arcs]
-        return np.concatenate([*each, self.arcs[0].points[:1]])
+        parts = [arc.points[:-1] for arc in self.arcs]
+        return np.concatenate([*parts, self.arcs[0].points[:1]])
 
     @property
     def corners(self) -> Floats:
@@ -262,22 +262,22 @@ def _parts(
     for state in (True, False):
         alike = order[is_region[order] == state]
         numbers[alike] = np.arange(len(alike))
-    found, sides = [], []
+    boundaries, sides = [], []
     for loop in search.loops():
         vertices = triangles[search.owner[loop[0]]]
         state = inside[vertices]
         component = int(numbers[label[vertices[np.argmax(state)]]])
         gap = int(numbers[label[vertices[np.argmin(state)]]])
         sides.append((component, gap))
-        found.append(Boundary(_arcs(search.pieces, loop), component, gap))
+        boundaries.append(Boundary(_arcs(search.pieces, loop), component, gap))
     value = least(search.values)
     parts: tuple[list[Part], list[Part]] = ([], [])
     for part in order:
         kind = int(not is_region[part])
         around = [k for k, side in enumerate(sides) if side[kind] == numbers[part]]
-        own = np.flatnonzero(label == part)
-        depth = value[own] if is_region[part] else -value[own]
-        deepest = own[np.argmax(depth)]
+        members = np.flatnonzero(label == part)
+        depth = value[members] if is_region[part] else -value[members]
+        deepest = members[np.argmax(depth)]
         parts[kind].append(
             Part(
                 float(total[part]),
@@ -286,7 +286,7 @@ def _parts(
                 float(value[deepest]),
             )
         )
-    return tuple(parts[0]), tuple(parts[1]), tuple(found)
+    return tuple(parts[0]), tuple(parts[1]), tuple(boundaries)
 
 
 def _arcs(pieces: BoundarySegments, loop: Indices) -> tuple[BorderArc, ...]:
@@ -309,10 +309,10 @@ def _excluding(
 ) -> tuple[tuple[int, ...], ...]:
     """Return the smallest sets of margins that no direction satisfies together."""
     count = values.shape[1]
-    found: list[tuple[int, ...]] = []
+    sets: list[tuple[int, ...]] = []
     for size in range(1, min(count, LARGEST_SET) + 1):
         for chosen in combinations(range(count), size):
-            if any(set(each) <= set(chosen) for each in found):
+            if any(set(smaller) <= set(chosen) for smaller in sets):
                 continue
             columns = list(chosen)
             if np.any(least(values[:, columns]) >= 0.0):
@@ -321,5 +321,5 @@ def _excluding(
             search = Refinement(some, spacing)
             search.run(np.inf, feature, 100_000)
             if not np.any(search.inside):
-                found.append(chosen)
-    return tuple(found)
+                sets.append(chosen)
+    return tuple(sets)

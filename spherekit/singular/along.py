@@ -153,9 +153,9 @@ class AlongCurve:
 
     def oriented(self, s: Floats, poles: Iterable[Pole]) -> dict[Pole, Axis]:
         """Return the axes with senses that are continuous along the curve."""
-        found = self.axes(s, poles)
+        axes = self.axes(s, poles)
         out = {}
-        for pole, axis in found.items():
+        for pole, axis in axes.items():
             sign = self.sense(pole).signs(s, axis.unit)[:, None]
             out[pole] = Axis(sign * axis.unit, axis.error)
         return out
@@ -213,8 +213,8 @@ class AlongCurve:
         """Return all s at which two links stand still relative to each other."""
 
         def function(s: Floats) -> tuple[Floats, Floats]:
-            found = self.signed(pole, s)
-            return found.w, found.dw
+            rate = self.signed(pole, s)
+            return rate.w, rate.dw
 
         return self.locate(function, self.sense(pole).s)
 
@@ -222,8 +222,8 @@ class AlongCurve:
         self, function: Callable[[Floats], tuple[Floats, Floats]], grid: Floats
     ) -> Zeros:
         """Return the zeros of a function of s and its derivative, once a lap."""
-        found = zeros(function, grid)
-        return found.once(self.curve.length) if self.curve.closed else found
+        roots = zeros(function, grid)
+        return roots.once(self.curve.length) if self.curve.closed else roots
 
     def _moving(self, s: Floats) -> Moving:
         """Return the velocity equations solved at s (n,); the last results are kept."""
@@ -334,9 +334,9 @@ class AlongCurve:
         out = {}
         for i, j in poles:
             axis = axes[i, j]
-            known = axis.error < FOLLOWED
-            w = rates.w[known, j] - rates.w[known, i]
-            out[i, j] = _Seen(s[known], axis.unit[known], w)
+            followed = axis.error < FOLLOWED
+            w = rates.w[followed, j] - rates.w[followed, i]
+            out[i, j] = _Seen(s[followed], axis.unit[followed], w)
         return out
 
 

@@ -140,13 +140,15 @@ def aspects(
             f"{mechanism.name}: the output has {rest.count} freedoms: {count} inputs can "
             "always move while it rests: no aspect is free of type I; leave that out"
         )
-    each = list(samples) if isinstance(samples, Sequence) else [samples] * count
-    input_grid, beside = _lattice(mechanism, each, whole_turn)
+    counts = list(samples) if isinstance(samples, Sequence) else [samples] * count
+    input_grid, beside = _lattice(mechanism, counts, whole_turn)
     budget = budget or Budget()
     spread = _Spread(solver, input_grid, beside, rest if "I" in free_of else None, budget)
     going = budget.goes_on("modes at samples of the input grid")
     starts = _starts(solver, input_grid) if going else []
-    values = np.array([own for own, _ in starts]).reshape(len(starts), len(spread.periods))
+    values = np.array([configuration for configuration, _ in starts]).reshape(
+        len(starts), len(spread.periods)
+    )
     for k in np.flatnonzero(spread.regular(values)):
         spread.add(*starts[k])
     spread.singular = len(starts) - len(spread.values)
@@ -185,7 +187,10 @@ def _starts(solver: Solver, input_grid: InputGrid) -> list[tuple[Floats, int]]:
         mesh = np.meshgrid(*places, indexing="ij")
         rows = np.ravel_multi_index([axis.ravel() for axis in mesh], input_grid.shape)
     values, which = configurations(solver, input_grid.q[rows])
-    return [(own, int(rows[k])) for own, k in zip(values, which, strict=True)]
+    return [
+        (configuration, int(rows[k]))
+        for configuration, k in zip(values, which, strict=True)
+    ]
 
 
 class _Spread:
@@ -215,10 +220,10 @@ class _Spread:
 
     def add(self, values: Floats, row: int) -> int:
         """Return the number of a configuration (V,) at a sample, new or known."""
-        for known in self.at.setdefault(row, []):
-            away = less_periods(values - self.values[known], self.periods)
+        for number in self.at.setdefault(row, []):
+            away = less_periods(values - self.values[number], self.periods)
             if np.max(np.abs(away)) < SAME:
-                return known
+                return number
         node = len(self.values)
         self.values.append(values)
         self.rows.append(row)
@@ -271,13 +276,13 @@ class _Spread:
         control = []
         for values, sense in ((start, 1.0), (stop, -1.0)):
             space = locus.space(values)
-            found = locus.measure(space)
+            measure = locus.measure(space)
             try:
                 along = np.linalg.solve(space.basis[:, driven], way[..., None])[..., 0]
             except np.linalg.LinAlgError:
                 along = np.full_like(way, np.nan)
-            slope = np.sum(found.gradient * along, axis=1)
-            control += [found.value, found.value + sense * slope / 3.0]
+            slope = np.sum(measure.gradient * along, axis=1)
+            control += [measure.value, measure.value + sense * slope / 3.0]
         signs = np.sign(np.stack(control))
         return np.asarray((signs[0] != 0.0) & np.all(signs == signs[0], axis=0))
 
@@ -295,10 +300,10 @@ def _labelled(
     label, sizes = rank[label], sizes[order]
     row = np.array(spread.rows, dtype=np.int64)
     signs = []
-    for each in (InputsLocked(spread.solver.driven), rest):
+    for constraint in (InputsLocked(spread.solver.driven), rest):
         sign = np.zeros(len(sizes), dtype=np.int8)
-        if each is not None and n:
-            locus = spread.locus(each)
+        if constraint is not None and n:
+            locus = spread.locus(constraint)
             sign = _signs(locus.measure(locus.space(values)), label, len(sizes))
         signs.append(sign)
     modes = np.zeros(len(sizes), dtype=np.int64)
@@ -320,11 +325,11 @@ def _labelled(
     )
 
 
-def _signs(found: Measure, label: NDArray[np.int64], count: int) -> NDArray[np.int8]:
+def _signs(measure: Measure, label: NDArray[np.int64], count: int) -> NDArray[np.int8]:
     """Return the sign that all configurations of each aspect have, or 0."""
     signs = np.zeros(count, dtype=np.int8)
-    if found.signed:
+    if measure.signed:
         for number in range(count):
-            own = np.unique(np.sign(found.value[label == number]))
-            signs[number] = own[0] if len(own) == 1 else 0
+            of_aspect = np.unique(np.sign(measure.value[label == number]))
+            signs[number] = of_aspect[0] if len(of_aspect) == 1 else 0
     return signs

@@ -140,8 +140,8 @@ def conditions(
         words = _words(condition, links, names)
         for row in np.flatnonzero(residual <= UNDECIDED * allowed):
             size = float(residual[row])
-            found = Holding(condition.label, words, size, bool(size <= allowed[row]))
-            rows[row].append(found)
+            holding = Holding(condition.label, words, size, bool(size <= allowed[row]))
+            rows[row].append(holding)
     return [_decided_first(row) for row in rows]
 
 
@@ -153,8 +153,8 @@ def residuals(
     return {condition.label: _residual(condition, poles) for condition in wanted}
 
 
-def _decided_first(found: list[Holding]) -> tuple[Holding, ...]:
-    return tuple(sorted(found, key=lambda each: not each.decided))
+def _decided_first(holdings: list[Holding]) -> tuple[Holding, ...]:
+    return tuple(sorted(holdings, key=lambda holding: not holding.decided))
 
 
 def _conditions_of(
@@ -233,10 +233,10 @@ def _normal(vectors: Floats) -> tuple[Floats, Floats]:
 def _out_of_plane(vectors: Floats) -> Floats:
     """Return (n,) the largest sine of the angles of vectors (n, k, 3) to their plane."""
     out = np.full(len(vectors), np.nan)
-    known = np.all(np.isfinite(vectors), axis=(1, 2))
-    _, _, right = np.linalg.svd(vectors[known])
-    away = np.einsum("nki,ni->nk", vectors[known], right[:, -1])
-    out[known] = np.max(np.abs(away), axis=1)
+    finite = np.all(np.isfinite(vectors), axis=(1, 2))
+    _, _, right = np.linalg.svd(vectors[finite])
+    away = np.einsum("nki,ni->nk", vectors[finite], right[:, -1])
+    out[finite] = np.max(np.abs(away), axis=1)
     return out
 
 

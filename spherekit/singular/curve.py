@@ -91,7 +91,7 @@ class SingularCurve:
 
         Whole periods of the variables and signs of the motions do not matter.
         """
-        found = np.zeros(len(values), dtype=bool)
+        on_curve = np.zeros(len(values), dtype=bool)
         starts = self.nodes.values[:-1]
         middles = starts + 0.5 * self.chords[:, None] * self.directions
         for row, (given, motion) in enumerate(zip(values, motions, strict=True)):
@@ -104,8 +104,8 @@ class SingularCurve:
             points = self.on(which, parts)
             miss = np.max(np.abs(middles[which] + away[which] - points.values), axis=1)
             same = np.abs(points.motions @ motion) > 1.0 - 1e-6
-            found[row] = bool(np.any((miss < NEAR) & same))
-        return found
+            on_curve[row] = bool(np.any((miss < NEAR) & same))
+        return on_curve
 
     def zeros(self, function: Along) -> LocusPoints:
         """Return the points at which a function of points changes its sign.
@@ -155,8 +155,8 @@ def _sense(basis: Floats, nodes: LocusPoints, points: LocusPoints) -> Floats:
     for k in range(1, len(carried)):
         step = np.linalg.det(nodes.basis[k - 1].T @ nodes.basis[k])
         carried[k] = carried[k - 1] * np.sign(step)
-    own = np.linalg.det(np.swapaxes(nodes.basis[rows], 1, 2) @ basis)
-    return np.asarray(np.sign(own) * carried[rows])
+    determinants = np.linalg.det(np.swapaxes(nodes.basis[rows], 1, 2) @ basis)
+    return np.asarray(np.sign(determinants) * carried[rows])
 
 
 def predict(
@@ -193,9 +193,9 @@ def between(
     values, motions = predict(nodes, which, parts)
     targets = np.sum(direction * nodes.values[which], axis=1, keepdims=True)
     targets = targets + parts[:, None] * chord
-    found = locus.correct(values, motions, direction[:, None], targets)
-    sense = np.sum(found.tangents[:, :, 0] * direction, axis=1)
+    points = locus.correct(values, motions, direction[:, None], targets)
+    sense = np.sum(points.tangents[:, :, 0] * direction, axis=1)
     flip = np.where(sense < 0.0, -1.0, 1.0)[:, None, None]
-    found.tangents[:] *= flip
-    found.turns[:] *= flip
-    return found
+    points.tangents[:] *= flip
+    points.turns[:] *= flip
+    return points

@@ -155,7 +155,7 @@ def singular_curves(
     none = np.zeros((0, len(mechanism.variable_owners)))
     stray, branching = [none], [none]
     if made is not None:
-        ends = np.concatenate([none, *(each.crossings for each in made.slices)])
+        ends = np.concatenate([none, *(section.crossings for section in made.slices)])
         branching.append(ends[locus.space(ends).reciprocal_condition < NEARLY_FLAT])
     for points in source.batches():
         left = np.ones(len(points), dtype=bool)
@@ -169,13 +169,13 @@ def singular_curves(
         while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
             row = int(np.argmax(left))
             left[row] = False
-            found = trace_curve(locus, points.values[row], step=step, budget=budget)
-            if found is None:
+            new_curve = trace_curve(locus, points.values[row], step=step, budget=budget)
+            if new_curve is None:
                 stray.append(points.values[row : row + 1])
                 continue
             source.met(True)
-            traced.append(found)
-            left[left] &= ~found.find(points.values[left], points.motions[left])
+            traced.append(new_curve)
+            left[left] &= ~new_curve.find(points.values[left], points.motions[left])
     return SingularCurves(
         kind,
         tuple(_found(curve, other, view) for curve in traced),

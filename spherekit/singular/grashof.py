@@ -57,7 +57,7 @@ def grashof(mechanism: Mechanism) -> Grashof | None:
     places = four_bar_links(mechanism)
     if places is None:
         return None
-    axes = [list(own.values()) for own in link_axes(mechanism).values()]
+    axes = [list(of_link.values()) for of_link in link_axes(mechanism).values()]
     name = class_of(*(_arc(*axes[k]) for k in places))
     return Grashof(str(name), mechanism.links[places[1]], mechanism.links[places[3]])
 
@@ -72,13 +72,13 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
         return None
     if not all(pair.kind.has_axis for pair in mechanism.pairs):
         return None
-    joined = [sum(k in own for own in ends) for k in range(4)]
+    joined = [sum(k in links for links in ends) for k in range(4)]
     if joined != [2, 2, 2, 2]:
         return None
     driven = mechanism.pair_number[mechanism.inputs[0].pair]
     fixed = 0 if 0 in ends[driven] else ends[driven][0]
     moved = next(link for link in ends[driven] if link != fixed)
-    beside = next(k for k, own in enumerate(ends) if fixed in own and k != driven)
+    beside = next(k for k, links in enumerate(ends) if fixed in links and k != driven)
     output = next(link for link in ends[beside] if link != fixed)
     return fixed, moved, ({0, 1, 2, 3} - {fixed, moved, output}).pop(), output
 

@@ -69,22 +69,22 @@ def located(along: AlongCurve, pole: Pole) -> Roots:
     """Return all zeros of the rate of a pole with bounds of their errors."""
     if along.rests(pole):
         return Roots(np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0), True)
-    found = along.zeros(pole)
-    s = found.places
+    roots = along.zeros(pole)
+    s = roots.places
     if not len(s):
-        return Roots(s, found.double, s)
+        return Roots(s, roots.double, s)
     rate = along.signed(pole, s)
     error = place_error(along.curve, rate.error, rate.dw)
-    if np.any(found.double):
+    if np.any(roots.double):
         step = 1e-3 * along.curve.length
-        beside = s[found.double] + step
+        beside = s[roots.double] + step
         if not along.curve.closed:
             beside = np.where(beside > along.curve.length, beside - 2.0 * step, beside)
         bend = along.signed(pole, beside).dw / step
-        touched = np.sqrt(2.0 * rate.error[found.double] / np.maximum(np.abs(bend), EPS))
-        error[found.double] = np.minimum(touched, along.curve.length)
+        touched = np.sqrt(2.0 * rate.error[roots.double] / np.maximum(np.abs(bend), EPS))
+        error[roots.double] = np.minimum(touched, along.curve.length)
     inside = _inside(along.curve, s, error)
-    return Roots(s[inside], found.double[inside], error[inside])
+    return Roots(s[inside], roots.double[inside], error[inside])
 
 
 def _inside(curve: ArcCurve, s: Floats, error: Floats) -> NDArray[np.bool_]:
@@ -121,16 +121,16 @@ def groups_of(
             )
             for s, error, pole, double in every
         ]
-    every.sort(key=lambda each: each[0])
+    every.sort(key=lambda entry: entry[0])
     groups: list[list[tuple[float, float, Pole | None, bool]]] = []
-    for each in every:
-        if groups and each[0] - groups[-1][-1][0] <= each[1] + groups[-1][-1][1]:
-            groups[-1].append(each)
+    for root in every:
+        if groups and root[0] - groups[-1][-1][0] <= root[1] + groups[-1][-1][1]:
+            groups[-1].append(root)
         else:
-            groups.append([each])
+            groups.append([root])
     out = []
     for group in groups:
-        best = min(group, key=lambda each: each[1])
+        best = min(group, key=lambda entry: entry[1])
         place = max(best[0], 0.0)
         spread = group[-1][0] - group[0][0]
         members = {pole: double for _, _, pole, double in group}

@@ -103,23 +103,23 @@ class SampledSingularities:
         self.report: Singularities = self.analysis.report()
         self.curve = np.full(len(values), -1)
         self.s = np.full(len(values), np.nan)
-        known = np.all(np.isfinite(values), axis=1)
+        finite = np.all(np.isfinite(values), axis=1)
         for elsewhere in (False, True):
             for number, item in enumerate(self.configurations.curves):
-                own = [
+                modes = [
                     piece.assembly_mode
                     for piece in item.pieces
                     if piece.assembly_mode is not None
                 ]
-                expected = np.isin(assembly_mode, own) != elsewhere
-                (todo,) = np.nonzero(known & (self.curve < 0) & expected)
+                expected = np.isin(assembly_mode, modes) != elsewhere
+                (todo,) = np.nonzero(finite & (self.curve < 0) & expected)
                 places = item.curve.find(values[todo])
                 on = np.isfinite(places)
                 self.curve[todo[on]], self.s[todo[on]] = number, places[on]
         self.status = np.where(self.curve < 0, Status.MODE_LOST, Status.OK)
         self.crossed = np.zeros(len(values), dtype=bool)
         for crossing in self.report.crossings:
-            (lost,) = np.nonzero(known & (self.curve < 0))
+            (lost,) = np.nonzero(finite & (self.curve < 0))
             away = self.curves[crossing.ends[0][0]].wrapped(values[lost] - crossing.values)
             far = np.max(np.abs(away), axis=1)
             self.status[lost[far < NEAR_CROSSING]] = Status.AT_SINGULARITY
@@ -132,21 +132,24 @@ class SampledSingularities:
         Where the range is of whole periods its end is its start.
         """
         item = self.configurations.curves[curve]
-        own, driven = item.curve, self.tracer.solver.single
+        arc_curve, driven = item.curve, self.tracer.solver.single
         period = self._period(curve)
         whole = whole_periods(*self.tracer.range, period)
-        there = float(own.at(s).values[0, driven])
-        found: set[int] = set()
-        for lap in (0, 1, -1) if own.closed else (0,):
-            place, there_again = s + lap * own.length, there + lap * own.rise[driven]
+        there = float(arc_curve.at(s).values[0, driven])
+        modes: set[int] = set()
+        for lap in (0, 1, -1) if arc_curve.closed else (0,):
+            place, there_again = (
+                s + lap * arc_curve.length,
+                there + lap * arc_curve.rise[driven],
+            )
             for piece in item.pieces:
                 touched = piece.start - TOUCHES <= place <= piece.stop + TOUCHES
                 if piece.assembly_mode is None or not touched:
                     continue
                 turns = round((there_again + piece.shift - q) / period)
                 if turns == 0 or (whole and turns % whole == 0):
-                    found.add(piece.assembly_mode)
-        return tuple(sorted(found))
+                    modes.add(piece.assembly_mode)
+        return tuple(sorted(modes))
 
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve."""
@@ -181,7 +184,7 @@ class SampledSingularities:
     def measures(self) -> list[RelationMeasures]:
         """Return the measures of every output in each form."""
         n = len(self.s)
-        found: dict[tuple[int, Form], dict[str, Floats]] = {}
+        measured: dict[tuple[int, Form], dict[str, Floats]] = {}
         for number in range(len(self.curves)):
             (rows,) = np.nonzero(self.curve == number)
             if not len(rows):
@@ -189,7 +192,7 @@ class SampledSingularities:
             s = self.s[rows]
             for output in range(len(self.report.outputs)):
                 at = self.at(number, s, output)
-                own = {
+                rates = {
                     "input_rate": at.input_rate,
                     "output_rate": at.output_rate,
                     "to_i": self._to_nearest(number, output, Type.I, s),
@@ -198,9 +201,9 @@ class SampledSingularities:
                 made = zip(at.relations, at.links, at.poles, strict=True)
                 for relation, links, poles in made:
                     near = nearness(relation, links, poles)
-                    columns = found.setdefault((output, relation.form), {})
+                    columns = measured.setdefault((output, relation.form), {})
                     for name, part in {
-                        **own,
+                        **rates,
                         "c": relation.c,
                         "d": relation.d,
                         "type_i": near.type_i,
@@ -210,7 +213,7 @@ class SampledSingularities:
                         columns.setdefault(name, np.full(n, np.nan))[rows] = part
         return [
             RelationMeasures(output, form, **columns)
-            for (output, form), columns in sorted(found.items())
+            for (output, form), columns in sorted(measured.items())
         ]
 
     def singular_values(self) -> tuple[Floats, Floats]:
@@ -246,8 +249,8 @@ class SampledSingularities:
 
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at a place of a curve."""
-        found = self.curves[curve]
-        return np.asarray(found.segments.closure.at(found.at([s]).values).placed[0])
+        arc_curve = self.curves[curve]
+        return np.asarray(arc_curve.segments.closure.at(arc_curve.at([s]).values).placed[0])
 
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
         curve, driven = self.curves[number], self.tracer.solver.single
@@ -261,8 +264,8 @@ class SampledSingularities:
         ]
         inputs = list(curve.at(places).values[:, driven]) if places else []
         for crossing in self.report.crossings:
-            for own, at_start in crossing.ends:
-                if own == number:
+            for curve_number, at_start in crossing.ends:
+                if curve_number == number:
                     last = curve.nodes.values[0 if at_start else -1]
                     beyond = curve.wrapped(crossing.values - last)
                     places.append(0.0 if at_start else curve.length)

@@ -119,11 +119,11 @@ class OutputCoefficients:
 
 def needed_poles(motion: Motion, output: OutputStationary) -> dict[str, tuple[Pole, ...]]:
     """Return the poles of links that `coefficients` reads, by the name of the input."""
-    found = {}
+    poles = {}
     for driven in motion.assembly.inputs:
         links = sorted({*motion.mechanism.ends[driven], output.link, output.relative_to})
-        found[motion.mechanism.pairs[driven].name] = tuple(combinations(links, 2))
-    return found
+        poles[motion.mechanism.pairs[driven].name] = tuple(combinations(links, 2))
+    return poles
 
 
 def coefficients(
@@ -163,11 +163,11 @@ def _coefficients(
     mechanism = motion.mechanism
     poles = needed_poles(motion, output)
     requests = {
-        name: request(mechanism, name, own, [output.pole], by_rank=by_rank)
-        for name, own in poles.items()
+        name: request(mechanism, name, needed, [output.pole], by_rank=by_rank)
+        for name, needed in poles.items()
     }
     if fields is None:
-        fields = {name: evaluate(motion, own) for name, own in requests.items()}
+        fields = {name: evaluate(motion, wanted) for name, wanted in requests.items()}
     n, g = len(motion), len(poles)
     w, u = np.full((n, g, 3), np.nan), np.full((n, g, 3), np.nan)
     c, d = np.full((n, g), np.nan), np.full((n, g), np.nan)
@@ -178,9 +178,9 @@ def _coefficients(
     c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
     triplets = tuple(combinations(range(g), 3))
     triples = [np.linalg.det(u[:, list(three)]) for three in triplets]
-    found = _by_motions(motion, output, tolerance)
+    by_motions = _by_motions(motion, output, tolerance)
     return replace(
-        found,
+        by_motions,
         w=w,
         u=u,
         c=c,
@@ -207,8 +207,8 @@ def _relation(
     def direction(a: int, b: int) -> Floats:
         return field.direction[pole_of(a, b)]
 
-    own = FourLinks(i, r, o, s)
-    made = form_i(own, SixPoles.of(own, direction))
+    four = FourLinks(i, r, o, s)
+    made = form_i(four, SixPoles.of(four, direction))
     return made.c, made.d, direction(o, s)
 
 
@@ -231,12 +231,15 @@ def _without_plan(
         ways = alone[:, :, k] / np.linalg.norm(alone[:, :, k], axis=1, keepdims=True)
         rates = space.at.body_rates(ways)
         r, i = motion.mechanism.ends[pair]
-        own = {pole_of(i, r): space.at.vectors[:, held[k]]}
+        given_axes = {pole_of(i, r): space.at.vectors[:, held[k]]}
 
         def direction(
-            a: int, b: int, own: dict[Pole, Floats] = own, rates: Floats = rates
+            a: int,
+            b: int,
+            given_axes: dict[Pole, Floats] = given_axes,
+            rates: Floats = rates,
         ) -> Floats:
-            between = own.get(pole_of(a, b), rates[:, a] - rates[:, b])
+            between = given_axes.get(pole_of(a, b), rates[:, a] - rates[:, b])
             size = np.linalg.norm(between, axis=1, keepdims=True)
             return np.asarray(between / np.where(size > SINGULAR, size, np.nan))
 
@@ -245,9 +248,9 @@ def _without_plan(
             continue
         four = FourLinks(i, r, o, s)
         made = form_i(four, SixPoles.of(four, direction))
-        for whole, found in ((c, made.c), (d, made.d), (u, direction(o, s))):
+        for whole, filling in ((c, made.c), (d, made.d), (u, direction(o, s))):
             missing = ~np.isfinite(whole[rows, k])
-            whole[rows, k] = np.where(missing, found, whole[rows, k])
+            whole[rows, k] = np.where(missing, filling, whole[rows, k])
 
 
 def _by_motions(
@@ -261,11 +264,11 @@ def _by_motions(
     rows, _ = output.rows(space)
     inputs, moving = space.basis[:, held], rows @ space.basis
     one = _singular_values(moving)[:, -1]
-    own = Transmission(
+    transmission = Transmission(
         closure.tree, tuple(held), output.link, output.relative_to, output.pointing
     )
-    directions = own.pointed(space.at.placed)
-    two = own.at(space.at.vectors, directions)
+    directions = transmission.pointed(space.at.placed)
+    two = transmission.at(space.at.vectors, directions)
     determinant = np.linalg.det(inputs)
     alone = adjugate(inputs)
     size = np.linalg.norm(alone, axis=1)
@@ -276,16 +279,16 @@ def _by_motions(
     output_rate = np.linalg.norm(moving @ alone, axis=1) / size
     turning = output.angular_velocity(space, space.basis @ alone)
     speed = np.linalg.norm(turning, axis=2, keepdims=True)
-    known = speed > tolerance * np.linalg.norm(alone, axis=1)[..., None]
+    turns = speed > tolerance * np.linalg.norm(alone, axis=1)[..., None]
     nothing = np.zeros((n, g))
-    found = OutputCoefficients(
+    measured = OutputCoefficients(
         w=np.zeros((n, g, 3)),
         u=np.zeros((n, g, 3)),
         c=nothing,
         d=nothing,
         input_rate=input_rate,
         output_rate=output_rate,
-        alone=turning / np.where(known, speed, np.nan),
+        alone=turning / np.where(turns, speed, np.nan),
         type_two=two,
         hold=hold_of(closure.tree, held, space.at.vectors)[0],
         type_one=one,
@@ -296,8 +299,8 @@ def _by_motions(
         type=np.zeros(n, dtype=np.int8),
         group=np.zeros(n, dtype=np.int8),
     )
-    kind, group = _types(found, space, tolerance)
-    return replace(found, type=kind, group=group)
+    kind, group = _types(measured, space, tolerance)
+    return replace(measured, type=kind, group=group)
 
 
 def _singular_values(matrices: Floats) -> Floats:
@@ -309,19 +312,19 @@ def _singular_values(matrices: Floats) -> Floats:
 
 
 def _types(
-    found: OutputCoefficients, space: TangentSpace, tolerance: float
+    measured: OutputCoefficients, space: TangentSpace, tolerance: float
 ) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
-    known = np.isfinite(found.type_two)
-    second = found.type_two < tolerance
-    first = found.type_one < tolerance
+    finite = np.isfinite(measured.type_two)
+    second = measured.type_two < tolerance
+    first = measured.type_one < tolerance
     branching = space.reciprocal_condition < tolerance
     kind = np.select(
         [
-            ~known,
+            ~finite,
             second & first & ~branching,
             second,
             branching,
-            (found.hold < tolerance) & (found.hold < AT_REST * found.type_two),
+            (measured.hold < tolerance) & (measured.hold < AT_REST * measured.type_two),
             first,
         ],
         [
@@ -334,7 +337,7 @@ def _types(
         ],
         RowType.REGULAR,
     )
-    rates = np.stack([np.abs(found.input_rate), found.output_rate])
+    rates = np.stack([np.abs(measured.input_rate), measured.output_rate])
     alone = np.any(~(rates > ALONE * tolerance), axis=(0, 2))
     group = np.select([(kind <= 0) | (kind > RowType.III), alone], [0, 1], 2)
     return kind.astype(np.int8), group.astype(np.int8)

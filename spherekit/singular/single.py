@@ -112,7 +112,7 @@ class SingleFreedom:
         self.along = [AlongCurve(tracer, curve) for curve in curves]
         first, second = mechanism.ends[tracer.assembly.input]
         self.input = (second, first) if input is None else ordered_pole(mechanism, input)
-        self.outputs = tuple(ordered_pole(mechanism, each) for each in outputs)
+        self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)
         self.first_links = tuple(FourLinks(*self.input, *out) for out in self.outputs)
         self.second_links = tuple(self._second_links(links) for links in self.first_links)
 
@@ -122,13 +122,13 @@ class SingleFreedom:
         self.whole: list[WholeCurve] = []
         points: list[list[SingularPoint]] = [[] for _ in self.outputs]
         for number, along in enumerate(self.along):
-            for found, new in zip(points, self._on_curve(number, along), strict=True):
-                found += new
+            for of_output, new in zip(points, self._on_curve(number, along), strict=True):
+                of_output += new
         return Singularities(
             self.input,
             self.outputs,
-            tuple(None if each is None else each.s for each in self.second_links),
-            tuple(point for found in points for point in found),
+            tuple(None if links is None else links.s for links in self.second_links),
+            tuple(point for listed in points for point in listed),
             self._crossings(),
             tuple(self.whole),
             self._everywhere(),
@@ -152,7 +152,7 @@ class SingleFreedom:
             dq,
             dy,
             tuple(relation for _, _, relation in made),
-            tuple(own for own, _, _ in made),
+            tuple(four for four, _, _ in made),
             tuple(six for _, six, _ in made),
         )
 
@@ -168,26 +168,26 @@ class SingleFreedom:
             if k not in (links.i, links.r, links.o)
         ]
         wanted = [pole_of(a, k) for k in candidates for a in (links.o, links.i)]
-        found: dict[int, list[list[Floats]]] = {k: [[], []] for k in candidates}
+        directions: dict[int, list[list[Floats]]] = {k: [[], []] for k in candidates}
         for along in self.along:
             axes = along.axes(along.curve.s, wanted)
             for k in candidates:
                 for n, a in enumerate((links.o, links.i)):
-                    found[k][n].append(axes[pole_of(a, k)].unit)
+                    directions[k][n].append(axes[pole_of(a, k)].unit)
         if not self.along:
             return links.with_s(candidates[0]) if candidates else None
         best = best_fourth(
-            {k: (np.concatenate(a), np.concatenate(b)) for k, (a, b) in found.items()}
+            {k: (np.concatenate(a), np.concatenate(b)) for k, (a, b) in directions.items()}
         )
         return None if best is None else links.with_s(best)
 
     def _poles(self, output: int) -> list[Pole]:
         """Return the poles of an output's relations, each once."""
-        found: list[Pole] = []
+        poles: list[Pole] = []
         for links in (self.first_links[output], self.second_links[output]):
             if links is not None:
-                found += poles_of(links)
-        return list(dict.fromkeys(found))
+                poles += poles_of(links)
+        return list(dict.fromkeys(poles))
 
     def _relations(
         self, output: int, axes: dict[Pole, Axis]
@@ -240,7 +240,7 @@ class SingleFreedom:
         self, number: int, along: AlongCurve, output: int, places: dict[Pole, Roots]
     ) -> list[SingularPoint]:
         driven, wanted = pole_of(*self.input), pole_of(*self.outputs[output])
-        own: list[tuple[Pole | None, Roots]] = [
+        roots: list[tuple[Pole | None, Roots]] = [
             (pole, places[pole]) for pole in self._poles(output)
         ]
         still, resting = places[driven].always, places[wanted].always
@@ -249,9 +249,9 @@ class SingleFreedom:
             kind = (Type.III if both else Type.II) if still else Type.I
             self.whole.append(WholeCurve(kind, self.outputs[output], number))
             return []
-        own += [(None, more) for more in self._coplanar(number, along, output, own)]
+        roots += [(None, more) for more in self._coplanar(number, along, output, roots)]
         self._note_one_line(number, along, output)
-        groups = groups_of(along.curve, own)
+        groups = groups_of(along.curve, roots)
         if not groups:
             return []
         s = np.array([group.s for group in groups])
@@ -263,13 +263,13 @@ class SingleFreedom:
         kinds = [group.kind(driven, wanted) for group in groups]
         made = self._made(output, axes, along, s, groups)
         notes = _doubts(groups, driven, wanted, along.curve)
-        found = []
+        singular_points = []
         for k, (group, kind) in enumerate(zip(groups, kinds, strict=True)):
-            relations = tuple(each[k] for each in made)
+            relations = tuple(rows[k] for rows in made)
             if kind == Type.APPARENT and all(r.type is None for r in relations):
                 continue
             one, other = group.double(driven), group.double(wanted)
-            found.append(
+            singular_points.append(
                 SingularPoint(
                     type=kind,
                     output=self.outputs[output],
@@ -289,7 +289,7 @@ class SingleFreedom:
                     relations=relations,
                 )
             )
-        return found
+        return singular_points
 
     def _made(
         self,
@@ -361,7 +361,7 @@ class SingleFreedom:
         number: int,
         along: AlongCurve,
         output: int,
-        known: Sequence[tuple[Pole | None, Roots]],
+        shown: Sequence[tuple[Pole | None, Roots]],
     ) -> list[Roots]:
         """Return where all six axes of four links lie in one plane, though all turn.
 
@@ -386,20 +386,20 @@ class SingleFreedom:
                     "everywhere, so c = d = 0 says nothing; choose other links"
                 )
                 continue
-            found = along.locate(function, grid)
-            others = np.concatenate([each.s for _, each in known])
+            roots = along.locate(function, grid)
+            others = np.concatenate([zero.s for _, zero in shown])
             if len(others):
-                near = np.abs(found.places[:, None] - others)
+                near = np.abs(roots.places[:, None] - others)
                 if along.curve.closed:
                     near = np.minimum(near, along.curve.length - near)
                 fresh = np.min(near, axis=1) > 1e-6
             else:
-                fresh = np.ones(len(found.places), dtype=bool)
-            s = found.places[fresh]
+                fresh = np.ones(len(roots.places), dtype=bool)
+            s = roots.places[fresh]
             rates = along.rates(s)
             _, slope = _volume(rates, links)
             error = place_error(along.curve, rounding_of(rates), slope)
-            out.append(Roots(s, found.double[fresh], error))
+            out.append(Roots(s, roots.double[fresh], error))
         return out
 
     def _note_one_line(self, number: int, along: AlongCurve, output: int) -> None:
@@ -418,7 +418,7 @@ class SingleFreedom:
 
     def _crossings(self) -> tuple[CrossingPoint, ...]:
         """Return the configurations at which curves end because rank is lost."""
-        found: list[tuple[Crossing | None, Floats, list[tuple[int, bool]]]] = []
+        crossings: list[tuple[Crossing | None, Floats, list[tuple[int, bool]]]] = []
         for number, along in enumerate(self.along):
             curve = along.curve
             for at_start, why in zip((True, False), curve.ends, strict=True):
@@ -427,13 +427,13 @@ class SingleFreedom:
                 last = curve.nodes.values[0 if at_start else -1]
                 crossing = crossing_near(along.closure, last)
                 values = last if crossing is None else crossing.values
-                for _, there, ends in found:
+                for _, there, ends in crossings:
                     if np.max(np.abs(curve.wrapped(values - there))) < SAME_CROSSING:
                         ends.append((number, at_start))
                         break
                 else:
-                    found.append((crossing, values, [(number, at_start)]))
-        return tuple(self._crossing(*each) for each in found)
+                    crossings.append((crossing, values, [(number, at_start)]))
+        return tuple(self._crossing(*entry) for entry in crossings)
 
     def _crossing(
         self, crossing: Crossing | None, values: Floats, ends: list[tuple[int, bool]]
@@ -500,10 +500,10 @@ class SingleFreedom:
             return None
         solver, motion = self.tracer.solver, self.tracer.sparse(SAMPLED)
         reference = np.zeros((1, motion.values.shape[1]))
-        known = motion.values[~motion.failed]
+        closed = motion.values[~motion.failed]
         if solver.closure.at(reference).gap[0] < CLOSURE_TOLERANCE:
-            known = np.concatenate([reference, known])
-        freedoms = [solver.freedoms(values, SINGULAR) for values in known]
+            closed = np.concatenate([reference, closed])
+        freedoms = [solver.freedoms(values, SINGULAR) for values in closed]
         return min(freedoms) if freedoms and min(freedoms) > 1 else None
 
 
@@ -528,15 +528,15 @@ def ordered_pole(
 
 def _rate(along: AlongCurve, of: int, to: int, s: Floats) -> tuple[Floats, Floats]:
     """Return the rate of a link relative to another at s, and its slope, (n,)."""
-    found = along.signed(pole_of(of, to), s)
+    rate = along.signed(pole_of(of, to), s)
     sign = 1.0 if of > to else -1.0
-    return sign * found.w, sign * found.dw
+    return sign * rate.w, sign * rate.dw
 
 
 def _errors(links: FourLinks, axes: dict[Pole, Axis]) -> Floats:
     """Return (n,) the largest error bound of the axes of four links."""
-    found = np.stack([axes[pole].error for pole in poles_of(links)])
-    return np.asarray(np.max(found, axis=0))
+    errors = np.stack([axes[pole].error for pole in poles_of(links)])
+    return np.asarray(np.max(errors, axis=0))
 
 
 def _volume(rates: LinkRates, links: FourLinks) -> tuple[Floats, Floats]:
@@ -568,11 +568,11 @@ def _doubts(
             )
     for k, (one, other) in enumerate(pairwise(groups)):
         kinds = {one.kind(driven, wanted), other.kind(driven, wanted)}
-        gap, known = other.s - one.s, one.error + other.error
-        if Type.APPARENT not in kinds and len(kinds) == 2 and gap < BESIDE * known:
+        gap, uncertainty = other.s - one.s, one.error + other.error
+        if Type.APPARENT not in kinds and len(kinds) == 2 and gap < BESIDE * uncertainty:
             notes[k] = notes[k + 1] = (
                 f"undecided within tolerance: input and output vanish {gap:.3g} rad "
-                f"apart, and the places are known to {known:.3g} rad"
+                f"apart, and the places are known to {uncertainty:.3g} rad"
             )
     return notes
 
@@ -590,8 +590,8 @@ def _disagreement(
     if relation.kind == LinkCount.SAME_POLE:
         return "the output is the input, and c and d are constant"
     if kind == Type.III:
-        own = pole_of(*relation.output)
-        still = [f"{names[a]} and {names[b]}" for a, b in resting if (a, b) != own]
+        output = pole_of(*relation.output)
+        still = [f"{names[a]} and {names[b]}" for a, b in resting if (a, b) != output]
         cause = (
             "links " + ", ".join(still) + " stand still relative to each other"
             if still
@@ -605,7 +605,7 @@ def _disagreement(
             "vanish, and y'/q' = d/c stays finite"
         )
     told, wanted = (
-        "nothing vanishes" if each is None else f"type {each}" for each in (kind, fact)
+        "nothing vanishes" if case is None else f"type {case}" for case in (kind, fact)
     )
     return (
         f"c and d say: {told}; the rates: {wanted}; a coefficient nearly vanishes, or is "

@@ -75,19 +75,19 @@ def configurations(solver: Solver, q: Floats) -> tuple[Floats, NDArray[np.intp]]
     With them the row (n,) of q that each belongs to.
     """
     variables = len(solver.mechanism.variable_owners)
-    found, rows = [np.zeros((0, variables))], [np.zeros(0, dtype=np.intp)]
+    parts, rows = [np.zeros((0, variables))], [np.zeros(0, dtype=np.intp)]
     if solver.assembly.has_closed_form:
         for signs in product((1, -1), repeat=len(solver.assembly.groups)):
             here = solver.evaluate(AssemblyMode(0, signs), q)
             closed = np.flatnonzero(here.status == Status.OK)
-            found.append(here.values[closed])
+            parts.append(here.values[closed])
             rows.append(closed)
     else:
         for row, wanted in enumerate(q):
             modes = assemblies(solver, wanted).modes
-            found += [values[None] for _, values in modes]
+            parts += [values[None] for _, values in modes]
             rows.append(np.full(len(modes), row))
-    return np.concatenate(found), np.concatenate(rows)
+    return np.concatenate(parts), np.concatenate(rows)
 
 
 def slices(
@@ -127,8 +127,8 @@ def slices(
             if k != free
         }
         locked = lock(solver.closure, fixed)
-        found, _ = configurations(solver, q)
-        todo = found[:, list(locked.kept)]
+        starts, _ = configurations(solver, q)
+        todo = starts[:, list(locked.kept)]
         while len(todo) and budget.goes_on(f"slice {number + 1} of {len(held)}"):
             given, todo = todo[0], todo[1:]
             try:
@@ -168,7 +168,7 @@ def cut(
         low + (high - low) * (np.arange(values_of_each) + 0.5) / values_of_each
         for low, high in ranges
     ]
-    found: list[Slice] = []
+    sections: list[Slice] = []
     notes = []
     count = len(ranges)
     for free in range(count):
@@ -177,12 +177,12 @@ def cut(
         held = np.zeros((mesh[0].size, count))
         held[:, others] = np.stack([axis.ravel() for axis in mesh], axis=1)
         held = held[_spread_out(len(held))]
-        own = budget.part(1.0 / (count - free))
-        found += slices(solver, free, held, own)
-        if own.note:
-            notes.append(f"{own.note} with input {free + 1} free")
+        share = budget.part(1.0 / (count - free))
+        sections += slices(solver, free, held, share)
+        if share.note:
+            notes.append(f"{share.note} with input {free + 1} free")
     gaps = tuple((high - low) / values_of_each for low, high in ranges)
-    return Cut(tuple(found), gaps, "; ".join(notes))
+    return Cut(tuple(sections), gaps, "; ".join(notes))
 
 
 def _spread_out(count: int) -> NDArray[np.intp]:
@@ -192,17 +192,18 @@ def _spread_out(count: int) -> NDArray[np.intp]:
     return np.array([k for k in turned if k < count], dtype=np.intp)
 
 
-def seeds(each: Slice, locus: Locus) -> LocusPoints:
+def seeds(section: Slice, locus: Locus) -> LocusPoints:
     """Return the singular configurations on a slice."""
 
     def along(points: CurvePoints) -> tuple[Floats, Floats]:
-        space = locus.space(each.locked.whole(points.values))
+        space = locus.space(section.locked.whole(points.values))
         measure = locus.measure(space)
         ways = (
-            np.swapaxes(space.basis, 1, 2) @ each.locked.rates(points.tangents)[..., None]
+            np.swapaxes(space.basis, 1, 2)
+            @ section.locked.rates(points.tangents)[..., None]
         )
         return measure.value, np.sum(measure.gradient * ways[..., 0], axis=1)
 
-    places = each.curve.locate(along).places
-    found = locus.onto(each.locked.whole(each.curve.at(places).values))
-    return found.rows(np.flatnonzero(found.good))
+    places = section.curve.locate(along).places
+    locus_points = locus.onto(section.locked.whole(section.curve.at(places).values))
+    return locus_points.rows(np.flatnonzero(locus_points.good))

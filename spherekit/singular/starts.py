@@ -62,11 +62,11 @@ class Seeding:
         """Yield points of the locus, as long as that is worth the time."""
         if self.cut is not None:
             every = self.cut.slices
-            for number, each in enumerate(every):
+            for number, section in enumerate(every):
                 if not self.budget.goes_on(f"slice curve {number + 1} of {len(every)}"):
                     return
                 self.searched += 1
-                yield self._counted(seeds(each, self.locus))
+                yield self._counted(seeds(section, self.locus))
             return
         random = np.random.default_rng(SEED)
         for number in range(MOST_ROUNDS):
@@ -123,8 +123,8 @@ def closed_configurations(
         rolled = [list(meshes.at(q).values()) for q in start[:, held]]
         held += list(meshes.variables)
         start[:, list(meshes.variables)] = rolled
-    found = solver.closure.solve(start, held, iterations=CLOSING_STEPS)
-    return found.values[found.residual < CLOSURE_TOLERANCE]
+    solution = solver.closure.solve(start, held, iterations=CLOSING_STEPS)
+    return solution.values[solution.residual < CLOSURE_TOLERANCE]
 
 
 def points_from(locus: Locus, values: Floats, driven: Sequence[int]) -> LocusPoints:
@@ -134,18 +134,18 @@ def points_from(locus: Locus, values: Floats, driven: Sequence[int]) -> LocusPoi
     so that the others stay in their ranges.
     """
     count = len(driven)
-    found = []
+    parts = []
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         for way in range(count + 1):
-            own = values[way :: count + 1]
+            starts = values[way :: count + 1]
             if way == count:
-                found.append(locus.onto(own, LOCUS_STEPS))
+                parts.append(locus.onto(starts, LOCUS_STEPS))
                 continue
             held = [variable for k, variable in enumerate(driven) if k != way]
-            borders = np.zeros((len(own), len(held), own.shape[1]))
+            borders = np.zeros((len(starts), len(held), starts.shape[1]))
             borders[:, range(len(held)), held] = 1.0
-            motion = locus.measure(locus.space(own)).motion
-            targets = own[:, held]
-            found.append(locus.correct(own, motion, borders, targets, most=LOCUS_STEPS))
-    points = LocusPoints.joined(found)
+            motion = locus.measure(locus.space(starts)).motion
+            targets = starts[:, held]
+            parts.append(locus.correct(starts, motion, borders, targets, most=LOCUS_STEPS))
+    points = LocusPoints.joined(parts)
     return points.rows(np.flatnonzero(points.good))

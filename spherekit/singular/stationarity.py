@@ -85,8 +85,8 @@ class OutputStationary:
         used = (paths[self.link] - paths[self.relative_to])[:, None]
         watched = np.swapaxes(space.at.placed[:, self.link] @ self._watched, 1, 2)
         turning = used * space.at.vectors
-        own = paths[self.link][:, None] * space.at.vectors
-        w = np.einsum("nvg,nvk->ngk", space.directions, own)
+        of_link = paths[self.link][:, None] * space.at.vectors
+        w = np.einsum("nvg,nvk->ngk", space.directions, of_link)
         moved = cross(w[:, :, None], watched[:, None])
         rows = watched @ np.swapaxes(turning, 1, 2)
         change = moved @ np.swapaxes(turning, 1, 2)[:, None]
@@ -133,10 +133,10 @@ def output_of(
     several = output is None and len(mechanism.outputs) > 1
     chosen = mechanism.outputs[0] if several else chosen_output(mechanism, output)
     number = mechanism.link_number
-    found = chosen.direction if len(mechanism.inputs) == 2 else None
+    direction = chosen.direction if len(mechanism.inputs) == 2 else None
     if pointing is not None:
-        found = _direction(mechanism, chosen.link, pointing)
-    return OutputStationary(number[chosen.link], number[chosen.relative_to], found)
+        direction = _direction(mechanism, chosen.link, pointing)
+    return OutputStationary(number[chosen.link], number[chosen.relative_to], direction)
 
 
 def _direction(

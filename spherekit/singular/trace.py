@@ -126,39 +126,39 @@ class _LocusPath(CurvePath[_Node]):
     def step_to(self, at: _Node, way: float) -> tuple[_Node, float] | None:
         """Return the node at this projection on the tangent if it passes all tests."""
         tests, parts, point = self.verification, way * STEP_PARTS, at.point
-        found = self.locus.correct(
+        points = self.locus.correct(
             taylor(at, parts),
             point.motions + parts[:, None] * point.turns[0, :, 0],
             np.stack([at.tangent, at.tangent])[:, None],
             (float(at.tangent @ at.values) + parts)[:, None],
             point.basis[0],
         )
-        if not np.all(found.good):
+        if not np.all(points.good):
             return None
-        if not np.all(tests.corrected(found.first_step, found.ratio, way)):
+        if not np.all(tests.corrected(points.first_step, points.ratio, way)):
             return None
-        turned = np.einsum("nv,v->n", found.tangents[:, :, 0], at.tangent)
+        turned = np.einsum("nv,v->n", points.tangents[:, :, 0], at.tangent)
         flip = np.sign(turned)[:, None, None]
-        found.tangents[:] *= flip
-        found.turns[:] *= flip
+        points.tangents[:] *= flip
+        points.turns[:] *= flip
         before = _bordered(point, at.tangent)
         inverse = np.linalg.pinv(before)
         moved = [
             float(
                 np.linalg.norm(
-                    inverse @ (_bordered(found.rows(slice(k, k + 1)), at.tangent) - before)
+                    inverse @ (_bordered(points.rows(slice(k, k + 1)), at.tangent) - before)
                 )
             )
             for k in (0, 1)
         ]
         if not tests.regular(np.array(moved), np.abs(turned)):
             return None
-        last = found.rows(slice(1, 2))
+        last = points.rows(slice(1, 2))
         both = LocusPoints.joined([point, last])
         chord = last.values[0] - at.values
-        part = (found.values[0] - at.values) @ chord / (chord @ chord)
+        part = (points.values[0] - at.values) @ chord / (chord @ chord)
         middle, _ = predict(both, np.zeros(1, dtype=np.intp), np.array([part]))
-        miss = float(np.max(np.abs(middle[0] - found.values[0])))
+        miss = float(np.max(np.abs(middle[0] - points.values[0])))
         if not tests.predicted(miss, way, tests.slack):
             return None
         bend = (last.tangents[0, :, 0] - at.tangent) / float(np.linalg.norm(chord))

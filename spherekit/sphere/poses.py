@@ -69,8 +69,8 @@ def turns_between(first: Floats, second: Floats) -> Turns:
     status = np.full(len(angle), TurnStatus.OK, dtype=np.int8)
     status[2.0 * scalar <= ROUNDING] = TurnStatus.NO_SENSE
     status[angle * USABLE_DIRECTION <= ROUNDING] = TurnStatus.NO_AXIS
-    known = (status != TurnStatus.NO_AXIS)[:, None]
-    axis = np.where(known, vector / np.where(known, sine[:, None], 1.0), np.nan)
+    has_axis = (status != TurnStatus.NO_AXIS)[:, None]
+    axis = np.where(has_axis, vector / np.where(has_axis, sine[:, None], 1.0), np.nan)
     largest = np.argmax(np.abs(vector), axis=1)
     back = (status == TurnStatus.NO_SENSE) & (vector[np.arange(len(vector)), largest] < 0.0)
     return Turns(np.where(back[:, None], -axis, axis), angle, status)

@@ -135,7 +135,9 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
         If the centre is not a unit vector, the colatitude leaves (0, pi), or the curve
         has a cusp (it can come to one only where it almost reaches an axis).
     """
-    even, odd = (np.ravel(np.array(each, dtype=float)) for each in (cosines, sines))
+    even, odd = (
+        np.ravel(np.array(coefficients, dtype=float)) for coefficients in (cosines, sines)
+    )
     size = max(len(even), len(odd), 1)
     series = np.zeros((2, size))
     series[0, : len(even)], series[1, : len(odd)] = even, odd

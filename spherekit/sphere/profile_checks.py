@@ -90,11 +90,13 @@ def check_simple(path: SplinePath) -> None:
     middle, length = 0.5 * (a + b), np.sqrt(dot(b - a, b - a))
     size = np.floor(np.log2(length))
     total = len(a)
-    for each in np.unique(size):
-        these, shorter = np.flatnonzero(size == each), np.flatnonzero(size <= each)
-        found = cKDTree(middle[shorter]).query_ball_point(middle[these], 2.0 ** (each + 1))
-        i = np.repeat(these, [len(row) for row in found])
-        j = shorter[np.concatenate([np.asarray(row, dtype=int) for row in found])]
+    for exponent in np.unique(size):
+        these, shorter = np.flatnonzero(size == exponent), np.flatnonzero(size <= exponent)
+        neighbours = cKDTree(middle[shorter]).query_ball_point(
+            middle[these], 2.0 ** (exponent + 1)
+        )
+        i = np.repeat(these, [len(row) for row in neighbours])
+        j = shorter[np.concatenate([np.asarray(row, dtype=int) for row in neighbours])]
         apart = np.minimum((i - j) % total, (j - i) % total) > 1
         gap = middle[i] - middle[j]
         close = np.sqrt(dot(gap, gap)) <= 0.5 * (length[i] + length[j]) * (1.0 + 1e-9)

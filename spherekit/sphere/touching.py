@@ -58,9 +58,9 @@ def _starts(curves: tuple[Curve, Curve]) -> Floats:
     if not curves[1].closed:
         along = np.hstack([far, cosine, far])
     top = (cosine >= along[:, :-2]) & (cosine >= along[:, 2:])
-    found = top & (cosine > np.cos(turn + second_turn))
-    found.flat[np.argmax(cosine)] = True
-    first, second = np.nonzero(found)
+    maxima = top & (cosine > np.cos(turn + second_turn))
+    maxima.flat[np.argmax(cosine)] = True
+    first, second = np.nonzero(maxima)
     return np.stack([one[first], other[second]], axis=1)
 
 
@@ -89,11 +89,13 @@ def _downhill(curves: tuple[Curve, Curve], s: Floats) -> tuple[Floats, Floats]:
     damping = np.full(len(s), 1e-6)
     active = np.arange(len(s))
     for _ in range(STEPS):
-        own, away = columns[active], vector[active, :, None]
-        size = np.sum(own * own, axis=(1, 2))
-        normal = transpose(own) @ own + (damping[active] * size)[:, None, None] * np.eye(2)
-        change = np.linalg.solve(normal, -(transpose(own) @ away))
-        left = np.linalg.norm((own @ change + away)[..., 0], axis=1)
+        jacobian, away = columns[active], vector[active, :, None]
+        size = np.sum(jacobian * jacobian, axis=(1, 2))
+        normal = transpose(jacobian) @ jacobian + (damping[active] * size)[
+            :, None, None
+        ] * np.eye(2)
+        change = np.linalg.solve(normal, -(transpose(jacobian) @ away))
+        left = np.linalg.norm((jacobian @ change + away)[..., 0], axis=1)
         change = change[..., 0]
         longest = np.max(np.abs(change), axis=1)
         change *= np.minimum(1.0, LONGEST / np.maximum(longest, LONGEST))[:, None]
@@ -121,7 +123,7 @@ def _apart(curves: tuple[Curve, Curve], s: Floats) -> tuple[Floats, Floats]:
 
     The derivatives are those at equal frames.
     """
-    one, other = (curve.at(each) for curve, each in zip(curves, s.T, strict=True))
+    one, other = (curve.at(lengths) for curve, lengths in zip(curves, s.T, strict=True))
     vector = rotation_vector(one.frame @ transpose(other.frame))
     columns = np.stack(
         [

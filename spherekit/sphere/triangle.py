@@ -112,8 +112,8 @@ def close_dyad(
         short = norm[:, 0] == 0.0
         if np.any(short):
             side[short], norm[short] = perpendicular(outer[short]), 1.0
-        own = frame_from(outer, side / norm)
-        return frame_from(axis, tangent) @ transpose(own)
+        frame = frame_from(outer, side / norm)
+        return frame_from(axis, tangent) @ transpose(frame)
 
     near_rotation = placed(first, cross(normal, first), at_first, near)
     far_rotation = placed(second, -cross(normal, second), at_second, far)

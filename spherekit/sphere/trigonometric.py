@@ -164,12 +164,12 @@ def _zeros(form: Complexes) -> tuple[Complexes, Complexes]:
 class _Steps:
     """The elimination at n values of the first angle, along its last axis but one.
 
-    `known` (n, 3) is the first equation's form in the second angle, `seconds` (n, 2, 3)
-    its zeros as points of the second angle, `forms` (n, 2, 2, 3) of both other
+    `quadratics` (n, 3) is the first equation's form in the second angle, `seconds`
+    (n, 2, 3) its zeros as points of the second angle, `forms` (n, 2, 2, 3) of both other
     equations in the third, `resultants` and `scales` (n, 2), `weight` (n,).
     """
 
-    known: Complexes
+    quadratics: Complexes
     seconds: Complexes
     forms: Complexes
     resultants: Complexes
@@ -178,13 +178,13 @@ class _Steps:
 
     @staticmethod
     def at(equations: Floats, first: Numbers) -> "_Steps":
-        known = np.tensordot(first.astype(complex), equations, axes=(1, 1))
-        seconds, weight = _zeros(known[:, 0, :, 0])
-        forms = np.einsum("nkyz,nsy->nskz", known[:, 1:], seconds)
+        remaining = np.tensordot(first.astype(complex), equations, axes=(1, 1))
+        seconds, weight = _zeros(remaining[:, 0, :, 0])
+        forms = np.einsum("nkyz,nsy->nskz", remaining[:, 1:], seconds)
         normal = np.cross(forms[:, :, 0], forms[:, :, 1])
         resultants = normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
         scales = np.prod(np.sum(np.abs(forms) ** 2, axis=3), axis=2)
-        return _Steps(known[:, 0, :, 0], seconds, forms, resultants, scales, weight)
+        return _Steps(remaining[:, 0, :, 0], seconds, forms, resultants, scales, weight)
 
 
 def _solutions(
@@ -202,17 +202,17 @@ def _solutions(
     every += [_angle(seconds), _angle(thirds)]
     start = np.stack(every, axis=3).reshape(-1, 3)
     held = np.all(np.isfinite(start), axis=1)
-    found = _polished(equations, start[held])
-    good = found.residual < CLOSED
-    good &= np.abs(found.angles[:, 0] - start[held, 0]) < CLUSTER
-    angles, flat = found.angles[good], found.flat[good]
+    solutions = _polished(equations, start[held])
+    good = solutions.residual < CLOSED
+    good &= np.abs(solutions.angles[:, 0] - start[held, 0]) < CLUSTER
+    angles, flat = solutions.angles[good], solutions.flat[good]
     new = _are_new(angles)
     angles, flat = angles[new], flat[new]
     turned = np.exp(1j * first)[:, None]
     with_roots = np.sum(np.abs(turned / turned.T - 1.0) < CLUSTER, axis=1)
     near = np.abs(turned / np.exp(1j * angles[:, 0]) - 1.0) < CLUSTER
     short = (np.sum(near, axis=1) < with_roots) & ~np.any(near & flat, axis=1)
-    size = np.linalg.norm(steps.known, axis=1) / np.linalg.norm(equations[0])
+    size = np.linalg.norm(steps.quadratics, axis=1) / np.linalg.norm(equations[0])
     vague = size < UNDETERMINED
     lost = ~np.any(near, axis=1) | short | vague
     return angles, int(np.sum(lost & (np.abs(first.imag) < NEAR_CIRCLE)))
@@ -256,8 +256,8 @@ def followed(equations: Floats, angles: Complexes) -> Complexes:
 
     As many as the equations have are all of them, wherever the angles came from.
     """
-    found = _polished(equations, angles)
-    reached = found.angles[found.residual < CLOSED]
+    solutions = _polished(equations, angles)
+    reached = solutions.angles[solutions.residual < CLOSED]
     return np.asarray(reached[_are_new(reached)])
 
 
@@ -287,6 +287,6 @@ def _jacobian(equations: Floats, angles: Complexes) -> Complexes:
 
 def _values(equations: Floats, points: Numbers) -> Complexes:
     """Return the equations' values (n, 3) at points (3, n, 3) of the three angles."""
-    known = np.tensordot(points[0], equations, axes=(1, 1))
-    known = np.einsum("nkyz,ny->nkz", known, points[1])
-    return np.asarray(np.einsum("nkz,nz->nk", known, points[2]), dtype=complex)
+    values = np.tensordot(points[0], equations, axes=(1, 1))
+    values = np.einsum("nkyz,ny->nkz", values, points[1])
+    return np.asarray(np.einsum("nkz,nz->nk", values, points[2]), dtype=complex)

@@ -21,29 +21,29 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     Settings of a representation are on a curve and named by their nodes, the others are
     numbered; a tolerance is a line, and its choice a mark.
     """
-    own = [each for each in trade.settings if each.counts]
-    points = _points(trade, own)
+    counting = [candidate for candidate in trade.settings if candidate.counts]
+    points = _points(trade, counting)
     (left, bottom), (right, top) = _frame(points)
     curves, marks = [], []
     for k, kind in enumerate(SERIES):
-        which = [n for n, each in enumerate(own) if _series(each) == kind]
+        which = [n for n, candidate in enumerate(counting) if _series(candidate) == kind]
         if which:
             label = f"{kind}, by the number of nodes"
             curves.append(PlaneCurve(points[which], 2 + k, label))
     front = _points(trade, trade.pareto)
     curves.append(PlaneCurve(front, FRONT, "no other is quicker and as accurate"))
     numbered = 0
-    for each, place in zip(own, points, strict=True):
-        kind = _series(each)
-        is_best = each in trade.pareto
-        if kind in SERIES and each.setting is not None:
+    for measured, place in zip(counting, points, strict=True):
+        kind = _series(measured)
+        is_best = measured in trade.pareto
+        if kind in SERIES and measured.setting is not None:
             tone = FRONT if is_best else 2 + SERIES.index(kind)
-            marks.append(Mark(str(each.setting.nodes), place, tone))
+            marks.append(Mark(str(measured.setting.nodes), place, tone))
             continue
         numbered += 1
         tone = FRONT if is_best else EVALUATED
         marks.append(Mark(str(numbered), place, tone))
-        words = f"{numbered}: {each.name}, {each.error:.1e}"
+        words = f"{numbered}: {measured.name}, {measured.error:.1e}"
         curves.append(PlaneCurve(place[None], tone, words))
     if tolerance is not None:
         line = np.array([[left, tolerance], [right, tolerance]])
@@ -75,13 +75,13 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     )
 
 
-def _series(each: Measured) -> str:
-    return "" if each.setting is None else each.setting.representation
+def _series(measured: Measured) -> str:
+    return "" if measured.setting is None else measured.setting.representation
 
 
-def _points(trade: Trade, own: Sequence[Measured]) -> Floats:
+def _points(trade: Trade, counting: Sequence[Measured]) -> Floats:
     """Return (n, 2) times and errors."""
-    rows = [(each.total(trade.samples), each.error) for each in own]
+    rows = [(measured.total(trade.samples), measured.error) for measured in counting]
     return np.asarray(np.maximum(np.array(rows, dtype=float).reshape(-1, 2), LEAST))
 
 

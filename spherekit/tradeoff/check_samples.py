@@ -71,5 +71,5 @@ def _peaks(bound: Floats) -> NDArray[np.intp]:
     """Return the flat numbers of the highest local maxima along the samples."""
     beside = np.pad(bound, ((0, 0), (1, 1)), constant_values=-1.0)
     top = (bound >= beside[:, :-2]) & (bound >= beside[:, 2:])
-    found = np.flatnonzero(top)
-    return found[np.argsort(bound.ravel()[found])[::-1][:PEAKS]]
+    tops = np.flatnonzero(top)
+    return tops[np.argsort(bound.ravel()[tops])[::-1][:PEAKS]]

@@ -61,8 +61,8 @@ class Choice:
     @property
     def met(self) -> bool:
         """Whether the tolerance is met at the check rows, or those of the trade."""
-        known = self.achieved if self.rows else self.predicted
-        return bool(known <= self.tolerance)
+        error = self.achieved if self.rows else self.predicted
+        return bool(error <= self.tolerance)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it ready for JSON."""
@@ -112,23 +112,25 @@ def choose(
         setting, predicted, why = _of_trades(stored, tolerance, study.count, "stored")
     elif study.count >= WORTH:
         trades = []
-        for each in analyses:
+        for analysis in analyses:
             with suppress(AnalysisError, PluginError):  # the run says what fails
-                if not each.trades and _reads(mechanism, each):
-                    own = trade(study, each, settings=SHORT, checked=CHECKED, rounds=1)
-                    trades.append(own)
+                if not analysis.trades and _reads(mechanism, analysis):
+                    short_trade = trade(
+                        study, analysis, settings=SHORT, checked=CHECKED, rounds=1
+                    )
+                    trades.append(short_trade)
         if trades:
             setting, predicted, why = _of_trades(trades, tolerance, study.count, "short")
     course = course_of(study)
-    found: list[Deviation] = []
+    collected: list[Deviation] = []
     rows = 0
-    for each in analyses:
+    for analysis in analyses:
         with suppress(AnalysisError, PluginError):
-            bench = Benchmark.of(course, each)
-            if bench.reads_poles and not each.trades:
+            bench = Benchmark.of(course, analysis)
+            if bench.reads_poles and not analysis.trades:
                 deviations, rows = bench.checked(setting, CHECK_ROWS)
-                found += deviations
-    largest = worst(found)
+                collected += deviations
+    largest = worst(collected)
     return Choice(
         setting,
         tolerance,
@@ -164,29 +166,30 @@ def stored_for(
     AnalysisError
         If one was made for another run, or an analysis has none.
     """
-    found: dict[str, Trade] = {}
+    trades: dict[str, Trade] = {}
     for place in places:
-        own = read_trade(place)
-        named = [each for each in analyses if each.name == own.analysis]
+        record = read_trade(place)
+        named = [analysis for analysis in analyses if analysis.name == record.analysis]
         if not named:
             raise AnalysisError(
-                f"{place}: the trade is of analysis {own.analysis}, which is not run; the "
-                f"run has {listing(each.name for each in analyses)}: leave this --trade out"
+                f"{place}: the trade is of analysis {record.analysis}, which is not run; "
+                f"the run has {listing(analysis.name for analysis in analyses)}: leave "
+                "this --trade out"
             )
-        check_run(own, run_of(study, named[0]), place)
-        if all(each.setting is None for each in own.settings):
+        check_run(record, run_of(study, named[0]), place)
+        if all(measured.setting is None for measured in record.settings):
             raise AnalysisError(
-                f"{place}: the trade is of parameters of {own.analysis}, not of ways to "
+                f"{place}: the trade is of parameters of {record.analysis}, not of ways to "
                 "run it; give the parameter with -a NAME:key=value, and leave --trade out"
             )
-        found[own.analysis] = own
-    lacking = [each.name for each in analyses if each.name not in found]
+        trades[record.analysis] = record
+    lacking = [analysis.name for analysis in analyses if analysis.name not in trades]
     if lacking:
         raise AnalysisError(
             f"--trade: there is none of {listing(lacking)}; make it with: spherekit trade "
             f"FILE -a {lacking[0]} -o DIR, and give --trade once for each analysis"
         )
-    return list(found.values())
+    return list(trades.values())
 
 
 def _reads(mechanism: Mechanism, analysis: AbstractAnalysis) -> bool:
@@ -200,14 +203,20 @@ def _of_trades(
     """Return the cheapest setting that meets a tolerance in all trades, its error, why."""
     errors: dict[Setting, float] = {}
     seconds: dict[Setting, float] = {}
-    for number, found in enumerate(trades):
-        own = {
-            each.setting: each for each in found.settings if each.setting and each.counts
+    for number, record in enumerate(trades):
+        by_setting = {
+            measured.setting: measured
+            for measured in record.settings
+            if measured.setting and measured.counts
         }
-        kept = own if number == 0 else {s: e for s, e in own.items() if s in errors}
+        kept = (
+            by_setting
+            if number == 0
+            else {s: e for s, e in by_setting.items() if s in errors}
+        )
         errors = {s: max(e.error, errors.get(s, 0.0)) for s, e in kept.items()}
         seconds = {s: e.total(samples) + seconds.get(s, 0.0) for s, e in kept.items()}
-    names = listing(each.analysis for each in trades)
+    names = listing(item.analysis for item in trades)
     good = [s for s, error in errors.items() if MARGIN * error <= tolerance]
     if good:
         chosen = recommended({s: (seconds[s], errors[s]) for s in good})

@@ -39,7 +39,17 @@ def scale_words(column: Column) -> str:
     if is_absolute(column):
         return f"absolute {column.unit}".strip()
     in_unit = f" in {column.unit}" if column.unit else ""
-    return f"relative to the largest number{in_unit} of the table"
+    words = f"relative to the largest number{in_unit} of the table"
+    whole = _integrated(column.unit)
+    if whole is None:
+        return words
+    return f"{words}; if that is rounding, {f'in {whole}' if whole else 'without unit'}"
+
+
+def _integrated(unit: str) -> str | None:
+    """Return the unit of what a column is a derivative of by an angle, else None."""
+    whole = unit.removesuffix("/rad")
+    return None if whole == unit else whole.removeprefix("1")
 
 
 def deviations(
@@ -50,7 +60,8 @@ def deviations(
     """Yield the deviation of every column of numbers in tables of equal rows.
 
     Errors that are not absolute are over the largest reference of all such columns of the
-    table with the same unit: a torque that balances others may itself be rounding.
+    table with the same unit: a torque that balances others may itself be rounding. Where
+    all derivatives by an angle are, they are over what they are derivatives of.
     """
     for table in tables:
         ours, theirs = given[table.name], reference[table.name]
@@ -63,10 +74,16 @@ def deviations(
             size = float(np.max(values[np.isfinite(values)], initial=0.0))
             largest[column.unit] = max(size, largest.get(column.unit, 0.0))
         for column in results:
-            scale = 1.0 if is_absolute(column) else largest[column.unit] or 1.0
+            scale = 1.0 if is_absolute(column) else _scale(largest, column.unit)
             one = np.asarray(ours[column.name], dtype=float)
             other = np.asarray(theirs[column.name], dtype=float)
             yield _of_column(table.name, column, one, other, scale)
+
+
+def _scale(largest: Mapping[str, float], unit: str) -> float:
+    size, whole = largest[unit], _integrated(unit)
+    before = 0.0 if whole is None else largest.get(whole, 0.0)
+    return (size if size > EPS * before else before) or 1.0
 
 
 def _of_column(
@@ -79,17 +96,17 @@ def _of_column(
     if len(ours) != len(theirs):
         lost = int(np.sum(np.isfinite(theirs)))
         return Deviation(table, column.name, np.inf, scale, lost, lost)
-    known = np.isfinite(theirs)
-    both = known & np.isfinite(ours)
+    expected = np.isfinite(theirs)
+    both = expected & np.isfinite(ours)
     off = np.abs(ours[both] - theirs[both])
     if column.unit == "rad":
         off = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
     error = max(float(np.max(off, initial=0.0)) / scale, EPS)
-    missing = int(np.sum(known & ~both))
-    return Deviation(table, column.name, error, scale, int(np.sum(known)), missing)
+    missing = int(np.sum(expected & ~both))
+    return Deviation(table, column.name, error, scale, int(np.sum(expected)), missing)
 
 
-def worst(found: Sequence[Deviation]) -> Deviation | None:
+def worst(compared: Sequence[Deviation]) -> Deviation | None:
     """Return the deviation with the largest error, None if nothing was compared."""
-    told = [each for each in found if each.compared > each.missing]
-    return max(told, key=lambda each: each.error, default=None)
+    told = [deviation for deviation in compared if deviation.compared > deviation.missing]
+    return max(told, key=lambda deviation: deviation.error, default=None)

@@ -112,23 +112,23 @@ class Benchmark:
         first = time.process_time() - started
         signs, memory = [SignMemory() for _ in evaluation.requests], AngleMemory()
         mechanism, store = course.tracer.mechanism, InMemory()
-        own = [table.of(mechanism) for table in analysis.tables]
+        tables = [table.of(mechanism) for table in analysis.tables]
         size = evaluation.block if analysis.rowwise else len(course)
         for motion in evaluation.blocks(size):
-            found = evaluation.fields(motion, signs)
+            fields = evaluation.fields(motion, signs)
             angles = evaluation.angles(motion, memory)
             if toward is not None:
                 rows = motion.sample + np.repeat(
                     np.arange(len(motion.assembly_modes)) * len(course), motion.samples
                 )
-                found = tuple(
+                fields = tuple(
                     _turned(field, other, rows)
-                    for field, other in zip(found, toward.fields, strict=True)
+                    for field, other in zip(fields, toward.fields, strict=True)
                 )
-            made = self._computed(self._batch(plans, motion, found, angles))
-            for table in own:
+            made = self._computed(self._batch(plans, motion, fields, angles))
+            for table in tables:
                 store.add(analysis.name, table, made[table.name])
-        whole = {table.name: store.table(analysis.name, table) for table in own}
+        whole = {table.name: store.table(analysis.name, table) for table in tables}
         return whole, first, time.process_time() - started
 
     def reference(self) -> Reference:
@@ -167,8 +167,8 @@ class Benchmark:
         return self.deviations(given, reference.tables), len(motion)
 
     def _computed(self, batch: Batch) -> Tables:
-        own = [table.of(batch.mechanism) for table in self.analysis.tables]
-        made = computed(self.analysis, own, batch)
+        tables = [table.of(batch.mechanism) for table in self.analysis.tables]
+        made = computed(self.analysis, tables, batch)
         return {name: arrays(data) for name, data in made.items()}
 
     def _batch(
@@ -210,8 +210,8 @@ class Benchmark:
     def deviations(self, given: Tables, reference: Tables) -> list[Deviation]:
         """Return how far tables are off, column by column."""
         mechanism = self.course.tracer.mechanism
-        own = [table.of(mechanism) for table in self.analysis.tables]
-        return list(deviations(own, given, reference))
+        tables = [table.of(mechanism) for table in self.analysis.tables]
+        return list(deviations(tables, given, reference))
 
 
 def _turned(field: PoleField, toward: PoleField, rows: NDArray[np.intp]) -> PoleField:
@@ -255,7 +255,7 @@ def timing_loop(
         How often, and after how many seconds no further round begins.
     """
     began = time.monotonic()
-    found: dict[str, Measured] = {}
+    measured: dict[str, Measured] = {}
     alive: list[tuple[str, Runner]] = []
     times: dict[str, list[tuple[float, float]]] = {}
     working = Working("measuring settings")
@@ -266,15 +266,15 @@ def timing_loop(
             tables, first, _ = way(True)
             off = judge(tables)
         except SpherekitError as problem:
-            found[name] = Measured(name, setting, reason=str(problem))
+            measured[name] = Measured(name, setting, reason=str(problem))
             continue
         largest = worst(off)
-        found[name] = Measured(
+        measured[name] = Measured(
             name,
             setting,
             error=np.nan if largest is None else largest.error,
             column="" if largest is None else f"{largest.table}.{largest.column}",
-            missing=sum(each.missing for each in off),
+            missing=sum(deviation.missing for deviation in off),
             compile=first,
         )
         alive.append((name, way))
@@ -288,15 +288,15 @@ def timing_loop(
             words = f"{name}, round {number + 1} of {effort.rounds}"
             working.tell(words.__str__)
     for name, _ in alive:
-        made = found[name].setting
+        made = measured[name].setting
         compiles = made is not None and made.compiles
         before, after = np.array(times[name]).T
         first = float(np.min(before))
-        found[name] = replace(
-            found[name],
+        measured[name] = replace(
+            measured[name],
             first=first,
-            each=float(np.min(after)) / samples,
-            each_median=float(np.median(after)) / samples,
-            compile=max(found[name].compile - first, 0.0) if compiles else 0.0,
+            per_sample=float(np.min(after)) / samples,
+            per_sample_median=float(np.median(after)) / samples,
+            compile=max(measured[name].compile - first, 0.0) if compiles else 0.0,
         )
-    return [found[name] for name, *_ in ways]
+    return [measured[name] for name, *_ in ways]

@@ -29,18 +29,19 @@ ALIKE = 1.1
 class Measured:
     """One setting: what it took and how far its tables were off.
 
-    `first` (s) is what comes before any sample, such as nodes; `each` and `each_median`
-    (s) the best and the median time of a sample of all assembly modes; `compile` (s) what
-    compiling took. `error` is the largest scaled deviation, of `column`; `estimate` the
-    analysis's own. `missing` numbers were not given though they exist. `reason` says why
-    the setting does not apply, then all else is NaN. `setting` is None for a parameter.
+    `first` (s) is what comes before any sample, such as nodes; `per_sample` and
+    `per_sample_median` (s) the best and the median time of a sample of all assembly modes;
+    `compile` (s) what compiling took. `error` is the largest scaled deviation, of `column`;
+    `estimate` the analysis's own. `missing` numbers were not given though they exist.
+    `reason` says why the setting does not apply, then all else is NaN. `setting` is None
+    for a parameter.
     """
 
     name: str
     setting: Setting | None
     first: float = np.nan
-    each: float = np.nan
-    each_median: float = np.nan
+    per_sample: float = np.nan
+    per_sample_median: float = np.nan
     compile: float = 0.0
     error: float = np.nan
     column: str = ""
@@ -50,7 +51,7 @@ class Measured:
 
     def seconds(self, samples: int) -> float:
         """Return the time of a run with so many samples, without compiling."""
-        return self.first + self.each * samples
+        return self.first + self.per_sample * samples
 
     def total(self, samples: int) -> float:
         """Return the time of a run with so many samples, with compiling."""
@@ -101,7 +102,9 @@ class Trade:
     )
 
     def __repr__(self) -> str:
-        best = ", ".join(f"{each.name} ({each.error:.1e})" for each in self.pareto[:3])
+        best = ", ".join(
+            f"{measured.name} ({measured.error:.1e})" for measured in self.pareto[:3]
+        )
         return (
             f"<Trade of {self.analysis} on {self.mechanism}: {len(self.settings)} "
             f"settings, the quickest with their errors: {best}>"
@@ -111,10 +114,12 @@ class Trade:
     def pareto(self) -> tuple[Measured, ...]:
         """The settings that no other beats in both time and error, the quickest first."""
         best: list[Measured] = []
-        own = [each for each in self.settings if each.counts]
-        for each in sorted(own, key=lambda item: (item.total(self.samples), item.error)):
-            if not best or each.error < best[-1].error:
-                best.append(each)
+        counting = [candidate for candidate in self.settings if candidate.counts]
+        for measured in sorted(
+            counting, key=lambda item: (item.total(self.samples), item.error)
+        ):
+            if not best or measured.error < best[-1].error:
+                best.append(measured)
         return tuple(best)
 
     @property
@@ -134,9 +139,9 @@ class Trade:
         """
         check_tolerance(self.mechanism, tolerance)
         within = {
-            each: (each.total(self.samples), each.error)
-            for each in self.pareto
-            if MARGIN * each.error <= tolerance
+            measured: (measured.total(self.samples), measured.error)
+            for measured in self.pareto
+            if MARGIN * measured.error <= tolerance
         }
         return recommended(within) if within else None
 
@@ -161,7 +166,7 @@ class Trade:
     def as_dict(self, tolerance: float | None = None) -> dict[str, Any]:
         """Return everything ready for JSON."""
         chosen = None if tolerance is None else self.cheapest(tolerance)
-        names = {each.name for each in self.pareto}
+        names = {measured.name for measured in self.pareto}
         return {
             "mechanism": self.mechanism,
             "analysis": self.analysis,
@@ -178,7 +183,8 @@ class Trade:
                 for name, how, scale in self.columns
             ],
             "settings": [
-                _row(each, self.samples, each.name in names) for each in self.settings
+                _row(measured, self.samples, measured.name in names)
+                for measured in self.settings
             ],
             "tolerance": tolerance,
             "recommended": None if chosen is None else chosen.name,
@@ -194,25 +200,25 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
         )
 
 
-def _row(each: Measured, samples: int, pareto: bool) -> dict[str, Any]:
+def _row(measured: Measured, samples: int, pareto: bool) -> dict[str, Any]:
     def number(value: float) -> float | None:
         return float(value) if np.isfinite(value) else None
 
     return {
-        "name": each.name,
-        "what": "" if each.setting is None else each.setting.describe(),
-        "setting": None if each.setting is None else asdict(each.setting),
-        "applies": not each.reason,
-        "reason": each.reason,
-        "error": number(each.error),
-        "worst_column": each.column,
-        "own_estimate": number(each.estimate),
-        "missing": each.missing,
-        "seconds": number(each.seconds(samples)),
-        "seconds_median": number(each.first + each.each_median * samples),
-        "first_seconds": number(each.first),
-        "microseconds_per_sample": number(1e6 * each.each),
-        "compile_seconds": each.compile,
+        "name": measured.name,
+        "what": "" if measured.setting is None else measured.setting.describe(),
+        "setting": None if measured.setting is None else asdict(measured.setting),
+        "applies": not measured.reason,
+        "reason": measured.reason,
+        "error": number(measured.error),
+        "worst_column": measured.column,
+        "own_estimate": number(measured.estimate),
+        "missing": measured.missing,
+        "seconds": number(measured.seconds(samples)),
+        "seconds_median": number(measured.first + measured.per_sample_median * samples),
+        "first_seconds": number(measured.first),
+        "microseconds_per_sample": number(1e6 * measured.per_sample),
+        "compile_seconds": measured.compile,
         "pareto": pareto,
     }
 

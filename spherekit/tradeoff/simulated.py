@@ -52,29 +52,34 @@ def measured(bench: Benchmark, study: Study, effort: Effort) -> Found:
         other = replace(best, tolerance=tolerance)
         near = bench.deviations(solver.tables(other)[0], tables)
         words = f"simulation {best}, known to {_largest(near):.1e} from {other} ({reason})"
-        settings = [each for each in settings if each != best]
+        settings = [setting for setting in settings if setting != best]
 
     def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
         return solver.tables(setting, right if judged else None)
 
-    floors = {(each.table, each.column): each.error for each in near}
+    floors = {(deviation.table, deviation.column): deviation.error for deviation in near}
 
     def judge(given: Tables) -> list[Deviation]:
-        found = bench.deviations(given, tables)
+        deviations = bench.deviations(given, tables)
         return [
-            replace(each, error=max(each.error, floors.get((each.table, each.column), EPS)))
-            for each in found
+            replace(
+                deviation,
+                error=max(
+                    deviation.error, floors.get((deviation.table, deviation.column), EPS)
+                ),
+            )
+            for deviation in deviations
         ]
 
-    ways = [(str(each), each, partial(way, each)) for each in settings]
-    found = timing_loop(ways, judge, len(bench.course), effort)
-    found = [
-        replace(each, compile=compiling)
-        if each.setting and each.setting.integrator == "compiled" and not each.reason
-        else each
-        for each in found
+    ways = [(str(setting), setting, partial(way, setting)) for setting in settings]
+    results = timing_loop(ways, judge, len(bench.course), effort)
+    results = [
+        replace(result, compile=compiling)
+        if result.setting and result.setting.integrator == "compiled" and not result.reason
+        else result
+        for result in results
     ]
-    return words, _largest(near), tables, found
+    return words, _largest(near), tables, results
 
 
 @final
@@ -118,11 +123,11 @@ class _Solver:
     ) -> tuple[Tables, float, float]:
         """Return the tables by a setting with processor times, see `Bench.tables`."""
         started = time.process_time()
-        own = self.course(self.simulation(setting), setting)
+        course = self.course(self.simulation(setting), setting)
         solving = time.process_time() - started
-        if toward is not None and len(own) != _rows(toward):
+        if toward is not None and len(course) != _rows(toward):
             toward = None
-        tables, _, seconds = replace(self.bench, course=own).tables(Setting(), toward)
+        tables, _, seconds = replace(self.bench, course=course).tables(Setting(), toward)
         return tables, solving, solving + seconds
 
     def tightest(self) -> tuple[Setting, Simulation, float]:
@@ -135,8 +140,8 @@ class _Solver:
 
     def _tightest(self, integrator: Integrator) -> tuple[Setting, Simulation, float]:
         setting = Setting(integrator=integrator, tolerance=LEAST[integrator])
-        found = self.simulation(setting)
-        return setting, found, found.engine.compile_seconds
+        simulation = self.simulation(setting)
+        return setting, simulation, simulation.engine.compile_seconds
 
     def in_wide_numbers(
         self, simulation: Simulation
@@ -162,35 +167,35 @@ class _Solver:
 
     def _reference(self, simulation: Simulation, exact: ExactSimulation) -> Reference:
         """Return the tables at the times of a simulation from one in wide numbers."""
-        own = self.course(simulation, Setting(tolerance=LEAST["numpy"]))
-        assert own.t is not None
-        (motion,) = own.blocks(len(own))
-        found, (driven,) = exact.at(own.t), simulation.driven
+        course = self.course(simulation, Setting(tolerance=LEAST["numpy"]))
+        assert course.t is not None
+        (motion,) = course.blocks(len(course))
+        states, (driven,) = exact.at(course.t), simulation.driven
         floats = exact.arithmetic.floats
         turn = 2 * exact.arithmetic.pi()
         near = motion.values
-        turns = np.round((floats(found.values) - near) / (2.0 * np.pi))
-        values = floats(found.values - exact.arithmetic.exact(turns) * turn)
-        inputs = found.values[:, [driven]]
+        turns = np.round((floats(states.values) - near) / (2.0 * np.pi))
+        values = floats(states.values - exact.arithmetic.exact(turns) * turn)
+        inputs = states.values[:, [driven]]
         values[:, driven] = floats(inputs)[:, 0]
-        rates = [floats(x[:, [driven]]) for x in (found.rates, found.second)]
+        rates = [floats(x[:, [driven]]) for x in (states.rates, states.second)]
         if exact.kind == "sticking":
             # Dry friction jumps here, so nothing that depends on it is compared.
-            stuck = own.t >= min(float(exact.end), simulation.end.t)
-            for each in rates:
-                each[stuck] = np.nan
+            stuck = course.t >= min(float(exact.end), simulation.end.t)
+            for rate in rates:
+                rate[stuck] = np.nan
         motion = replace(
             motion,
             values=values,
             inputs=floats(inputs),
-            timing=Timing(floats(found.t), *rates),
+            timing=Timing(floats(states.t), *rates),
         )
-        return replace(self.bench, course=own).reference_at(motion, inputs)
+        return replace(self.bench, course=course).reference_at(motion, inputs)
 
 
 def _largest(near: Sequence[Deviation]) -> float:
     """Return the largest error, no less than the rounding of float64."""
-    return max([EPS, *(each.error for each in near)])
+    return max([EPS, *(deviation.error for deviation in near)])
 
 
 def _rows(reference: Reference) -> int:

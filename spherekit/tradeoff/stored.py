@@ -77,9 +77,9 @@ def read_trade(path: str | os.PathLike[str]) -> Trade:
         ) from None
 
 
-def check_run(found: Trade, now: Mapping[str, Any], where: str) -> None:
+def check_run(stored: Trade, now: Mapping[str, Any], where: str) -> None:
     """Raise `AnalysisError` unless a trade was made for a run, see `run_of`."""
-    differs = differences(found.made_for, now)
+    differs = differences(stored.made_for, now)
     if differs:
         raise AnalysisError(
             f"{where}: the trade was made for another run ({differs}); make it for this "
@@ -100,7 +100,8 @@ def _trade(data: Mapping[str, Any]) -> Trade:
         floor=data["reference_error"],
         derivatives=data["derivatives"],
         columns=tuple(
-            (each["column"], each["measured"], each["scale"]) for each in data["columns"]
+            (column["column"], column["measured"], column["scale"])
+            for column in data["columns"]
         ),
         settings=tuple(_measured(row, data["samples"]) for row in rows),
         made_for=dict(data["made_for"]),
@@ -113,8 +114,8 @@ def _measured(row: Mapping[str, Any], samples: int) -> Measured:
         name=row["name"],
         setting=None if row["setting"] is None else Setting(**row["setting"]),
         first=first,
-        each=1e-6 * _number(row["microseconds_per_sample"]),
-        each_median=(_number(row["seconds_median"]) - first) / samples,
+        per_sample=1e-6 * _number(row["microseconds_per_sample"]),
+        per_sample_median=(_number(row["seconds_median"]) - first) / samples,
         compile=row["compile_seconds"],
         error=_number(row["error"]),
         column=row["worst_column"],

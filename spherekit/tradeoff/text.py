@@ -14,11 +14,11 @@ TO_THE_RIGHT = ("time", "median", "compiling")
 def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return the table for people, the columns' scales, and the recommendation."""
     lines = [_heading(trade)]
-    front = {each.name for each in trade.pareto}
+    front = {measured.name for measured in trade.pareto}
     rows: list[tuple[str, ...]] = [HEADINGS]
-    for each in trade.settings:
-        if not each.reason:
-            rows.append(_cells(trade, each, each.name in front))
+    for candidate in trade.settings:
+        if not candidate.reason:
+            rows.append(_cells(trade, candidate, candidate.name in front))
     widths = [max(len(row[k]) for row in rows) for k in range(len(HEADINGS))]
     for row in rows:
         cells = (
@@ -31,11 +31,12 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         + _scaled(trade)
         + ", the best of the rounds and their median; compiling comes once."
     )
-    if any(np.isfinite(each.estimate) for each in trade.settings):
+    if any(np.isfinite(measured.estimate) for measured in trade.settings):
         lines += [
-            f"  {each.name}: the analysis's own estimate of its error {each.estimate:.1e}"
-            for each in trade.settings
-            if np.isfinite(each.estimate)
+            f"  {measured.name}: the analysis's own estimate of its error "
+            f"{measured.estimate:.1e}"
+            for measured in trade.settings
+            if np.isfinite(measured.estimate)
         ]
     lines += _scales(trade)
     lines += _not_applying(trade)
@@ -90,15 +91,16 @@ def as_csv(trade: Trade) -> str:
     return stream.getvalue()
 
 
-def _cells(trade: Trade, each: Measured, front: bool) -> tuple[str, ...]:
+def _cells(trade: Trade, measured: Measured, front: bool) -> tuple[str, ...]:
     return (
         "*" if front else "",
-        each.name,
-        f"{each.error:.1e}" + (f" ({each.missing} missing)" if each.missing else ""),
-        each.column,
-        seconds(each.seconds(trade.samples)),
-        seconds(each.first + each.each_median * trade.samples),
-        seconds(each.compile) if each.compile > 1e-3 else "",
+        measured.name,
+        f"{measured.error:.1e}"
+        + (f" ({measured.missing} missing)" if measured.missing else ""),
+        measured.column,
+        seconds(measured.seconds(trade.samples)),
+        seconds(measured.first + measured.per_sample_median * trade.samples),
+        seconds(measured.compile) if measured.compile > 1e-3 else "",
     )
 
 
@@ -124,9 +126,9 @@ def _scales(trade: Trade) -> list[str]:
 def _not_applying(trade: Trade) -> list[str]:
     """Return the settings that do not apply, those with one reason together."""
     reasons: dict[str, list[str]] = {}
-    for each in trade.settings:
-        if each.reason:
-            reasons.setdefault(each.reason, []).append(each.name)
+    for measured in trade.settings:
+        if measured.reason:
+            reasons.setdefault(measured.reason, []).append(measured.name)
     return [
         f"does not apply: {', '.join(_shortened(names))}: {why}"
         for why, names in reasons.items()

@@ -103,13 +103,13 @@ def trade(
         share = len(bench.course) / len(long.course)
         return tables, first, first + (seconds - first) * share
 
-    found = timing_loop(
-        [(str(each), each, partial(way, each)) for each in every],
+    results = timing_loop(
+        [(str(setting), setting, partial(way, setting)) for setting in every],
         lambda tables: bench.deviations(tables, reference),
         len(bench.course),
         effort,
     )
-    return _trade(bench, study, (words, EPS, reference, found))
+    return _trade(bench, study, (words, EPS, reference, results))
 
 
 def _long(bench: Benchmark, study: Study) -> Benchmark | None:
@@ -141,13 +141,13 @@ def _at_fewer(bench: Benchmark, study: Study, most: int) -> Benchmark:
     return replace(bench, course=at_places(course, rows, study.search))
 
 
-def _trade(bench: Benchmark, study: Study, found: Found) -> Trade:
-    reference_words, floor, reference, measures = found
+def _trade(bench: Benchmark, study: Study, result: Found) -> Trade:
+    reference_words, floor, reference, measures = result
     mechanism = bench.course.tracer.mechanism
-    own = [table.of(mechanism) for table in bench.analysis.tables]
+    tables = [table.of(mechanism) for table in bench.analysis.tables]
     scales = {
-        (each.table, each.column): each.scale
-        for each in bench.deviations(reference, reference)
+        (deviation.table, deviation.column): deviation.scale
+        for deviation in bench.deviations(reference, reference)
     }
     columns = [
         (
@@ -155,7 +155,7 @@ def _trade(bench: Benchmark, study: Study, found: Found) -> Trade:
             scale_words(column),
             scales[table.name, column.name],
         )
-        for table in own
+        for table in tables
         for column in table.columns
         if (table.name, column.name) in scales
     ]
@@ -184,18 +184,19 @@ def _of_parameters(study: Study, analysis: AbstractAnalysis, effort: Effort) -> 
         way = partial(_swept, study.mechanism, analysis, sweep, estimates)
         names = [_named(sweep, value) for value in sweep.values]
         reference = way(sweep.values[-1])[0]
-        own = _Swept(sweep)
+        swept = _Swept(sweep)
         ways = [
             (name, None, partial(way, value))
             for name, value in zip(names[:-1], sweep.values[:-1], strict=True)
         ]
-        found = timing_loop(ways, partial(own.deviations, reference), 1, effort)
+        results = timing_loop(ways, partial(swept.deviations, reference), 1, effort)
         every += [
-            replace(each, estimate=estimates.get(each.name, np.nan)) for each in found
+            replace(result, estimate=estimates.get(result.name, np.nan))
+            for result in results
         ]
-        scale = float(np.nanmax(np.abs(own.numbers(reference)), initial=0.0))
+        scale = float(np.nanmax(np.abs(swept.numbers(reference)), initial=0.0))
         columns.append((f"{sweep.table}.{sweep.column}", "over the largest", scale))
-    floor = float(np.nanmin([each.error for each in every]))
+    floor = float(np.nanmin([result.error for result in every]))
     return Trade(
         study.mechanism.name,
         analysis.name,
@@ -222,8 +223,8 @@ def _swept(
 ) -> tuple[Tables, float, float]:
     """Run an analysis with one value of a parameter, and note its own estimate."""
     started = time.process_time()
-    own = replace(analysis, **{sweep.parameter: value})  # type: ignore[type-var]
-    result = run(mechanism, own, samples=2, search=False)
+    varied = replace(analysis, **{sweep.parameter: value})  # type: ignore[type-var]
+    result = run(mechanism, varied, samples=2, search=False)
     if result.failures:
         raise AnalysisError(result.failures[analysis.name])
     data = result.results[analysis.name].data[sweep.table]
@@ -259,12 +260,12 @@ class _Swept:
         keys = zip(
             *(np.asarray(data[name]).astype(str) for name in self.sweep.match), strict=True
         )
-        found: dict[tuple[str, ...], float] = {}
+        numbers: dict[tuple[str, ...], float] = {}
         for key, value in zip(
             keys, np.asarray(data[self.sweep.column], dtype=float), strict=True
         ):
-            found.setdefault(key, float(value))
-        return found
+            numbers.setdefault(key, float(value))
+        return numbers
 
     def deviations(self, reference: Tables, given: Tables) -> list[Deviation]:
         """Return the deviation of the column from the reference."""
@@ -272,7 +273,7 @@ class _Swept:
         scale = max((abs(x) for x in theirs.values() if np.isfinite(x)), default=0.0) or 1.0
         shared = [key for key in theirs if key in ours and np.isfinite(theirs[key])]
         off = [abs(ours[key] - theirs[key]) / scale for key in shared]
-        known = sum(np.isfinite(x) for x in theirs.values())
+        expected = sum(np.isfinite(x) for x in theirs.values())
         error = max([EPS, *off])
         return [
             Deviation(
@@ -280,7 +281,7 @@ class _Swept:
                 self.sweep.column,
                 error,
                 scale,
-                known,
-                known - len(shared),
+                expected,
+                expected - len(shared),
             )
         ]

@@ -104,9 +104,9 @@ class Layout:
         )
 
     def _page(self, page: Page, title: str) -> rrb.Container:
-        own = [plot for plot in self.plots if plot.page in (None, page)]
-        own.sort(key=lambda plot: not plot.answers)
-        plots = [self._plot(plot) for plot in own]
+        on_page = [plot for plot in self.plots if plot.page in (None, page)]
+        on_page.sort(key=lambda plot: not plot.answers)
+        plots = [self._plot(plot) for plot in on_page]
         ordered = _of(self.panels, page)
         ordered.sort(key=lambda panel: panel.page is None)
         panels = [self._panel(panel) for panel in ordered]
@@ -219,7 +219,7 @@ def _plane(path: str, name: str, seen: Bounds, paths: Sequence[str]) -> rrb.View
     return rrb.Spatial2DView(
         origin=path,
         name=name,
-        contents=[f"+ {each}/**" for each in paths],
+        contents=[f"+ {shown}/**" for shown in paths],
         background=colours.BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=seen[0], y_range=seen[1]),
     )

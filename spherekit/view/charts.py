@@ -83,7 +83,7 @@ class Curve:
     @property
     def whole(self) -> tuple[list[Floats], Floats]:
         """The places on each axis, and the values, of all blocks."""
-        rows = [np.concatenate(each) for each in zip(*self.places, strict=True)]
+        rows = [np.concatenate(axis) for axis in zip(*self.places, strict=True)]
         return rows, np.concatenate(self.values)
 
 
@@ -179,12 +179,12 @@ class Chart:
 
     def _marked(self, marks: Sequence[InputMarks]) -> Iterator[Drawn]:
         """Yield a line at each place on the axis where something is, with its name."""
-        for number, each in enumerate(marks):
-            if each.inputs.shape[1:] != (1,):
+        for number, mark in enumerate(marks):
+            if mark.inputs.shape[1:] != (1,):
                 continue
-            x = self.across(each.inputs[:, 0])
+            x = self.across(mark.inputs[:, 0])
             x = x[(x >= 0.0) & (x <= self.width)]
-            tint = colours.tone(each.tone)
+            tint = colours.tone(mark.tone)
             lines = [np.array([[at, 0.0], [at, FRAME_HEIGHT]]) for at in x]
             yield (
                 f"marks/{number}",
@@ -196,7 +196,7 @@ class Chart:
                     np.stack(
                         [x, np.full_like(x, LINE * (number % 2) - 0.4 * LINE)], axis=1
                     ),
-                    labels=[each.label] * len(x),
+                    labels=[mark.label] * len(x),
                     colors=tint,
                     radii=0.0,
                     show_labels=len(x) <= MOST_LABELS,
@@ -237,12 +237,12 @@ class Chart:
 def compared(modes: Sequence[Chart]) -> Chart:
     """Return the chart of all modes: the first in full colours, others lighter."""
     first = modes[0]
-    found = Chart(first.title, first.over)
+    whole = Chart(first.title, first.over)
     for step, chart in enumerate(modes):
         for path, curve in chart.curves.items():
-            found.curves[path] = replace(curve, colour=colours.shaded(curve.colour, step))
-    found.columns = first.columns
-    return found
+            whole.curves[path] = replace(curve, colour=colours.shaded(curve.colour, step))
+    whole.columns = first.columns
+    return whole
 
 
 def cursor_style(chart: Chart) -> rr.AsComponents:
@@ -342,8 +342,10 @@ def portrait(item: Portrait) -> Iterator[Drawn]:
     for number, curve in enumerate(item.curves):
         placed = item.framed(curve.points)
         yield f"curve_{number}", portrait_line(placed, colours.tone(curve.tone))
-    named = {each.label: colours.tone(each.tone) for each in item.curves if each.label}
-    kinds = {each.label: colours.tone(each.tone) for each in item.marks}
+    named = {
+        stroke.label: colours.tone(stroke.tone) for stroke in item.curves if stroke.label
+    }
+    kinds = {spot.label: colours.tone(spot.tone) for spot in item.marks}
     if len(kinds) <= MOST_KINDS:
         named |= kinds
     if named:
@@ -404,8 +406,8 @@ def gridded(rows: Sequence[Floats], values: Floats) -> tuple[Floats, Floats, Flo
     """
     chosen = np.ones(len(values), dtype=bool)
     for further in rows[2:]:
-        known = np.unique(further)
-        chosen &= further == known[len(known) // 2]
+        places = np.unique(further)
+        chosen &= further == places[len(places) // 2]
     x, across = np.unique(rows[0][chosen], return_inverse=True)
     y, up = np.unique(rows[1][chosen], return_inverse=True)
     cells = np.full((len(x), len(y)), np.nan)
@@ -419,10 +421,10 @@ def ticks(low: float, high: float, degrees: bool) -> tuple[float, Floats]:
     if not (np.isfinite(wanted) and wanted > 0.0):
         return 1.0, np.array([low])
     power = 10.0 ** np.floor(np.log10(wanted))
-    steps = [power * each for each in STEPS]
+    steps = [power * factor for factor in STEPS]
     if degrees and wanted >= 1.0:
-        steps = [*ANGLE_STEPS, *(360.0 * power * each for each in STEPS)]
-    step = min(steps, key=lambda each: abs(np.log(each / wanted)))
+        steps = [*ANGLE_STEPS, *(360.0 * power * factor for factor in STEPS)]
+    step = min(steps, key=lambda candidate: abs(np.log(candidate / wanted)))
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
     return float(step), np.arange(first, last + 1.0) * step
 
@@ -486,9 +488,9 @@ def _part(values: Floats, low: float, high: float) -> Floats:
     return np.asarray((values - low) / (high - low if high > low else 1.0))
 
 
-def _nearest(known: Floats, span: tuple[float, float], pixels: int) -> NDArray[np.int64]:
+def _nearest(values: Floats, span: tuple[float, float], pixels: int) -> NDArray[np.int64]:
     """Return the number of the known value nearest to each pixel of a span."""
     low, high = span
     at = low + (high - low) * (np.arange(pixels) + 0.5) / pixels
-    between = 0.5 * (known[1:] + known[:-1])
+    between = 0.5 * (values[1:] + values[:-1])
     return np.searchsorted(between, at).astype(np.int64)

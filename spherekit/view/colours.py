@@ -49,7 +49,7 @@ HEAT: tuple[Colour, ...] = (
 def heat(parts: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Return the colours (n, 3) of values (n,) between 0 and 1."""
     places = np.linspace(0.0, 1.0, len(HEAT))
-    columns = [np.interp(parts, places, each) for each in np.array(HEAT, float).T]
+    columns = [np.interp(parts, places, channel) for channel in np.array(HEAT, float).T]
     return np.round(np.stack(columns, axis=1)).astype(np.uint8)
 
 
@@ -67,7 +67,7 @@ def of_series(link: int | None, used: Sequence[Colour]) -> Colour:
     """Return the colour of a series: that of its link, or one that its plot lacks."""
     if link is not None:
         return link_colour(link)
-    left = [each for each in LINKS[1:] if each not in used]
+    left = [colour for colour in LINKS[1:] if colour not in used]
     return left[0] if left else LINKS[1 + len(used) % (len(LINKS) - 1)]
 
 

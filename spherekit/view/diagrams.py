@@ -105,9 +105,9 @@ def moving(item: Diagram) -> Iterator[Moving]:
     )
     leaders = np.stack([places[seen], middles[seen]], axis=1)
     yield "leaders", rr.LineStrips2D.columns(strips=list(leaders)).partition(count)
-    ends, known = clipped(item)
-    strips = _placed(item, ends.reshape(-1, 2)).reshape(*ends.shape)[known]
-    yield "lines", rr.LineStrips2D.columns(strips=strips).partition(known.sum(axis=1))
+    ends, visible = clipped(item)
+    strips = _placed(item, ends.reshape(-1, 2)).reshape(*ends.shape)[visible]
+    yield "lines", rr.LineStrips2D.columns(strips=strips).partition(visible.sum(axis=1))
     if item.readings is not None:
         shown = item.readings[:, :MOST_LISTED]
         yield "legend", _read(item, np.degrees(shown))
@@ -148,8 +148,8 @@ def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:
             foot[..., None, :]
             + np.stack([first, last], -1)[..., None] * along[..., None, :]
         )
-    known = (first < last) & np.isfinite(ends).all(axis=(-1, -2))
-    return ends, known
+    visible = (first < last) & np.isfinite(ends).all(axis=(-1, -2))
+    return ends, visible
 
 
 def bounds(item: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -155,13 +155,13 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
         case Arrow(directions=directions, primary=primary, path_shown=path_shown):
             trail = primitive.shown and path_shown
             good = present(directions)
-            found, count = directions[good], good.astype(np.int64)
+            arrows, count = directions[good], good.astype(np.int64)
             length = 1.12 if primary else 1.25
-            yield "", rr.Arrows3D.columns(vectors=length * found).partition(count)
+            yield "", rr.Arrows3D.columns(vectors=length * arrows).partition(count)
             if not primary:
-                yield "label", _points(1.3 * found, count)
+                yield "label", _points(1.3 * arrows, count)
                 if trail:
-                    yield "trail", _points(1.004 * found, count)
+                    yield "trail", _points(1.004 * arrows, count)
         case GreatCircle(normals=normals):
             good = present(normals)
             yield "", _turned(shapes.quaternions_to(normals), good)

@@ -121,17 +121,17 @@ class FileOutput(AbstractOutput):
     def _check(self, rows: int) -> None:
         try:
             chunks = RrdReader(self.part).stream()
-            found = sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
+            rows_read = sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
         except Exception as error:  # the reader's exceptions have no common base
             self._give_up()
             raise OutputError(
                 f"{self.path} was written but does not read back ({_reason(error)}); "
                 "another program may be writing to it. The part file was removed"
             ) from error
-        if found != rows:
+        if rows_read != rows:
             self._give_up()
             raise OutputError(
-                f"{self.path} was written, but only {found} of {rows} rows read back; "
+                f"{self.path} was written, but only {rows_read} of {rows} rows read back; "
                 "the disk may be full. The part file was removed"
             )
 

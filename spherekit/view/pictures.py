@@ -96,7 +96,7 @@ def screenshot(
         else:
             client.set_time(timeline, sequence=tick, play_state="paused")
         state = client.get_state()
-        troubles = [report.summary for each in state.views for report in each.reports]
+        troubles = [report.summary for panel in state.views for report in panel.reports]
         if troubles:
             raise OutputError(f"the viewer cannot show {recording}: {troubles[0]}")
         data = _settled(client, shown)
@@ -187,10 +187,10 @@ def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str])
     for title in titles:
         wanted = hidden.intersection(named.get(title, ()))
         if not wanted:
-            known = [name for name, paths in named.items() if hidden.intersection(paths)]
+            offered = [name for name, paths in named.items() if hidden.intersection(paths)]
             raise OutputError(
-                f'{recording} has no tab "{title}"{nearest(title, known) or "."} Tabs: '
-                f"{listing(map(repr, sorted(known)))}"
+                f'{recording} has no tab "{title}"{nearest(title, offered) or "."} Tabs: '
+                f"{listing(map(repr, sorted(offered)))}"
             )
         for tab in tabs:
             tab["active_tab"] = next(
@@ -289,8 +289,8 @@ def _check_sample(recording: Path, sample: int) -> None:
         if sample in numbers:
             return
         samples.update(numbers)
-    known = f"{min(samples)} to {max(samples)}" if samples else "none"
-    raise OutputError(f"{recording} has no sample {sample}; its samples: {known}")
+    span = f"{min(samples)} to {max(samples)}" if samples else "none"
+    raise OutputError(f"{recording} has no sample {sample}; its samples: {span}")
 
 
 def _loaded(client: ViewerClient, recording: Path) -> dict[str, int]:

@@ -83,17 +83,17 @@ def _assembled(mechanism: Mechanism) -> tuple[Tracer, Motion, str]:
             "of its inputs, so there is nothing to show; change the ranges or the sizes"
         )
     sample = int(motion.sample[closed[0]])
-    own = motion.sample == sample
+    here = motion.sample == sample
     at = ", ".join(
         f"{item.pair} = {np.degrees(q):.4g} deg"
         for item, q in zip(mechanism.inputs, motion.inputs[closed[0]], strict=True)
     )
     modes = tuple(
         mode
-        for mode, failed in zip(motion.assembly_modes, motion.failed[own], strict=True)
+        for mode, failed in zip(motion.assembly_modes, motion.failed[here], strict=True)
         if not failed
     )
-    chosen = replace(motion.rows(own & ~motion.failed), samples=1, assembly_modes=modes)
+    chosen = replace(motion.rows(here & ~motion.failed), samples=1, assembly_modes=modes)
     return tracer, chosen, f"it does not close where its inputs begin; shown at {at}"
 
 

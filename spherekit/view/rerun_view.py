@@ -460,13 +460,13 @@ class RerunRecorder:
         layout = self._layout
         if layout is None:
             return
-        for path, own in self._compared().items():
-            whole = charts.compared([self._charts[plot.path] for plot in own])
+        for path, plots in self._compared().items():
+            whole = charts.compared([self._charts[plot.path] for plot in plots])
             layout.compared[path] = whole.title
             for suffix, archetype in whole.drawn():
                 self._still(f"{path}/{suffix}", archetype, outputs)
-            places, tints = whole.legend(list(self._charts[own[0].path].curves))
-            names = [curve.label for curve in self._charts[own[0].path].curves.values()]
+            places, tints = whole.legend(list(self._charts[plots[0].path].curves))
+            names = [curve.label for curve in self._charts[plots[0].path].curves.values()]
             self._still(
                 f"{path}/legend", charts.legend_style(places, tints, names), outputs
             )
@@ -480,10 +480,10 @@ class RerunRecorder:
             if plot.compared:
                 alike.setdefault(plot.compared, []).append(plot)
         return {
-            path: own
-            for path, own in alike.items()
-            if len(own) > 1
-            and sum(len(self._charts[plot.path].curves) for plot in own) <= MOST_COMPARED
+            path: plots
+            for path, plots in alike.items()
+            if len(plots) > 1
+            and sum(len(self._charts[plot.path].curves) for plot in plots) <= MOST_COMPARED
         }
 
     def finish(self) -> None:
@@ -691,14 +691,14 @@ def _check_rows(primitive: Primitive, count: int) -> None:
     """Raise ValueError if a primitive has another number of rows than the block."""
     match primitive:
         case Body(quaternions=rows) if rows is not None:
-            found = len(rows)
+            length = len(rows)
         case Arrow(directions=rows) | GreatCircle(normals=rows) | Series(values=rows):
-            found = len(rows)
+            length = len(rows)
         case Trace(directions=rows) | Diagram(places=rows):
-            found = len(rows)
+            length = len(rows)
         case Portrait(x=rows):
-            found = len(rows)
+            length = len(rows)
         case _:
             return
-    if found != count:
-        raise ValueError(f"{primitive.path} has {found} rows, the block has {count}")
+    if length != count:
+        raise ValueError(f"{primitive.path} has {length} rows, the block has {count}")

@@ -106,12 +106,12 @@ def bounds_of(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...
         For unknown pairs, values without meaning, and limits that contradict each other.
     """
     mechanism = kinematics.mechanism
-    found = (
+    bounds = (
         *_between_axes(kinematics, wanted),
         *_of_pairs(mechanism, wanted.limits),
         *_of_singularities(mechanism, wanted.near),
     )
-    return found or (_NO_LIMIT,)
+    return bounds or (_NO_LIMIT,)
 
 
 def left_of(bounds: Sequence[AngleLimit], rows: Rows) -> tuple[Floats, NDArray[np.intp]]:
@@ -156,10 +156,10 @@ class _Between:
 def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...]:
     """Return the bounds of angles between axes, one each way for each two axes."""
     mechanism = kinematics.mechanism
-    found: dict[tuple[int, int], _Between] = {}
+    limits: dict[tuple[int, int], _Between] = {}
     closest = _closest(mechanism, wanted)
     for span in kinematics.spans:
-        between = found.setdefault((span.one, span.other), _Between())
+        between = limits.setdefault((span.one, span.other), _Between())
         between.narrow(span.cones.shortest, span.cones.longest, "the arcs of the leg")
         if closest > 0.0 and span.folds:
             between.narrow(closest, np.pi, "the width of the links")
@@ -184,11 +184,11 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit,
                     f"apart, not {_deg(item.low)} to {_deg(item.high)}",
                 )
             continue
-        key = (one, other) if (one, other) in found else (other, one)
-        key = key if key in found else (one, other)
-        found.setdefault(key, _Between()).narrow(item.low, item.high, "apart")
+        key = (one, other) if (one, other) in limits else (other, one)
+        key = key if key in limits else (one, other)
+        limits.setdefault(key, _Between()).narrow(item.low, item.high, "apart")
     bounds: list[AngleLimit] = []
-    for (one, other), between in found.items():
+    for (one, other), between in limits.items():
         name = "/".join(kinematics.name_of(pair) for pair in sorted((one, other)))
         if between.low > between.high:
             raise _refusal(

@@ -49,9 +49,9 @@ class DyadKinematics(ClosedKinematics):
     @property
     def spans(self) -> tuple[Span, ...]:
         """What limits the reach: the outer axes of every dyad."""
-        own = self._own
+        renamed = self._own
         return tuple(
-            Span(own.get(s.near, s.near), own.get(s.far, s.far), s.cones, True)
+            Span(renamed.get(s.near, s.near), renamed.get(s.far, s.far), s.cones, True)
             for s in self.kinematics.stands
         )
 

@@ -113,20 +113,20 @@ class GraphKinematics(OutputKinematics):
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
         """Return a row for each configuration found, or one that says there is none."""
-        found = self.kinematics.solutions(poses)
-        labels = np.array([label_of(signs) for signs in found.signs], dtype=str)
+        solutions = self.kinematics.solutions(poses)
+        labels = np.array([label_of(signs) for signs in solutions.signs], dtype=str)
         kept = np.flatnonzero(np.isin(labels, list(modes)))
-        none = np.setdiff1d(np.arange(len(poses)), found.row[kept])
+        none = np.setdiff1d(np.arange(len(poses)), solutions.row[kept])
         lost = np.full(len(kept) + len(none), -1)
         lost[: len(kept)] = kept
-        values = _filled(found.values, lost)
+        values = _filled(solutions.values, lost)
         owner = list(self.mechanism.variable_owners)
-        moved = self._moved(values, _filled(found.rotations, lost))
+        moved = self._moved(values, _filled(solutions.rotations, lost))
         rows = InverseRows.judged(
-            np.concatenate([found.row[kept], none]),
+            np.concatenate([solutions.row[kept], none]),
             np.concatenate([labels[kept], np.full(len(none), "")]),
             (np.where(lost < 0, -np.inf, np.nan), np.full(len(lost), -1), ()),
-            inputs=_filled(found.inputs, lost),
+            inputs=_filled(solutions.inputs, lost),
             type_1=moved.type_1,
             type_2=self.type_2(values),
             rates=moved.rates,
@@ -136,18 +136,18 @@ class GraphKinematics(OutputKinematics):
 
     def _moved(self, values: Floats, rotations: Floats) -> InputRates:
         """Return the rates at configurations (k, variables), NaN where they are."""
-        known = np.isfinite(values[:, 0])
+        finite = np.isfinite(values[:, 0])
         turns = np.full((len(values), 3, len(self.mechanism.inputs)), np.nan)
-        motion = motion_of(self._forward.solver, values[known])
-        turns[known] = output_rates(motion, self.output)
+        motion = motion_of(self._forward.solver, values[finite])
+        turns[finite] = output_rates(motion, self.output)
         direction = self.output.direction if self.points else None
         return InputRates.of_turns(
             turns, None if direction is None else rotations @ np.array(direction)
         )
 
 
-def _filled(found: Floats, rows: NDArray[np.intp]) -> Floats:
+def _filled(array: Floats, rows: NDArray[np.intp]) -> Floats:
     """Return some rows, NaN where their number is negative."""
-    filled = np.full((len(rows), *found.shape[1:]), np.nan)
-    filled[rows >= 0] = found[rows[rows >= 0]]
+    filled = np.full((len(rows), *array.shape[1:]), np.nan)
+    filled[rows >= 0] = array[rows[rows >= 0]]
     return filled

@@ -69,8 +69,8 @@ class OutputKinematics(ABC):
 
     def type_2(self, values: Floats) -> Floats:
         """Return the measure (n,) of type II at configurations (n, variables)."""
-        own = Transmission.of(self.mechanism, self.output)
-        return own.of_values(self._closure, values)
+        transmission = Transmission.of(self.mechanism, self.output)
+        return transmission.of_values(self._closure, values)
 
     def residual(self, values: Floats) -> Floats:
         """Return (n,) rad by how much loops fail to close at values (n, variables)."""

@@ -69,10 +69,10 @@ class MidPlaneKinematics(ClosedKinematics):
         form, plane = self.form, self.form.plane
         upward = plane.normals(inputs)
         away = -np.sign(upward @ form.home)[:, None]  # from the image of the output
-        normals, own = away * upward, away * plane.modes(inputs)
+        normals, driven_modes = away * upward, away * plane.modes(inputs)
         parts: list[tuple[NDArray[np.intp], Floats, list[Signs]]] = []
         for signs in self.modes:
-            same = np.all(own == np.array(signs)[list(plane.driven)], axis=1)
+            same = np.all(driven_modes == np.array(signs)[list(plane.driven)], axis=1)
             row = np.flatnonzero(same)
             values, _ = form.values(form.place(normals[row], signs))
             closed = np.isfinite(values).all(axis=1)
@@ -81,7 +81,7 @@ class MidPlaneKinematics(ClosedKinematics):
         rows = np.concatenate([row for row, _, _ in parts])
         order = np.argsort(rows, kind="stable")
         values = np.concatenate([values for _, values, _ in parts])[order]
-        labels = [signs for _, _, found in parts for signs in found]
+        labels = [signs for _, _, listed in parts for signs in listed]
         turned = form.orientations(normals[rows[order]])
         return PoseSolutions(
             rows[order],

@@ -152,8 +152,8 @@ class InverseRows(ArrayRows):
         margin, limiting, names = limit
         out = margin < 0.0
         least = np.fmin(np.min(type_1, axis=1), type_2)
-        known = np.isfinite(inputs).all(axis=1) & (least > FLAT_DYAD)
-        status = np.where(known, Status.OK, Status.AT_SINGULARITY)
+        regular = np.isfinite(inputs).all(axis=1) & (least > FLAT_DYAD)
+        status = np.where(regular, Status.OK, Status.AT_SINGULARITY)
         status[out] = Status.OUT_OF_REACH
         gone = np.where(out, np.nan, 0.0)
         return InverseRows(

@@ -154,19 +154,19 @@ def direction_workspaces(
     -----
     Modes whose margins are the same at all vertices of a region share it.
     """
-    found: list[DirectionWorkspace] = []
+    workspaces: list[DirectionWorkspace] = []
     for signs in modes:
         margins = margins_of(kinematics, bounds, signs)
-        for known in found:
-            region = known.region
-            if known.same_as is None and np.array_equal(
+        for earlier in workspaces:
+            region = earlier.region
+            if earlier.same_as is None and np.array_equal(
                 margins(region.points), region.values, equal_nan=True
             ):
-                found.append(DirectionWorkspace(signs, region, known.signs))
+                workspaces.append(DirectionWorkspace(signs, region, earlier.signs))
                 break
         else:
-            found.append(DirectionWorkspace(signs, _region(margins, tolerance), None))
-    return tuple(found)
+            workspaces.append(DirectionWorkspace(signs, _region(margins, tolerance), None))
+    return tuple(workspaces)
 
 
 def _region(margins: Callable[[Floats], Floats], tolerance: float) -> Region:
@@ -200,21 +200,25 @@ def orientation_workspaces(
 
     Modes whose margins are the same at all samples share what was found.
     """
-    found: list[OrientationWorkspace] = []
-    known: list[tuple[Floats, OrientationWorkspace]] = []
+    workspaces: list[OrientationWorkspace] = []
+    sampled: list[tuple[Floats, OrientationWorkspace]] = []
     samples = orientation_samples()
     for signs in modes:
         margins = margins_of(kinematics, bounds, signs)
         here = margins(samples)
-        for values, item in known:
+        for values, item in sampled:
             if np.array_equal(here, values, equal_nan=True):
-                found.append(OrientationWorkspace(signs, item.orientations, item.signs))
+                workspaces.append(
+                    OrientationWorkspace(signs, item.orientations, item.signs)
+                )
                 break
         else:
-            own = OrientationWorkspace(signs, find_orientations(margins, tolerance), None)
-            found.append(own)
-            known.append((here, own))
-    return tuple(found)
+            workspace = OrientationWorkspace(
+                signs, find_orientations(margins, tolerance), None
+            )
+            workspaces.append(workspace)
+            sampled.append((here, workspace))
+    return tuple(workspaces)
 
 
 def orientation_samples(count: int = SAMPLES) -> Floats:
@@ -242,7 +246,7 @@ def orientation_samples(count: int = SAMPLES) -> Floats:
 def nearest_reachable(
     kinematics: ClosedKinematics,
     bounds: Sequence[AngleLimit],
-    found: DirectionWorkspace | OrientationWorkspace,
+    workspace: DirectionWorkspace | OrientationWorkspace,
     place: Floats,
 ) -> tuple[Floats, float] | None:
     """Return a reachable pose near one that is outside, and how far (rad) it is.
@@ -251,20 +255,22 @@ def nearest_reachable(
     where the way to the nearest of `SAMPLES` orientations spread evenly, or to the best
     one known, enters the workspace for good. None if no pose is known to be inside.
     """
-    if isinstance(found, OrientationWorkspace):
-        samples = np.concatenate([orientation_samples(), found.orientations.place[None]])
+    if isinstance(workspace, OrientationWorkspace):
+        samples = np.concatenate(
+            [orientation_samples(), workspace.orientations.place[None]]
+        )
         (offer,) = nearest_orientations(
-            kinematics, bounds, found.signs, place[None], samples
+            kinematics, bounds, workspace.signs, place[None], samples
         )
         return offer
-    if not found.region.components:
+    if not workspace.region.components:
         return None
-    border = found.region.nearest(place)
-    deepest = [part.place for part in found.region.components]
+    border = workspace.region.nearest(place)
+    deepest = [part.place for part in workspace.region.components]
     aims = [border, *(_beyond(border, 2.0 * border - place, step) for step in NUDGES)]
     aims += [_beyond(border, aim, step) for step in NUDGES for aim in deepest]
     candidates = np.stack(aims)
-    good = np.flatnonzero(judge(kinematics, bounds, found.signs, candidates).inside)
+    good = np.flatnonzero(judge(kinematics, bounds, workspace.signs, candidates).inside)
     there = candidates[good[0]] if len(good) else border
     return there, _between(place, there)
 
@@ -288,12 +294,12 @@ def nearest_orientations(
     held = samples[inside(samples)]
     if not len(held):
         return [None] * len(places)
-    found: list[tuple[Floats, float] | None] = []
+    offers: list[tuple[Floats, float] | None] = []
     for place in places:
         near = held[np.argmax(np.abs(held @ place))]
         there = _on_way(place, near if near @ place >= 0.0 else -near, inside)
-        found.append((there, 2.0 * _between(place, there)))
-    return found
+        offers.append((there, 2.0 * _between(place, there)))
+    return offers
 
 
 def nearest_poses(
@@ -306,8 +312,10 @@ def nearest_poses(
     """
     bounds = kinematics.bounds
     if kinematics.points:
-        (found,) = direction_workspaces(kinematics, bounds, [signs], COARSE)
-        offers = [nearest_reachable(kinematics, bounds, found, place) for place in places]
+        (workspace,) = direction_workspaces(kinematics, bounds, [signs], COARSE)
+        offers = [
+            nearest_reachable(kinematics, bounds, workspace, place) for place in places
+        ]
     else:
         samples = orientation_samples()
         offers = nearest_orientations(kinematics, bounds, signs, places, samples)

@@ -161,12 +161,12 @@ def has_unfinished(path: Path) -> bool:
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Return in what two runs differ, in words; empty if in nothing."""
-    found = []
+    changes = []
     for key in dict.fromkeys([*before, *now]):
-        old, new = (_short(each.get(key)) for each in (before, now))
+        old, new = (_short(state.get(key)) for state in (before, now))
         if json.dumps(before.get(key)) != json.dumps(now.get(key)):
-            found.append(f"{key.replace('_', ' ')}: {old} there, {new} now")
-    return listing(found, 4)
+            changes.append(f"{key.replace('_', ' ')}: {old} there, {new} now")
+    return listing(changes, 4)
 
 
 def _short(value: object) -> str:

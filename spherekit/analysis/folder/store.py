@@ -101,8 +101,8 @@ class _Joined(Mapping[str, NDArray[Any]]):
         if len(blocks) > 1 and table.in_assembly_modes:
             in_order = _parts_in_order(blocks)
             if in_order is None:
-                each = SAMPLE.name, ASSEMBLY_MODE.name
-                self._order = _order({name: self._joined(name) for name in each})
+                keys = SAMPLE.name, ASSEMBLY_MODE.name
+                self._order = _order({name: self._joined(name) for name in keys})
         self._parts = in_order or [(k, slice(0, n)) for k, n in enumerate(lengths)]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -125,8 +125,8 @@ class _Joined(Mapping[str, NDArray[Any]]):
         blocks = [block[name] for block in self._blocks]
         if len(blocks) == 1 and isinstance(blocks[0], np.ndarray):
             return blocks[0]
-        kind = self._types[name] or np.result_type(*(each.dtype for each in blocks))
-        made = np.empty(sum(len(each) for each in blocks), dtype=kind)
+        kind = self._types[name] or np.result_type(*(part.dtype for part in blocks))
+        made = np.empty(sum(len(part) for part in blocks), dtype=kind)
         at = 0
         for number, rows in self._parts:
             block, out = blocks[number], made[at : at + rows.stop - rows.start]
@@ -147,7 +147,7 @@ def _parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | No
     parts: list[tuple[int, int, slice]] = []
     last: dict[int, int] = {}
     for number, block in enumerate(blocks):
-        (modes, each), (samples, _) = (
+        (modes, repeats), (samples, _) = (
             _once(block[column.name]) for column in (ASSEMBLY_MODE, SAMPLE)
         )
         if len(modes) != len(samples):
@@ -157,12 +157,12 @@ def _parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | No
         if np.any(np.diff(modes[edges[:-1]]) < 0):
             return None
         for start, stop in itertools.pairwise(edges):
-            own, mode = samples[start:stop], int(modes[start])
-            if not np.all(own[1:] >= own[:-1]) or own[0] < last.get(mode, own[0]):
+            piece, mode = samples[start:stop], int(modes[start])
+            if not np.all(piece[1:] >= piece[:-1]) or piece[0] < last.get(mode, piece[0]):
                 return None
-            last[mode] = int(own[-1])
-            parts.append((mode, number, slice(each * start, each * stop)))
-    return [(number, rows) for _, number, rows in sorted(parts, key=lambda each: each[:2])]
+            last[mode] = int(piece[-1])
+            parts.append((mode, number, slice(repeats * start, repeats * stop)))
+    return [(number, rows) for _, number, rows in sorted(parts, key=lambda part: part[:2])]
 
 
 def _once(column: NDArray[Any] | Interleaved) -> tuple[NDArray[Any], int]:
@@ -236,10 +236,10 @@ class OnDisk(AbstractStore):
             rows = rows[_order({name: rows[name] for name in rows.dtype.names or ()})]
             modes = rows[ASSEMBLY_MODE.name]
             edges = np.flatnonzero(np.diff(modes, prepend=-1, append=-1)).tolist()
-            parts = [(0, slice(*each)) for each in itertools.pairwise(edges)]
-        for _, own in parts:
-            mode = int(rows[ASSEMBLY_MODE.name][own.start])
-            self._append(analysis, table, mode, rows[own])
+            parts = [(0, slice(*ends)) for ends in itertools.pairwise(edges)]
+        for _, span in parts:
+            mode = int(rows[ASSEMBLY_MODE.name][span.start])
+            self._append(analysis, table, mode, rows[span])
 
     def _append(
         self, analysis: str, table: Table, assembly_mode: int, rows: NDArray[np.void]
@@ -320,11 +320,11 @@ class RowsOnDisk(AbstractRows):
     ) -> None:
         self._type, self._parts = packed(table), parts
         self.count = sum(rows for _, rows in parts)
-        self.words = {name: sorted(own) for name, own in words.items()}
+        self.words = {name: sorted(texts) for name, texts in words.items()}
         # Words were numbered as they came.
         self._places = {
-            name: np.argsort(np.argsort(np.array(own, dtype=str))).astype(np.int32)
-            for name, own in words.items()
+            name: np.argsort(np.argsort(np.array(texts, dtype=str))).astype(np.int32)
+            for name, texts in words.items()
         }
 
     def chunks(self) -> Iterator[TableArrays]:
@@ -378,10 +378,10 @@ def _packed_rows(columns: TableData, kind: np.dtype[np.void]) -> NDArray[np.void
     step = together * max(1, IN_CACHE // together)
     for start in range(0, len(rows), step):
         some = rows[start : start + step]
-        for (name, values), each in zip(columns.items(), subjects, strict=True):
+        for (name, values), repeats in zip(columns.items(), subjects, strict=True):
             if isinstance(values, Interleaved):
-                own = slice(start // each, (start + len(some)) // each)
-                values.put(some[name], own)
+                span = slice(start // repeats, (start + len(some)) // repeats)
+                values.put(some[name], span)
             else:
                 some[name] = values[start : start + step]
     return rows

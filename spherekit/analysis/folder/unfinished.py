@@ -33,7 +33,7 @@ def engine_of(place: RunFolder | None, unfinished: Unfinished, engine: Engine) -
         return engine
     identity = place.read().get("identity")
     began = identity.get("engine") if isinstance(identity, dict) else None
-    return next((each for each in ENGINES if each == began), engine)
+    return next((choice for choice in ENGINES if choice == began), engine)
 
 
 def setting_of(
@@ -74,7 +74,7 @@ def taken_up(
         if not differs and unfinished == "resume":
             store = OnDisk(place.work, not job.is_single_block, state["store"])
             every = job.tables().items()
-            store.check([(name, table) for name, own in every for table in own])
+            store.check([(name, table) for name, declared in every for table in declared])
             return RunState.restored(state["standing"]), store
     except OutputError as problem:
         raise place.damaged(str(problem)) from None

@@ -35,7 +35,7 @@ def evaluate_block(
     """
     course = job.course
     with ledger.stage(AXES):
-        found = job.evaluation.fields(motion, standing.signs)
+        fields = job.evaluation.fields(motion, standing.signs)
         angles = job.evaluation.angles(motion, standing.angles)
     if stage is not None:
         with ledger.stage(RECORDING):
@@ -49,7 +49,7 @@ def evaluate_block(
             job.plans,
             what,
             motion,
-            found,
+            fields,
             angles,
             course.timed,
             course.tracer,
@@ -76,16 +76,16 @@ def evaluate_block(
             store.add(analysis.name, table, tables[table.name])
             standing.count(analysis.name, table.name, tables[table.name])
     if job.motion_tables:
-        store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, found))
+        store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, fields))
         standing.count(MOTION, MOTION, {"sample": motion.sample})
-    standing.tally.add(course.tracer, motion, found)
+    standing.tally.add(course.tracer, motion, fields)
     standing.done += motion.samples
-    return found, angles
+    return fields, angles
 
 
 def add_events(job: RunPlan, standing: RunState, store: AbstractStore) -> None:
     """Hand over what happened in the course of a simulation, known when it is whole."""
     if job.course.simulation is not None:
-        found = job.course.events()
-        store.add(MOTION, EVENTS.of(job.mechanism), found)
-        standing.count(MOTION, EVENTS.name, found)
+        events = job.course.events()
+        store.add(MOTION, EVENTS.of(job.mechanism), events)
+        standing.count(MOTION, EVENTS.name, events)

@@ -81,10 +81,10 @@ class Timer:
         are added.
         """
         whole = self._now() - self._started
-        own = self.seconds | {REST: whole - sum(self.seconds.values())}
+        seconds = self.seconds | {REST: whole - sum(self.seconds.values())}
         return {
-            name: self.before.get(name, 0.0) + own.get(name, 0.0)
-            for name in dict.fromkeys([*self.before, *own])
+            name: self.before.get(name, 0.0) + seconds.get(name, 0.0)
+            for name in dict.fromkeys([*self.before, *seconds])
         }
 
     @contextmanager
@@ -131,15 +131,17 @@ def cost_of(
     every table by the name of its file, `recording` what a recorder counted. Bytes of
     tables are added when files are written.
     """
-    each = {_moved(item.plan): counts_of(item) for item in wanted}
-    every = [asdict(counts) | {"poles": counts.poles} for counts in each.values()]
+    per_input = {_moved(item.plan): counts_of(item) for item in wanted}
+    every = [asdict(counts) | {"poles": counts.poles} for counts in per_input.values()]
     total = {
         name: configurations * sum(counts[name] for counts in every)
         for name in ("poles", "axis_derivatives", "link_rates")
     }
     return {
         "configurations": configurations,
-        "each_configuration": {moved: asdict(counts) for moved, counts in each.items()},
+        "each_configuration": {
+            moved: asdict(counts) for moved, counts in per_input.items()
+        },
         **total,
         "velocity_equation_solves": solves,
         "tables": {

@@ -90,6 +90,11 @@ class Evaluation:
     def _kernel(self) -> Kernel:
         """The kernel of rates of all links."""
         mechanism = self.course.tracer.mechanism
+        if len(mechanism.inputs) > 1:
+            raise AnalysisError(
+                f"{mechanism.name}: engine {self.setting.engine} finds rates by one input, "
+                f"and there are {len(mechanism.inputs)}"
+            )
         extended = self.setting.engine == "extended"
         derivatives = any(item.derivatives for item in self.requests)
         return kernel(

@@ -70,11 +70,11 @@ def expected(
     assembly_modes = every if assembly.has_closed_form else None
     rows = samples * (min(every, 1) if assembly_modes is None else assembly_modes)
     tables = {}
-    for name, own in job.tables(standing.failures).items():
-        for table in own:
+    for name, declared in job.tables(standing.failures).items():
+        for table in declared:
             data = store.table(name, table)
             count = round(standing.rows[name, table.name] * rows / max(tried, 1))
-            tables[stem_of(name, own, table)] = {
+            tables[stem_of(name, declared, table)] = {
                 "rows": count,
                 "columns": len(table.columns),
                 "csv_bytes": round(count * csv_row(data, samples)),
@@ -113,19 +113,19 @@ def extrapolated_recording(
         with made(samples + block) as recorder:
             execution = Execution(recorder=recorder, block=block)
             result = executed(shortened(study, samples), analyses, execution)
-            found = recorder.cost
+            cost = recorder.cost
         assembly_modes = len(result.summary["assembly_modes"])
-        return assembly_modes, found["entities"], found["rows"], found["bytes"]
+        return assembly_modes, cost["entities"], cost["rows"], cost["bytes"]
 
     _, _, few, one = recorded(SHORT, SHORT)
     _, _, _, cut = recorded(2 * SHORT, SHORT)
     assembly_modes, entities, many, two = recorded(2 * SHORT, 2 * SHORT)
-    each_block, each = cut - two, (two - one) / SHORT
+    each_block, per_sample = cut - two, (two - one) / SHORT
     total = study.count
     samples = -(-total // -(-total // MOST_LOGGED))
     blocks = min(samples, -(-total // samples_in_block(assembly_modes)))
     return {
         "entities": entities,
         "rows": round(few + (many - few) / SHORT * (samples - SHORT)),
-        "bytes": round(one + each_block * (blocks - 1) + each * (samples - SHORT)),
+        "bytes": round(one + each_block * (blocks - 1) + per_sample * (samples - SHORT)),
     }

@@ -153,27 +153,27 @@ class InterpolatedMotion:
         turned: Floats,
         rows: slice,
     ) -> _Columns:
-        found: dict[Key, tuple[Floats, Floats | None]] = {}
+        columns: dict[Key, tuple[Floats, Floats | None]] = {}
         parents: dict[Key, Key] = {}
         mechanism = motion.mechanism
         values = motion.values[rows].copy()
         angles = self._tracer.solver.angles
         values[:, angles] = np.unwrap(values[:, angles], axis=0)
-        found["values", None] = values, _variable_rates(motion, w)[rows]
+        columns["values", None] = values, _variable_rates(motion, w)[rows]
         for link in self._rotations:
             turn = motion.rotations[rows, link]
             spin = cross(w[rows, link, None], np.swapaxes(turn, 1, 2))
             slope = np.swapaxes(spin, 1, 2).reshape(-1, 9)
-            found["rotation", link] = turn.reshape(-1, 9), slope
+            columns["rotation", link] = turn.reshape(-1, 9), slope
         for link in self._rates:
-            found["w", link] = w[rows, link], dw[rows, link]
-            found["dw", link] = dw[rows, link], None
+            columns["w", link] = w[rows, link], dw[rows, link]
+            columns["dw", link] = dw[rows, link], None
             parents["dw", link] = ("w", link)
         pairs = mechanism.pole_pairs
         for pole in self._wanted.poles:
             u = field.direction[pole][rows]
-            known = np.all(np.isfinite(u), axis=1)
-            if not np.any(known):
+            finite = np.all(np.isfinite(u), axis=1)
+            if not np.any(finite):
                 continue
             i, j = pole
             if pole in pairs:
@@ -183,30 +183,30 @@ class InterpolatedMotion:
                 size = np.sum(u * v, axis=1, keepdims=True)
                 with np.errstate(divide="ignore", invalid="ignore"):
                     slope = (dv - u * np.sum(u * dv, axis=1, keepdims=True)) / size
-            if not np.all(known) or not np.all(np.isfinite(slope)):
+            if not np.all(finite) or not np.all(np.isfinite(slope)):
                 names = mechanism.links
                 raise AnalysisError(
                     f"{mechanism.name}: the axis of links {names[j]} and {names[i]} is not "
                     f"known, or rests, at one of the nodes; take another number of them"
                 )
-            found["direction", pole] = u, slope
+            columns["direction", pole] = u, slope
             rate, change = (
                 field.velocity_coefficient[pole][rows],
                 field.acceleration_coefficient[pole][rows],
             )
             if np.all(np.isfinite(rate)):
                 along = np.sum((dw[rows, j] - dw[rows, i]) * u, axis=1)
-                found["velocity_coefficient", pole] = rate[:, None], along[:, None]
+                columns["velocity_coefficient", pole] = rate[:, None], along[:, None]
             if np.all(np.isfinite(change)):
-                found["acceleration_coefficient", pole] = change[:, None], None
+                columns["acceleration_coefficient", pole] = change[:, None], None
                 parents["acceleration_coefficient", pole] = ("velocity_coefficient", pole)
         places: dict[Key, slice] = {}
         at = 0
-        for key, (own, _) in found.items():
-            places[key] = slice(at, at + own.shape[1])
-            at += own.shape[1]
-        slopes = [np.full_like(a, np.nan) if b is None else b for a, b in found.values()]
-        table = np.concatenate([own for own, _ in found.values()], axis=1)
+        for key, (column, _) in columns.items():
+            places[key] = slice(at, at + column.shape[1])
+            at += column.shape[1]
+        slopes = [np.full_like(a, np.nan) if b is None else b for a, b in columns.values()]
+        table = np.concatenate([part for part, _ in columns.values()], axis=1)
         return _Columns(places, table, np.concatenate(slopes, axis=1), parents)
 
     def motion(self, q: Floats, first_sample: int) -> Motion:
@@ -218,8 +218,8 @@ class InterpolatedMotion:
         values[:, angles] = wrap(values[:, angles])
         rotations = np.full((k * count, len(tracer.mechanism.links), 3, 3), np.nan)
         for link in self._rotations:
-            own = self._places["rotation", link]
-            columns = np.concatenate([part[:, own] for part in parts])
+            place = self._places["rotation", link]
+            columns = np.concatenate([part[:, place] for part in parts])
             rotations[:, link] = columns.reshape(-1, 3, 3)
         return tracer.in_rows(q[:, None], first_sample, values, rotations)
 
@@ -284,10 +284,10 @@ def _variable_rates(motion: Motion, w: Floats) -> Floats:
     """Return the rates (n, variables) of all pair variables, given those of the links."""
     rates = np.empty_like(motion.values)
     for number, ends in enumerate(motion.mechanism.ends):
-        own = list(motion.mechanism.variables_of(number))
+        variables = list(motion.mechanism.variables_of(number))
         relative = w[:, ends[1]] - w[:, ends[0]]
-        vectors = np.swapaxes(motion.vectors[:, own], 1, 2)
-        rates[:, own] = (np.linalg.pinv(vectors) @ relative[:, :, None])[..., 0]
+        vectors = np.swapaxes(motion.vectors[:, variables], 1, 2)
+        rates[:, variables] = (np.linalg.pinv(vectors) @ relative[:, :, None])[..., 0]
     return rates
 
 
@@ -315,14 +315,14 @@ def _straight(
     for key, source in table.parents.items():
         parent[table.places[key]] = np.arange(values.shape[1])[table.places[source]]
         derived[table.places[key]] = True
-    own = CubicHermiteSpline(nodes, values[:, ~derived], slopes[:, ~derived])
+    spline = CubicHermiteSpline(nodes, values[:, ~derived], slopes[:, ~derived])
     rows = parent[derived]
     rates = CubicHermiteSpline(nodes, values[:, rows], slopes[:, rows]).derivative()
 
     def read(q: Floats) -> Floats:
-        found = np.empty((len(q), values.shape[1]))
-        found[:, ~derived], found[:, derived] = own(q), rates(q)
-        return found
+        numbers = np.empty((len(q), values.shape[1]))
+        numbers[:, ~derived], numbers[:, derived] = spline(q), rates(q)
+        return numbers
 
     return read
 
@@ -332,11 +332,13 @@ def _fourier(low: float, high: float, table: _Columns) -> Callable[[Floats], Flo
     values = table.values[:-1]
     count = len(values)
     rise = np.zeros(values.shape[1])
-    own = table.places["values", None]
-    rise[own] = np.round((table.values[-1] - values[0])[own] / (2.0 * np.pi)) * 2.0 * np.pi
+    place = table.places["values", None]
+    rise[place] = (
+        np.round((table.values[-1] - values[0])[place] / (2.0 * np.pi)) * 2.0 * np.pi
+    )
     series = np.fft.rfft(values - np.outer(np.arange(count) / count, rise), axis=0) / count
-    found = Periodic(high - low, rise, series, count, np.nan)
-    return lambda q: found.at(q - low)
+    periodic = Periodic(high - low, rise, series, count, np.nan)
+    return lambda q: periodic.at(q - low)
 
 
 def _chebyshev(

@@ -47,7 +47,7 @@ def motion_table(course: Sampling) -> Table:
 
 
 def motion_rows(
-    course: Sampling, motion: Motion, found: Sequence[PoleField]
+    course: Sampling, motion: Motion, fields: Sequence[PoleField]
 ) -> TableArrays:
     """Return the rows of a block of a course whose poles were found."""
     mechanism = course.tracer.mechanism
@@ -56,4 +56,4 @@ def motion_rows(
         rows["t"] = motion.timing.t
     rows |= input_columns(mechanism, motion.inputs)
     rows |= dict(zip(mechanism.variable_names, motion.values.T, strict=True))
-    return rows | {"residual": motion.residual, "status": run_status(motion, found)}
+    return rows | {"residual": motion.residual, "status": run_status(motion, fields)}

@@ -168,17 +168,17 @@ class RecordingSession:
         """Log the portraits that waited for the extent of the whole motion."""
         ranges: dict[tuple[object, str], list[Floats]] = {}
         for scene, _ in self._held:
-            (own,) = scene.primitives
-            assert isinstance(own, Portrait)
-            span = np.array([own.x_range, own.y_range])
-            ranges.setdefault((scene.page, own.path), []).append(span)
+            (portrait,) = scene.primitives
+            assert isinstance(portrait, Portrait)
+            span = np.array([portrait.x_range, portrait.y_range])
+            ranges.setdefault((scene.page, portrait.path), []).append(span)
         for scene, motion in self._held:
-            (own,) = scene.primitives
-            assert isinstance(own, Portrait)
-            spans = np.array(ranges[scene.page, own.path])
+            (portrait,) = scene.primitives
+            assert isinstance(portrait, Portrait)
+            spans = np.array(ranges[scene.page, portrait.path])
             low, high = np.min(spans[:, :, 0], axis=0), np.max(spans[:, :, 1], axis=0)
             x_range, y_range = zip(low.tolist(), high.tolist(), strict=True)
-            whole = replace(own, x_range=x_range, y_range=y_range)
+            whole = replace(portrait, x_range=x_range, y_range=y_range)
             self._log([replace(scene, primitives=(whole,))], motion, scene.source)
         self._held.clear()
 
@@ -190,11 +190,11 @@ class RecordingSession:
         """Log the links of a block."""
         chosen = self._chosen(motion)
         self._seen = max(self._seen, int(motion.sample[-1]) + 1)
-        own = chosen[: motion.samples]
-        if not np.any(own):
+        shown = chosen[: motion.samples]
+        if not np.any(shown):
             return
-        if not np.all(own):
-            motion = replace(motion.rows(chosen), samples=int(np.sum(own)))
+        if not np.all(shown):
+            motion = replace(motion.rows(chosen), samples=int(np.sum(shown)))
         self._log(motion_scenes(motion, self._shapes, self._timed), motion, MOTION)
         if not self._has_graph:  # after the first rows, which should not wait for it
             self._has_graph = True
@@ -204,16 +204,16 @@ class RecordingSession:
     def scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         """Log what an analysis of this name shows of a block."""
         chosen = self._chosen(motion)
-        own = chosen[: motion.samples]
-        if not np.all(own):
-            motion = replace(motion.rows(chosen), samples=int(np.sum(own)))
-            scenes = [scene.thinned(own) for scene in scenes]
+        shown = chosen[: motion.samples]
+        if not np.all(shown):
+            motion = replace(motion.rows(chosen), samples=int(np.sum(shown)))
+            scenes = [scene.thinned(shown) for scene in scenes]
         if self._going_on or self._held:
             held = [
-                replace(scene, primitives=(each,), source=source)
+                replace(scene, primitives=(primitive,), source=source)
                 for scene in scenes
-                for each in scene.primitives
-                if isinstance(each, Portrait) and not scene.over
+                for primitive in scene.primitives
+                if isinstance(primitive, Portrait) and not scene.over
             ]
             self._held += [(scene, motion) for scene in held]
             scenes = [
@@ -234,11 +234,11 @@ class RecordingSession:
                     self._log_block(scene, motion, source)
                 continue
             count = len(scene.over[0].values)
-            own = (
+            spread = (
                 None if line is None else np.linspace(line[0], line[-1], count + 1)[:-1]
                 for line in (self._inputs, self._times)
             )
-            self._recorder.log(replace(scene, source=source), np.arange(count), *own)
+            self._recorder.log(replace(scene, source=source), np.arange(count), *spread)
 
     def _log_block(self, scene: Scene, motion: Motion, source: str) -> None:
         k, timing = motion.samples, motion.timing
@@ -265,4 +265,6 @@ class RecordingSession:
 
 
 def _no_portraits(scene: Scene) -> tuple[Primitive, ...]:
-    return tuple(each for each in scene.primitives if not isinstance(each, Portrait))
+    return tuple(
+        primitive for primitive in scene.primitives if not isinstance(primitive, Portrait)
+    )

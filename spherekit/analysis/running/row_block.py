@@ -46,7 +46,7 @@ class Rooms:
 class Rows:
     """The rows of a block while they are found, with room for the columns of slices.
 
-    `values` (variables, n), `columns` those of the kernel that are kept. `known` (n,) says
+    `values` (variables, n), `columns` those of the kernel that are kept. `closed` (n,) says
     where the values close all loops, `vouched` (n,) where the kernel's numbers may be
     given; `off` (n,) is the error of the configuration.
     """
@@ -54,7 +54,7 @@ class Rows:
     kernel: RowKernel
     values: Floats
     columns: Floats
-    known: NDArray[np.bool_]
+    closed: NDArray[np.bool_]
     vouched: NDArray[np.bool_]
     off: Floats
     status: NDArray[np.int8]
@@ -87,15 +87,15 @@ class Rows:
         """
         made = each_at_once(lambda part: self._fill(part, senses), parts)
         return [
-            all(each[number] for each in made) and self._joins(number, parts)
+            all(flags[number] for flags in made) and self._joins(number, parts)
             for number in range(len(senses))
         ]
 
     def put(self, rows: NDArray[np.intp]) -> None:
         """Fill rows by their numbers, whose values are known."""
-        found = self.kernel(self.values[:, rows])
-        self.columns[:, rows] = found[: self.kernel.kept]
-        self.vouched[rows], self.off[rows] = self.kernel.judged(found)
+        columns = self.kernel(self.values[:, rows])
+        self.columns[:, rows] = columns[: self.kernel.kept]
+        self.vouched[rows], self.off[rows] = self.kernel.judged(columns)
 
     def _joins(self, number: int, parts: Sequence[Part]) -> bool:
         """Return whether directions go on from each slice to the next of its mode."""
@@ -117,25 +117,25 @@ class Rows:
         mode, rows = part
         kernel, values = self.kernel, np.ascontiguousarray(self.values[:, rows])
         room = self.rooms.taken()
-        found = kernel(
+        columns = kernel(
             values,
             room[: kernel.width * values.shape[1]].reshape(kernel.width, values.shape[1]),
         )
-        known = kernel.closed(found)
-        if not np.all(known):
-            open_ = np.flatnonzero(~known & np.isfinite(values[0]))
+        closed = kernel.closed(columns)
+        if not np.all(closed):
+            open_ = np.flatnonzero(~closed & np.isfinite(values[0]))
             if len(open_):
-                known[open_] = self._close(rows, values, found, open_)
-        self.known[rows] = known
-        self.vouched[rows], self.off[rows] = kernel.judged(found)
-        for number, own in enumerate(senses):
-            signed = self._signed(found, number)
-            for pole in np.flatnonzero(own[mode] < 0.0):
+                closed[open_] = self._close(rows, values, columns, open_)
+        self.closed[rows] = closed
+        self.vouched[rows], self.off[rows] = kernel.judged(columns)
+        for number, of_input in enumerate(senses):
+            signed = self._signed(columns, number)
+            for pole in np.flatnonzero(of_input[mode] < 0.0):
                 np.negative(signed[:, pole], out=signed[:, pole])
-        self.columns[:, rows] = found[: kernel.kept]
+        self.columns[:, rows] = columns[: kernel.kept]
         steady = []
         for number in range(len(senses)):
-            signed = self._signed(found, number)
+            signed = self._signed(columns, number)
             unit = signed[:3]
             np.multiply(unit[..., 1:], unit[..., :-1], out=unit[..., 1:])
             unit[0, :, 1:] += unit[1, :, 1:]
@@ -145,7 +145,7 @@ class Rows:
         return steady
 
     def _close(
-        self, rows: slice, values: Floats, found: Floats, open_: NDArray[np.intp]
+        self, rows: slice, values: Floats, columns: Floats, open_: NDArray[np.intp]
     ) -> NDArray[np.bool_]:
         """Take a step of Newton's method; return which rows that closes, near by."""
         before = values[:, open_]
@@ -155,5 +155,5 @@ class Rows:
         step = np.max(np.abs(after - before), axis=0)
         closed = self.kernel.closed(again) & (step < SMALL_STEP)
         self.values[:, rows.start + open_[closed]] = after[:, closed]
-        found[:, open_[closed]] = again[:, closed]
+        columns[:, open_[closed]] = again[:, closed]
         return np.asarray(closed)

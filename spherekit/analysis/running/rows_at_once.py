@@ -61,10 +61,10 @@ class RowsAtOnce:
     def __post_init__(self) -> None:
         self._found: dict[int, _Found] = {}
         modes = len(self.course.tracer.assembly_modes)
-        each = self.kernel.rates
+        rates = self.kernel.rates
         self._rooms = Rooms(self.kernel.width * SLICE)
         # Expected from the block before: then nothing has to be turned round later.
-        self._senses = [np.ones((modes, len(places.signed))) for places in each]
+        self._senses = [np.ones((modes, len(places.signed))) for places in rates]
 
     @classmethod
     def of(
@@ -105,16 +105,16 @@ class RowsAtOnce:
         """Yield the motion from sample `first` on in blocks of successive samples."""
         whole = len(self.course)
 
-        def found(start: int) -> Motion:
+        def block(start: int) -> Motion:
             samples = np.arange(start, min(start + size, whole))
             return self._motion(samples, self._predicted(start, start + len(samples)))
 
-        yield from in_turn(found, range(first, whole, size), self.looks_ahead)
+        yield from in_turn(block, range(first, whole, size), self.looks_ahead)
 
     def motion_at(self, samples: NDArray[np.intp]) -> Motion:
         """Return the motion at some samples, by their numbers."""
-        each = [self._predicted(sample, sample + 1) for sample in samples.tolist()]
-        return self._motion(samples, np.concatenate(each, axis=2))
+        predicted = [self._predicted(sample, sample + 1) for sample in samples.tolist()]
+        return self._motion(samples, np.concatenate(predicted, axis=2))
 
     def has_found(self, motion: Motion) -> bool:
         """Return whether a motion is one that was found, whose poles were not asked."""
@@ -125,15 +125,17 @@ class RowsAtOnce:
     ) -> tuple[PoleField, ...]:
         """Return the poles of a motion that was found, for each input that moves."""
         rates, vouched, steady = self._found.pop(id(motion))
-        each = zip(self.requests, rates, memories, self._senses, strict=False)
-        found = []
-        for (wanted, own, memory, senses), is_steady in zip(each, steady, strict=True):
+        per_input = zip(self.requests, rates, memories, self._senses, strict=False)
+        fields = []
+        for (wanted, columns, memory, senses), is_steady in zip(
+            per_input, steady, strict=True
+        ):
             field = field_of_columns(
-                motion, wanted, own, vouched, memory, self.with_planes, is_steady
+                motion, wanted, columns, vouched, memory, self.with_planes, is_steady
             )
-            senses[:] = _senses_at_end(motion, own, field)
-            found.append(field)
-        return tuple(found)
+            senses[:] = _senses_at_end(motion, columns, field)
+            fields.append(field)
+        return tuple(fields)
 
     def _predicted(self, start: int, stop: int) -> Floats:
         """Return variables (variables, modes, samples), NaN where none is predicted."""
@@ -154,7 +156,7 @@ class RowsAtOnce:
             for start in range(mode * count, (mode + 1) * count, SLICE)
         ]
         steady = rows.fill(parts, [senses.copy() for senses in self._senses])
-        rest = np.flatnonzero(~rows.known)
+        rest = np.flatnonzero(~rows.closed)
         if len(rest):
             self._with_care(rows, samples, rest)
         vouched = rows.vouched & (rows.status == Status.OK)
@@ -194,21 +196,21 @@ class RowsAtOnce:
         tracer, count = self.course.tracer, len(samples)
         residual = np.empty(len(rest))
         for number, mode in enumerate(tracer.assembly_modes):
-            own = rest // count == number
-            if not np.any(own):
+            of_mode = rest // count == number
+            if not np.any(of_mode):
                 continue
-            at = rest[own]
+            at = rest[of_mode]
             wanted = samples[at - number * count]
-            found = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
-            rows.values[:, at] = found.values.T
-            rows.status[at], residual[own] = found.status, found.residual
+            evaluated = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
+            rows.values[:, at] = evaluated.values.T
+            rows.status[at], residual[of_mode] = evaluated.status, evaluated.residual
         rows.put(rest)
         rows.residual[rest] = residual
 
 
 def _senses_at_end(motion: Motion, columns: RateColumns, field: PoleField) -> Floats:
     """Return (modes, poles) the signs that directions without a sense have at the end."""
-    signed = [pole for pole, own in columns.poles.items() if own.is_signed]
+    signed = [pole for pole, pole_rates in columns.poles.items() if pole_rates.is_signed]
     made = np.ones((len(motion.assembly_modes), len(signed)))
     for k, pole in enumerate(signed):
         last = field.velocity_coefficient[pole][motion.samples - 1 :: motion.samples]

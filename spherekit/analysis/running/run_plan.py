@@ -84,8 +84,8 @@ class RunPlan:
         """What makes the run the one it is, ready for JSON."""
         made, at_once = self.evaluation, self.evaluation.at_once
         kernel = None if at_once is None else at_once.engine
-        own = identity_of(self.course, self.analyses, self.block, made.setting)
-        return own | {"kernel": kernel}
+        identity = identity_of(self.course, self.analyses, self.block, made.setting)
+        return identity | {"kernel": kernel}
 
     def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
         """Return the tables of an analysis."""
@@ -134,7 +134,7 @@ class Asked:
         Raises `AnalysisError` too where one is asked for twice: its tables have one place.
         """
         mechanism = driven_at(mechanism)
-        own, refused = [], {}
+        needs, refused = [], {}
         counts = Counter(analysis.name for analysis in analyses)
         for name, count in counts.items():
             if count > 1:
@@ -145,19 +145,19 @@ class Asked:
                 )
         for analysis in analyses:
             try:
-                own.append(declared(analysis, mechanism))
+                needs.append(declared(analysis, mechanism))
             except PluginError as fault:
                 refused[analysis.name] = str(fault)
-                own.append(Needs())
-        return cls(tuple(analyses), tuple(own), refused)
+                needs.append(Needs())
+        return cls(tuple(analyses), tuple(needs), refused)
 
     @property
     def at_once(self) -> list[str]:
         """Names of the analyses that look at all samples at once."""
         return [
-            each.name
-            for each in self.analyses
-            if each.name not in self.refused and each.at_once
+            analysis.name
+            for analysis in self.analyses
+            if analysis.name not in self.refused and analysis.at_once
         ]
 
 

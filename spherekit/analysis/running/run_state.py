@@ -57,7 +57,7 @@ class RunState:
             "tally": self.tally.state(),
             "done": self.done,
             "failures": dict(self.failures),
-            "findings": {name: asdict(own) for name, own in self.findings.items()},
+            "findings": {name: asdict(item) for name, item in self.findings.items()},
             "seconds": self.seconds,
             "rows": [[*names, rows] for names, rows in self.rows.items()],
         }
@@ -66,8 +66,8 @@ class RunState:
     def restored(cls, state: Mapping[str, Any]) -> Self:
         """Return the standing that `state` gave."""
         findings = {
-            name: Findings(own["figures"], tuple(own["warnings"]), tuple(own["remarks"]))
-            for name, own in state["findings"].items()
+            name: Findings(item["figures"], tuple(item["warnings"]), tuple(item["remarks"]))
+            for name, item in state["findings"].items()
         }
         return cls(
             [SignMemory.restored(memory) for memory in state["signs"]],
@@ -124,10 +124,10 @@ def identity_of(
 
 def _digest(values: Floats) -> str:
     """Return the SHA-256 of an array's bits, piece by piece."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for start in range(0, len(values), 1 << 16):
-        found.update(np.ascontiguousarray(values[start : start + (1 << 16)]).tobytes())
-    return found.hexdigest()
+        digest.update(np.ascontiguousarray(values[start : start + (1 << 16)]).tobytes())
+    return digest.hexdigest()
 
 
 def _plain(value: Any) -> Any:

@@ -37,7 +37,8 @@ class RunStatistics:
         """Return what was counted, ready for JSON."""
         return {
             "status": [
-                [assembly_mode, own.tolist()] for assembly_mode, own in self._status.items()
+                [assembly_mode, counts.tolist()]
+                for assembly_mode, counts in self._status.items()
             ],
             "poles": self._poles.tolist(),
             "residual": self._residual,
@@ -56,7 +57,7 @@ class RunStatistics:
         """Return the tally that `state` gave."""
         tally = cls()
         tally._status = {
-            assembly_mode: np.array(own) for assembly_mode, own in state["status"]
+            assembly_mode: np.array(counts) for assembly_mode, counts in state["status"]
         }
         tally._poles = np.array(state["poles"])
         tally._residual, tally._error = state["residual"], state["error"]
@@ -74,30 +75,30 @@ class RunStatistics:
         """Count a block."""
         status = run_status(motion, fields)
         for number, mode in enumerate(motion.assembly_modes):
-            own = status[number * motion.samples : (number + 1) * motion.samples]
-            counts = np.bincount(own, minlength=CODES)
+            of_mode = status[number * motion.samples : (number + 1) * motion.samples]
+            counts = np.bincount(of_mode, minlength=CODES)
             self._status[mode.number] = counts + self._status.get(mode.number, 0)
         self._residual = _largest(self._residual, motion.residual)
         held = motion.status == Status.OK
         off = motion.configuration_error
         self._off = _largest(self._off, off if np.all(held) else off[held])
-        for found in fields:
-            held = found.status == Status.OK
+        for field in fields:
+            held = field.status == Status.OK
             good = slice(None) if np.all(held) else held
-            for codes, often in _counted_once(found.pole_status.values()):
+            for codes, often in _counted_once(field.pole_status.values()):
                 counts = np.bincount(codes[good], minlength=CODES)
                 locked = len(fields) > 1 and counts[Status.NO_POLE] == np.sum(counts)
                 if not locked:  # links that other inputs hold together have none
                     self._poles += often * counts
-            for error, _ in _counted_once(found.error.values()):
+            for error, _ in _counted_once(field.error.values()):
                 self._error = _largest(self._error, error[good])
-            for error, _ in _counted_once(found.velocity_coefficient_error.values()):
+            for error, _ in _counted_once(field.velocity_coefficient_error.values()):
                 self._rate = _largest(self._rate, error[good])
-            for error, _ in _counted_once(found.acceleration_coefficient_error.values()):
+            for error, _ in _counted_once(field.acceleration_coefficient_error.values()):
                 self._rate_dq = _largest(self._rate_dq, error[good])
-            self._by_equations[0] += int(np.sum(found.by_equations))
-            self._by_equations[1] += len(found.by_equations)
-            self._by_kernel += int(np.count_nonzero(found.by_kernel))
+            self._by_equations[0] += int(np.sum(field.by_equations))
+            self._by_equations[1] += len(field.by_equations)
+            self._by_kernel += int(np.count_nonzero(field.by_kernel))
         if self._rank is None and np.any(motion.status == Status.OK):
             row = int(np.argmax(motion.status == Status.OK))
             closure = tracer.solver.closure
@@ -165,20 +166,20 @@ def _counted_once(
     arrays: Iterable[NDArray[Any]],
 ) -> Iterable[tuple[NDArray[Any], int]]:
     """Return arrays without those that are there again, and how often each is."""
-    found: dict[tuple[int, tuple[int, ...]], tuple[NDArray[Any], int]] = {}
-    for each in arrays:
-        key = each.__array_interface__["data"][0], each.strides
-        found[key] = each, found.get(key, (each, 0))[1] + 1
-    return found.values()
+    counted: dict[tuple[int, tuple[int, ...]], tuple[NDArray[Any], int]] = {}
+    for array in arrays:
+        key = array.__array_interface__["data"][0], array.strides
+        counted[key] = array, counted.get(key, (array, 0))[1] + 1
+    return counted.values()
 
 
-def _largest(known: float | None, values: Floats) -> float | None:
+def _largest(so_far: float | None, values: Floats) -> float | None:
     if not len(values):
-        return known
-    found = float(np.max(values))
-    if not np.isfinite(found):
+        return so_far
+    largest = float(np.max(values))
+    if not np.isfinite(largest):
         finite = values[np.isfinite(values)]
         if not len(finite):
-            return known
-        found = float(np.max(finite))
-    return found if known is None else max(known, found)
+            return so_far
+        largest = float(np.max(finite))
+    return largest if so_far is None else max(so_far, largest)

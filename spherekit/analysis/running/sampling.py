@@ -130,8 +130,8 @@ class Sampling:
             coarse = self.simulated(np.arange(0, len(self), max(1, len(self) // 24)))
         else:
             coarse = self.tracer.sparse(24)
-        own = ~coarse.failed & (coarse.assembly_mode == coarse.assembly_mode[0])
-        mean = np.sum(coarse.frames[own, :, :, 2], axis=(0, 1))
+        first_mode = ~coarse.failed & (coarse.assembly_mode == coarse.assembly_mode[0])
+        mean = np.sum(coarse.frames[first_mode, :, :, 2], axis=(0, 1))
         size = np.linalg.norm(mean)
         return None if size < 1e-9 else np.asarray(mean / size)
 
@@ -167,12 +167,12 @@ class Sampling:
         """Return what is to be said of time, and of a simulation's checks."""
         if not self.timed:
             return {}
-        found: dict[str, Any] = {"duration_s": self.duration}
+        facts: dict[str, Any] = {"duration_s": self.duration}
         if self.simulation is None:
-            found["laws"] = {pair: repr(law) for pair, law in self.laws.items()}
-            return {"time": found}
+            facts["laws"] = {pair: repr(law) for pair, law in self.laws.items()}
+            return {"time": facts}
         done = self.simulation
-        found |= {
+        facts |= {
             "end": {"kind": done.end.kind, "t": done.end.t, "reason": done.end.message},
             "tolerance": self.tolerance,
             "achieved_error_rad": done.checks.error,
@@ -184,7 +184,7 @@ class Sampling:
             "engine": {"name": done.engine.name, "steps": done.engine.steps},
             "events": len(done.events),
         }
-        return {"simulation": found}
+        return {"simulation": facts}
 
 
 def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sampling:
@@ -270,15 +270,15 @@ def _simulated_courses(
             course = None
         done = 0 if course is None else len(course)
         if np.isfinite(piece.until):
-            known = int(np.searchsorted(t, piece.until))
-            if known == 0 or known < min(2 * done, done + most):
+            ready = int(np.searchsorted(t, piece.until))
+            if ready == 0 or ready < min(2 * done, done + most):
                 continue
-            times = t[:known]
+            times = t[:ready]
         else:
             times = t
-        found = simulated_course(tracer, piece.motion, times, tolerance, course)
+        extended = simulated_course(tracer, piece.motion, times, tolerance, course)
         course = replace(
-            found,
+            extended,
             duration=float(t[-1]),
             planned=len(t),
             going_on=bool(np.isfinite(piece.until)),
@@ -373,9 +373,9 @@ def _over_time(
         q[:done], dq[:done], ddq[:done] = before.inputs, before.timing.dq, before.timing.ddq
     for start in range(done, len(t), BLOCK):
         rows = slice(start, start + BLOCK)
-        found = simulation.at(t[rows])
-        q[rows], dq[rows] = found.inputs, found.input_rates
-        ddq[rows] = found.input_accelerations
+        states = simulation.at(t[rows])
+        q[rows], dq[rows] = states.inputs, states.input_rates
+        ddq[rows] = states.input_accelerations
     return q, Timing(t, dq, ddq)
 
 
@@ -383,12 +383,12 @@ def motion_of(
     simulation: Simulation, tracer: Tracer, t: Floats, sample: NDArray[np.int64]
 ) -> Motion:
     """Return a simulation as a motion, at times t (n,) of these samples."""
-    found = simulation.at(t)
+    states = simulation.at(t)
     n = len(t)
-    values = found.values.copy()
+    values = states.values.copy()
     angles = tracer.solver.angles
     values[:, angles] = wrap(values[:, angles])
-    values[:, list(simulation.driven)] = found.inputs
+    values[:, list(simulation.driven)] = states.inputs
     pair = tracer.inputs[0]
     turns = [e.t for e in simulation.events if e.kind == "dead_centre" and e.pair == pair]
     return Motion(
@@ -399,12 +399,12 @@ def motion_of(
         samples=n,
         sample=sample,
         assembly_mode=np.full(n, tracer.assembly_modes[0].number),
-        inputs=found.inputs,
+        inputs=states.inputs,
         values=values,
-        placed=found.rotations,
+        placed=states.rotations,
         status=np.full(n, Status.OK, dtype=np.int8),
-        residual=found.residual,
-        timing=Timing(t, found.input_rates, found.input_accelerations),
+        residual=states.residual,
+        timing=Timing(t, states.input_rates, states.input_accelerations),
         sense=np.where(np.searchsorted(turns, t) % 2 == 1, -1.0, 1.0),
     )
 

@@ -56,7 +56,7 @@ def parquet_row(data: TableArrays, rows: int, samples: int) -> float:
     total = 0.0
     for name, values in data.items():
         some = data["sample"] % 2 == 0 if "sample" in data else slice(None, None, 2)
-        less, more = (len(np.unique(each)) for each in (values[some], values))
+        less, more = (len(np.unique(subset)) for subset in (values[some], values))
         growing = (more - less) / max(len(values) - len(values[some]), 1)
         different = max(more + growing * (rows - len(values)), 1.0)
         if name == "sample":

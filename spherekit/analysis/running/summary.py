@@ -64,11 +64,17 @@ def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
             for analysis in job.analyses
         ],
         "remarks": [
-            f"{name}: {text}" for name, own in findings.items() for text in own.remarks
+            f"{name}: {text}"
+            for name, finding in findings.items()
+            for text in finding.remarks
         ],
         "warnings": [
             *course.warnings,
-            *(f"{name}: {text}" for name, own in findings.items() for text in own.warnings),
+            *(
+                f"{name}: {text}"
+                for name, finding in findings.items()
+                for text in finding.warnings
+            ),
         ],
     }
 
@@ -78,9 +84,12 @@ def actual_cost(
 ) -> dict[str, Any]:
     """Return what was evaluated, made and logged; a recorder that counts is finished."""
     tables = {
-        stem_of(name, own, table): (standing.rows[name, table.name], len(table.columns))
-        for name, own in job.tables(standing.failures).items()
-        for table in own
+        stem_of(name, declared, table): (
+            standing.rows[name, table.name],
+            len(table.columns),
+        )
+        for name, declared in job.tables(standing.failures).items()
+        for table in declared
     }
     logged = None
     if isinstance(recorder, CountingRecorder):
@@ -88,5 +97,5 @@ def actual_cost(
             recorder.finish()
         logged = recorder.cost
     tally = standing.tally
-    own = cost_of(ledger, job.requests, tally.configurations, tally.solves, tables, logged)
-    return own | job.course.cost()
+    cost = cost_of(ledger, job.requests, tally.configurations, tally.solves, tables, logged)
+    return cost | job.course.cost()

@@ -124,16 +124,16 @@ class Verifier:
             good &= field.status == Status.OK
         if not np.any(good):
             return
-        own = motion.rows(good)
-        found = tuple(field.rows(good) for field in fields)
+        good_rows = motion.rows(good)
+        good_fields = tuple(field.rows(good) for field in fields)
         turned = {name: angle[good] for name, angle in angles.items()}
-        number = own.assembly_mode * self._samples + own.sample
-        bound = np.full(len(own), np.nan)
-        for field in found:
+        number = good_rows.assembly_mode * self._samples + good_rows.sample
+        bound = np.full(len(good_rows), np.nan)
+        for field in good_fields:
             for pole in field.error:
                 bound = np.fmax(bound, field.error[pole])
         spread = (number + 1) * GOLDEN % 1.0
-        new = _Kept(own, found, turned, spread, bound, own.conditioning)
+        new = _Kept(good_rows, good_fields, turned, spread, bound, good_rows.conditioning)
         new = new.rows(new.chosen(self._count))
         if self._kept is not None:
             new = _together(self._kept, new)
@@ -166,9 +166,9 @@ class Verifier:
             exact = exact_rows_by_input(motion, every, driven, arithmetic)
         except SpherekitError as problem:
             return verdict | {"problem": str(problem)}
-        status = np.max([each.status for each in exact], axis=0)
-        found = list(zip(exact, self._wanted, fields, strict=False))
-        nearest = tuple(exact_field(*each) for each in found)
+        status = np.max([reference.status for reference in exact], axis=0)
+        compared = list(zip(exact, self._wanted, fields, strict=False))
+        nearest = tuple(exact_field(*triple) for triple in compared)
         better = exact_motion(motion, every, exact[0])
         rows = _Rows(motion, status == Status.OK, exact[0].condition, _allowed(motion))
         pairs = [(MOTION, *tables) for tables in _configurations(motion, better)]
@@ -182,14 +182,14 @@ class Verifier:
             if analysis.at_once and self._whole is not None:
                 both = self._whole, _replaced(self._whole, rows, *alone[1])
             try:
-                own = [table.of(motion.mechanism) for table in analysis.tables]
+                declared = [table.of(motion.mechanism) for table in analysis.tables]
                 first, second = (
                     computed(
                         analysis,
-                        own,
-                        Batch(motion.mechanism, self._plans, needs, *each, self._timed),
+                        declared,
+                        Batch(motion.mechanism, self._plans, needs, *read, self._timed),
                     )
-                    for each in both
+                    for read in both
                 )
             except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
@@ -201,9 +201,9 @@ class Verifier:
                     arrays(first[table.name]),
                     arrays(second[table.name]),
                 )
-                for table in own
+                for table in declared
             ]
-        columns = [item for each in pairs for item in _compared(rows, *each)]
+        columns = [item for pair in pairs for item in _compared(rows, *pair)]
         told = [item for item in columns if item["compared"]]
         worst = max(told, key=lambda item: float(item["in_roundings"]))
         return verdict | {
@@ -215,7 +215,7 @@ class Verifier:
                     "status": Status(int(status[row])).name,
                     "distance_rad": _number(exact[0].distance[row]),
                 }
-                for row in np.flatnonzero(~rows.known)
+                for row in np.flatnonzero(~rows.has_reference)
             ],
             "largest_condition": _largest(exact[0].condition),
             "largest_distance_rad": _largest(exact[0].distance),
@@ -225,7 +225,7 @@ class Verifier:
                 for item in columns
                 if not item["compared"]
             ],
-            **_within_bounds(rows, found, nearest),
+            **_within_bounds(rows, compared, nearest),
             "worst": {
                 "column": f"{worst['table']}.{worst['column']}",
                 "in_roundings": worst["in_roundings"],
@@ -262,12 +262,12 @@ def told(verdict: Mapping[str, Any]) -> list[str]:
             + f" at {_place(item)} ({item['in_roundings']:.2g} roundings)"
         )
     for name, words in BOUNDED.items():
-        found = verdict[name]
-        if found["count"]:
+        judged = verdict[name]
+        if judged["count"]:
             lines.append(
-                f"  {found['within_bound']} of {found['count']} {words} lie within "
-                f"their error bound; nearest to it {found['error']:.1e}, "
-                f"{found['over_bound']:.2g} of the bound, at {_place(found)}"
+                f"  {judged['within_bound']} of {judged['count']} {words} lie within "
+                f"their error bound; nearest to it {judged['error']:.1e}, "
+                f"{judged['over_bound']:.2g} of the bound, at {_place(judged)}"
             )
     for row in verdict["without_reference"]:
         lines.append(f"  no reference at {_place(row)}: {row['status']}")
@@ -286,18 +286,18 @@ def told(verdict: Mapping[str, Any]) -> list[str]:
 
 def faults(verdict: Mapping[str, Any]) -> list[str]:
     """Return what of a verdict is wrong beyond rounding, in sentences."""
-    found = []
+    sentences = []
     if "problem" in verdict:
-        found.append(f"verify: no row was verified: {verdict['problem']}")
+        sentences.append(f"verify: no row was verified: {verdict['problem']}")
     if verdict.get("beyond"):
-        found.append(
+        sentences.append(
             f"verify: {listing(verdict['beyond'])} deviate by more than rounding from "
             f"their values in {verdict['digits']} digits"
         )
     for name, words in BOUNDED.items():
         judged = verdict.get(name)
         if judged and judged["within_bound"] < judged["count"]:
-            found.append(
+            sentences.append(
                 f"verify: {judged['count'] - judged['within_bound']} of "
                 f"{judged['count']} {words} are off by more than their error bound"
             )
@@ -305,8 +305,8 @@ def faults(verdict: Mapping[str, Any]) -> list[str]:
         places = listing(
             f"{_place(row)} ({row['status']})" for row in verdict["without_reference"]
         )
-        found.append(f"verify: no solution in many digits belongs to {places}")
-    return found
+        sentences.append(f"verify: no solution in many digits belongs to {places}")
+    return sentences
 
 
 @final
@@ -319,7 +319,7 @@ class _Rows:
     """
 
     motion: Motion
-    known: NDArray[np.bool_]
+    has_reference: NDArray[np.bool_]
     condition: Floats
     allowed: Floats
 
@@ -359,7 +359,7 @@ def _replaced(
     motion, fields, going_on = whole
     row = rows.of({"sample": motion.sample, "assembly_mode": motion.assembly_mode})
     at = np.flatnonzero(row >= 0)
-    at = at[rows.known[row[at]]]
+    at = at[rows.has_reference[row[at]]]
     source = row[at]
 
     def put(old: Any, new: Any) -> Any:
@@ -374,23 +374,23 @@ def _replaced(
         part: put(getattr(motion, name), getattr(better, name))
         for part, name in names.items()
     }
-    found = tuple(
+    better_fields = tuple(
         PoleField(
             **{name: put(value, getattr(new, name)) for name, value in vars(old).items()}
         )
         for old, new in zip(fields, nearest, strict=True)
     )
-    return replace(motion, **parts), found, put(going_on, angles)
+    return replace(motion, **parts), better_fields, put(going_on, angles)
 
 
 def _as_far(better: Motion, angles: Mapping[str, Floats]) -> Mapping[str, Floats]:
     """Return the variables of better rows, after as many turns as continued ones made."""
-    found = {}
+    turned = {}
     for name, angle in angles.items():
         (number,) = better.mechanism.variables_of(better.mechanism.pair_number[name])
         value = better.values[:, number]
-        found[name] = value + TURN * np.round((angle - value) / TURN)
-    return found
+        turned[name] = value + TURN * np.round((angle - value) / TURN)
+    return turned
 
 
 def _configurations(
@@ -402,9 +402,9 @@ def _configurations(
     columns = tuple(Column(name, "rad", "pair variable") for name in names)
     table = Table(MOTION, "the configurations", (SAMPLE, ASSEMBLY_MODE, *columns))
     first, second = (
-        {"sample": each.sample, "assembly_mode": each.assembly_mode}
-        | {name: each.values[:, k] for k, name in enumerate(names)}
-        for each in (motion, better)
+        {"sample": configurations.sample, "assembly_mode": configurations.assembly_mode}
+        | {name: configurations.values[:, k] for k, name in enumerate(names)}
+        for configurations in (motion, better)
     )
     yield table, first, second
 
@@ -428,18 +428,18 @@ def _compared(
     if not np.any(row >= 0):
         return
     given, reference = (
-        {name: np.asarray(values)[row >= 0] for name, values in each.items()}
-        for each in (given, reference)
+        {name: np.asarray(values)[row >= 0] for name, values in data.items()}
+        for data in (given, reference)
     )
     row = row[row >= 0]
-    known = rows.known[row]
+    has_reference = rows.has_reference[row]
     subjects = [c.name for c in table.columns if c.kind == "text"]
     for column in table.columns:
         if column.kind != "number" or column == RESIDUAL:
             continue
         one, other = (
-            np.where(known, np.asarray(each[column.name], dtype=float), np.nan)
-            for each in (given, reference)
+            np.where(has_reference, np.asarray(data[column.name], dtype=float), np.nan)
+            for data in (given, reference)
         )
         off = np.abs(one - other)
         if column.unit == "rad":
@@ -447,7 +447,9 @@ def _compared(
         rounding = EPS * np.maximum(1.0, np.abs(other)) * rows.condition[row]
         share = off / rounding
         compared = bool(np.any(np.isfinite(off)))
-        apart, rough = (int(np.nanargmax(each)) if compared else 0 for each in (off, share))
+        apart, rough = (
+            int(np.nanargmax(measure)) if compared else 0 for measure in (off, share)
+        )
 
         def place(at: int, one: Floats = one, other: Floats = other) -> dict[str, Any]:
             return {
@@ -475,7 +477,7 @@ def _compared(
 
 def _within_bounds(
     rows: _Rows,
-    found: Sequence[tuple[ExactRows, Request, PoleField]],
+    compared: Sequence[tuple[ExactRows, Request, PoleField]],
     references: Sequence[PoleField],
 ) -> dict[str, dict[str, Any]]:
     """Return how many directions, rates and derivatives lie within their bounds.
@@ -483,7 +485,7 @@ def _within_bounds(
     With the worst of each.
     """
     verdicts = {name: _Within() for name in BOUNDED}
-    for (exact, wanted, field), nearest in zip(found, references, strict=True):
+    for (exact, wanted, field), nearest in zip(compared, references, strict=True):
         numbers = exact.arithmetic
         for pole in wanted.poles:
             given = field.direction[pole]
@@ -528,7 +530,7 @@ class _Within:
     ) -> None:
         """Count the numbers of a pole in all rows."""
         motion = rows.motion
-        judged = rows.known & np.isfinite(error) & np.isfinite(bound)
+        judged = rows.has_reference & np.isfinite(error) & np.isfinite(bound)
         if not np.any(judged):
             return
         over = np.where(judged, error / np.maximum(bound, TINY), 0.0)

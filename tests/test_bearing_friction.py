@@ -1,0 +1,158 @@
+"""Simulations with friction that follows from the reactions which it changes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import mechanism
+from multibody import Bearing, Hinge, MultiBody
+from newton_euler import body
+
+import spherekit as sk
+from spherekit.model.geometry import geometry_of
+from spherekit.motion.closure import Closure
+
+
+def spun(grip, speed=1e-3, tensor=((2.0, 0.0, 0.3), (0.0, 2.0, 0.4), (0.3, 0.4, 1.0))):
+    """Return a wheel out of balance on one axis, with two bearings 0.5 m apart."""
+    made = mechanism("1-2", np.array([[0.0, 0.0, 1.0]]))
+    made = made.with_inputs(made.pairs[0].name).with_mass(made.links[1], tensor)
+    rub = sk.Bearings("rub", made.pairs[0].name, (0.2, 0.7), 0.25 * grip, 1.0, speed)
+    return made.with_loads(rub)
+
+
+def test_a_wheel_out_of_balance_is_slowed_by_what_its_bearings_carry():
+    """By hand: M^2 = P^2 (a^2 + w^4) across the axis, with P its product of inertia.
+
+    With C a = -g M and the moment of inertia C about the axis, a = -k w^2 with
+    k = g P / sqrt(C^2 - g^2 P^2), so the angle is log(1 + k w t) / k.
+    """
+    grip, first, product, tensor = 0.4, 5.0, 0.5, 1.0
+    found = sk.simulate(spun(grip), sk.Start(0.0, first), 1.0, tolerance=1e-11)
+    assert found.end.kind == "time" and found.engine.name == "numpy"
+    assert "friction follows from the reaction" in found.engine.reason
+    k = grip * product / np.sqrt(tensor**2 - grip**2 * product**2)
+    t = np.linspace(0.0, 1.0, 7)
+    history = found.at(t)
+    assert history.q == pytest.approx(np.log1p(k * first * t) / k, abs=1e-10)
+    assert history.dq == pytest.approx(first / (1.0 + k * first * t), abs=1e-9)
+    # What is lost of the energy is the work of the friction.
+    lost = 0.5 * tensor * (history.dq**2 - first**2)
+    assert history.work[:, 0] == pytest.approx(lost, abs=1e-9)
+    assert found.checks.energy < 1e-12 * found.checks.energy_scale
+    across = found.moments(t).across[:, 0]
+    want = product * history.dq**2 * np.sqrt(1.0 + k**2)
+    assert across == pytest.approx(want, rel=1e-9)
+
+
+def test_bearings_that_lock_end_a_simulation():
+    """As found by hand above: there is no motion where g P reaches C."""
+    with pytest.raises(sk.SpherekitError, match="cannot leave its start: bearings lock"):
+        sk.simulate(spun(2.01), sk.Start(0.0, 5.0), 1.0)
+    assert sk.simulate(spun(1.9), sk.Start(0.0, 5.0), 0.01).end.kind == "time"
+
+
+def test_a_pendulum_comes_to_rest_where_its_bearings_hold_its_weight():
+    """By hand: m g h across the axis holds m g r sin(theta) while that is below g of it.
+
+    Held, it creeps at the part of the smoothing speed whose tanh is what is needed.
+    """
+    grip, arm, height, speed = 0.6, 0.3, 0.2, 0.02
+    mass, weight = 2.0, 2.0 * 9.81
+    made = spun(grip, speed, ((0.1, 0.0, -0.12), (0.0, 0.3, 0.0), (-0.12, 0.0, 0.22)))
+    made = replace(
+        made, masses=(replace(made.masses[0], mass=mass, centre=(arm, 0.0, height)),)
+    )
+    down = sk.Gravity("weight", (9.81, 0.0, 0.0))
+    loaded = made.with_loads(down, *made.loads)
+    found = sk.simulate(loaded, sk.Start(0.8, 0.0), 0.8, tolerance=1e-7)
+    assert found.end.kind == "time"
+    t = np.array([0.75, 0.8])
+    last = found.at(t)
+    assert np.all(np.abs(last.dq) < speed)
+    needed = weight * arm * np.sin(last.q)
+    across = found.moments(t).across[:, 0]
+    assert across == pytest.approx(np.full(2, weight * height), rel=1e-3)
+    assert needed == pytest.approx(-grip * across * np.tanh(last.dq / speed), rel=1e-2)
+    energy = weight * arm * (np.cos(0.8) - np.cos(last.q))
+    rub = [load.name for load in found.mechanism.loads].index("rub")
+    assert last.work[:, rub] == pytest.approx(energy, abs=1e-5)
+
+
+CASES = {
+    "four_bar": ((0.3,), (2.0,), ("21", "41"), 0.4),
+    "five_bar": ((1.0, 1.2), (1.0, -0.8), ("21", "43"), 0.4),
+    "two_dof_spm": ((0.4, 0.9), (0.6, -0.5), ("21", "61"), 0.5),
+}
+
+
+def heavy(name):
+    random = np.random.default_rng(sum(map(ord, name)))
+    made = replace(sk.load(name), loads=())
+    masses = tuple(body(random, link) for link in made.links if link != made.ground)
+    return replace(made, masses=masses).with_inputs(
+        *([item.pair for item in made.inputs] or ["21"])
+    )
+
+
+def test_friction_recovers_the_torque_that_drove_it():
+    """The inverse problem, which finds friction with the torques, along a simulation."""
+    made = heavy("four_bar")
+    rub = sk.Bearings("rub", "41", (0.4, 0.9), 0.1, 0.8, speed=0.05)
+    run = sk.run(
+        made.with_loads(rub),
+        ["eksergian", "dynamics"],
+        start=sk.Start(0.3, 2.0),
+        torque="5*sin(2*t)",
+        duration=0.05,
+        samples=5,
+    )
+    for analysis in ("eksergian", "dynamics"):
+        table = run.frame(analysis)
+        want = 5.0 * np.sin(2.0 * table["t"].to_numpy())
+        assert table["tau"].to_numpy() == pytest.approx(want, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "name", ["four_bar", "five_bar", pytest.param("two_dof_spm", marks=pytest.mark.long)]
+)
+def test_free_bodies_with_all_reactions_and_friction_move_the_same_way(name):
+    q, dq, rubbing, until = CASES[name]
+    made = heavy(name)
+    inputs = [item.pair for item in made.inputs]
+    driven = inputs[0]
+    rub = [
+        sk.Bearings(f"rub_{pair}", pair, (0.4, 0.9), 0.1, 0.4, speed=0.05)
+        for pair in rubbing
+    ]
+    drive = sk.PairTorque("drive", driven, f"5*sin(2*t) - 0.5*dtheta_{driven}")
+    made = made.with_loads(drive, *rub)
+    found = sk.simulate(made, sk.Start(q, dq), until, tolerance=1e-11)
+    assert found.end.kind == "time"
+    t = np.linspace(0.0, until, 6)
+    history = found.at(t)
+    checks = found.checks
+    assert checks.energy < 1e-12 * checks.energy_scale
+    work = [history.work[:, k] for k, load in enumerate(made.loads) if load in rub]
+    assert len(work) == 2 and np.all(np.diff(work, axis=1) < 0.0)
+    at = Closure.of(made, geometry_of(made).joints).at(history.values[:1])
+    turns = at.placed[0]
+    hinges = [
+        Hinge(pair.name, *ends, turns[ends[0]] @ at.states.first[0, k][:, 2])
+        for k, (pair, ends) in enumerate(zip(made.pairs, made.ends, strict=True))
+    ]
+    tensors = []
+    for mass in made.masses:
+        turn = turns[made.link_number[mass.link]]
+        tensors.append(turn @ np.array(mass.tensor) @ turn.T)
+    bodies = MultiBody(tensors, hinges)
+    w = bodies.rates_of(dict(zip(inputs, dq, strict=True)))
+
+    def pull(t, angles, rates):
+        return {driven: 5.0 * np.sin(2.0 * t) - 0.5 * rates[driven]}
+
+    bearings = {pair: Bearing(2 * 0.4 * 0.1 / 0.5, 0.05) for pair in rubbing}
+    turned = bodies.solve(pull, w, t, longest=0.05, bearings=bearings)
+    for pair, angle in turned.items():
+        moved = history.values[:, made.angles[pair]] - history.values[0, made.angles[pair]]
+        assert angle == pytest.approx(moved, abs=1e-9)
