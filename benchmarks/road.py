@@ -52,8 +52,8 @@ def _same_rows(count: int) -> Section:
         "without a kernel: shipped mechanisms, random ones of all topologies, half with "
         "degenerate geometry, chains with rolling and sliding contacts whose profiles are "
         "circles, Fourier series or run through points, and such that fold flat, at and "
-        "beside where they do. A difference is beyond its bounds where it is more than both "
-        "ways state together.",
+        "beside where they do. A difference is beyond its bounds where it is more than "
+        "both ways state together.",
         (
             "mechanisms",
             "tried",
