@@ -34,8 +34,8 @@ class Condition:
     def holds(self, columns: Mapping[str, Any]) -> NDArray[np.bool_]:
         """Return for which rows it holds, from columns (n,) by name."""
         left, right = (
-            each.evaluate({name: columns[name] for name in each.names})
-            for each in (self.left, self.right)
+            side.evaluate({name: columns[name] for name in side.names})
+            for side in (self.left, self.right)
         )
         with np.errstate(invalid="ignore"):
             return np.asarray(_HOLDS[self.sign](left, right))
@@ -43,8 +43,8 @@ class Condition:
     def slack(self, columns: Mapping[str, Any]) -> NDArray[np.float64]:
         """Return by how much it holds (n,): negative where it does not."""
         left, right = (
-            each.evaluate({name: columns[name] for name in each.names})
-            for each in (self.left, self.right)
+            side.evaluate({name: columns[name] for name in side.names})
+            for side in (self.left, self.right)
         )
         return np.asarray(right - left if self.sign.startswith("<") else left - right)
 

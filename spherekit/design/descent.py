@@ -29,27 +29,29 @@ class Descent:
         sweep = self.sweep = sizing.sweep
         assert isinstance(sweep.evaluator, Evaluator)
         self.figures = FigureGradients(sweep.evaluator)
-        self.low = np.array([each.low for each in sweep.space.variations])
-        self.width = np.array([each.high for each in sweep.space.variations]) - self.low
+        self.low = np.array([variation.low for variation in sweep.space.variations])
+        self.width = (
+            np.array([variation.high for variation in sweep.space.variations]) - self.low
+        )
         self.objectives = [
-            with_derivatives(each, sizing.names) for each in sizing.objectives
+            with_derivatives(objective, sizing.names) for objective in sizing.objectives
         ]
         self.conditions = [
-            (each, self._slack(each))
-            for each in sweep.conditions
-            if "closes" not in each.names
+            (condition, self._slack(condition))
+            for condition in sweep.conditions
+            if "closes" not in condition.names
         ]
         radians = DEG if sweep.angle == "deg" else 1.0
-        known = row_quantities(sweep.mechanism)
+        quantities = row_quantities(sweep.mechanism)
         self.in_rad = np.array([radians if v.is_angle else 1.0 for v in sweep.variables])
-        units = [merit.unit(known) == "rad" for merit in sweep.merits]
+        units = [merit.unit(quantities) == "rad" for merit in sweep.merits]
         self.figure_unit = np.where(units, radians, 1.0)
         self._last: tuple[bytes, Any] | None = None
 
     def _slack(self, condition: Condition) -> tuple[ArrayFunction, ArrayFunction]:
         return tuple(  # type: ignore[return-value]
-            with_derivatives(each, self.sizing.names)
-            for each in (condition.left, condition.right)
+            with_derivatives(side, self.sizing.names)
+            for side in (condition.left, condition.right)
         )
 
     def places(self, rows: Columns) -> Floats:
@@ -62,10 +64,10 @@ class Descent:
         key = x.tobytes() + np.array(signs).tobytes()
         if self._last is None or self._last[0] != key:
             values = self.low + self.width * x
-            found, slopes, closes = self.figures.at(values * self.in_rad, signs)
-            found = found / self.figure_unit
+            figures, slopes, closes = self.figures.at(values * self.in_rad, signs)
+            figures = figures / self.figure_unit
             slopes = slopes * (self.in_rad * self.width) / self.figure_unit[:, None]
-            columns = np.concatenate([values, found])
+            columns = np.concatenate([values, figures])
             gradient = np.concatenate([np.diag(self.width), slopes])
             if self.sizing.matched:
                 names = self.sizing.names
@@ -84,12 +86,14 @@ class Descent:
     ) -> tuple[float, Floats]:
         """Return an expression of varied numbers and figures, and its gradient by x."""
         columns, gradient, _ = self.at(x, signs)
-        found = function(columns[:, None])[:, 0]
-        return float(found[0]), found[1:] @ np.nan_to_num(gradient)
+        values = function(columns[:, None])[:, 0]
+        return float(values[0]), values[1:] @ np.nan_to_num(gradient)
 
     def wanted(self, x: Floats, signs: Sequence[float]) -> Floats:
         """Return the objectives (k,)."""
-        return np.array([self.value(each, x, signs)[0] for each in self.objectives])
+        return np.array(
+            [self.value(objective, x, signs)[0] for objective in self.objectives]
+        )
 
     def go(self, x: Floats, signs: Sequence[float]) -> Floats:
         """Return where a descent of the first objective from x ends.
@@ -111,8 +115,8 @@ class Descent:
 
         def slack(y: Floats) -> Floats:
             made = [self.at(y, signs)[2] - closes]
-            for each, (left, right) in self.conditions:
-                sense = 1.0 if each.sign.startswith("<") else -1.0
+            for condition, (left, right) in self.conditions:
+                sense = 1.0 if condition.sign.startswith("<") else -1.0
                 ends = [self.value(side, y, signs)[0] for side in (right, left)]
                 made.append(sense * (ends[0] - ends[1]))
             for other, bound in zip(others, bounds, strict=True):
@@ -121,14 +125,14 @@ class Descent:
 
         def slopes(y: Floats) -> Floats:
             made = [np.zeros_like(y)]
-            for each, (left, right) in self.conditions:
-                sense = 1.0 if each.sign.startswith("<") else -1.0
+            for condition, (left, right) in self.conditions:
+                sense = 1.0 if condition.sign.startswith("<") else -1.0
                 ends = [self.value(side, y, signs)[1] for side in (right, left)]
                 made.append(sense * (ends[0] - ends[1]))
             made += [-self.value(other, y, signs)[1] for other in others]
             return np.array(made)
 
-        found = minimize(  # type: ignore[call-overload]
+        result = minimize(  # type: ignore[call-overload]
             objective,
             x,
             jac=True,
@@ -137,7 +141,7 @@ class Descent:
             constraints=[{"type": "ineq", "fun": slack, "jac": slopes}],
             options={"maxiter": STEPS, "ftol": 1e-14},
         )
-        ends: Floats = np.clip(found.x, 0.0, 1.0)
+        ends: Floats = np.clip(result.x, 0.0, 1.0)
         better = objective(ends)[0] <= objective(x)[0]
         holds = bool(np.all(slack(ends) >= -SLACK * (1.0 + np.abs(slack(x)))))
         return ends if better and holds else x

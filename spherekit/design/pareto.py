@@ -87,7 +87,9 @@ def _evolved(
             "others by conditions"
         ) from None
     sweep = sizing.sweep
-    ranges = np.array([(each.low, each.high) for each in sweep.space.variations]).T
+    ranges = np.array(
+        [(variation.low, variation.high) for variation in sweep.space.variations]
+    ).T
     count = len(sizing.minimise)
 
     class Wanted(Problem):  # type: ignore[misc]
@@ -113,13 +115,13 @@ def _evolved(
     first = np.random.default_rng(sweep.space.seed).uniform(
         size=(max(POPULATION - len(begin), 0), begin.shape[1])
     )
-    found = minimize(
+    result = minimize(
         Wanted(),
         NSGA2(pop_size=POPULATION, sampling=np.concatenate([begin, first])),
         ("n_gen", generations),
         seed=sweep.space.seed,
         verbose=False,
     )
-    if found.X is None:
+    if result.X is None:
         return begin
-    return np.atleast_2d(found.X)[np.argsort(np.atleast_2d(found.F)[:, 0], kind="stable")]
+    return np.atleast_2d(result.X)[np.argsort(np.atleast_2d(result.F)[:, 0], kind="stable")]

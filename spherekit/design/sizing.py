@@ -203,10 +203,10 @@ def _apart(ends: Sequence[_End]) -> list[_End]:
     With several objectives those alone that none of their mode beats.
     """
     kept: list[_End] = []
-    for end in sorted(ends, key=lambda each: tuple(each.wanted)):
+    for end in sorted(ends, key=lambda descent: tuple(descent.wanted)):
         if not any(
-            end.mode == known.mode and np.max(np.abs(end.x - known.x)) < SAME
-            for known in kept
+            end.mode == other.mode and np.max(np.abs(end.x - other.x)) < SAME
+            for other in kept
         ):
             kept.append(end)
     if not kept or len(kept[0].wanted) == 1:

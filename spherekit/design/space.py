@@ -107,12 +107,13 @@ class DesignSpace:
                     "a grid has as many designs as combinations: leave out "
                     "the number of designs, or take sobol, latin or random"
                 )
-            counts = [len(each.values) if each.values else 0 for each in variations]
-            for each in variations:
-                if each.values is None:
+            counts = [len(item.values) if item.values else 0 for item in variations]
+            for varied in variations:
+                if varied.values is None:
                     raise DesignError(
-                        f"{each.key}: a grid needs how many values, "
-                        f"{each.key}={each.low:g}:{each.high:g}:11; or give --designs N"
+                        f"{varied.key}: a grid needs how many values, "
+                        f"{varied.key}={varied.low:g}:{varied.high:g}:11; "
+                        "or give --designs N"
                     )
             return DesignSpace(tuple(variations), chosen, math.prod(counts), seed)
         if designs is None or designs < 1:
@@ -122,19 +123,19 @@ class DesignSpace:
     def designs(self, start: int, stop: int) -> Floats:
         """Return the designs from one number to before another, (variables, n)."""
         if self.scheme == "grid":
-            values = [np.array(each.values) for each in self.variations]
+            values = [np.array(varied.values) for varied in self.variations]
             numbers = np.arange(start, min(stop, self.count))
-            places = np.unravel_index(numbers, [len(each) for each in values])
-            return np.stack([own[k] for own, k in zip(values, places, strict=True)])
+            places = np.unravel_index(numbers, [len(axis) for axis in values])
+            return np.stack([axis[k] for axis, k in zip(values, places, strict=True)])
         return self._scaled(self._unit(start, min(stop, self.count)))
 
     def _scaled(self, unit: Floats) -> Floats:
         rows = []
-        for each, share in zip(self.variations, unit, strict=True):
-            if each.values is None:
-                rows.append(each.low + (each.high - each.low) * share)
+        for varied, share in zip(self.variations, unit, strict=True):
+            if varied.values is None:
+                rows.append(varied.low + (varied.high - varied.low) * share)
             else:
-                values = np.array(each.values)
+                values = np.array(varied.values)
                 place = (share * len(values)).astype(int)
                 rows.append(values[np.minimum(place, len(values) - 1)])
         return np.stack(rows)

@@ -86,7 +86,7 @@ class Sweep:
                 f"{listing(row_quantities(self.mechanism), 40)}"
             )
         check_variables(self.document, self.variables)
-        names = [*OWN, *(each.name for each in self.variables)]
+        names = [*OWN, *(variable.name for variable in self.variables)]
         names += [merit.name for merit in self.merits]
         double = [name for k, name in enumerate(names) if name in names[:k]]
         if double:
@@ -153,14 +153,14 @@ class Sweep:
         return {
             "mechanism": self.mechanism.name,
             "file": hashlib.sha256(text.encode()).hexdigest(),
-            "input": ", ".join(each.pair for each in self.mechanism.inputs),
+            "input": ", ".join(driven.pair for driven in self.mechanism.inputs),
             "samples": hashlib.sha256(self._sampled).hexdigest(),
             "angle_unit": self.angle,
-            "vary": [asdict(each) for each in self.space.variations],
+            "vary": [asdict(variation) for variation in self.space.variations],
             "scheme": self.space.scheme,
             "designs": self.space.count,
             "seed": self.space.seed,
-            "merits": [asdict(each) for each in self.merits],
+            "merits": [asdict(merit) for merit in self.merits],
             "where": list(self.where),
             "part": self.part_size,
         }
@@ -180,7 +180,9 @@ class Sweep:
 
     def units(self) -> dict[str, str]:
         """Return the unit of every column that has one."""
-        made = {each.name: self.angle for each in self.variables if each.is_angle}
+        made = {
+            variable.name: self.angle for variable in self.variables if variable.is_angle
+        }
         made |= {merit.name: self._unit(merit) for merit in self.merits}
         return {name: self.angle if unit == "rad" else unit for name, unit in made.items()}
 
@@ -191,26 +193,30 @@ class Sweep:
         rows = np.arange(start, start + designs.shape[1])
         kept = self._possible(designs)
         made = self.rows(designs[:, kept], rows[kept])
-        for each in self.conditions:
-            if not each.names <= self._before:
-                holds = each.holds(made)
+        for requirement in self.conditions:
+            if not requirement.names <= self._before:
+                holds = requirement.holds(made)
                 made = {name: values[holds] for name, values in made.items()}
         return made
 
     def rows(self, designs: Floats, numbers: NDArray[np.intp]) -> Columns:
         """Return the rows of designs (variables, n), by their numbers, in all modes."""
         classes = self.evaluator.classes(designs)
-        found = self.evaluator.at(designs)
-        own = found.design
-        made: Columns = {"design": numbers[own]}
+        evaluated = self.evaluator.at(designs)
+        design = evaluated.design
+        made: Columns = {"design": numbers[design]}
         for variable, values in zip(self.variables, designs, strict=True):
-            made[variable.name] = values[own]
-        made |= {"mode": found.mode, "status": found.status, "closes": found.closes}
-        made["claim"] = found.claim
+            made[variable.name] = values[design]
+        made |= {
+            "mode": evaluated.mode,
+            "status": evaluated.status,
+            "closes": evaluated.closes,
+        }
+        made["claim"] = evaluated.claim
         if classes is not None:
-            made["grashof"] = classes[own].astype(object)
+            made["grashof"] = classes[design].astype(object)
         for merit in self.merits:
-            values = found.merits[merit.name]
+            values = evaluated.merits[merit.name]
             if self.angle == "deg" and self._unit(merit) == "rad":
                 values = np.degrees(values)
             made[merit.name] = values
@@ -225,9 +231,9 @@ class Sweep:
         kept = np.ones(designs.shape[1], dtype=bool)
         names = [variable.name for variable in self.variables]
         columns = dict(zip(names, designs, strict=True))
-        for each in self.conditions:
-            if each.names <= self._before:
-                kept &= np.broadcast_to(each.holds(columns), kept.shape)
+        for requirement in self.conditions:
+            if requirement.names <= self._before:
+                kept &= np.broadcast_to(requirement.holds(columns), kept.shape)
         return kept
 
     def write(self, folder: str, number: int) -> int:
@@ -351,11 +357,11 @@ def _claim(sweep: Sweep, place: Path, resume: bool) -> None:
     """Write the definition, or compare it with that of the parts that are there."""
     path, definition = place / DEFINITION, _plain(sweep.definition())
     if path.exists():
-        known = json.loads(path.read_text(encoding="utf-8"))
-        if resume and known == definition:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        if resume and stored == definition:
             return
         if any(place.glob("part-*.parquet")):
-            other = [key for key in definition if known.get(key) != definition[key]]
+            other = [key for key in definition if stored.get(key) != definition[key]]
             raise OutputError(
                 f"{place}: holds "
                 + (
@@ -373,7 +379,7 @@ def _plain(data: Any) -> Any:
     if isinstance(data, Mapping):
         return {str(key): _plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
-        return [_plain(each) for each in data]
+        return [_plain(item) for item in data]
     return float(data) if isinstance(data, float) else data
 
 

@@ -11,7 +11,7 @@ from spherekit.analysis.execution import Execution
 from spherekit.analysis.merit import Merit, Reducing
 from spherekit.analysis.result import MOTION, RunResult
 from spherekit.analysis.run import executed
-from spherekit.conventions import Status, listing, nearest
+from spherekit.conventions import Status, counted, listing, nearest
 from spherekit.design.evaluate import OK, SINGLY, Evaluated, first_line, without
 from spherekit.design.variables import DesignVariable, designed
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
@@ -109,11 +109,19 @@ class TableFigures:
         expression = merit.parsed(self.units[merit.name])
         known = {name: rows[name].to_numpy(dtype=float) for name in expression.names}
         values = np.broadcast_to(expression.evaluate(known), len(rows))
-        q = rows["q"].to_numpy(dtype=float) if "q" in rows else np.arange(len(rows))
+        names = ["q", *(f"q_{each.pair}" for each in self.study.mechanism.inputs)]
+        own = [name for name in names if name in rows]
+        q = rows[own].to_numpy(dtype=float) if own else np.arange(len(rows))[:, None]
+        if merit.point and len(merit.point) != q.shape[1]:
+            raise DesignError(
+                f"{merit.name}: at needs {counted(q.shape[1], 'input')}, not "
+                f"{len(merit.point)}"
+            )
+        chosen = own.index(f"q_{merit.place}") if f"q_{merit.place}" in own else 0
         reducing = Reducing(merit, 1)
         for place, value in zip(q, values, strict=True):
-            if merit.point is None or abs(place - merit.point) < 1e-9:
-                reducing.take(float(place), np.array([value]))
+            if not merit.point or np.max(np.abs(place - merit.point)) < 1e-9:
+                reducing.take(float(place[chosen]), np.array([value]))
         return float(reducing.result()[0])
 
 

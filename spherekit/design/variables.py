@@ -125,7 +125,7 @@ def with_actions(
     FileError, ModelError
         If there are no such masses or loads.
     """
-    chosen = [k for k, each in enumerate(variables) if each.path[0] in ACTIONS]
+    chosen = [k for k, variable in enumerate(variables) if variable.path[0] in ACTIONS]
     numbers = {variables[k].path: float(values[k]) for k in chosen}
     reader = DynamicsReader(with_numbers(document, numbers), mechanism)
     return replace(mechanism, masses=reader.masses(), loads=reader.loads())

@@ -51,17 +51,17 @@ class Sizing:
     def objectives(self) -> tuple[Expression, ...]:
         """The parsed objectives."""
         try:
-            return tuple(parse(each, self.names) for each in self.minimise)
+            return tuple(parse(text, self.names) for text in self.minimise)
         except ModelError as problem:
             raise DesignError(f"minimise: {problem}") from None
 
     def rows_of(self, columns: Columns) -> tuple[Columns, Floats]:
         """Return the good rows of a sweep's columns, and their objectives (rows, k)."""
         rows = self.with_match(columns)
-        found = self._worth(rows)
-        good = (rows["status"] == "OK") & np.all(np.isfinite(found), axis=1)
+        objectives = self._worth(rows)
+        good = (rows["status"] == "OK") & np.all(np.isfinite(objectives), axis=1)
         kept = {name: np.asarray(values)[good] for name, values in rows.items()}
-        return kept, found[good]
+        return kept, objectives[good]
 
     def with_match(self, columns: Columns) -> Columns:
         """Return columns with the figure of the precision points, if there are some."""
@@ -81,19 +81,19 @@ class Sizing:
         """
         columns = self.with_match(self.sweep.rows(designs, np.arange(designs.shape[1])))
         here = (columns["mode"] == mode) & (columns["status"] == "OK")
-        own = {name: np.asarray(values)[here] for name, values in columns.items()}
-        found = self._worth(own)
-        missed = np.zeros(len(found))
-        for each in self.sweep.conditions:
-            missed += np.maximum(-np.nan_to_num(each.slack(own), nan=-np.inf), 0.0)
-        known = np.all(np.isfinite(found), axis=1)
-        return own["design"][known], found[known], missed[known]
+        rows = {name: np.asarray(values)[here] for name, values in columns.items()}
+        objectives = self._worth(rows)
+        missed = np.zeros(len(objectives))
+        for condition in self.sweep.conditions:
+            missed += np.maximum(-np.nan_to_num(condition.slack(rows), nan=-np.inf), 0.0)
+        finite = np.all(np.isfinite(objectives), axis=1)
+        return rows["design"][finite], objectives[finite], missed[finite]
 
     def _worth(self, rows: Columns) -> Floats:
         """Return the objectives (rows, k)."""
         shape = rows["design"].shape
         worth = [
-            each.evaluate({name: rows[name] for name in each.names})
-            for each in self.objectives
+            objective.evaluate({name: rows[name] for name in objective.names})
+            for objective in self.objectives
         ]
-        return np.stack([np.broadcast_to(each, shape) for each in worth], axis=1)
+        return np.stack([np.broadcast_to(values, shape) for values in worth], axis=1)

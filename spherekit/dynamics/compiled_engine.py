@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -41,8 +41,6 @@ from spherekit.sphere.rotation import Floats
 
 NO_CROSSING = 1e-3
 """Less belongs to a crossing of curves, see `reciprocal_condition`."""
-STEP = 0.1
-"""Part of the tolerance asked for that steps of several freedoms have."""
 
 NEAR = 1e-3
 """Where independence is less than this part of its largest, steps are made fine enough to
@@ -90,7 +88,7 @@ def by_taylor_series(
     def compiled(coordinates: Coordinates | None, most: float) -> CompiledEquation:
         nonlocal compiling
         before = time.perf_counter()
-        step = min(tolerance if coordinates is None else STEP * tolerance, most)
+        step = min(tolerance, most)
         made, known = compiled_equation(
             problem.equation.mechanism, step, compact, coordinates=coordinates
         )
@@ -232,9 +230,11 @@ def _candidates(problem: Problem, values: Floats) -> Iterator[Coordinates]:
         sizes = np.linalg.svd(free[:, list(places)], compute_uv=False)
         return float(np.sum(1.0 / np.maximum(sizes, 1e-150) ** 2))
 
-    angles = sorted(mechanism.angles.values())
-    ordered = sorted(combinations(angles, equation.freedoms), key=spread)
-    for places in (driven, *ordered):
+    def others() -> Iterator[tuple[int, ...]]:
+        angles = sorted(mechanism.angles.values())
+        yield from sorted(combinations(angles, equation.freedoms), key=spread)
+
+    for places in chain([driven], others()):
         if spread(places) < ENOUGH * STEEPEST:
             pairs = (mechanism.pairs[mechanism.variable_owners[v]].name for v in places)
             yield Coordinates(tuple(pairs), values, driven)

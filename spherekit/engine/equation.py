@@ -215,7 +215,8 @@ def _request(
 
 def _common(mechanism: Mechanism, coordinates: Coordinates | None) -> Mechanism:
     """Return the mechanism without what is set for each run, driven at its coordinates."""
-    if coordinates is not None:
+    own = tuple(item.pair for item in mechanism.inputs)
+    if coordinates is not None and coordinates.pairs != own:
         mechanism = mechanism.with_inputs(*coordinates.pairs)
     tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
     if not tables and not mechanism.stops:

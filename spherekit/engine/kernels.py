@@ -13,7 +13,7 @@ from spherekit.engine.algebra import SeriesExpressions, by_coordinate, length, v
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
-from spherekit.engine.dyads import place_by_input
+from spherekit.engine.dyads import place_by_inputs
 from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import RateExpressions, Structure
@@ -282,7 +282,7 @@ def _placed(
             f'{mechanism.name}: source "{source}" is not known; it is variables or input'
         )
     inputs = symbols(["q", *(f"sign_{k + 1}" for k in range(len(structure.groups)))])
-    return inputs, place_by_input(structure, inputs[0], inputs[1:]).links
+    return inputs, place_by_inputs(structure, inputs[:1], inputs[1:]).links
 
 
 def _scale(flow: RateExpressions, coordinate: Coordinate) -> SeriesExpressions:

@@ -34,6 +34,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import Assembly, plan_assembly
+from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole
 from spherekit.sphere.rotation import Floats
 
@@ -52,6 +53,12 @@ class Structure:
     def driven(self) -> int:
         """The number of the only input's variable."""
         return self.mechanism.variables_of(self.assembly.input)[0]
+
+    @property
+    def inputs(self) -> tuple[int, ...]:
+        """The numbers of the inputs' variables."""
+        owned = self.mechanism.variables_of
+        return tuple(owned(pair)[0] for pair in self.assembly.inputs)
 
     @staticmethod
     def at(mechanism: Mechanism, values: Floats) -> "Structure":
@@ -79,9 +86,11 @@ class Structure:
 
     @staticmethod
     def of(
-        mechanism: Mechanism, input_pair: str, design: DesignGeometry | None = None
+        mechanism: Mechanism,
+        input_pairs: str | Sequence[str],
+        design: DesignGeometry | None = None,
     ) -> "Structure":
-        """Return the structure of a mechanism with this pair as only input.
+        """Return the structure of a mechanism with these pairs as inputs.
 
         Sizes are those of a design where it has them.
 
@@ -90,14 +99,13 @@ class Structure:
         EngineError
             If a profile is not a circle, or a group is too large.
         PlanError
-            If the mechanism does not have exactly one freedom.
+            If the mechanism does not have a freedom for each input.
         """
-        assembly = plan_assembly(mechanism.with_inputs(input_pair))
+        assembly = plan_assembly(driven_at(mechanism, input_pairs))
         pairs = turning_pairs(mechanism, design)
 
         def vectors() -> Floats:
-            tracer = Tracer(mechanism, input_pair, search=False)
-            motion = tracer.at(np.linspace(*tracer.range, 9))
+            motion = Tracer(mechanism, input_pairs, search=False).sparse(9)
             closed = np.flatnonzero(~motion.failed)
             if not len(closed):
                 raise EngineError(

@@ -48,8 +48,8 @@ others have to be taken."""
 
 def mass_size(mechanism: Mechanism) -> float:
     """Return the sum of the links' largest moments of inertia, kg m2."""
-    each = tensors(mechanism).items()
-    return float(sum(np.linalg.norm(tensor, 2) for link, tensor in each if link))
+    each = [tensor for link, tensor in tensors(mechanism).items() if link]
+    return float(np.sum(np.linalg.norm(each, 2, axis=(1, 2))))
 
 
 def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) -> System:

@@ -117,5 +117,6 @@ def _missed(
             miss = f"{2.0 / unit!r}*sin(0.5*({quantity} - ({value * unit!r})))"
         else:
             miss = f"{quantity} - ({value!r})"
-        made[name] = f"{name}=at({miss}, {place!r})"
+        own = place if isinstance(place, list) else [place]
+        made[name] = f"{name}=at({miss}, {', '.join(repr(float(each)) for each in own)})"
     return made

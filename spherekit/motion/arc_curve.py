@@ -135,8 +135,8 @@ class ArcCurve:
         Zeros are s in [0, length), or [0, length] on an open curve, to rounding. See
         `spherekit.numeric.zeros` for pairs that are too near to part.
         """
-        found = zeros(lambda s: function(self.at(s)), self.s)
-        return found.once(self.length) if self.closed else found
+        roots = zeros(lambda s: function(self.at(s)), self.s)
+        return roots.once(self.length) if self.closed else roots
 
     def dead_points(self, variable: int) -> Zeros:
         """Return all s at which a variable stands still: dv/ds = 0.
@@ -186,17 +186,17 @@ class ArcCurve:
             rows.append(np.full(len(which), row))
             numbers.append(which)
             ways.append(away[which])
-        found = np.full(len(values), np.nan)
+        lengths = np.full(len(values), np.nan)
         if not rows:
-            return found
+            return lengths
         number, way = np.concatenate(numbers), np.concatenate(ways)
         along = np.sum(way * segments.directions[number], axis=1)
         along = np.clip(along, 0.0, segments.chords[number])
         miss = segments.on(number, along).values - starts[number] - way
         (hits,) = np.nonzero(np.max(np.abs(miss), axis=1) < NEAR)
         places = self._lengths_at(number[hits], along[hits])
-        found[np.concatenate(rows)[hits]] = places
-        return found
+        lengths[np.concatenate(rows)[hits]] = places
+        return lengths
 
     def wrapped(self, differences: Floats) -> Floats:
         """Return differences of variables (..., variables) less whole periods."""

@@ -41,15 +41,15 @@ class Assemblies:
 def assemblies(solver: Solver, q: Floats) -> Assemblies:
     """Return every mode found at inputs q (inputs,), and how."""
     groups = solver.assembly.groups
-    found: list[tuple[tuple[int, ...], Floats]] = []
+    closed_modes: list[tuple[tuple[int, ...], Floats]] = []
     methods: list[Method | None] = [None] * len(groups)
 
     def extend(state: State, signs: tuple[int, ...]) -> None:
-        if len(found) >= 4 * MOST_ASSEMBLY_MODES:
+        if len(closed_modes) >= 4 * MOST_ASSEMBLY_MODES:
             return
         number = len(signs)
         if number == len(groups):
-            found.append((signs, state.values[0].copy()))
+            closed_modes.append((signs, state.values[0].copy()))
             return
         grown, method = _grown(solver, state, groups[number])
         methods[number] = least_complete(methods[number], method)
@@ -62,7 +62,7 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
         return Assemblies(modes, (Method(0),) * len(groups))
     with np.errstate(invalid="ignore", divide="ignore"):
         extend(solver.start(q[None]), ())
-    return Assemblies(tuple(found), tuple(methods))
+    return Assemblies(tuple(closed_modes), tuple(methods))
 
 
 def _grown(
@@ -79,10 +79,10 @@ def _grown(
                 grown.append((sign, further))
         return grown, CLOSED_FORM
     reference = solver.geometry.reference
-    own = group_variables(state, group)
-    given = None if reference is None else reference[None, own]
-    found, method = solutions(group, group_closure(state, group, ends), given)
-    for values in found:
+    variables = group_variables(state, group)
+    given = None if reference is None else reference[None, variables]
+    configurations, method = solutions(group, group_closure(state, group, ends), given)
+    for values in configurations:
         further = state.copy()
         place_group(further, group, ends, values[None])
         grown.append((0, further))

@@ -77,23 +77,23 @@ class Frames:
 class Arcs:
     """The unit axes (bars, 2, 3) of bars' pairs: in the bars, in the bodies they join."""
 
-    own: Floats
+    inner: Floats
     outer: Floats
 
     @property
     def cosines(self) -> Floats:
         """(bars,) of the arcs between a bar's two axes."""
-        return np.asarray(np.sum(self.own[:, 0] * self.own[:, 1], axis=1))
+        return np.asarray(np.sum(self.inner[:, 0] * self.inner[:, 1], axis=1))
 
     @property
     def sines(self) -> Floats:
         """(bars,) the same; at 0 the bar can spin between its neighbours."""
-        return np.asarray(np.linalg.norm(cross(self.own[:, 0], self.own[:, 1]), axis=1))
+        return np.asarray(np.linalg.norm(cross(self.inner[:, 0], self.inner[:, 1]), axis=1))
 
     def place(self, placed: Floats, bars: Sequence[Bar]) -> None:
         """Set the orientations of the bars in `placed` (n, bodies, 3, 3)."""
         joined = placed[:, [bar.bodies for bar in bars]]
         ends = (joined @ self.outer[..., None])[..., 0]
-        own = frame_toward(self.own[:, 0], self.own[:, 1])
+        in_bars = frame_toward(self.inner[:, 0], self.inner[:, 1])
         turned = frame_toward(ends[:, :, 0], ends[:, :, 1])
-        placed[:, [bar.body for bar in bars]] = turned @ transpose(own)
+        placed[:, [bar.body for bar in bars]] = turned @ transpose(in_bars)

@@ -128,10 +128,10 @@ class _Seven:
         for row in np.argsort(q):
             state = self.solver.start(np.array([[q[row]]]))
             closure = group_closure(state, group, ends)
-            found = all_solutions(group, closure, self.which, near)
-            if found is not None:
-                near = found.angles
-                out[row] = np.prod(found.determinants).real
+            solved = all_solutions(group, closure, self.which, near)
+            if solved is not None:
+                near = solved.angles
+                out[row] = np.prod(solved.determinants).real
         return out
 
 
@@ -176,9 +176,9 @@ class _Chain:
 
     def _dependence(self, part: int) -> frozenset[int]:
         """Return the earlier groups whose modes a group's determinants depend on."""
-        found = self._determinants(part, np.array(TRIED))
+        determinants = self._determinants(part, np.array(TRIED))
         counts = self._counts[: part + 1]
-        values = np.prod(found.reshape(len(TRIED), *counts), axis=-1)
+        values = np.prod(determinants.reshape(len(TRIED), *counts), axis=-1)
         size = np.max(np.abs(values))
         return frozenset(
             earlier
@@ -263,10 +263,10 @@ def _triad(group: Group, axes: _Axes) -> tuple[dict[int, Complexes], Complexes]:
     for bar in bars:
         at_base = bar.pairs[bar.bodies.index(base)]
         at_platform = bar.pairs[bar.bodies.index(platform)]
-        own = axes[at_base, bar.body], axes[at_platform, bar.body]
+        inner = axes[at_base, bar.body], axes[at_platform, bar.body]
         outer = axes[at_base, base], axes[at_platform, platform]
-        quadrics.append(arc_quadric(outer[0], outer[1], dot(*own)))
-        links.append((bar.body, own, outer))
+        quadrics.append(arc_quadric(outer[0], outer[1], dot(*inner)))
+        links.append((bar.body, inner, outer))
     quadric = np.stack(quadrics, axis=-3)
     n, modes = quadric.shape[:2]
     finite = np.all(np.isfinite(quadric.reshape(n * modes, -1)), axis=1)
@@ -280,10 +280,10 @@ def _triad(group: Group, axes: _Axes) -> tuple[dict[int, Complexes], Complexes]:
     turned = np.asarray(from_quaternion(points)).reshape(n, -1, 3, 3)
     rotations = {base: np.broadcast_to(np.eye(3, dtype=complex), turned.shape)}
     rotations[platform] = turned
-    for body, own, outer in links:
+    for body, inner, outer in links:
         first, second = _flat(outer[0], COMMON_POINTS), _flat(outer[1], COMMON_POINTS)
         there = (turned @ second[..., None])[..., 0]
-        own_first, own_second = (_flat(axis, COMMON_POINTS) for axis in own)
+        own_first, own_second = (_flat(axis, COMMON_POINTS) for axis in inner)
         rotations[body] = taking(own_first, own_second, first, there)
     back = np.swapaxes(rotations[0], -1, -2)
     return {body: back @ rotation for body, rotation in rotations.items()}, determinants

@@ -119,45 +119,45 @@ def configuration_curves(
         Distance (rad) of the inputs at which all modes are looked for where it is not
         known at which inputs they meet.
     """
-    found = CurveSearch(solver, low, high, longest)
+    search = CurveSearch(solver, low, high, longest)
     inputs = np.linspace(low, high, PROBED)
     for assembly_mode in assembly_modes:
         there = solver.evaluate(assembly_mode, inputs[:, None])
-        found.add(there.values[there.status == Status.OK])
+        search.add(there.values[there.status == Status.OK])
     reference = solver.geometry.reference
     if reference is not None and low <= reference[solver.single] <= high:
-        found.add(reference[None])  # where the input stands still no mode goes through it
+        search.add(reference[None])  # where the input stands still no mode goes through it
     drive = easiest_drive(solver)
     dead = input_turning_points(
         drive, *((low, high) if drive is solver else (-np.pi, np.pi))
     )
-    claim = found.sweep(drive, dead, step)
+    claim = search.sweep(drive, dead, step)
     complete = claim.guarantee is not Guarantee.SAMPLED
     if not complete:
-        claim = found.search()
-    found.cross()
+        claim = search.search()
+    search.cross()
     monotone_segments = [
-        MonotoneSegments.of(each, solver.single, low, high, *solver.periods)
-        for each in found.curves
+        MonotoneSegments.of(curve, solver.single, low, high, *solver.periods)
+        for curve in search.curves
     ]
-    found.count(monotone_segments, complete)
+    search.count(monotone_segments, complete)
     if complete:
-        found.compare(drive, dead)
-    if found.problems:
-        words = f"{len(found.problems)} checks failed, the first: {found.problems[0]}"
+        search.compare(drive, dead)
+    if search.problems:
+        words = f"{len(search.problems)} checks failed, the first: {search.problems[0]}"
         claim = Claim(Guarantee.SAMPLED, words)
-    inputs, counts = np.array(found.counted).reshape(-1, 2).T
+    inputs, counts = np.array(search.counted).reshape(-1, 2).T
     return Configurations(
         tuple(
             ConfigurationCurve(curve, _pieces(solver, assembly_modes, curve, parts))
-            for curve, parts in zip(found.curves, monotone_segments, strict=True)
+            for curve, parts in zip(search.curves, monotone_segments, strict=True)
             if len(parts.starts)
         ),
         claim,
         drive.mechanism.pairs[drive.assembly.input].name,
         inputs,
         counts.astype(np.int64),
-        tuple(found.problems),
+        tuple(search.problems),
     )
 
 

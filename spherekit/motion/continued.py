@@ -52,19 +52,19 @@ class AngleMemory:
         if pair in motion.assembly.inputs:
             return motion.inputs[:, motion.assembly.inputs.index(pair)]
         (variable,) = motion.mechanism.variables_of(pair)
-        found = motion.values[:, variable].copy()
+        angles = motion.values[:, variable].copy()
         if not motion.is_path or name not in motion.mechanism.angles:
-            return found
+            return angles
         for position, assembly_mode in enumerate(motion.assembly_modes):
-            own = found[position * motion.samples : (position + 1) * motion.samples]
-            known = np.flatnonzero(np.isfinite(own))
-            if not len(known):
+            in_mode = angles[position * motion.samples : (position + 1) * motion.samples]
+            finite = np.flatnonzero(np.isfinite(in_mode))
+            if not len(finite):
                 continue
-            angle = own[known]
+            angle = in_mode[finite]
             key = assembly_mode.number, variable
             last, turns = self._last.get(key, (float(angle[0]), 0))
             steps = np.round(np.diff(angle, prepend=last) / TURN).astype(np.int64)
             made = turns - np.cumsum(steps)
-            own[known] += TURN * made
+            in_mode[finite] += TURN * made
             self._last[key] = float(angle[-1]), int(made[-1])
-        return found
+        return angles

@@ -76,9 +76,9 @@ def crossing_near(closure: Closure, values: Floats) -> Crossing | None:
     count = len(values)
     rank = int(np.sum(sizes > NEARLY_NULL * sizes[0]))
     for freedoms in range(max(2, count - rank), 1, -1):
-        found = _located(closure, values, freedoms)
-        if found is not None:
-            return found
+        crossing = _located(closure, values, freedoms)
+        if crossing is not None:
+            return crossing
     return None
 
 
@@ -110,11 +110,11 @@ def ways_out(closure: Closure, values: Floats) -> Floats:
     length = np.linalg.norm(start - values, axis=1)
     closed = closure.at(start).gap < CLOSURE_TOLERANCE
     closed &= np.abs(length - RADIUS) < SAME * RADIUS
-    found: list[Floats] = []
+    ways: list[Floats] = []
     for point in start[closed]:
-        if all(np.max(np.abs(point - other)) > SAME * RADIUS for other in found):
-            found.append(point)
-    return np.array(found).reshape(-1, len(values))
+        if all(np.max(np.abs(point - other)) > SAME * RADIUS for other in ways):
+            ways.append(point)
+    return np.array(ways).reshape(-1, len(values))
 
 
 def _leaving(forms: Floats) -> Floats:
@@ -131,8 +131,8 @@ def _leaving(forms: Floats) -> Floats:
     if count == 2:
         turn = 2.0 * np.pi * (np.arange(SPREAD) + 0.5) / SPREAD
         return np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    found = np.random.default_rng(20240616).normal(size=(SPREAD, count))
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+    directions = np.random.default_rng(20240616).normal(size=(SPREAD, count))
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
 def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
@@ -180,11 +180,11 @@ def _augmented(
     rest = [gap]
     for k in range(freedoms):
         here = slice(rows * (1 + k), rows * (2 + k))
-        own = slice(count * (1 + k), count * (2 + k))
+        columns = slice(count * (1 + k), count * (2 + k))
         matrix[here, :count] = (turned @ basis[:, k]).T
-        matrix[here, own] = jacobian
+        matrix[here, columns] = jacobian
         last = rows * (1 + freedoms) + freedoms * k
-        matrix[last : last + freedoms, own] = held.T
+        matrix[last : last + freedoms, columns] = held.T
         rest.append(jacobian @ basis[:, k])
     norm = held.T @ basis - np.eye(freedoms)
     return matrix, np.concatenate([*rest, norm.T.ravel()])
@@ -269,7 +269,7 @@ def _conics(first: Floats, second: Floats) -> Floats | None:
     apart = np.abs(roots[:, None] - roots)[~np.eye(len(roots), dtype=bool)]
     if len(roots) < 4 or np.min(apart) < 1e-5 * np.max(np.abs(roots)):
         return None
-    found = []
+    points = []
     for u in roots[np.abs(roots.imag) < 1e-7].real:
         v = -np.polyval(across, u) / np.polyval(linear, u)
         y = np.array([u, v, 1.0])
@@ -277,5 +277,5 @@ def _conics(first: Floats, second: Floats) -> Floats | None:
             y /= np.linalg.norm(y)
             matrix = np.stack([2.0 * a @ y, 2.0 * b @ y, y])
             y = y - np.linalg.solve(matrix, np.array([y @ a @ y, y @ b @ y, 0.0]))
-        found.append(turn @ (y / np.linalg.norm(y)))
-    return np.array(found).reshape(-1, 3)
+        points.append(turn @ (y / np.linalg.norm(y)))
+    return np.array(points).reshape(-1, 3)

@@ -48,7 +48,7 @@ class CurveSearch:
 
     def add(self, values: Floats) -> int:
         """Follow new curves from configurations (n, variables); return how many."""
-        known = len(self.curves)
+        before = len(self.curves)
         failed: list[tuple[Floats, str]] = []
         for curve in self.curves:
             values = _elsewhere(curve, values)
@@ -65,7 +65,7 @@ class CurveSearch:
         for given, words in failed:
             if not any(_ends_at(curve, given) for curve in self.curves):
                 self.problems.append(words)
-        return len(self.curves) - known
+        return len(self.curves) - before
 
     def cross(self) -> None:
         """Follow the curves that cross those found, until there are no new ones.
@@ -151,10 +151,10 @@ class CurveSearch:
 
 def _modes(solver: Solver, q: float) -> tuple[Floats, bool]:
     """Return the variables (n, variables) of all modes at an input, and whether all."""
-    found = assemblies(solver, np.array([q]))
+    modes = assemblies(solver, np.array([q]))
     count = len(solver.mechanism.variable_owners)
-    values = np.array([values for _, values in found.modes]).reshape(-1, count)
-    return values, all(m is None or m.is_complete for m in found.methods)
+    values = np.array([values for _, values in modes.modes]).reshape(-1, count)
+    return values, all(m is None or m.is_complete for m in modes.methods)
 
 
 def _ends_at(curve: ArcCurve, values: Floats) -> bool:

@@ -22,8 +22,8 @@ def easiest_drive(solver: Solver) -> Solver:
     """
     if any(not group.revolute or group.redundant for group in solver.assembly.groups):
         return solver
-    own = meetings_of(solver, CHEAP)
-    if own is not None and own.cost < CHEAP:
+    as_driven = meetings_of(solver, CHEAP)
+    if as_driven is not None and as_driven.cost < CHEAP:
         return solver
     others = []
     for pair in solver.mechanism.pairs:
@@ -32,7 +32,7 @@ def easiest_drive(solver: Solver) -> Solver:
             others.append(Solver(mechanism, plan_assembly(mechanism)))
         except PlanError:
             continue
-    costs = [np.inf if own is None else own.cost]
+    costs = [np.inf if as_driven is None else as_driven.cost]
     for other in others:
         meetings = meetings_of(other, CHEAP)
         costs.append(np.inf if meetings is None else meetings.cost)

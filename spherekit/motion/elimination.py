@@ -193,14 +193,14 @@ def _tree(group: Group, frames: Frames) -> ModeCandidates | None:
             continue
         equations = np.stack([_equation(frames, order, arcs, k) for k in range(3)])
         with np.errstate(all="ignore"):
-            found = common_angles(equations, order.involves)
-        imaginary = np.max(np.abs(found.angles.imag), axis=1, initial=0.0)
+            solutions = common_angles(equations, order.involves)
+        imaginary = np.max(np.abs(solutions.angles.imag), axis=1, initial=0.0)
         tried = imaginary < NEARLY_REAL
-        placed = _placed(group, frames, order, found.angles[tried].real)
+        placed = _placed(group, frames, order, solutions.angles[tried].real)
         with np.errstate(invalid="ignore", divide="ignore"):
             arcs.place(placed, order.bars)
         real = imaginary[tried] < REAL
-        parts.append(_placed_bodies(frames, placed, real, roots, found.problem))
+        parts.append(_placed_bodies(frames, placed, real, roots, solutions.problem))
         if not parts[-1].problem:
             return parts[-1]
     values = np.concatenate([part.values for part in parts])
@@ -280,14 +280,14 @@ def _placed(group: Group, frames: Frames, order: _Order, angles: Floats) -> Floa
     """Return orientations (n, bodies, 3, 3) with the tree placed at angles (n, 3)."""
     placed = np.full((len(angles), len(group.bodies), 3, 3), np.nan)
     placed[:, order.bodies[0]] = np.eye(3)
-    known = {order.bodies[0]}
-    while len(known) < len(order.bodies):
+    reached = {order.bodies[0]}
+    while len(reached) < len(order.bodies):
         for pair, angle in zip(order.pairs, angles.T, strict=True):
             for body, further in (group.ends[pair], group.ends[pair][::-1]):
-                if body in known and further not in known:
+                if body in reached and further not in reached:
                     sense = 1.0 if group.ends[pair][0] == body else -1.0
                     turn = about_z(sense * angle)
                     one, other = frames.of_pair(pair, body), frames.of_pair(pair, further)
                     placed[:, further] = placed[:, body] @ one @ turn @ other.T
-                    known.add(further)
+                    reached.add(further)
     return placed

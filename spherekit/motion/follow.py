@@ -113,7 +113,7 @@ def _ways_on(closure: Closure, driven: int, values: Floats) -> list[Floats]:
     """Return configurations (variables,) beside a dead centre, in a definite order."""
     around = ways_out(closure, values)
     moved = around[np.abs(around[:, driven] - values[driven]) > AT_DEAD_CENTRE]
-    return sorted(moved, key=lambda each: tuple(np.round(values - each, 6)))
+    return sorted(moved, key=lambda way: tuple(np.round(values - way, 6)))
 
 
 def _through(

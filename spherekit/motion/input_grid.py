@@ -35,15 +35,15 @@ class InputGrid:
     def neighbours(self) -> NDArray[np.intp]:
         """Return (2 axes, n): the next and the previous sample along each axis, or -1."""
         number = np.arange(len(self)).reshape(self.shape)
-        found = []
+        neighbours = []
         for axis in range(len(self.shape)):
             for shift in (-1, 1):
                 beside = np.roll(number, shift, axis)
                 edge = [slice(None)] * len(self.shape)
                 edge[axis] = slice(-1, None) if shift == -1 else slice(0, 1)
                 beside[tuple(edge)] = -1
-                found.append(beside.ravel())
-        return np.stack(found)
+                neighbours.append(beside.ravel())
+        return np.stack(neighbours)
 
     def nearest(self, q: Floats, count: int) -> NDArray[np.intp]:
         """Return the rows of the `count` samples nearest to inputs q (inputs,)."""

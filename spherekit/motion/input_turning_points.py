@@ -43,8 +43,8 @@ class InputTurningPoints:
         """Return whether modes may meet at an input q, or whether it is out of range."""
         within = (self.doubtful[:, 0] <= q) & (q <= self.doubtful[:, 1])
         beyond = not self.low + tolerance < q < self.high - tolerance
-        known = np.any(np.abs(self.places - q) < tolerance)
-        return bool(beyond or known or np.any(within))
+        meets = np.any(np.abs(self.places - q) < tolerance)
+        return bool(beyond or meets or np.any(within))
 
     def gap(self, step: float) -> float:
         """Return the longest part (rad) without an input of `probes(step)`, 0 if none."""
@@ -107,7 +107,7 @@ def input_turning_points(
         return InputTurningPoints(low, high, np.zeros(0), np.zeros((0, 2)))
     most = int(np.clip(most_time / (36.0 * meetings.cost), 12, MOST_CELLS))
     working = Working("looking for the inputs at which modes meet")
-    found = []
+    per_group = []
     for part in range(len(meetings.groups)):
         asked = [0]
 
@@ -118,7 +118,7 @@ def input_turning_points(
             return meetings(part, q)
 
         smooth = SMOOTH / meetings.modes(part)
-        found.append(crossings(function, low, high, most, smooth))
-    places = np.sort(np.concatenate([part.places for part in found]))
-    doubtful = np.concatenate([part.doubtful for part in found])
+        per_group.append(crossings(function, low, high, most, smooth))
+    places = np.sort(np.concatenate([part.places for part in per_group]))
+    doubtful = np.concatenate([part.doubtful for part in per_group])
     return InputTurningPoints(low, high, places, doubtful[np.argsort(doubtful[:, 0])])

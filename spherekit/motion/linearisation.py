@@ -136,11 +136,11 @@ class Linearisation:
             leads = leads[0][rows], leads[1][rows]
         rotations = None if self.rotations is None else self.rotations[rows]
         part = Linearisation(self.tree, self.joints, self.values[rows], leads, rotations)
-        known = vars(self)
+        kept = vars(self)
         for name in KEPT:
-            if name in known:
-                vars(part)[name] = known[name][rows]
-        if "states" in known:
+            if name in kept:
+                vars(part)[name] = kept[name][rows]
+        if "states" in kept:
             states = (getattr(self.states, item.name)[rows] for item in fields(PairStates))
             vars(part)["states"] = PairStates(*states)
         return part

@@ -60,9 +60,9 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
             continue
         if keep > drop:
             keep, drop, turn = drop, keep, transpose(turn)
-        for link in [k for k, own in enumerate(body) if own == drop]:
+        for link in [k for k, owner in enumerate(body) if owner == drop]:
             body[link], lift[link] = keep, turn @ lift[link]
-    number = {own: k for k, own in enumerate(sorted(set(body)))}
+    number = {owner: k for k, owner in enumerate(sorted(set(body)))}
     locked = {tree.owners[variable] for variable in held}
     pairs = [pair for pair in range(len(tree.ends)) if pair not in locked]
     place = {pair: k for k, pair in enumerate(pairs)}
@@ -72,10 +72,12 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
     )
     leads = []
     for which in (0, 1):
-        own = np.array([lift[tree.ends[pair][which]] for pair in pairs]).reshape(-1, 3, 3)
+        lifted = np.array([lift[tree.ends[pair][which]] for pair in pairs]).reshape(
+            -1, 3, 3
+        )
         if closure.leads is not None:
-            own = own @ closure.leads[which][0][pairs]
-        leads.append(own[None])
+            lifted = lifted @ closure.leads[which][0][pairs]
+        leads.append(lifted[None])
     return Locked(
         Closure(
             LoopTree(len(number), ends, tuple(place[tree.owners[v]] for v in kept)),

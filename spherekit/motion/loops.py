@@ -80,10 +80,10 @@ class LoopTree:
     @cached_property
     def incidence(self) -> Floats:
         """(pairs, bodies): -1 at the first body of each pair, 1 at the second."""
-        found = np.zeros((len(self.ends), self.count))
+        matrix = np.zeros((len(self.ends), self.count))
         for pair, (a, b) in enumerate(self.ends):
-            found[pair, a], found[pair, b] = -1.0, 1.0
-        return found
+            matrix[pair, a], matrix[pair, b] = -1.0, 1.0
+        return matrix
 
     @cached_property
     def cycles(self) -> Floats:
@@ -124,8 +124,8 @@ def left_inverse(matrices: Floats) -> Floats:
     left, sizes, right = np.linalg.svd(matrices[finite], full_matrices=False)
     full = sizes[:, -1] > REDUNDANT * sizes[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = (np.swapaxes(right, 1, 2) / sizes[:, None]) @ np.swapaxes(left, 1, 2)
-    inverse[finite] = np.where(full[:, None, None], found, np.nan)
+        inverses = (np.swapaxes(right, 1, 2) / sizes[:, None]) @ np.swapaxes(left, 1, 2)
+    inverse[finite] = np.where(full[:, None, None], inverses, np.nan)
     return inverse
 
 

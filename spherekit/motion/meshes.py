@@ -89,14 +89,17 @@ class Meshes:
         far, q = q, self._less_periods(q)
         held = dict(zip(driven, map(float, q), strict=True)) | self.at(q)
         locked = _lock_all(closure, held)
-        found = np.zeros((1, 0))
+        values = np.zeros((1, 0))
         if locked.kept:
             distinct = Distinct(locked.closure)
             search(locked.closure, distinct)
-            found = np.array(distinct.values).reshape(-1, len(locked.kept))
-        whole = locked.whole(found)
+            values = np.array(distinct.values).reshape(-1, len(locked.kept))
+        whole = locked.whole(values)
         gap = closure.at(whole).gap
-        return [self.moved(each, driven, far) for each in whole[gap < CLOSURE_TOLERANCE]]
+        return [
+            self.moved(configuration, driven, far)
+            for configuration in whole[gap < CLOSURE_TOLERANCE]
+        ]
 
     def _less_periods(self, q: Floats) -> Floats:
         """Return inputs (k,) as near to the anchor as whole periods bring them."""
@@ -149,18 +152,20 @@ def meshes_of(
         rates = _constant_rates(closure, driven, values)
         if rates is None:
             continue
-        known = [variable for variable in rolling if np.all(np.isfinite(rates[variable]))]
-        ratios = rates[known]
+        determined = [
+            variable for variable in rolling if np.all(np.isfinite(rates[variable]))
+        ]
+        ratios = rates[determined]
         if reference is not None:
-            anchor, lengths = reference[list(driven)], reference[known]
+            anchor, lengths = reference[list(driven)], reference[determined]
         else:
             anchor = np.zeros(count)
-            lengths = _least_rolled(closure, driven, values, rates, known)
-        all_known = len(known) == len(rolling)
-        periods = np.full(count, np.inf if known else np.nan)
+            lengths = _least_rolled(closure, driven, values, rates, determined)
+        all_known = len(determined) == len(rolling)
+        periods = np.full(count, np.inf if determined else np.nan)
         if all_known:
-            periods = np.array([_period(closure, known, each) for each in ratios.T])
-        return Meshes(tuple(known), anchor, lengths, ratios, periods, all_known)
+            periods = np.array([_period(closure, determined, ratio) for ratio in ratios.T])
+        return Meshes(tuple(determined), anchor, lengths, ratios, periods, all_known)
     none = np.zeros((0, count))
     return Meshes((), np.zeros(count), none[:, 0], none, np.full(count, np.nan), False)
 
@@ -176,9 +181,9 @@ def _configurations(
         # no direction of several inputs is a special one
         q = place * (1.0 + 0.37 * np.arange(len(driven)))
         locked = lock(closure, dict(zip(driven, map(float, q), strict=True)))
-        found = Distinct(locked.closure)
-        search(locked.closure, found)
-        yield from locked.whole(np.array(found.values).reshape(-1, len(locked.kept)))
+        distinct = Distinct(locked.closure)
+        search(locked.closure, distinct)
+        yield from locked.whole(np.array(distinct.values).reshape(-1, len(locked.kept)))
 
 
 def _constant_rates(
@@ -220,25 +225,29 @@ def _constant_rates(
 
 
 def _least_rolled(
-    closure: Closure, driven: Sequence[int], values: Floats, rates: Floats, known: list[int]
+    closure: Closure,
+    driven: Sequence[int],
+    values: Floats,
+    rates: Floats,
+    determined: list[int],
 ) -> Floats:
     """Return the lengths (m,) at inputs of zero in which a train has rolled least.
 
     Of those that have rolled as far, the one with the greatest first length.
     """
-    grown = rates[known] @ values[list(driven)]
-    joints = [closure.joints[closure.tree.owners[variable]] for variable in known]
+    grown = rates[determined] @ values[list(driven)]
+    joints = [closure.joints[closure.tree.owners[variable]] for variable in determined]
     tried = []
     for turns in product(range(-MOST_TURNS, MOST_TURNS + 1), np.eye(len(driven))):
-        found = values[known] - grown - TURN * turns[0] * rates[known] @ turns[1]
-        choices = map(_whole_turns_apart, joints, map(float, found))
+        least = values[determined] - grown - TURN * turns[0] * rates[determined] @ turns[1]
+        choices = map(_whole_turns_apart, joints, map(float, least))
         tried += list(islice(product(*choices), MOST_SORTED))
     lengths = np.array(sorted(tried, key=_rolled)[:MOST_ASSEMBLIES])
     closes = np.ones(len(lengths), dtype=bool)
     for train in _trains(closure, rates):
-        closes &= train.closes(values, driven, known, lengths + grown)
+        closes &= train.closes(values, driven, determined, lengths + grown)
     return np.asarray(
-        lengths[np.argmax(closes)] if np.any(closes) else values[known] - grown
+        lengths[np.argmax(closes)] if np.any(closes) else values[determined] - grown
     )
 
 
@@ -252,13 +261,13 @@ def _rolled(lengths: Sequence[float]) -> tuple[int, ...]:
 
 def _whole_turns_apart(joint: Joint, length: float) -> list[float]:
     """Return lengths that differ from one by whole turns of a wheel, the least first."""
-    found = {round(length / SAME_LENGTH): length}
+    lengths = {round(length / SAME_LENGTH): length}
     for lap in joint.laps:
         least = length - lap * round(length / lap)
         most = int(np.ceil(0.5 * max(joint.laps) / lap))
         for turns in range(-most, most + 1):
-            found[round((least + turns * lap) / SAME_LENGTH)] = least + turns * lap
-    return sorted(found.values(), key=abs)[:MOST_CHOICES]
+            lengths[round((least + turns * lap) / SAME_LENGTH)] = least + turns * lap
+    return sorted(lengths.values(), key=abs)[:MOST_CHOICES]
 
 
 @final
@@ -273,13 +282,13 @@ class _Train:
     variables: tuple[int, ...]
 
     def closes(
-        self, values: Floats, driven: Sequence[int], known: list[int], lengths: Floats
+        self, values: Floats, driven: Sequence[int], determined: list[int], lengths: Floats
     ) -> Bools:
-        """Return (n,) whether the train closes with lengths (n, m) of the `known`."""
-        held = [k for k, v in enumerate(self.variables) if v in known or v in driven]
+        """Return (n,) whether the train closes with lengths (n, m) of the `determined`."""
+        held = [k for k, v in enumerate(self.variables) if v in determined or v in driven]
         n = len(lengths)
         whole = np.repeat(values[None], n, axis=0)
-        whole[:, known] = lengths
+        whole[:, determined] = lengths
         start = np.repeat(whole[:, list(self.variables)], STARTS, axis=0)
         random = np.random.default_rng(20240616)
         moved = [k for k in range(len(self.variables)) if k not in held]
@@ -296,7 +305,7 @@ def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
     of_pair = {
         pair: [v for v, p in enumerate(tree.owners) if p == pair] for pair in tree.owners
     }
-    pairs = [pair for pair, own in of_pair.items() if np.all(linear[own])]
+    pairs = [pair for pair, variables in of_pair.items() if np.all(linear[variables])]
     left = set(pairs)
     while left:
         first = tree.ends[min(left)][0]
@@ -305,24 +314,26 @@ def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
         part = {pair for pair in left if tree.ends[pair][0] in bodies}
         left -= part
         number = {body: k for k, body in enumerate(sorted(bodies))}
-        own = sorted(part)
+        members = sorted(part)
         yield _Train(
             Closure(
                 LoopTree(
                     len(number),
-                    tuple((number[a], number[b]) for a, b in (tree.ends[p] for p in own)),
-                    tuple(k for k, pair in enumerate(own) for _ in of_pair[pair]),
+                    tuple(
+                        (number[a], number[b]) for a, b in (tree.ends[p] for p in members)
+                    ),
+                    tuple(k for k, pair in enumerate(members) for _ in of_pair[pair]),
                 ),
-                tuple(closure.joints[pair] for pair in own),
+                tuple(closure.joints[pair] for pair in members),
             ),
-            tuple(v for pair in own for v in of_pair[pair]),
+            tuple(v for pair in members for v in of_pair[pair]),
         )
 
 
-def _period(closure: Closure, known: list[int], ratios: Floats) -> float:
+def _period(closure: Closure, determined: list[int], ratios: Floats) -> float:
     """Return the growth (rad) of an input, in whole turns, that all wheels return with."""
     turns = 1
-    for laps in TURN * ratios / periods_of(closure)[known]:
+    for laps in TURN * ratios / periods_of(closure)[determined]:
         whole = Fraction(float(laps)).limit_denominator(MOST_TEETH)
         if abs(float(whole) - laps) > SAME_RATIO:
             return float(np.inf)

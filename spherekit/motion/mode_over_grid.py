@@ -54,10 +54,12 @@ def spread(
             _, once = np.unique(stop, return_index=True)
             if not len(once):
                 break
-            found, why = walk(closure, driven, sheet[start[once]], input_grid.q[stop[once]])
+            reached, why = walk(
+                closure, driven, sheet[start[once]], input_grid.q[stop[once]]
+            )
             status[stop[once]] = why
             arrived = stop[once][why == Status.OK]
-            sheet[arrived] = found[why == Status.OK]
+            sheet[arrived] = reached[why == Status.OK]
             new.append(arrived)
             left = np.ones(len(stop), dtype=bool)
             left[once] = False

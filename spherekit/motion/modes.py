@@ -106,24 +106,24 @@ def find_assembly_modes(
         freedoms than there are inputs.
     """
     if solver.assembly.has_closed_form:
-        found = _dyad_assembly_modes(solver, input_grid, search)
+        found_modes = _dyad_assembly_modes(solver, input_grid, search)
     else:
-        found = _guided_assembly_modes(solver, input_grid, search)
-    if not found.assembly_modes:
+        found_modes = _guided_assembly_modes(solver, input_grid, search)
+    if not found_modes.assembly_modes:
         raise SolveError(_why_nothing_closes(solver, input_grid))
-    return found
+    return found_modes
 
 
 def _dyad_assembly_modes(solver: Solver, input_grid: InputGrid, search: bool) -> FoundModes:
     ends = solver.mechanism.ends
     groups = solver.assembly.groups
-    found: list[tuple[int, ...]] = []
+    closing: list[tuple[int, ...]] = []
 
     def extend(state: State, signs: tuple[int, ...]) -> None:
-        if len(found) >= MOST_ASSEMBLY_MODES or np.all(state.lost):
+        if len(closing) >= MOST_ASSEMBLY_MODES or np.all(state.lost):
             return
         if len(signs) == len(groups):
-            found.append(signs)
+            closing.append(signs)
             return
         for sign in (1, -1):
             grown = state.copy()
@@ -131,20 +131,22 @@ def _dyad_assembly_modes(solver: Solver, input_grid: InputGrid, search: bool) ->
             extend(grown, (*signs, sign))
 
     reference = solver.geometry.reference
-    own: tuple[int, ...] | None = None
+    of_reference: tuple[int, ...] | None = None
     if reference is not None:
-        own = signs_at(solver, reference)
+        of_reference = signs_at(solver, reference)
     probes, methods = 0, tuple[Method | None, ...]([None] * len(groups))
     claim = REFERENCE_ONLY
-    if search or own is None:
+    if search or of_reference is None:
         probed, claim = _probed(solver, input_grid)
         probes, methods = len(probed), (CLOSED_FORM,) * len(groups)
         with np.errstate(invalid="ignore", divide="ignore"):
             extend(solver.start(probed), ())
-    if own is not None:
-        found = [own, *(signs for signs in found if signs != own)][:MOST_ASSEMBLY_MODES]
+    if of_reference is not None:
+        closing = [of_reference, *(signs for signs in closing if signs != of_reference)][
+            :MOST_ASSEMBLY_MODES
+        ]
     assembly_modes = tuple(
-        AssemblyMode(number, signs) for number, signs in enumerate(found)
+        AssemblyMode(number, signs) for number, signs in enumerate(closing)
     )
     return FoundModes(assembly_modes, probes, methods, _limited(claim, len(assembly_modes)))
 
@@ -371,16 +373,16 @@ class _Gathering:
         """
         families = self._families_of(values, rows, 0)
         for number in np.flatnonzero(families < 0):
-            known = len(self.assembly_modes)
+            before = len(self.assembly_modes)
             if families[number] >= 0 or self.is_full:
                 continue
             self.add(values[number], family)
-            if len(self.assembly_modes) == known:
+            if len(self.assembly_modes) == before:
                 continue
             self.go_beyond()
-            families[number] = self.families[known]
+            families[number] = self.families[before]
             left = np.flatnonzero(families < 0)
-            families[left] = self._families_of(values[left], rows[left], known)
+            families[left] = self._families_of(values[left], rows[left], before)
         return families
 
     def go_beyond(self) -> None:
@@ -481,12 +483,12 @@ def _guide(
         return curve if inside else None, curve.tried
     near = input_grid.nearest(here, NEAREST)
     start = np.repeat(values[None], len(near), axis=0)
-    found, status = walk(solver.closure, driven, start, input_grid.q[near])
+    reached, status = walk(solver.closure, driven, start, input_grid.q[near])
     arrived = np.flatnonzero(status == Status.OK)
     if not len(arrived):
         return None, 0
     first = arrived[0]
-    return spread(solver.closure, driven, input_grid, int(near[first]), found[first]), 0
+    return spread(solver.closure, driven, input_grid, int(near[first]), reached[first]), 0
 
 
 def _scattered(input_grid: InputGrid) -> Floats:

@@ -100,8 +100,8 @@ def turning_inputs(
     curve: ArcCurve, driven: int, low: float, period: float = TURN
 ) -> Floats:
     """Return the values (k,) from `low` on at which a variable turns back on a curve."""
-    found = curve.dead_points(driven)
-    values = curve.at(found.places[~found.double]).values[:, driven]
+    dead_points = curve.dead_points(driven)
+    values = curve.at(dead_points.places[~dead_points.double]).values[:, driven]
     return _from(low, values, period)
 
 

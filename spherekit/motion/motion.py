@@ -68,10 +68,12 @@ class Motion(ArrayRows):
 
     def __repr__(self) -> str:
         counts = Counter(Status(code).name for code in self.status.tolist())
-        found = ", ".join(f"{count} {name}" for name, count in counts.items()) or "no rows"
+        statuses = (
+            ", ".join(f"{count} {name}" for name, count in counts.items()) or "no rows"
+        )
         return (
             f"<Motion of {self.mechanism.name}: {self.samples} samples in "
-            f"{len(self.assembly_modes)} assembly modes; {found}>"
+            f"{len(self.assembly_modes)} assembly modes; {statuses}>"
         )
 
     def rows(self, chosen: Any) -> Self:
@@ -134,13 +136,13 @@ class Motion(ArrayRows):
         """
         jacobian = self.free_jacobian
         free = jacobian.shape[2]
-        known = np.all(np.isfinite(jacobian), axis=(1, 2))
-        found = np.where(known, np.inf if free else 1.0, np.nan)
-        sizes = np.linalg.svd(jacobian[known], compute_uv=False)
+        finite = np.all(np.isfinite(jacobian), axis=(1, 2))
+        conditions = np.where(finite, np.inf if free else 1.0, np.nan)
+        sizes = np.linalg.svd(jacobian[finite], compute_uv=False)
         if 0 < sizes.shape[1] == free:
             with np.errstate(divide="ignore", invalid="ignore"):
-                found[known] = sizes[:, 0] / sizes[:, -1]
-        return np.asarray(found)
+                conditions[finite] = sizes[:, 0] / sizes[:, -1]
+        return np.asarray(conditions)
 
     @cached_property
     def free(self) -> tuple[int, ...]:
@@ -167,12 +169,12 @@ class Motion(ArrayRows):
         where the row failed.
         """
         _, equations, free = self.free_jacobian.shape
-        found = np.full(len(self), np.inf if free else 0.0)
+        sensitivity = np.full(len(self), np.inf if free else 0.0)
         if 0 < free <= equations:
             inverse = np.linalg.norm(self.closure_inverse, axis=(1, 2))
-            found = np.where(np.isfinite(inverse), inverse, np.inf)
-        found[self.failed] = np.nan
-        return found
+            sensitivity = np.where(np.isfinite(inverse), inverse, np.inf)
+        sensitivity[self.failed] = np.nan
+        return sensitivity
 
     @property
     def _longest_loop(self) -> int:
@@ -338,10 +340,10 @@ class Tracer:
         self.solver = Solver(self.mechanism, self.assembly)
         if not self._follow:
             return ()
-        found = find_assembly_modes(self.solver, self.input_grid, search)
-        self.methods, self.claim = found.methods, found.claim
-        self._probes = found.probes
-        return found.assembly_modes
+        found_modes = find_assembly_modes(self.solver, self.input_grid, search)
+        self.methods, self.claim = found_modes.methods, found_modes.claim
+        self._probes = found_modes.probes
+        return found_modes.assembly_modes
 
     def _assembled_against(
         self, counted: CountError, search: bool
@@ -425,9 +427,9 @@ class Tracer:
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("values", "rotations", "status", "residual")
         )
-        found = self.in_rows(q, first_sample, values, rotations)
+        motion = self.in_rows(q, first_sample, values, rotations)
         return replace(
-            found, status=status, residual=residual, is_path=self.input_grid.is_path
+            motion, status=status, residual=residual, is_path=self.input_grid.is_path
         )
 
     def in_rows(

@@ -74,8 +74,10 @@ def _by_kind(joints: tuple[Joint, ...]) -> tuple[_Alike, ...]:
         pairs.setdefault(type(joint), []).append(number)
         variables.setdefault(type(joint), []).extend(range(at, at + joint.freedoms))
     return tuple(
-        _Alike(kind, tuple(joints[k] for k in own), _run(own), _run(variables[kind]))
-        for kind, own in pairs.items()
+        _Alike(
+            kind, tuple(joints[k] for k in members), _run(members), _run(variables[kind])
+        )
+        for kind, members in pairs.items()
     )
 
 
@@ -91,26 +93,26 @@ def _variables(joints: Sequence[Joint]) -> int:
 
 def _flat(vectors: Floats) -> Floats:
     """Return (n, variables, 3) from (n, pairs, variables of each, 3)."""
-    n, pairs, each, _ = vectors.shape
-    return vectors.reshape(n, pairs * each, 3)
+    n, pairs, freedoms, _ = vectors.shape
+    return vectors.reshape(n, pairs * freedoms, 3)
 
 
 def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
     """Return the states of pairs for variables (n, variables)."""
     n = len(values)
     alike = _by_kind(tuple(joints))
-    own = [
-        each.kind.states(
-            each.joints,
-            values[:, each.variables].reshape(n, len(each.joints), each.kind.freedoms),
+    parts = [
+        item.kind.states(
+            item.joints,
+            values[:, item.variables].reshape(n, len(item.joints), item.kind.freedoms),
         )
-        for each in alike
+        for item in alike
     ]
-    if len(own) == 1:
-        return own[0]
+    if len(parts) == 1:
+        return parts[0]
     states = PairStates.blank(n, len(joints))
-    for each, part in zip(alike, own, strict=True):
-        states.put(each.pairs, part)
+    for group, part in zip(alike, parts, strict=True):
+        states.put(group.pairs, part)
     return states
 
 
@@ -121,17 +123,17 @@ def variable_vectors(joints: Sequence[Joint], frames: Floats, curvatures: Floats
     `PairStates`.
     """
     vectors = np.empty((len(frames), _variables(joints), 3))
-    for each in _by_kind(tuple(joints)):
-        own = each.kind.vectors(frames[:, each.pairs], curvatures[:, each.pairs])
-        vectors[:, each.variables] = _flat(own)
+    for group in _by_kind(tuple(joints)):
+        part = group.kind.vectors(frames[:, group.pairs], curvatures[:, group.pairs])
+        vectors[:, group.variables] = _flat(part)
     return vectors
 
 
 def pair_axes(joints: Sequence[Joint], frames: Floats) -> Floats:
     """Return (n, pairs, 3): axis (R), contact line (Cr), normal of contact plane (Cs)."""
     axes = np.empty(frames.shape[:-1])
-    for each in _by_kind(tuple(joints)):
-        axes[:, each.pairs] = each.kind.axes(frames[:, each.pairs])
+    for group in _by_kind(tuple(joints)):
+        axes[:, group.pairs] = group.kind.axes(frames[:, group.pairs])
     return axes
 
 
@@ -150,14 +152,14 @@ def pair_rates(
     n = len(frames)
     alike = _by_kind(tuple(joints))
     rates = PairRates(np.empty((n, _variables(joints), 3)), np.empty((n, len(joints), 3)))
-    for each in alike:
-        own = frames[:, each.pairs], states.take(each.pairs)
-        turning = first_w[:, each.pairs], second_w[:, each.pairs]
-        vectors, axes = each.kind.rates(*own, *turning)
+    for group in alike:
+        placed = frames[:, group.pairs], states.take(group.pairs)
+        turning = first_w[:, group.pairs], second_w[:, group.pairs]
+        vectors, axes = group.kind.rates(*placed, *turning)
         if len(alike) == 1:
             return PairRates(_flat(vectors), axes)
-        rates.vectors[:, each.variables] = _flat(vectors)
-        rates.axes[:, each.pairs] = axes
+        rates.vectors[:, group.variables] = _flat(vectors)
+        rates.axes[:, group.pairs] = axes
     return rates
 
 

@@ -69,8 +69,8 @@ class Predictor:
         out = np.empty((len(self._angles), modes, stop - start))
         begin, end = start // every, min((stop - 1) // every, last - 1)
         given = self._tracer.input_grid.q[start:stop].T
-        for number, own in zip(self._driven, given, strict=True):
-            out[number] = own
+        for number, inputs in zip(self._driven, given, strict=True):
+            out[number] = inputs
         if begin <= end:
             low = max(0, begin - STENCIL + 1)
             nodes = self._nodes(low, min(last, end + STENCIL) + 1)
@@ -96,37 +96,41 @@ class Predictor:
         `place` is where in `out` the first node lies.
         """
         values, good = nodes
-        first, known = _stencils(good)
+        first, usable = _stencils(good)
         every = self._every
         for mode in range(values.shape[1]):
             offset = np.arange(first.shape[1]) - first[mode]
-            alike = np.where(known[mode], offset, -1)[slice(*windows)]
+            alike = np.where(usable[mode], offset, -1)[slice(*windows)]
             edges = np.flatnonzero(np.diff(alike)) + 1
             for run in np.split(np.arange(*windows), edges):
                 most = max(1, AT_ONCE // every)
                 for k in range(0, len(run), most):
-                    own = run[k : k + most]
-                    low = place + int(own[0]) * every
-                    rows = slice(max(0, low), min(out.shape[2], low + len(own) * every))
+                    part = run[k : k + most]
+                    low = place + int(part[0]) * every
+                    rows = slice(max(0, low), min(out.shape[2], low + len(part) * every))
                     if rows.start >= rows.stop:
                         continue
-                    if alike[own[0] - windows[0]] < 0:
+                    if alike[part[0] - windows[0]] < 0:
                         out[:, mode, rows] = np.nan
                         continue
-                    at = first[mode, own[0]] + np.arange(len(own))
-                    made = self._read(values[:, mode], own, at)
-                    for number, each in zip(self._free, made, strict=True):
-                        out[number, mode, rows] = each[rows.start - low : rows.stop - low]
+                    at = first[mode, part[0]] + np.arange(len(part))
+                    made = self._read(values[:, mode], part, at)
+                    for number, samples in zip(self._free, made, strict=True):
+                        out[number, mode, rows] = samples[
+                            rows.start - low : rows.stop - low
+                        ]
 
-    def _read(self, values: Floats, own: NDArray[np.intp], at: NDArray[np.intp]) -> Floats:
+    def _read(
+        self, values: Floats, windows: NDArray[np.intp], at: NDArray[np.intp]
+    ) -> Floats:
         """Return (free variables, samples) in windows with stencils (k,) from `at` on."""
         values = values[self._free]
-        base = values[:, own, None]
+        base = values[:, windows, None]
         away = values[:, at[:, None] + np.arange(STENCIL)] - base
         angles = self._angles[self._free]
         away[angles] -= TURN * np.round(away[angles] / TURN)
         far = np.max(np.abs(base[:, :, 0]), axis=1) + np.max(np.abs(away), axis=(1, 2))
-        offset = int(own[0] - at[0])
+        offset = int(windows[0] - at[0])
         away[:, :, offset] = base[:, :, 0]
         made = (away.reshape(-1, STENCIL) @ _weights(self._every)[offset]).reshape(
             len(values), -1
@@ -137,10 +141,10 @@ class Predictor:
 
     def _found(self, samples: NDArray[np.intp]) -> "Nodes":
         """Return the variables (variables, modes, k) of samples, and which are good."""
-        found = self._tracer.samples(samples)
+        motion = self._tracer.samples(samples)
         modes = len(self._tracer.assembly_modes)
-        values = found.values.reshape(modes, len(samples), -1)
-        good = (found.status == Status.OK).reshape(modes, -1)
+        values = motion.values.reshape(modes, len(samples), -1)
+        good = (motion.status == Status.OK).reshape(modes, -1)
         return np.moveaxis(values, 2, 0), good
 
     def _nodes(self, start: int, stop: int) -> "Nodes":
@@ -151,7 +155,7 @@ class Predictor:
                 nodes = np.arange(number * PORTION, (number + 1) * PORTION)
                 nodes = nodes[nodes <= self._last]
                 self._known[number] = self._found(nodes * self._every)
-        self._known = {n: own for n, own in self._known.items() if n >= portions[0]}
+        self._known = {n: kept for n, kept in self._known.items() if n >= portions[0]}
         values, good = (
             np.concatenate([self._known[n][k] for n in portions], axis=-1) for k in (0, 1)
         )
@@ -178,8 +182,8 @@ def _stencils(good: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.boo
     left, right = start[:, :-1], stop[:, :-1] - STENCIL
     middle = number[:-1] - (STENCIL // 2 - 1)
     first = np.clip(middle, left, np.maximum(right, left))
-    known = good[:, :-1] & good[:, 1:] & (right >= left)
-    return np.clip(first, 0, max(nodes - STENCIL, 0)), known
+    usable = good[:, :-1] & good[:, 1:] & (right >= left)
+    return np.clip(first, 0, max(nodes - STENCIL, 0)), usable
 
 
 @lru_cache(maxsize=64)

@@ -59,10 +59,10 @@ class Census:
     starts: int = 0
     counts: Sequence[int] = ()
 
-    def add(self, starts: int, met: NDArray[np.intp], known: int) -> None:
-        """Count starts; `met` are the numbers, below `known`, of what they led to."""
+    def add(self, starts: int, met: NDArray[np.intp], total: int) -> None:
+        """Count starts; `met` are the numbers, below `total`, of what they led to."""
         self.starts += starts
-        counts = np.bincount(met[met >= 0], minlength=known)
+        counts = np.bincount(met[met >= 0], minlength=total)
         before = [*self.counts, *[0] * (len(counts) - len(self.counts))]
         self.counts = [int(one + more) for one, more in zip(before, counts, strict=True)]
 
@@ -182,8 +182,8 @@ def damped(
     return values, near
 
 
-def search(closure: Closure, found: Distinct, given: Floats | None = None) -> Census:
-    """Add the configurations to `found` that starts of a single sample lead to.
+def search(closure: Closure, distinct: Distinct, given: Floats | None = None) -> Census:
+    """Add the configurations to `distinct` that starts of a single sample lead to.
 
     The first starts are those `given` (n, variables), the others random. Returns how
     often the random ones met each configuration.
@@ -191,14 +191,14 @@ def search(closure: Closure, found: Distinct, given: Floats | None = None) -> Ce
     random = np.random.default_rng(SEED)
     low, high = starting_range(closure)
     if given is not None:
-        found.add(_closed(closure, given))
+        distinct.add(_closed(closure, given))
     census = Census(len(low))
     working = Working("searching the modes of a group at an input")
-    while census.goes_on and len(found.values) < MOST_MODES:
+    while census.goes_on and len(distinct.values) < MOST_MODES:
         starts = random.uniform(low, high, (STARTS, len(low)))
         values, near = damped(closure, starts)
-        met = found.add(_closed(closure, values[near]))
-        census.add(STARTS, met, len(found.values))
+        met = distinct.add(_closed(closure, values[near]))
+        census.add(STARTS, met, len(distinct.values))
         working.tell(lambda: census.words("modes"))
     return census
 
@@ -213,5 +213,5 @@ def _closed(closure: Closure, values: Floats) -> Floats:
 
 def starting_range(closure: Closure) -> tuple[Floats, Floats]:
     """Return the limits (variables,) between which random starts are drawn."""
-    every = [each for joint in closure.joints for each in joint.starts]
+    every = [limits for joint in closure.joints for limits in joint.starts]
     return np.array([low for low, _ in every]), np.array([high for _, high in every])

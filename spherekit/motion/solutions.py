@@ -68,7 +68,7 @@ def solutions(
     `closure` is the group's own, with a single sample.
     The order is that of the angles and the same every time.
     """
-    found = Distinct(closure)
+    distinct = Distinct(closure)
     method = Method(0)
     eliminated = candidates(group, closure)
     if eliminated is not None:
@@ -79,12 +79,12 @@ def solutions(
         kept = closed & (np.max(moved, axis=1, initial=0.0) < MOVED)
         if np.any(eliminated.real & ~kept):
             problem = problem or "a real root led to no closed configuration"
-        found.add(result.values[closed])
+        distinct.add(result.values[closed])
         method = Method(0 if problem else eliminated.roots, problem)
     if not method.is_complete:
-        census = search(closure, found, given)
+        census = search(closure, distinct, given)
         method = replace(method, census=census)
-    values = found.values
+    values = distinct.values
     values.sort(key=lambda mode: [round(float(value), 6) for value in wrap(mode)])
     return values, method
 

@@ -79,8 +79,8 @@ def nodes_at(
     finite = np.all(np.isfinite(square), axis=(1, 2))
     reciprocal_condition = np.ones(len(values))
     if free:
-        known = np.where(finite[:, None, None], square, 1.0)
-        sizes = np.linalg.svd(known, compute_uv=False)
+        filled = np.where(finite[:, None, None], square, 1.0)
+        sizes = np.linalg.svd(filled, compute_uv=False)
         reciprocal_condition = np.where(finite, sizes[:, -1] / sizes[:, 0], 0.0)
     slope, bend = np.zeros_like(values), np.zeros_like(values)
     inverse = left_inverse(square)
@@ -121,11 +121,11 @@ def _advanced(
     h = step[:, None]
     guess = at.values + h * at.slope + 0.5 * h * h * at.bend
     guess[:, list(driven)] = q
-    known = np.all(np.isfinite(guess), axis=1)  # a slope may be endless
-    guess = np.where(known[:, None], guess, at.values)
+    finite = np.all(np.isfinite(guess), axis=1)  # a slope may be endless
+    guess = np.where(finite[:, None], guess, at.values)
     moved = np.max(np.abs(guess - at.values), axis=1)
     result = closure.solve(guess, driven, iterations=6)
-    holds = known & (result.residual < CLOSURE_TOLERANCE)
+    holds = finite & (result.residual < CLOSURE_TOLERANCE)
     size = np.minimum(LARGEST_MOVE, moved)
     holds &= VERIFIED.corrected(result.first_step, result.ratio, size)
     new = nodes_at(closure, driven, result.values, at.direction)

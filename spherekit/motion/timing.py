@@ -66,7 +66,7 @@ def by_laws(
         If a table does not reach over all times.
     """
     q, dq, ddq = (
-        np.stack(each, axis=1)
-        for each in zip(*(laws[name].at(t) for name in inputs), strict=True)
+        np.stack(parts, axis=1)
+        for parts in zip(*(laws[name].at(t) for name in inputs), strict=True)
     )
     return q, Timing(t, dq, ddq)

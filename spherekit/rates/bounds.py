@@ -44,22 +44,22 @@ def mended_and_bounded(
     n = len(weak)
     pairs, rounded = axes
     poles = list(poles)
-    found = Bounds(*({pole: np.full(n, np.nan) for pole in poles} for _ in range(3)))
+    bounds = Bounds(*({pole: np.full(n, np.nan) for pole in poles} for _ in range(3)))
     # Great circles turn in proportion to the axes that they are drawn through.
     tilt = solved.motion.orientation_error / EPS
     for rows, part, errors in solved.parts():
         if not len(rows):
             continue
         more, more_bent = part.second_order
-        own, own_bent = (
-            np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (part.w, part.dw)
+        solved_w, solved_dw = (
+            np.ascontiguousarray(array.transpose(1, 2, 0)) for array in (part.w, part.dw)
         )
-        sizes, swings = ([norm(link) for link in links] for links in (own, own_bent))
+        sizes, swings = ([norm(link) for link in links] for links in (solved_w, solved_dw))
         for pole in poles:
             i, j = pole
             size, swing = sizes[i] + sizes[j], swings[i] + swings[j]
-            v, off = _relative(pole, rows, rates[0], own)
-            dv, off_bent = _relative(pole, rows, rates[1], own_bent)
+            v, off = _relative(pole, rows, rates[0], solved_w)
+            dv, off_bent = _relative(pole, rows, rates[1], solved_dw)
             length = np.maximum(norm(v), EPS * EPS)
             unit = lines.unit[pole][:, rows]
             drawn = np.nan_to_num(lines.error[pole][rows], nan=1.0)
@@ -90,23 +90,23 @@ def mended_and_bounded(
                 rate[bad] = (norm(v) + all_w + errors.numbers * size)[bad]
                 all_dw += norm(dv) + errors.numbers * (size + swing)
                 change[bad] = all_dw[bad]
-            found.direction[pole][rows] = direction
-            found.rate[pole][rows], found.acceleration_coefficient[pole][rows] = (
+            bounds.direction[pole][rows] = direction
+            bounds.rate[pole][rows], bounds.acceleration_coefficient[pole][rows] = (
                 rate,
                 change,
             )
-    return found
+    return bounds
 
 
 def _relative(
-    pole: Pole, rows: NDArray[np.intp], given: Mapping[int, Floats], own: Floats
+    pole: Pole, rows: NDArray[np.intp], given: Mapping[int, Floats], solved_links: Floats
 ) -> tuple[Floats, Floats]:
     """Return rates (3, n) of a pole's links as they were given, and what they are off by.
 
-    That is against the solution `own` (links, 3, n) of the equations.
+    That is against the solution `solved_links` (links, 3, n) of the equations.
     """
     i, j = pole
-    solved = own[j] - own[i]
+    solved = solved_links[j] - solved_links[i]
     if i not in given or j not in given:
         return solved, np.zeros_like(solved)
     v = (given[j] - given[i])[:, rows]

@@ -73,7 +73,7 @@ class RateColumns:
     def parted(self) -> "RateColumns":
         """Return a copy all of whose rows can be written to."""
         return RateColumns(
-            {pole: own.parted() for pole, own in self.poles.items()},
-            {link: np.array(own) for link, own in self.w.items()},
-            {link: np.array(own) for link, own in self.dw.items()},
+            {pole: columns.parted() for pole, columns in self.poles.items()},
+            {link: np.array(vectors) for link, vectors in self.w.items()},
+            {link: np.array(vectors) for link, vectors in self.dw.items()},
         )

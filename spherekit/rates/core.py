@@ -145,13 +145,13 @@ def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRa
     `rows` (n,) says which rows of the motion are wanted, `driven` is the number of the
     input pair that moves; the other inputs stand still.
     """
-    found = equations(motion.rows(rows), driven)
-    near = ~(found.reciprocal_condition >= NEARLY_FLAT)
-    reciprocal_condition = found.reciprocal_condition.copy()
+    solved = equations(motion.rows(rows), driven)
+    near = ~(solved.reciprocal_condition >= NEARLY_FLAT)
+    reciprocal_condition = solved.reciprocal_condition.copy()
     if np.any(near):
-        lost = np.isinf(found.rows(near).loss)
+        lost = np.isinf(solved.rows(near).loss)
         reciprocal_condition[near] = np.where(lost, 0.0, reciprocal_condition[near])
-    return LinkRates(found.w, found.dw, reciprocal_condition)
+    return LinkRates(solved.w, solved.dw, reciprocal_condition)
 
 
 def _longest(vectors: Floats) -> Floats:
@@ -190,13 +190,13 @@ def _solved(matrix: Floats, inverse: Floats, right: Floats) -> tuple[Floats, Flo
     The product with an inverse loses digits where x is small beside the inverse; two
     steps of iterative refinement bring them back (Higham 2002, section 12.1).
     """
-    found = _times(inverse, right)
+    x = _times(inverse, right)
     for _ in range(2):
-        left = right - _times(matrix, found)
-        found = found + _times(inverse, left)
-    left = np.linalg.norm(right - _times(matrix, found), axis=1)
-    scale = np.linalg.norm(right, axis=1) + np.linalg.norm(found, axis=1)
-    return found, left / np.maximum(scale, 1.0)
+        left = right - _times(matrix, x)
+        x = x + _times(inverse, left)
+    left = np.linalg.norm(right - _times(matrix, x), axis=1)
+    scale = np.linalg.norm(right, axis=1) + np.linalg.norm(x, axis=1)
+    return x, left / np.maximum(scale, 1.0)
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:

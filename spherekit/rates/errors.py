@@ -116,8 +116,8 @@ class RoughErrors:
     def widest(self) -> Floats:
         """(n,) a bound of the error of any derivative."""
         turned = np.max(self.turned, axis=0)
-        found = self.open * self.dw + 3.0 * self.slip * self.w + self.bend * turned
-        return np.asarray(found)
+        error = self.open * self.dw + 3.0 * self.slip * self.w + self.bend * turned
+        return np.asarray(error)
 
     def turned_between(self, i: int, j: int) -> Floats:
         """See `RateErrors`."""
@@ -209,15 +209,15 @@ def rate_errors(
 
     def bodies(parts: Floats) -> Floats:
         """Return what links turn by (links, 3, ways, n), of `parts` of the variables."""
-        found = np.zeros((tree.count, *parts.shape[1:]))
+        turns = np.zeros((tree.count, *parts.shape[1:]))
         for pair, parent, child in tree.placements:
-            found[child] = found[parent]
+            turns[child] = turns[parent]
             for variable in owned[pair]:
                 if tree.ends[pair][0] == parent:
-                    found[child] += parts[variable]
+                    turns[child] += parts[variable]
                 else:
-                    found[child] -= parts[variable]
-        return found
+                    turns[child] -= parts[variable]
+        return turns
 
     def solved(parts: Floats) -> Floats:
         """Return what variables change by (V, 1, ways, n) where `parts` open the loops."""
@@ -228,11 +228,11 @@ def rate_errors(
                     loop -= parts[variable]
                 else:
                     loop += parts[variable]
-        found = np.zeros((count, 1, *parts.shape[2:]))
+        response = np.zeros((count, 1, *parts.shape[2:]))
         for way, opened in enumerate(loops.reshape(-1, *parts.shape[2:])):
             for variable, closing in zip(free, back[:, way], strict=True):
-                found[variable, 0] += closing * opened
-        return found
+                response[variable, 0] += closing * opened
+        return response
 
     moved = np.zeros((count, 1, ways, n))
     moved[free, 0] = back
@@ -244,17 +244,17 @@ def rate_errors(
     skew += vectors * faster
     w = bodies(skew)
     own_w = bodies(vectors * speed)
-    own, _ = pairs.turned(own_w)
-    second = pairs.turned_on(turned, first, own_w, w, own, moved[:, 0])
+    changes, _ = pairs.turned(own_w)
+    second = pairs.turned_on(turned, first, own_w, w, changes, moved[:, 0])
     for variable, skewed in enumerate(skew):
         np.multiply(first[variable], bent[variable], out=skewed)
         skewed += second[variable] * speed[variable]
-        skewed += own[variable] * faster[variable]
+        skewed += changes[variable] * faster[variable]
     skew += vectors * solved(skew)
     dw = bodies(skew)
     size = _size(vectors)
     held = [tree.ends[owner][0] for owner in tree.owners]
-    swing = _size(own) + _size(own_w)[held] * size
+    swing = _size(changes) + _size(own_w)[held] * size
     numbers = _numbers(tree)
     slip = numbers * np.sum(np.abs(speed[:, 0]) * size, axis=0)[0]
     bend = (
@@ -276,9 +276,9 @@ class _Pairs:
     def turned(self, w: Floats) -> tuple[Floats, Floats]:
         """Return how vectors and axes change, as links (links, 3, ways, n) turn."""
         if self._revolute:
-            found = np.zeros((len(self.vectors), *w.shape[1:]))
-            self._add_turned(found, w)
-            return found, found
+            changes = np.zeros((len(self.vectors), *w.shape[1:]))
+            self._add_turned(changes, w)
+            return changes, changes
         rows = np.tile(np.arange(w.shape[3]), w.shape[2])
         return self._general(self._at if w.shape[2] == 1 else self._at.take(rows), w)
 
@@ -288,21 +288,23 @@ class _Pairs:
         first: Floats,
         w: Floats,
         changed: Floats,
-        own: Floats,
+        changes: Floats,
         moved: Floats,
     ) -> Floats:
-        """Return how the changes `own` of vectors, links turning at w, change themselves.
+        """Return how the `changes` of vectors, links turning at w, change themselves.
 
         That is as links turn by `turned`, variables move by `moved` (V, ways, n), vectors
         change by `first`, and w by `changed`. With contacts it is a difference.
         """
         owners = self._at.tree.firsts
         if self._revolute:
-            found = np.zeros(first.shape)
-            self._add_turned(found, changed)
-            for owner, own_change, one in zip(owners, found, first, strict=True):
-                _add_cross(own_change, w[owner], one)
-            return found
+            second_changes = np.zeros(first.shape)
+            self._add_turned(second_changes, changed)
+            for owner, changed_again, one in zip(
+                owners, second_changes, first, strict=True
+            ):
+                _add_cross(changed_again, w[owner], one)
+            return second_changes
         motion = self._motion
         ways = moved.shape[1]
         largest = np.max(np.abs(turned), axis=(0, 1), initial=1.0)
@@ -314,13 +316,13 @@ class _Pairs:
         values = values.reshape(len(values), -1).T
         there = Linearisation(self._at.tree, motion.joints, values, None, placed)
         later, _ = self._general(there, w + h * changed)
-        return np.asarray((later - own) / h)
+        return np.asarray((later - changes) / h)
 
     def _add_turned(self, out: Floats, w: Floats) -> None:
         """Add how the vectors of R pairs turn with their first links."""
         owners = self._at.tree.firsts
-        for found, owner, vector in zip(out, owners, self.vectors, strict=True):
-            _add_cross(found, w[owner], vector[:, None])
+        for change, owner, vector in zip(out, owners, self.vectors, strict=True):
+            _add_cross(change, w[owner], vector[:, None])
 
     @staticmethod
     def _general(at: Linearisation, w: Floats) -> tuple[Floats, Floats]:

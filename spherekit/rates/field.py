@@ -77,14 +77,14 @@ def evaluate(
         )
     if route == "equations":
         everywhere = np.ones(len(motion), dtype=bool)
-        found = driven_rates(motion, everywhere, wanted.plan.input)
-        return field_of_rates(motion, wanted, found, memory)
+        rates = driven_rates(motion, everywhere, wanted.plan.input)
+        return field_of_rates(motion, wanted, rates, memory)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         return signed(by_lines(motion, wanted, route), motion, wanted, memory)
 
 
 def field_of_rates(
-    motion: Motion, wanted: Request, found: LinkRates, memory: SignMemory
+    motion: Motion, wanted: Request, rates: LinkRates, memory: SignMemory
 ) -> PoleField:
     """Return the requested poles of a motion whose angular velocities are known.
 
@@ -94,20 +94,20 @@ def field_of_rates(
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         lines = Lines.of_pairs(wanted.plan, motion, "equations")
         bodies = {b for pole in _body_poles(wanted) for b in pole} | set(wanted.bodies)
-        w = {body: found.w[:, body].T.copy() for body in bodies}
-        dw = {body: found.dw[:, body].T.copy() for body in bodies}
+        w = {body: rates.w[:, body].T.copy() for body in bodies}
+        dw = {body: rates.dw[:, body].T.copy() for body in bodies}
         everywhere = np.ones(len(motion), dtype=bool)
         for pole in _body_poles(wanted):
             if pole not in lines.unit:
                 lines.unit[pole] = np.full_like(w[pole[0]], np.nan)
                 lines.error[pole] = np.ones(len(motion))
-                lines.angle[pole] = found.reciprocal_condition
+                lines.angle[pole] = rates.reciprocal_condition
         for pole in wanted.planes:
-            own = wanted.plan.pole(*pole)
-            if own is not None:
-                planes_through(wanted.plan, own, lines)
+            body_pole = wanted.plan.pole(*pole)
+            if body_pole is not None:
+                planes_through(wanted.plan, body_pole, lines)
         solved = equations(motion, wanted.plan.input)
-        flat = ~(found.reciprocal_condition >= SINGULAR_RATIO) | np.isinf(solved.loss)
+        flat = ~(rates.reciprocal_condition >= SINGULAR_RATIO) | np.isinf(solved.loss)
         status = motion.status.copy()
         status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
         field = _field(motion, wanted, lines, (w, dw), status, everywhere, solved)
@@ -195,9 +195,9 @@ def _field(
         _add_pole(field, motion, wanted, lines, pole, w, dw, bounds)
     nothing = np.full((len(motion), 2, 3), np.nan)
     for pole in wanted.planes:
-        own = wanted.plan.pole(*pole)
+        body_pole = wanted.plan.pole(*pole)
         field.planes[pole] = (
-            nothing if own is None else np.moveaxis(lines.planes[own], -1, 0)
+            nothing if body_pole is None else np.moveaxis(lines.planes[body_pole], -1, 0)
         )
     for link, body in enumerate(wanted.plan.body):
         if body in w:
@@ -287,24 +287,24 @@ def _add_pole(
     dw: dict[int, Floats],
     bounds: Bounds,
 ) -> None:
-    own = wanted.plan.pole(*pole)
-    if own is None:
+    body_pole = wanted.plan.pole(*pole)
+    if body_pole is None:
         add_locked(field, motion, pole)
         return
     i, j = (wanted.plan.body[link] for link in pole)
-    unit, error = lines.unit[own].copy(), bounds.direction[own]
+    unit, error = lines.unit[body_pole].copy(), bounds.direction[body_pole]
     # Nothing bounds what a singular configuration is off by; its status says so.
-    judged = np.where(field.status == Status.OK, error, lines.error[own])
+    judged = np.where(field.status == Status.OK, error, lines.error[body_pole])
     bad = motion.failed | ~(judged < USABLE_DIRECTION)
     unit[:, bad] = np.nan
-    known = i in w and j in w
+    has_rates = i in w and j in w
     nothing = np.full(unit.shape[1], np.nan)
-    rate = dot(w[j] - w[i], unit) if known else nothing
-    acceleration_coefficient = dot(dw[j] - dw[i], unit) if known else nothing.copy()
+    rate = dot(w[j] - w[i], unit) if has_rates else nothing
+    acceleration_coefficient = dot(dw[j] - dw[i], unit) if has_rates else nothing.copy()
     codes = field.status.copy()
     unknown = bad & (codes == Status.OK)
     codes[unknown] = Status.ILL_CONDITIONED
-    if known:
+    if has_rates:
         still = unknown & (norm(w[j] - w[i]) < NO_MOTION * np.maximum(1.0, norm(w[j])))
         codes[still] = Status.NO_POLE
         rate[still] = 0.0
@@ -317,13 +317,15 @@ def _add_pole(
     )
     field.error[pole] = np.where(bad, np.nan, error)
     field.velocity_coefficient_error[pole] = np.where(
-        np.isnan(rate), np.nan, bounds.rate[own]
+        np.isnan(rate), np.nan, bounds.rate[body_pole]
     )
     field.acceleration_coefficient_error[pole] = np.where(
-        np.isnan(acceleration_coefficient), np.nan, bounds.acceleration_coefficient[own]
+        np.isnan(acceleration_coefficient),
+        np.nan,
+        bounds.acceleration_coefficient[body_pole],
     )
-    angle = np.nan_to_num(lines.angle[own])
-    if known and own not in axis_pairs(wanted.plan):
+    angle = np.nan_to_num(lines.angle[body_pole])
+    if has_rates and body_pole not in axis_pairs(wanted.plan):
         sizes = norm(w[i]) + norm(w[j])
         angle = norm(w[j] - w[i]) / np.where(sizes > 0.0, sizes, 1.0)
     field.angle[pole] = np.where(bad, np.nan, angle)

@@ -38,13 +38,13 @@ def field_of_columns(
             columns = columns.parted()
         field = _field(motion, wanted, columns, vouched)
         careful = None if np.all(vouched) else _with_care(field, motion, wanted, vouched)
-        for pole, own in columns.poles.items():
-            if not own.is_signed:
+        for pole, pole_columns in columns.poles.items():
+            if not pole_columns.is_signed:
                 continue
             if steady:
-                turn_round(own, steady_signs(motion, pole, own, memory))
+                turn_round(pole_columns, steady_signs(motion, pole, pole_columns, memory))
             else:
-                _go_on(motion, pole, own, careful, memory)
+                _go_on(motion, pole, pole_columns, careful, memory)
     for pole in wanted.planes if with_planes else ():
         _ = field.planes[pole]
     return field
@@ -54,15 +54,15 @@ def _field(
     motion: Motion, wanted: Request, columns: RateColumns, vouched: NDArray[np.bool_]
 ) -> PoleField:
     """Return what columns say, with their signs, as views."""
-    n, each = len(motion), columns.poles.items()
+    n, items = len(motion), columns.poles.items()
     field = PoleField(
-        direction={pole: own.direction.T for pole, own in each},
-        velocity_coefficient={pole: own.rate for pole, own in each},
-        acceleration_coefficient={pole: own.change for pole, own in each},
-        angle={pole: own.angle for pole, own in each},
-        error={pole: own.direction_error for pole, own in each},
-        velocity_coefficient_error={pole: own.rate_error for pole, own in each},
-        acceleration_coefficient_error={pole: own.change_error for pole, own in each},
+        direction={pole: part.direction.T for pole, part in items},
+        velocity_coefficient={pole: part.rate for pole, part in items},
+        acceleration_coefficient={pole: part.change for pole, part in items},
+        angle={pole: part.angle for pole, part in items},
+        error={pole: part.direction_error for pole, part in items},
+        velocity_coefficient_error={pole: part.rate_error for pole, part in items},
+        acceleration_coefficient_error={pole: part.change_error for pole, part in items},
         planes=_PlanesWhenRead(wanted, motion),
         w={link: values.T for link, values in columns.w.items()},
         dw={link: values.T for link, values in columns.dw.items()},
@@ -71,7 +71,7 @@ def _field(
         by_equations=np.broadcast_to(False, n),
         by_kernel=vouched,
         loss=np.broadcast_to(0.0, n),
-        direction_dq={pole: own.turn.T for pole, own in each},
+        direction_dq={pole: part.turn.T for pole, part in items},
     )
     for pole in wanted.poles:
         if pole not in columns.poles:
@@ -93,11 +93,11 @@ def _with_care(
     turned = {pole: careful.turned(wanted.plan, pole) for pole in field.direction_dq}
     given = replace(careful, direction_dq=turned)
     for name in ("status", "by_equations", "loss"):
-        own = getattr(field, name).copy()
-        own[rest] = getattr(given, name)
+        column = getattr(field, name).copy()
+        column[rest] = getattr(given, name)
         if name == "loss":
-            own[nothing] = np.nan
-        object.__setattr__(field, name, own)
+            column[nothing] = np.nan
+        object.__setattr__(field, name, column)
     for pole, status in field.pole_status.items():
         field.pole_status[pole] = status.copy()
     for name in ROWS_OF_EACH:
@@ -136,9 +136,9 @@ def _go_on(
     i, j = pole
     v, dv = columns.relative(slice(None))
     if careful is not None:
-        rest, found = careful
-        v[:, rest] = (found.w[j] - found.w[i]).T
-        dv[:, rest] = (found.dw[j] - found.dw[i]).T
+        rest, field = careful
+        v[:, rest] = (field.w[j] - field.w[i]).T
+        dv[:, rest] = (field.dw[j] - field.dw[i]).T
     signs = continuous_signs(motion, columns.direction, columns.rate, v, dv, pole, memory)
     for values in columns.with_sign:
         values *= signs
@@ -154,10 +154,10 @@ class _PlanesWhenRead(dict[Pole, Floats]):
 
     def __missing__(self, pole: Pole) -> Floats:
         plan, motion = self._wanted.plan, self._motion
-        own = plan.pole(*pole)
+        body_pole = plan.pole(*pole)
         self[pole] = np.full((len(motion), 2, 3), np.nan)
-        if pole in self._wanted.planes and own is not None:
+        if pole in self._wanted.planes and body_pole is not None:
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-                lines = evaluate_lines(plan, motion, [own])
-            self[pole] = np.moveaxis(lines.planes[own], -1, 0)
+                lines = evaluate_lines(plan, motion, [body_pole])
+            self[pole] = np.moveaxis(lines.planes[body_pole], -1, 0)
         return self[pole]

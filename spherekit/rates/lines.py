@@ -231,20 +231,20 @@ def _block_tree(plan: Plan, step: BlockPoles) -> tuple[LoopTree, list[int]]:
         (number[a], number[b]) for a, b in (plan.ends[pair] for pair in step.pairs)
     )
     variables = [mechanism.variables_of(pair) for pair in step.pairs]
-    owners = tuple(k for k, own in enumerate(variables) for _ in own)
-    flat = [variable for own in variables for variable in own]
+    owners = tuple(k for k, of_pair in enumerate(variables) for _ in of_pair)
+    flat = [variable for of_pair in variables for variable in of_pair]
     return LoopTree(len(step.links), ends, owners), flat
 
 
 def solve_block(plan: Plan, step: BlockPoles, motion: Motion, lines: Lines) -> None:
     """Add the poles of an irreducible part."""
     tree, variables = _block_tree(plan, step)
-    found = null_motion(tree, motion.vectors[:, variables])
-    lines.blocks[step] = found
+    block = null_motion(tree, motion.vectors[:, variables])
+    lines.blocks[step] = block
     number = {link: k for k, link in enumerate(step.links)}
-    growth = np.linalg.norm(found.inverse, axis=(1, 2))
+    growth = np.linalg.norm(block.inverse, axis=(1, 2))
     for pole in step.poles:
-        vector = (found.w[:, number[pole[1]]] - found.w[:, number[pole[0]]]).T
+        vector = (block.w[:, number[pole[1]]] - block.w[:, number[pole[0]]]).T
         length = norm(vector)
         lines.unit[pole] = vector / np.where(length > 0.0, length, np.nan)
         lines.error[pole] = np.minimum(EPS * growth / np.maximum(length, EPS), 1.0)
@@ -256,14 +256,14 @@ def block_rate(
 ) -> None:
     """Add the derivatives of the poles of an irreducible part."""
     tree, variables = _block_tree(plan, step)
-    found = lines.blocks[step]
+    block = lines.blocks[step]
     change = null_motion_rate(
-        tree, motion.vectors[:, variables], turned.vectors[:, variables], found
+        tree, motion.vectors[:, variables], turned.vectors[:, variables], block
     )
     number = {link: k for k, link in enumerate(step.links)}
     for pole in step.poles:
         i, j = number[pole[0]], number[pole[1]]
-        vector = (found.w[:, j] - found.w[:, i]).T
+        vector = (block.w[:, j] - block.w[:, i]).T
         rate = (change[:, j] - change[:, i]).T
         lines.rate[pole] = unit_rate(lines.unit[pole], norm(vector), rate)
 

@@ -79,8 +79,8 @@ def request(
     circles = frozenset(pole_of(*pole) for pole in planes)
     wanted = tuple(dict.fromkeys([*(pole_of(*pole) for pole in poles), *sorted(circles)]))
     turned = frozenset(links)
-    own = [pole_of(0, link) for link in sorted(turned - {0})]
-    coefficients = list(dict.fromkeys([*(pole_of(*pole) for pole in rates), *own]))
+    to_ground = [pole_of(0, link) for link in sorted(turned - {0})]
+    coefficients = list(dict.fromkeys([*(pole_of(*pole) for pole in rates), *to_ground]))
     bodies = {a, b} | {whole.body[link] for pole in coefficients for link in pole}
     if derivatives:
         bodies.add(0)
@@ -92,8 +92,8 @@ def request(
         more = _moving_bodies(pruned) - bodies if derivatives else set()
         if not more:
             everything = tuple(dict.fromkeys((*wanted, *coefficients)))
-            found = tuple(sorted(bodies))
-            return Request(pruned, everything, found, derivatives, circles, turned)
+            body_numbers = tuple(sorted(bodies))
+            return Request(pruned, everything, body_numbers, derivatives, circles, turned)
         bodies |= more
 
 

@@ -76,14 +76,14 @@ def signed(
     """Give directions, and coefficients along them, the signs that continue; in place."""
     pairs = axis_pairs(wanted.plan)
     for pole in wanted.poles:
-        own = wanted.plan.pole(*pole)
-        if own is None or own in pairs:
+        body_pole = wanted.plan.pole(*pole)
+        if body_pole is None or body_pole in pairs:
             continue
         i, j = pole
         unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
-        known = i in field.w and j in field.w
-        v = (field.w[j] - field.w[i]).T if known else None
-        dv = (field.dw[j] - field.dw[i]).T if known else None
+        has_rates = i in field.w and j in field.w
+        v = (field.w[j] - field.w[i]).T if has_rates else None
+        dv = (field.dw[j] - field.dw[i]).T if has_rates else None
         signs = continuous_signs(motion, unit, rate, v, dv, pole, memory)
         for values in (unit, rate, field.acceleration_coefficient[pole]):
             values *= signs
@@ -170,8 +170,8 @@ def continuous_signs(
     signs = np.ones(unit.shape[1])
     for number, assembly_mode in enumerate(motion.assembly_modes):
         rows = slice(number * motion.samples, (number + 1) * motion.samples)
-        known = np.all(np.isfinite(unit[:, rows]), axis=0)
-        moved = known if w is None else known & np.all(np.isfinite(w[:, rows]), axis=0)
+        finite = np.all(np.isfinite(unit[:, rows]), axis=0)
+        moved = finite if w is None else finite & np.all(np.isfinite(w[:, rows]), axis=0)
         good = np.flatnonzero(moved)
         if not len(good):
             continue
@@ -208,12 +208,12 @@ def continuous_signs(
             chain = np.cumprod(np.append(side, _flips(t, here, v, dv)))
         signs[rows.start + good] = chain * along
         way_here, sense_here, w_here, dw_here = (
-            each[..., -1:].copy() for each in (t, here, v, dv)
+            array[..., -1:].copy() for array in (t, here, v, dv)
         )
         memory.last[key] = _Last(way_here, sense_here, w_here, dw_here, float(chain[-1]))
         if len(good) == len(moved):
             continue
-        for row in np.flatnonzero(known & ~moved):
+        for row in np.flatnonzero(finite & ~moved):
             near = rows.start + good[np.argmin(np.abs(good - row))]
             beside = signs[near] * unit[:, near] @ unit[:, rows.start + row]
             signs[rows.start + row] = -1.0 if beside < 0.0 else 1.0

@@ -104,19 +104,19 @@ class Transmission:
             (n, 3) what a pointing output points at, in the same frame: turning about it
             does not count.
         """
-        found = np.full(len(vectors), np.nan)
-        known = np.all(np.isfinite(vectors), axis=(1, 2))
+        transmission = np.full(len(vectors), np.nan)
+        finite = np.all(np.isfinite(vectors), axis=(1, 2))
         if directions is not None:
-            known &= np.all(np.isfinite(directions), axis=1)
-        rows = np.flatnonzero(known)
+            finite &= np.all(np.isfinite(directions), axis=1)
+        rows = np.flatnonzero(finite)
         for start in range(0, len(rows), ROWS):
             some = rows[start : start + ROWS]
             columns, loops = passive_equations(self.tree, self.driven, vectors[some])
             owners = [self.tree.owners[v] for v in passive(self.tree, self.driven)]
             way = self._way[owners] * columns
             towards = None if directions is None else directions[some]
-            found[some] = self._measured(way, loops, towards)
-        return found
+            transmission[some] = self._measured(way, loops, towards)
+        return transmission
 
     @cached_property
     def _way(self) -> Floats:
@@ -177,16 +177,16 @@ def hold(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> tuple[Floats
     NaN where the vectors are.
     """
     least, ratio = np.full(len(vectors), np.nan), np.full(len(vectors), np.nan)
-    known = np.all(np.isfinite(vectors), axis=(1, 2))
-    _, loops = passive_equations(tree, driven, vectors[known])
+    finite = np.all(np.isfinite(vectors), axis=(1, 2))
+    _, loops = passive_equations(tree, driven, vectors[finite])
     equations, free = loops.shape[1:]
     if not free:
-        least[known] = ratio[known] = 1.0
+        least[finite] = ratio[finite] = 1.0
     elif equations < free:
-        least[known] = ratio[known] = 0.0
+        least[finite] = ratio[finite] = 0.0
     else:
         sizes = np.linalg.svd(loops, compute_uv=False)
-        least[known], ratio[known] = sizes[:, -1], sizes[:, -1] / sizes[:, 0]
+        least[finite], ratio[finite] = sizes[:, -1], sizes[:, -1] / sizes[:, 0]
     return least, ratio
 
 
@@ -209,11 +209,11 @@ def _solved(loops: Floats, sides: Floats) -> Floats:
     try:
         return np.swapaxes(np.linalg.solve(turned, columns), 1, 2)
     except np.linalg.LinAlgError:
-        found = np.full_like(sides, np.nan)
+        solutions = np.full_like(sides, np.nan)
         regular = np.linalg.slogdet(turned)[0] != 0.0
         solved = np.linalg.solve(turned[regular], columns[regular])
-        found[regular] = np.swapaxes(solved, 1, 2)
-        return found
+        solutions[regular] = np.swapaxes(solved, 1, 2)
+        return solutions
 
 
 def _by_singular_values(way: Floats, loops: Floats) -> Floats:

@@ -20,8 +20,8 @@ def axis_pairs(plan: Plan) -> dict[Pole, int]:
 
 def carrier(plan: Plan, pole: Pole) -> int | None:
     """Return the link that carries a pole's axis, None if none does."""
-    own = plan.pole(*pole)
-    pair = None if own is None else axis_pairs(plan).get(own)
+    body_pole = plan.pole(*pole)
+    pair = None if body_pole is None else axis_pairs(plan).get(body_pole)
     if pair is None or not plan.mechanism.pairs[pair].kind.has_axis:
         return None
     return plan.mechanism.ends[pair][0]
@@ -45,8 +45,8 @@ def turn_along(
     """
     rate, change = coefficients
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.asarray((dv - change[:, None] * unit) / rate[:, None])
-        size = np.maximum(1.0, np.sqrt(np.sum(found * found, axis=1)))
-        known = size * errors[0] + errors[1] < TURN_KNOWN * size * np.abs(rate)
-    found[~known] = np.nan
-    return found
+        turns = np.asarray((dv - change[:, None] * unit) / rate[:, None])
+        size = np.maximum(1.0, np.sqrt(np.sum(turns * turns, axis=1)))
+        sure = size * errors[0] + errors[1] < TURN_KNOWN * size * np.abs(rate)
+    turns[~sure] = np.nan
+    return turns
