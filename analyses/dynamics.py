@@ -121,18 +121,20 @@ class Dynamics(AbstractAnalysis):
         count, m = len(batch), len(inputs)
         common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
         timed = {**common, "t": batch.t}
-        q = _columns(mechanism, "q", batch.inputs)
+        q = input_columns(mechanism, batch.inputs, "q")
         pairs = m * (m + 1) // 2
         rows, columns = np.triu_indices(m)
         names = np.array(inputs, dtype=str)
+        slopes = solution.dM[:, rows, columns]
+        forces = np.swapaxes(solution.Q_parts, 1, 2)
         return {
             "dynamics": {
                 **timed,
                 **q,
-                **_columns(mechanism, "dq", batch.input_rates),
-                **_columns(mechanism, "ddq", batch.input_accelerations),
-                **_columns(mechanism, "tau", solution.torques),
-                **_columns(mechanism, "Q", solution.Q_all),
+                **input_columns(mechanism, batch.input_rates, "dq"),
+                **input_columns(mechanism, batch.input_accelerations, "ddq"),
+                **input_columns(mechanism, solution.torques, "tau"),
+                **input_columns(mechanism, solution.Q_all, "Q"),
                 "kinetic": solution.kinetic,
                 "power": np.sum(solution.torques * batch.input_rates, axis=1),
                 "residual": batch.residual,
@@ -143,14 +145,16 @@ class Dynamics(AbstractAnalysis):
                 "row": np.tile(names[rows], count),
                 "column": np.tile(names[columns], count),
                 "M": solution.M[:, rows, columns].ravel(),
-                **_columns(mechanism, "dM", solution.dM[:, rows, columns].reshape(-1, m)),
+                **input_columns(
+                    mechanism, solution.dM[:, rows, columns].reshape(-1, m), "dM"
+                ),
                 "status": np.repeat(solution.status, pairs),
             },
             "loads": {
                 **_repeated({**timed, **q}, len(loads)),
                 "load": np.tile(np.array(loads, dtype=str), count),
-                **_columns(
-                    mechanism, "Q", np.swapaxes(solution.Q_parts, 1, 2).reshape(-1, m)
+                **input_columns(
+                    mechanism, np.swapaxes(solution.Q_parts, 1, 2).reshape(-1, m), "Q"
                 ),
                 "power": solution.power.ravel(),
                 "status": np.repeat(solution.status, len(loads)),
@@ -243,14 +247,6 @@ def _said(figures: Mapping[str, Any], lost: int) -> Findings:
     return Findings(
         {"inputs": dict(figures), "rows_at_singularities": lost}, warnings, remarks
     )
-
-
-def _columns(mechanism: Mechanism, name: str, values: Floats) -> dict[str, Any]:
-    """Return the columns of a name, one for each input."""
-    return {
-        name + column.removeprefix("q"): numbers
-        for column, numbers in input_columns(mechanism, values).items()
-    }
 
 
 def _repeated(columns: dict[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:

@@ -233,7 +233,7 @@ class EquivalentRotation(AbstractAnalysis):
             "tilt": tilted[:, 1],
             "torsion": tilted[:, 2],
             **input_columns(mechanism, at.inputs),
-            **_by_input(mechanism, "dq_dtheta", at.rates),
+            **input_columns(mechanism, at.rates, "dq_dtheta"),
             "departure": at.departure,
             "drift": at.drift,
             "type_2": at.type_2,
@@ -252,8 +252,8 @@ class EquivalentRotation(AbstractAnalysis):
             "t": t,
             "theta": theta,
             **input_columns(mechanism, inputs),
-            **_by_input(mechanism, "dq", dq),
-            **_by_input(mechanism, "ddq", ddq),
+            **input_columns(mechanism, dq, "dq"),
+            **input_columns(mechanism, ddq, "ddq"),
             "type_2": type_2,
             "status": status,
         }
@@ -475,13 +475,6 @@ def _output_name(mechanism: Mechanism, turn: MidPlaneRotation) -> str:
     return next(
         o.name for o in mechanism.outputs if (o.link, o.relative_to) == (link, base)
     )
-
-
-def _by_input(mechanism: Mechanism, name: str, values: Floats) -> dict[str, Floats]:
-    """Return columns of values (n, inputs) under a table's names for them."""
-    column = Column(name, "", "", per_input=True)
-    columns = Table("", "", (column,)).of(mechanism).columns
-    return {c.name: values[:, k] for k, c in enumerate(columns)}
 
 
 def _largest(values: Floats) -> float:

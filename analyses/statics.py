@@ -151,14 +151,14 @@ class Statics(AbstractAnalysis):
         return {
             "statics": {
                 **common,
-                **_columns(mechanism, "tau", solution.torques),
+                **input_columns(mechanism, solution.torques, "tau"),
                 "residual": batch.residual,
                 "status": solution.status,
             },
             "outputs": {
                 **repeated,
                 "output": np.tile(np.array(list(outputs), dtype=str), len(batch)),
-                **_columns(mechanism, "advantage", advantages),
+                **input_columns(mechanism, advantages, "advantage"),
                 **principal,
                 "status": np.repeat(solution.status, count),
             },
@@ -248,10 +248,3 @@ def _beside(parts: list[Floats], empty: tuple[int, ...]) -> Floats:
     """Return arrays (n, ...) of k things as rows (n k, ...), thing after thing."""
     stacked = np.stack(parts, axis=1) if parts else np.zeros(empty)
     return stacked.reshape(-1, *empty[2:])
-
-
-def _columns(mechanism: Mechanism, name: str, values: Floats) -> dict[str, Any]:
-    return {
-        name + column.removeprefix("q"): numbers
-        for column, numbers in input_columns(mechanism, values).items()
-    }

@@ -184,10 +184,12 @@ def arrays(data: TableData) -> dict[str, NDArray[Any]]:
     return {name: np.asarray(values) for name, values in data.items()}
 
 
-def input_columns(mechanism: Mechanism, inputs: NDArray[np.float64]) -> dict[str, Any]:
-    """Return the columns `INPUTS` of values (n, inputs), by their names."""
-    columns = Table("", "", (INPUTS,)).of(mechanism).columns
-    return {c.name: inputs[:, k] for k, c in enumerate(columns)}
+def input_columns(
+    mechanism: Mechanism, values: NDArray[np.float64], name: str = "q"
+) -> dict[str, Any]:
+    """Return the columns that a name has by input, of values (n, inputs)."""
+    columns = Table("", "", (Column(name, "", "", per_input=True),)).of(mechanism).columns
+    return {c.name: values[:, k] for k, c in enumerate(columns)}
 
 
 SAMPLE = Column("sample", "", "number of the input value, from 0", "integer")

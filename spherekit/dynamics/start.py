@@ -282,14 +282,7 @@ def _configuration(
         near = q if mechanism.has_contacts else reduced(q)
         tracer = Tracer(bare, path=near[None])
         motion = tracer.motion()
-    numbers = [item.number for item in tracer.assembly_modes]
-    if assembly_mode not in numbers:
-        raise SolveError(
-            f"{name}: there is no assembly mode {assembly_mode}; the assembly modes "
-            f"found are "
-            f"{listing(numbers)}"
-        )
-    row = numbers.index(assembly_mode)
+    row = tracer.place_of(assembly_mode)
     status = Status(int(motion.status[row]))
     if status not in (Status.OK, Status.AT_SINGULARITY):
         where = listing(f"{x:.6g}" for x in q)

@@ -152,9 +152,7 @@ def rigid_bodies(
     )
     masses, made_up = _masses(mechanism)
     bodies = tuple(
-        _body(
-            mechanism, masses, hinge.child, at.placed[0, mechanism.link_number[hinge.child]]
-        )
+        _body(masses, hinge.child, at.placed[0, mechanism.link_number[hinge.child]])
         for hinge in hinges
     )
     return RigidBodies(mechanism, hinges, cuts, ratios, bodies, at.placed[0], made_up)
@@ -247,9 +245,7 @@ def _wire(link: str, lines: Sequence[Floats]) -> Mass:
     return Mass(link, rows, mass, (float(x), float(y), float(z)))
 
 
-def _body(
-    mechanism: Mechanism, masses: dict[str, Mass], link: str, turn: Floats
-) -> BodyInertia:
+def _body(masses: dict[str, Mass], link: str, turn: Floats) -> BodyInertia:
     given = masses.get(link)
     if given is not None and np.any(np.array(given.tensor)):
         about_O = turn @ np.array(given.tensor) @ turn.T

@@ -39,13 +39,10 @@ class Collector:
         inputs: Floats | None,
         *,
         assembly_modes: Mapping[int, str] | None = None,
-        properties: Mapping[str, str] | None = None,
-        focus: Floats | None = None,
-        row: int | None = None,
-        times: Floats | None = None,
+        **unseen: Any,
     ) -> None:
         """Take the names of the assembly modes, and what does not move."""
-        del inputs, properties, focus, row, times
+        del inputs, unseen
         self.titles = dict(assembly_modes or {})
         for scene in scenes:
             self._blocks.setdefault((scene.source, scene.page), []).append(scene)

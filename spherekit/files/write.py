@@ -8,12 +8,16 @@ from typing import Any
 
 from spherekit.checked import checked
 from spherekit.errors import FileError, OutputError
-from spherekit.files.angles import to_text
 from spherekit.files.atomic import write_text
 from spherekit.files.check import FORMAT
 from spherekit.files.read import AnyMechanism, loads, mechanism_of
-from spherekit.files.toml_text import Literal, assignment, tables
-from spherekit.files.write_dynamics import load_tables, mass_tables, stop_tables
+from spherekit.files.toml_text import assignment, tables
+from spherekit.files.write_dynamics import (
+    angle_text,
+    load_tables,
+    mass_tables,
+    stop_tables,
+)
 from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism, Output, Pair, PoseGeometry, Profile
 
@@ -100,7 +104,7 @@ def _content(mechanism: Mechanism, unit: AngleUnit) -> Mapping[str, _Table]:
     content["links"] = {link: _link(mechanism, link, unit) for link in mechanism.links}
     content["pairs"] = {item.name: _pair(mechanism, item, unit) for item in mechanism.pairs}
     content["inputs"] = {
-        item.pair: {"from": _angle(item.start, unit), "to": _angle(item.stop, unit)}
+        item.pair: {"from": angle_text(item.start, unit), "to": angle_text(item.stop, unit)}
         for item in mechanism.inputs
     }
     content["outputs"] = {item.name: _output(item) for item in mechanism.outputs}
@@ -125,9 +129,9 @@ def _link(mechanism: Mechanism, link: str, unit: AngleUnit) -> _Table:
     sizes = geometry.links[link]
     table: _Table = {"axes": list(sizes.axes)}
     if sizes.arcs:
-        table["arcs"] = [_angle(arc, unit) for arc in sizes.arcs]
+        table["arcs"] = [angle_text(arc, unit) for arc in sizes.arcs]
     if sizes.angles:
-        table["angles"] = [_angle(angle, unit) for angle in sizes.angles]
+        table["angles"] = [angle_text(angle, unit) for angle in sizes.angles]
     if sizes.signed:
         table["signed_arcs"] = True
     if sizes.unpaired:
@@ -142,13 +146,13 @@ def _pair(mechanism: Mechanism, pair: Pair, unit: AngleUnit) -> _Table:
         if pair.name in geometry.axes:
             table["xyz"] = [float(x) for x in geometry.axes[pair.name]]
         if pair.name in geometry.values:
-            table["value"] = _angle(geometry.values[pair.name], unit)
+            table["value"] = angle_text(geometry.values[pair.name], unit)
     elif pair.name in geometry.zeros:
-        table["zero"] = _angle(geometry.zeros[pair.name], unit)
+        table["zero"] = angle_text(geometry.zeros[pair.name], unit)
     if pair.contact != "external":
         table["contact"] = pair.contact
     if any(pair.start):
-        table["start"] = [_angle(angle, unit) for angle in pair.start]
+        table["start"] = [angle_text(angle, unit) for angle in pair.start]
     if pair.one_sided:
         table["one_sided"] = True
     if pair.profiles is not None:
@@ -164,20 +168,16 @@ def _profile(profile: Profile, unit: AngleUnit) -> _Table:
     if profile.centre is not None:
         table["centre_xyz"] = [float(x) for x in profile.centre]
     if profile.radius is not None:
-        table["radius"] = _angle(profile.radius, unit)
+        table["radius"] = angle_text(profile.radius, unit)
     if profile.points:
         table["points_xyz"] = [[float(x) for x in point] for point in profile.points]
     if profile.points or not profile.closed:
         table["closed"] = profile.closed
     if profile.cosines:
-        table["cosines"] = [_angle(value, unit) for value in profile.cosines]
+        table["cosines"] = [angle_text(value, unit) for value in profile.cosines]
     if profile.sines:
-        table["sines"] = [_angle(value, unit) for value in profile.sines]
+        table["sines"] = [angle_text(value, unit) for value in profile.sines]
     return table
-
-
-def _angle(angle: float, unit: AngleUnit) -> Literal:
-    return Literal(to_text(angle, unit))
 
 
 def _first_difference(mechanism: Mechanism, again: Mechanism) -> str:

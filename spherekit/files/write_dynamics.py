@@ -25,7 +25,7 @@ def load_tables(loads: Iterable[Load], unit: AngleUnit) -> dict[str, _Table]:
 def stop_tables(stops: Iterable[Stop], unit: AngleUnit) -> dict[str, _Table]:
     """Return the table of each stop by pair."""
     return {
-        item.pair: {"from": _angle(item.low, unit), "to": _angle(item.high, unit)}
+        item.pair: {"from": angle_text(item.low, unit), "to": angle_text(item.high, unit)}
         for item in stops
     }
 
@@ -46,7 +46,7 @@ def _load(load: Load, unit: AngleUnit) -> _Table:
         if callable(given):
             raise EngineError(not_written(getattr(load, "pair", "")))
         if form in ("angle", "rate"):
-            table[key] = _angle(given, unit)
+            table[key] = angle_text(given, unit)
         elif form in ("vector", "numbers"):
             table[key] = [float(x) for x in given]
         elif form == "number":
@@ -56,5 +56,6 @@ def _load(load: Load, unit: AngleUnit) -> _Table:
     return table
 
 
-def _angle(angle: float, unit: AngleUnit) -> Literal:
+def angle_text(angle: float, unit: AngleUnit) -> Literal:
+    """Return an angle (rad) as a number of a file in its unit."""
     return Literal(to_text(angle, unit))

@@ -323,13 +323,7 @@ def evaluate(
         tracer = Tracer(mechanism, path=q)
         motion = tracer.motion()
     if assembly_mode is not None:
-        numbers = [item.number for item in tracer.assembly_modes]
-        if assembly_mode not in numbers:
-            raise SolveError(
-                f"{mechanism.name}: there is no assembly mode {assembly_mode}; the "
-                f"assembly modes found are "
-                f"{listing(numbers)}"
-            )
+        tracer.place_of(assembly_mode)
         motion = motion.rows(motion.assembly_mode == assembly_mode)
     needs = Needs(
         directions=frozenset(wanted),

@@ -134,7 +134,7 @@ def link_axes(mechanism: Mechanism) -> dict[str, dict[str, Floats]]:
 def _frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floats]]:
     """Return the frames (3, 3) of every R pair in its first and its second link."""
     if isinstance(mechanism.geometry, PoseGeometry):
-        return _pose_frames(mechanism, mechanism.geometry)
+        return _pose_frames(mechanism.geometry)
     return frames_of_sizes(mechanism, mechanism.geometry)
 
 
@@ -198,7 +198,7 @@ def arc_pole(first: Vector, second: Vector) -> Vector:
 
 
 def _pose_frames(
-    mechanism: Mechanism, geometry: PoseGeometry
+    geometry: PoseGeometry,
 ) -> tuple[dict[str, Floats], dict[str, Floats]]:
     first, second = {}, {}
     for name, given in geometry.axes.items():

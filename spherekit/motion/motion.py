@@ -324,15 +324,23 @@ class Tracer:
             self.by_rank = True
             self.assembly_modes = self._assembled_against(counted, search)
         if assembly_mode is not None:
-            chosen = [item for item in self.assembly_modes if item.number == assembly_mode]
-            if not chosen:
-                numbers = listing(item.number for item in self.assembly_modes)
-                raise SolveError(
-                    f"{mechanism.name}: there is no assembly mode {assembly_mode}; the "
-                    f"assembly modes found "
-                    f"are {numbers}"
-                )
-            self.assembly_modes = tuple(chosen)
+            self.assembly_modes = (self.assembly_modes[self.place_of(assembly_mode)],)
+
+    def place_of(self, assembly_mode: int) -> int:
+        """Return the place of an assembly mode among those found.
+
+        Raises
+        ------
+        SolveError
+            If none of them has this number.
+        """
+        numbers = [item.number for item in self.assembly_modes]
+        if assembly_mode not in numbers:
+            raise SolveError(
+                f"{self.mechanism.name}: there is no assembly mode {assembly_mode}; the "
+                f"assembly modes found are {listing(numbers)}"
+            )
+        return numbers.index(assembly_mode)
 
     def _assembled(self, search: bool) -> tuple[AssemblyMode, ...]:
         """Return the modes; `PlanError` unless there is a freedom for each input."""

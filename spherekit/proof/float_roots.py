@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.proof.balls import Ball, circle, complex_ball, complex_circle
+from spherekit.proof.charts import inverses
 from spherekit.proof.equations import Equations
 from spherekit.proof.roots import MARGIN, NEAR_REAL, WIDEST, Root
 from spherekit.proof.tubes import ROUNDING, UP, values_and_slopes
@@ -115,15 +116,6 @@ def _at(
     return values, slopes[..., : angles.shape[1]]
 
 
-def _inverses(first: Complexes) -> tuple[Complexes, Bools]:
-    """Return inverses (n, k, k), and which there are."""
-    regular = np.all(np.isfinite(first), axis=(1, 2))
-    regular &= np.abs(np.linalg.det(np.where(regular[:, None, None], first, 0))) > 0.0
-    out = np.zeros_like(first)
-    out[regular] = np.linalg.inv(first[regular])
-    return out, regular & np.all(np.isfinite(out), axis=(1, 2))
-
-
 def _polished(
     equations: Equations, driven: Floats, near: Complexes
 ) -> tuple[Complexes, Bools]:
@@ -135,7 +127,7 @@ def _polished(
             break
         turns = np.stack([np.cos(angles[good]), np.sin(angles[good])], axis=-1)
         values, first = _at(equations, driven[good], angles[good], turns)
-        inverse, regular = _inverses(first)
+        inverse, regular = inverses(first)
         change = np.einsum("nij,nj->ni", inverse, values)
         angles[good] -= change
         size = np.max(np.abs(change), axis=1)
@@ -177,7 +169,7 @@ def _proven(
     centres = centres.real.astype(complex) if real else centres
     count = centres.shape[1]
     values, first = _at(equations, driven[row], centres, complex_circle(centres))
-    inverse, regular = _inverses(first)
+    inverse, regular = inverses(first)
     size = np.abs(inverse)
     away = np.abs(centres.imag)
     stretch = np.ones((len(centres), equations.variables))

@@ -12,6 +12,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.sphere.paths import dot
 from spherekit.sphere.rotation import Floats, cross
 
 ONE_LINE = 1e-12
@@ -131,7 +132,7 @@ def form_i(links: FourLinks, poles: SixPoles) -> Relation:
     output = (links.o, links.s)
     i, r, o, s = links.i, links.r, links.o, links.s
     if not links.three:
-        c, d = (_dot(poles.rs, cross(u, poles.io)) for u in (poles.os, poles.ir))
+        c, d = (dot(poles.rs, cross(u, poles.io)) for u in (poles.os, poles.ir))
         return Relation(Form.I, LinkCount.FOUR_LINKS, output, c, d)
     if {i, r} == {o, s}:
         return _same_pole(Form.I, output, poles.ir, 1.0 if o == i else -1.0)
@@ -161,7 +162,7 @@ def form_ii(links: FourLinks, poles: SixPoles) -> Relation | None:
     if links.s == links.r:
         return _three_links(Form.II, output, poles, "or_", "io", 1.0)
     normal = cross(poles.os, poles.is_)
-    c, d = _dot(poles.or_, normal), _dot(poles.ir, normal)
+    c, d = dot(poles.or_, normal), dot(poles.ir, normal)
     return Relation(Form.II, LinkCount.FOUR_LINKS, output, c, d)
 
 
@@ -196,7 +197,7 @@ def _three_links(
     """Return the relation of three poles in a plane, the output's, the input's, a third."""
     y, q, p = getattr(poles, out), poles.ir, getattr(poles, third)
     normal = _plane_normal(y, q, p)
-    c, d = _dot(normal, cross(y, p)), sign * _dot(normal, cross(q, p))
+    c, d = dot(normal, cross(y, p)), sign * dot(normal, cross(q, p))
     return Relation(form, LinkCount.THREE_LINKS, output, c, d)
 
 
@@ -218,7 +219,3 @@ def _plane_normal(a: Floats, b: Floats, c: Floats) -> Floats:
         signs = np.cumprod(np.append(1.0, np.where(beside < 0.0, -1.0, 1.0)))
         normal[good] *= signs[:, None]
     return np.asarray(normal)
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    return np.asarray(np.sum(a * b, axis=-1))

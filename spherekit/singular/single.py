@@ -262,7 +262,7 @@ class SingleFreedom:
         y, dy = _rate(along, links.o, links.s, s)
         kinds = [group.kind(driven, wanted) for group in groups]
         made = self._made(output, axes, along, s, groups)
-        notes = _doubts(groups, driven, wanted, along.curve)
+        notes = _doubts(groups, driven, wanted)
         singular_points = []
         for k, (group, kind) in enumerate(zip(groups, kinds, strict=True)):
             relations = tuple(rows[k] for rows in made)
@@ -554,9 +554,7 @@ def _volume(rates: LinkRates, links: FourLinks) -> tuple[Floats, Floats]:
     return np.asarray(np.sum(a * normal, axis=1)), slope
 
 
-def _doubts(
-    groups: list[CommonRoots], driven: Pole, wanted: Pole, curve: ArcCurve
-) -> list[str]:
+def _doubts(groups: list[CommonRoots], driven: Pole, wanted: Pole) -> list[str]:
     """Return for each group why its type is not certain, or an empty string."""
     notes = [""] * len(groups)
     for k, group in enumerate(groups):
