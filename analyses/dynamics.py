@@ -145,17 +145,13 @@ class Dynamics(AbstractAnalysis):
                 "row": np.tile(names[rows], count),
                 "column": np.tile(names[columns], count),
                 "M": solution.M[:, rows, columns].ravel(),
-                **input_columns(
-                    mechanism, solution.dM[:, rows, columns].reshape(-1, m), "dM"
-                ),
+                **input_columns(mechanism, slopes.reshape(-1, m), "dM"),
                 "status": np.repeat(solution.status, pairs),
             },
             "loads": {
                 **_repeated({**timed, **q}, len(loads)),
                 "load": np.tile(np.array(loads, dtype=str), count),
-                **input_columns(
-                    mechanism, np.swapaxes(solution.Q_parts, 1, 2).reshape(-1, m), "Q"
-                ),
+                **input_columns(mechanism, forces.reshape(-1, m), "Q"),
                 "power": solution.power.ravel(),
                 "status": np.repeat(solution.status, len(loads)),
             },

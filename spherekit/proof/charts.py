@@ -89,14 +89,14 @@ class Polynomials:
 
 def _grid(sizes: Sequence[int]) -> Floats:
     """Return cosines and sines (points, unknowns, 2) of a grid of angles over turns."""
-    each = [
+    circles = [
         circle([2 * pi() * place / size + exact(0.0) for place in range(size)])
         for size in sizes
     ]
     places = np.stack(
         np.meshgrid(*(np.arange(size) for size in sizes), indexing="ij"), axis=-1
     ).reshape(-1, len(sizes))
-    return np.stack([turns[places[:, j]] for j, turns in enumerate(each)], axis=1)
+    return np.stack([turns[places[:, j]] for j, turns in enumerate(circles)], axis=1)
 
 
 @final
@@ -142,8 +142,8 @@ def _powers(roots: ChartRoots, column: int, size: int, order: int) -> Complexes:
 def _contracted(coefficients: NDArray[Any], powers: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """Return (n, ...) sums over the last axes of coefficients times powers (n, size)."""
     out = coefficients
-    for each in reversed(powers):
-        out = np.einsum("n...p,np->n...", out, each)
+    for power in reversed(powers):
+        out = np.einsum("n...p,np->n...", out, power)
     return out
 
 
@@ -156,10 +156,10 @@ def values_at(
     values = np.empty((n, count), dtype=complex)
     first = np.zeros((n, count, count), dtype=complex)
     by_input = np.empty((n, count, inputs), dtype=complex)
-    for row, own in enumerate(made.values):
-        sizes = own.shape[1:]
+    for row, coefficients in enumerate(made.values):
+        sizes = coefficients.shape[1:]
         powers = [_powers(roots, j, size, 0) for j, size in enumerate(sizes)]
-        here = own[roots.row]
+        here = coefficients[roots.row]
         values[:, row] = _contracted(here, powers)
         for column, size in enumerate(sizes):
             if size > 1:
@@ -245,12 +245,12 @@ def _second(coefficients: Sequence[Complexes], roots: ChartRoots) -> Complexes:
     """Return the second derivatives (n, k, k, k) by z of polynomials at points."""
     n, count = roots.z.shape
     out = np.zeros((n, len(coefficients), count, count), dtype=complex)
-    for row, own in enumerate(coefficients):
-        sizes = own.shape[1:]
-        here = own[roots.row]
+    for row, series in enumerate(coefficients):
+        sizes = series.shape[1:]
+        here = series[roots.row]
         held = [j for j in range(count) if sizes[j] > 1]
         for j in held:
-            for other in (each for each in held if each >= j):
+            for other in (column for column in held if column >= j):
                 powers = [
                     _powers(roots, c, s, int(c == j) + int(c == other))
                     for c, s in enumerate(sizes)
@@ -263,10 +263,10 @@ def _mixed(made: Polynomials, roots: ChartRoots) -> Complexes:
     """Return the derivatives (n, k, k, given) by z and by what is given."""
     n, count = roots.z.shape
     out = np.zeros((n, count, count, made.slopes[0].shape[1]), dtype=complex)
-    for row, own in enumerate(made.slopes):
-        sizes = own.shape[2:]
-        here = own[roots.row]
-        for j in (each for each in range(count) if sizes[each] > 1):
+    for row, series in enumerate(made.slopes):
+        sizes = series.shape[2:]
+        here = series[roots.row]
+        for j in (unknown for unknown in range(count) if sizes[unknown] > 1):
             powers = [_powers(roots, c, s, int(c == j)) for c, s in enumerate(sizes)]
             for column in np.flatnonzero(made.degrees[row, count:]):
                 out[:, row, j, column] = _contracted(here[:, column], powers)
@@ -276,7 +276,7 @@ def _mixed(made: Polynomials, roots: ChartRoots) -> Complexes:
 def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     """Return what is proven: to second order along the axes of tubes, bounded beyond.
 
-    All derivatives by z where |z| <= `disk` are bounded by `own`, on the axis by `axis`,
+    All derivatives by z where |z| <= `disk` are bounded by `constant`, on the axis by `axis`,
     times powers of `steps`, those by what is given by powers of `turned` (S. Bernstein).
     """
     count, half = roots.z.shape[1], given.half
@@ -291,7 +291,7 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     steps = 2.0 * made.degrees[:, :count]
     turned = made.degrees[:, count:].astype(float)
     growth = np.exp(np.log(disk) @ steps.T) * UP
-    own = made.constant * growth
+    constant = made.constant * growth
     near = np.maximum(np.abs(roots.z) + moved, 1.0)
     axis = made.constant * np.exp(np.log(near) @ steps.T) * UP
     # by how much the angles, in all, change at most in each equation
@@ -300,11 +300,11 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     stray = given.off @ turned.T
     way = (across + spread + stray) * UP
     around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
-    bent = np.abs(_second([np.abs(each) for each in made.values], around))
+    bent = np.abs(_second([np.abs(array) for array in made.values], around))
     bend_here, mixed = _second(made.values, roots), _mixed(made, roots)
-    count_of = np.array([each[0].size for each in made.values], dtype=float)
+    count_of = np.array([array[0].size for array in made.values], dtype=float)
     off = made.error * count_of
-    spare = (own * (spread + stray) + off * growth) * UP
+    spare = (constant * (spread + stray) + off * growth) * UP
     bent = bent + spare[:, :, None, None] * steps[:, :, None] * steps[:, None, :]
     # rounding: of the coefficients, and of the sums over them
     sums = np.stack([np.sum(np.abs(v.reshape(len(v), -1)), axis=1) for v in made.values], 1)
