@@ -276,8 +276,9 @@ def _mixed(made: Polynomials, roots: ChartRoots) -> Complexes:
 def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     """Return what is proven: to second order along the axes of tubes, bounded beyond.
 
-    All derivatives by z where |z| <= `disk` are bounded by `constant`, on the axis by `axis`,
-    times powers of `steps`, those by what is given by powers of `turned` (S. Bernstein).
+    All derivatives by z where |z| <= `disk` are bounded by `constant`, on the axis by
+    `axis`, times powers of `steps`, those by what is given by powers of `turned`
+    (S. Bernstein).
     """
     count, half = roots.z.shape[1], given.half
     values, first, by_given = values_at(made, roots)
