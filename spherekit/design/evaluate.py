@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import Any, final
 
@@ -57,6 +58,12 @@ UNLIKE = "its loads have another form"
 """What sends a design to the analysis of the single one."""
 TRIED = (0.0173, -0.0311)
 """Parts by which variables are changed to see which numbers follow them."""
+EIGHTH = (4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0)
+"""Weights of central differences of the eighth order, from the nearest on."""
+PARTS = (1e-2, 1e-4, 1e-6)
+"""Their steps, as parts of a number: shorter ones where no design is that far."""
+STEADY = 1e-10
+"""Derivatives that differ by less, relative, are the same."""
 SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
 NEVER = "does not close at any sample"
@@ -238,6 +245,52 @@ class Evaluator:
             else:
                 made[:, k] = np.array(found)[list(self.differing)]
         return made, why
+
+    def inputs_at(self, values: Floats) -> tuple[Floats, Floats] | None:
+        """Return the kernel's sizes of a design (variables,) and their derivatives.
+
+        (sizes,) in rad and SI and (sizes, variables) by its numbers in the file's units;
+        None if there is no such design. Numbers of masses and loads are read from the
+        file: their derivatives are differences of the eighth order, which of polynomials
+        are exact.
+        """
+        sizes = self.radians(values[:, None])[:, 0]
+        scale = np.diag(self.radians(np.ones((len(values), 1)))[:, 0])
+        if not self.differing:
+            return sizes, scale
+        numbers, why = self._numbers(values[:, None])
+        if why[0] != OK:
+            return None
+        slopes = np.zeros((len(numbers), len(values)))
+        for k, steady in enumerate(self._steady):
+            slopes[:, k] = self._slope(values, k) if steady is None else steady
+        return np.concatenate([sizes, numbers[:, 0]]), np.vstack([scale, slopes])
+
+    @cached_property
+    def _steady(self) -> list[Floats | None]:
+        """The derivatives (k,) of numbers by each variable that are the same everywhere."""
+        values = np.array([variable.value for variable in self.variables])
+        made: list[Floats | None] = []
+        for k in range(len(values)):
+            tried = [self._slope(values * (1.0 + each) + each, k) for each in (0.0, *TRIED)]
+            same = all(np.allclose(tried[0], each, rtol=STEADY, atol=0.0) for each in tried)
+            made.append(tried[0] if same else None)
+        return made
+
+    def _slope(self, values: Floats, k: int) -> Floats:
+        """Return the derivatives of the numbers by one of the values (variables,)."""
+        if not self._following and self.variables[k].path[0] not in ACTIONS:
+            return np.zeros(len(self.differing))
+        for part in PARTS:
+            step = part * (abs(values[k]) or 1.0)
+            beside = np.repeat(values[:, None], 2 * len(EIGHTH), axis=1)
+            away = step * np.arange(1, len(EIGHTH) + 1)
+            beside[k] += np.concatenate([away, -away])
+            found, reasons = self._numbers(beside)
+            if np.all(reasons == OK):
+                more, less = np.split(found, 2, axis=1)
+                return np.asarray((more - less) @ np.array(EIGHTH) / step)
+        return np.full(len(self.differing), np.nan)
 
     def _masses_follow(self) -> bool:
         """Return whether the file states masses by sizes of links, which then follow."""

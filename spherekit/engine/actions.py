@@ -94,4 +94,8 @@ def _tree(node: Node, each: _Each) -> Node:
         return Number(each(node.value))
     if isinstance(node, Name):
         return node
+    match node:
+        case Call("negative", (Number(value),)):
+            # A number below zero has no other form than one above.
+            return Number(each(-value))
     return Call(node.function, tuple(_tree(x, each) for x in node.arguments))
