@@ -121,9 +121,9 @@ def simulate(
                 "or scheme out"
             )
         return by_differences(problem, step if step is not None else until / 1000.0)
-    found = _solving(problem, tolerance, engine, compact)
-    found = _checking(problem, found, tolerance, compact) if check else found
-    return until_lift_off(last(found).motion)
+    pieces = _solving(problem, tolerance, engine, compact)
+    pieces = _checking(problem, pieces, tolerance, compact) if check else pieces
+    return until_lift_off(last(pieces).motion)
 
 
 def solving(
@@ -141,17 +141,17 @@ def solving(
     """
     _need_allowed(mechanism, engine, tolerance)
     problem = prepare(mechanism, start, until, torque, None, assembly_mode, ())
-    found = _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
+    pieces = _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
     if not any(pair.one_sided for pair in mechanism.pairs):
-        return found
-    return _lifting_off(found)
+        return pieces
+    return _lifting_off(pieces)
 
 
 def _lifting_off(pieces: Solving) -> Solving:
     """Return the whole alone: where it lifts off is known when it is solved."""
     yield from ()
-    found = last(pieces)
-    return whole(found.run, until_lift_off(found.motion))
+    piece = last(pieces)
+    return whole(piece.run, until_lift_off(piece.motion))
 
 
 def _need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
@@ -175,21 +175,21 @@ def _checking(
     """
     piece = yield from pieces
     yield piece
-    run, found = piece.run, piece.motion
-    engine = found.engine.name
+    run, simulation = piece.run, piece.motion
+    engine = simulation.engine.name
     made_for = min(tolerance, LOOSEST) if engine == "compiled" else tolerance
     least = 0.1 * LEAST[engine]
     while True:
         tighter = max(TIGHTER * made_for, least)
         tight = last(_solving(problem, tighter, engine, compact))
-        error = _difference(found, tight.motion)
-        found = replace(found, error=error, tolerance=tolerance)
-        if found.missed is None or tighter <= least:
-            return whole(run, found)
-        why = f"{found.engine.reason}; missed with steps for {made_for:g} rad"
-        forecast = found.engine.forecast
+        error = _difference(simulation, tight.motion)
+        simulation = replace(simulation, error=error, tolerance=tolerance)
+        if simulation.missed is None or tighter <= least:
+            return whole(run, simulation)
+        why = f"{simulation.engine.reason}; missed with steps for {made_for:g} rad"
+        forecast = simulation.engine.forecast
         report = replace(tight.motion.engine, reason=why, forecast=forecast)
-        run, found = tight.run, replace(tight.motion, engine=report)
+        run, simulation = tight.run, replace(tight.motion, engine=report)
         made_for = tighter
 
 
@@ -218,8 +218,8 @@ def _stepping(
     """Return what NumPy finds step by step."""
     while solver.end is None and solver.advance():
         yield Solved(solver, lambda: solver.simulation(reason), solver.reached)
-    found = solver.simulation(reason, forecast)
-    return whole(solver, found)
+    simulation = solver.simulation(reason, forecast)
+    return whole(solver, simulation)
 
 
 def _compiled(
@@ -230,8 +230,8 @@ def _compiled(
     forecast: Forecast | None = None,
 ) -> Solving:
     yield from ()
-    found = by_taylor_series(problem, tolerance, compact, reason, forecast)
-    return whole(found.path, found)
+    simulation = by_taylor_series(problem, tolerance, compact, reason, forecast)
+    return whole(simulation.path, simulation)
 
 
 def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
@@ -261,9 +261,9 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
                 why, forecast = str(now), now
         if why:
             tell(f"compiling the equation of motion, about {compiling:.0f} s", compiling)
-            found = by_taylor_series(problem, tolerance, compact, why, forecast)
-            if found.end.message != NO_SERIES:
-                return whole(found.path, found)
+            simulation = by_taylor_series(problem, tolerance, compact, why, forecast)
+            if simulation.end.message != NO_SERIES:
+                return whole(simulation.path, simulation)
             why = NO_SERIES
     except (EngineError, PlanError) as fault:
         why = str(fault)

@@ -215,19 +215,19 @@ class Collocation:
             states = tried.step.at(when)
             nearest = np.argmin(np.abs(x[:, None] - self._nodes), axis=1)
             frame = last.motion.rates[nearest] if equation.freedoms == 1 else self.frame
-            found = equation.at(when, states, frame, self.problem.whole)
-            missed = np.abs(found.push - tried.step.rate(when)[:, momenta])
+            dynamics = equation.at(when, states, frame, self.problem.whole)
+            missed = np.abs(dynamics.push - tried.step.rate(when)[:, momenta])
             missed = np.max(missed, axis=1) / enough
-            return missed, equation.arguments(found, self.problem.whole, when)
+            return missed, equation.arguments(dynamics, self.problem.whole, when)
 
         good = float(good_until(look, 1)[0])
         return tried if good == 1.0 else replace(tried, error=np.inf)
 
     def _first_length(self, state: Floats) -> float:
         problem = self.problem
-        found = self.equation.at(np.zeros(1), state[None], self.frame, problem.whole)
-        pace = float(np.linalg.norm(found.speed[0])) / FIRST_ARC
-        push = float(np.linalg.norm(found.roots.solved(found.push)[0]))
+        dynamics = self.equation.at(np.zeros(1), state[None], self.frame, problem.whole)
+        pace = float(np.linalg.norm(dynamics.speed[0])) / FIRST_ARC
+        push = float(np.linalg.norm(dynamics.roots.solved(dynamics.push)[0]))
         pace = max(pace, np.sqrt(push / FIRST_ARC))
         until = problem.until
         length = min(until, 1.0 / max(pace, 1e-300), 1.0)
@@ -261,11 +261,11 @@ class Collocation:
         last = np.inf if end is None else end.t
         if len(driven) == 1:
             name = mechanism.pairs[mechanism.variable_owners[driven[0]]].name
-            found = [("dead_centre", t, name) for t in within.dead_centres(driven)]
-            found += [("rest", t, "") for t in within.rests(self.equation.variables)]
+            happened = [("dead_centre", t, name) for t in within.dead_centres(driven)]
+            happened += [("rest", t, "") for t in within.rests(self.equation.variables)]
         else:
-            found = [("type_2", t, "") for t in within.dead_centres(driven)]
-        for kind, t, pair in sorted(found, key=lambda item: item[1]):
+            happened = [("type_2", t, "") for t in within.dead_centres(driven)]
+        for kind, t, pair in sorted(happened, key=lambda item: item[1]):
             if t < last:
                 self._note(kind, t, step.at(np.array([t]))[0], pair)
         if len(driven) == 1:
