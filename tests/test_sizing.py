@@ -198,7 +198,7 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
         assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=1e-8), merit.name
     numbers, by_values = evaluator.inputs_at(at)
     # About O the tensor has m (|c|^2 1 - c c^T), whose derivatives are known.
-    place = list(evaluator.differing).index(0)
+    place = list(evaluator.numbers.differing).index(0)
     assert numbers[5 + place] == pytest.approx(0.2 + 2.1 * (0.25**2 + 0.64), rel=1e-14)
     known = [0.0, 0.25**2 + 0.64, 2.0 * 2.1 * 0.25, 0.0, 0.0]
     assert by_values[5 + place] == pytest.approx(known, rel=1e-12, abs=1e-12)
