@@ -44,6 +44,7 @@ def simulate(
     assembly_mode: int = 0,
     tolerance: float = 1e-9,
     switches: Iterable[float] = (),
+    crossings: Literal["end", "pass"] = "end",
     check: bool = False,
     engine: Engine = "auto",
     compact: bool = True,
@@ -72,6 +73,9 @@ def simulate(
         depend strongly on their start multiply errors beyond it: see `check`.
     switches
         Times (s) at which expressions have kinks; knots of torque tables are known.
+    crossings
+        Whether a simulation ends where sets of configurations cross, or goes straight on,
+        as rigid links without play do; only NumPy's engine can.
     check
         Whether to repeat the run with steps made for a hundredth of the error and compare.
         Where they differ by more than the tolerance, or power is off balance, the tighter
@@ -111,7 +115,19 @@ def simulate(
     """
     mechanism = mechanism_of(mechanism)
     _need_allowed(mechanism, engine, tolerance)
-    problem = prepare(mechanism, start, until, torque, input_pair, assembly_mode, switches)
+    if crossings not in ("end", "pass"):
+        raise SolveError(
+            f'{mechanism.name}: crossings is "{crossings}", allowed: "end" or "pass"'
+        )
+    passes = crossings == "pass"
+    problem = prepare(
+        mechanism, start, until, torque, input_pair, assembly_mode, switches, passes
+    )
+    if passes and (engine == "compiled" or scheme == "paper"):
+        raise EngineError(
+            f"{mechanism.name}: only NumPy's engine passes crossings; leave engine and "
+            "scheme out, or crossings"
+        )
     if scheme != "paper" and step is not None:
         raise SolveError('simulate: step does nothing without scheme = "paper"')
     if scheme == "paper":
@@ -243,6 +259,8 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
     mechanism = problem.equation.mechanism
     solver = Collocation(problem, tolerance)
     try:
+        if problem.passes:
+            raise EngineError("only NumPy's engine passes crossings")
         compiling = compiling_time(mechanism, tolerance, compact, first_of(problem))
         why = "it was compiled before" if compiling == 0.0 else ""
         if tolerance < LEAST["numpy"]:

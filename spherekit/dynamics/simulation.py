@@ -22,7 +22,9 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats
 
-EventKind = Literal["dead_centre", "type_2", "rest", "stop", "switch", "lift_off"]
+EventKind = Literal[
+    "dead_centre", "type_2", "crossing", "rest", "stop", "switch", "lift_off"
+]
 EndKind = Literal[
     "time",
     "stop",
@@ -41,7 +43,7 @@ CHECKED = 2000
 
 CROSSING = (
     "two curves of configurations cross here, so the loads do not say which way the "
-    "mechanism goes on; start beyond the crossing"
+    "mechanism goes on; start beyond the crossing, or ask for crossings to be passed"
 )
 NO_SERIES = (
     "a load has a value here but no series, as where exp overflows within it: write it by "
@@ -75,7 +77,8 @@ class Event:
     """What happened at time `t` (s), at the variables of the `inputs` (rad).
 
     dead_centre: the only input's variable turns back though the mechanism moves on; type_2:
-    several inputs do not hold the mechanism; rest: a mechanism with one input stands still;
+    several inputs do not hold the mechanism; crossing: it went straight on where sets of
+    configurations cross; rest: a mechanism with one input stands still;
     stop: a pair reached its stop; switch: a load has a kink; lift_off: a one-sided contact
     presses no more.
     """

@@ -72,7 +72,8 @@ class Problem:
     `driven` are the numbers of the inputs' variables; `values` (variables,) closed at the
     start, less `turns` (variables,) whole turns, so that they keep their digits; `speed`
     (m,) the rates along the orthonormal vectors of `frame` (m, variables); `switches` times
-    within the run at which steps begin anew.
+    within the run at which steps begin anew; `passes` whether it goes straight on where
+    sets of configurations cross.
     """
 
     equation: EquationOfMotion
@@ -83,6 +84,7 @@ class Problem:
     speed: Floats
     until: float
     switches: tuple[float, ...]
+    passes: bool = False
 
     @property
     def whole(self) -> Floats:
@@ -98,6 +100,7 @@ def prepare(
     input_pair: str | Sequence[str] | None = None,
     assembly_mode: int = 0,
     switches: Iterable[float] = (),
+    passes: bool = False,
 ) -> Problem:
     """Return the problem behind the arguments of `simulate`, or raise what is wrong."""
     name = mechanism.name
@@ -150,7 +153,7 @@ def prepare(
     _check_stops(mechanism, values + FULL_TURN * turns)
     inside = tuple(t for t in times if 0.0 < t < until)
     speed = _speed(mechanism, frame, moved, rates)
-    return Problem(equation, driven, values, turns, frame, speed, until, inside)
+    return Problem(equation, driven, values, turns, frame, speed, until, inside, passes)
 
 
 def _speed(

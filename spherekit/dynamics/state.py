@@ -43,6 +43,12 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats, transpose
 
+PROJECTIONS = 3
+"""Steps of Newton's method that lead an iterate near its set of configurations onto it."""
+
+LONGEST = 0.05
+"""Longest of these (rad): near a crossing the first may lead far away."""
+
 
 @final
 @dataclass(frozen=True)
@@ -186,6 +192,21 @@ class EquationOfMotion:
             return values, 0.0
         moved = np.linalg.pinv(at.jacobian[0], rcond=1e-10) @ at.residual[0]
         return np.asarray(values - moved), float(at.gap[0])
+
+    def nearest_closed(self, values: Floats) -> Floats:
+        """Return configurations (n, variables) led to closed ones by Newton's method.
+
+        Each by `PROJECTIONS` steps along the normal space, no longer than `LONGEST` (rad).
+        """
+        for _ in range(PROJECTIONS):
+            at = self.closure.at(values)
+            if not at.residual.size:
+                return values
+            inverse = np.linalg.pinv(at.jacobian, rcond=1e-9)
+            moved = (inverse @ at.residual[..., None])[..., 0]
+            size = np.linalg.norm(moved, axis=1, keepdims=True)
+            values = values - moved * np.minimum(1.0, LONGEST / np.maximum(size, LONGEST))
+        return values
 
     def at(
         self, t: Floats, states: Floats, frame: Floats, whole: Floats | None = None

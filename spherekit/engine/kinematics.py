@@ -168,7 +168,7 @@ class RateExpressions:
             spin_vectors(structure.pairs, placed, v)
             for v in range(len(mechanism.variable_owners))
         ]
-        axes = [[[axis for _, _, axis in each] for each in spins]]
+        axes = [[[axis for _, _, axis in spin] for spin in spins]]
         for k in range(order + 1):
             if k:
                 axes.append(
@@ -197,21 +197,21 @@ class RateExpressions:
     def _solve(self) -> list[Expr]:
         """Return the next coefficients of the variables' rates."""
         structure, k = self.structure, len(self.tau)
-        moving = [series(list(each)) for each in zip(*self.vectors, strict=True)]
+        moving = [series(list(orders)) for orders in zip(*self.vectors, strict=True)]
         inputs = structure.assembly.inputs
         solver = HomogeneousRates(
             structure.mechanism, inputs, inputs[0], moving, structure.span
         )
         for rows in structure.groups:
             solver.close(rows)
-        found = [solver.rates[v] for v in range(len(moving))]
+        rates = [solver.rates[v] for v in range(len(moving))]
         return [
-            each.coefficients[k]
-            if isinstance(each, SeriesExpressions)
+            rate.coefficients[k]
+            if isinstance(rate, SeriesExpressions)
             else 0.0
             if k
-            else each
-            for each in found
+            else rate
+            for rate in rates
         ]
 
     def relative(self, link: int, other: int, order: int = 0) -> Exprs:
@@ -228,7 +228,7 @@ class RateExpressions:
 
     def rate_of(self, variable: int) -> SeriesExpressions:
         """Return the rate of a variable per unit of p."""
-        return SeriesExpressions(tuple(each[variable] for each in self.tau))
+        return SeriesExpressions(tuple(rates[variable] for rates in self.tau))
 
     def pole(self, pole: Pole) -> tuple[Exprs, SeriesExpressions]:
         """Return a unit vector (3,) along a pole axis, and the rate along it per p."""
@@ -253,7 +253,7 @@ class RateExpressions:
                     float(sense) * self.tau[0][v]
                 )
         made = [first]
-        turning = series([each[link] for each in self.w])
+        turning = series([rates[link] for rates in self.w])
         change, factorial = turning, 1.0
         for k in range(1, self.order + 1):
             change = vector([x.derivative() for x in change]) - cross(turning, change)
