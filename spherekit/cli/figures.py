@@ -1,10 +1,12 @@
 """`--figures`: what a run shows, drawn into its folder."""
 
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
 
+from spherekit.analysis.scene import Floats, Scene
 from spherekit.conventions import counted
 from spherekit.figures.collector import Collector
 from spherekit.figures.contents import figures_of
@@ -44,15 +46,39 @@ class Both:
     first: Any
     second: Any
 
-    def start(self, *given: Any, **named: Any) -> None:
+    def start(
+        self,
+        scenes: Sequence[Scene],
+        inputs: Floats | None,
+        *,
+        assembly_modes: Mapping[int, str] | None = None,
+        properties: Mapping[str, str] | None = None,
+        focus: Floats | None = None,
+        row: int | None = None,
+        times: Floats | None = None,
+    ) -> None:
         """Pass on the beginning of a run."""
         for recorder in (self.first, self.second):
-            recorder.start(*given, **named)
+            recorder.start(
+                scenes,
+                inputs,
+                assembly_modes=assembly_modes,
+                properties=properties,
+                focus=focus,
+                row=row,
+                times=times,
+            )
 
-    def log(self, *given: Any, **named: Any) -> None:
+    def log(
+        self,
+        scene: Scene,
+        samples: Any,
+        inputs: Floats | None = None,
+        times: Floats | None = None,
+    ) -> None:
         """Pass on a block."""
         for recorder in (self.first, self.second):
-            recorder.log(*given, **named)
+            recorder.log(scene, samples, inputs, times)
 
     def finish(self) -> None:
         """Make the recording of the second whole."""

@@ -39,10 +39,13 @@ class Collector:
         inputs: Floats | None,
         *,
         assembly_modes: Mapping[int, str] | None = None,
-        **unseen: Any,
+        properties: Mapping[str, str] | None = None,
+        focus: Floats | None = None,
+        row: int | None = None,
+        times: Floats | None = None,
     ) -> None:
         """Take the names of the assembly modes, and what does not move."""
-        del inputs, unseen
+        del inputs, properties, focus, row, times
         self.titles = dict(assembly_modes or {})
         for scene in scenes:
             self._blocks.setdefault((scene.source, scene.page), []).append(scene)

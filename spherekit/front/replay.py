@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, final
 from spherekit.analysis.scene import Floats, Scene
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from spherekit.analysis.running.recording import Recorder
 
@@ -25,9 +25,16 @@ class Replay:
         self,
         scenes: "Sequence[Scene]",
         inputs: Floats | None,
-        **words: Any,
+        *,
+        assembly_modes: "Mapping[int, str] | None" = None,
+        properties: "Mapping[str, str] | None" = None,
+        focus: Floats | None = None,
+        row: int | None = None,
+        times: Floats | None = None,
     ) -> None:
         """Keep what does not move."""
+        words: dict[str, Any] = {"assembly_modes": assembly_modes, "properties": properties}
+        words |= {"focus": focus, "row": row, "times": times}
         self._starts.append((scenes, inputs, words))
 
     def log(
