@@ -40,7 +40,7 @@ RETIRED = {
     r"(?:pole|pose|mid-plane|CSV|Parquet|recording|trade|number|input)\b": None,
 }
 """Words by pattern, each with what may stand around it."""
-MOST_LOCALS = {"found": 45, "own": 16, "each": 38, "known": 12}
+MOST_LOCALS = {"found": 50, "own": 25, "each": 50, "known": 15}
 """How many locals may bear a name that says less than a noun of the field would."""
 
 
