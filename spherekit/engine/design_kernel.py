@@ -23,7 +23,7 @@ from spherekit.engine.algebra import (
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
 from spherekit.engine.derivatives import derivatives
-from spherekit.engine.dyads import ClosedDyad, dyad_pairs, middle_of, place_by_input
+from spherekit.engine.dyads import ClosedDyad, place_by_input
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -345,11 +345,12 @@ class RowQuantities:
     def _transmission_angle(self, pair: str) -> Expr:
         mechanism = self.structure.mechanism
         number = mechanism.pair_number[pair]
-        groups = {middle_of(g): g for g in self.structure.assembly.groups if g.is_dyad}
+        groups = {g.middle: g for g in self.structure.assembly.groups if g.is_dyad}
         closed = {dyad.middle: dyad.transmission_angle for dyad in self.dyads}
         if number in closed:
             return closed[number]
-        near, middle, far = (self._axis(each) for each in dyad_pairs(groups[number]))
+        group = groups[number]
+        near, middle, far = (self._axis(group.pairs[k]) for k in group.dyad_places)
         one, other = cross(near, middle), cross(middle, far)
         normal, level = cross(one, other), dot(one, other)
         sine, cosine = dot(normal, normal), level * level
@@ -446,4 +447,4 @@ def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:
     if len(mechanism.inputs) != 1:
         return ()
     groups = (group for group in plan_assembly(mechanism).groups if group.is_dyad)
-    return tuple(mechanism.pairs[middle_of(group)].name for group in groups)
+    return tuple(mechanism.pairs[group.middle].name for group in groups)

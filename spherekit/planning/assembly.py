@@ -39,6 +39,30 @@ class Group:
         return self.revolute and len(self.bodies) == 3
 
     @property
+    def dyad_places(self) -> tuple[int, int, int]:
+        """Positions in `pairs` of a dyad's: one outer, the middle, the other outer."""
+        near, middle, far = (
+            next(k for k, pair in enumerate(self.ends) if set(pair) == joined)
+            for joined in ({0, 1}, {1, 2}, {0, 2})
+        )
+        return near, middle, far
+
+    @property
+    def dyad_parity(self) -> int:
+        """1 if the middle, one and the other outer pair are in the order of `pairs`, or -1.
+
+        A dyad's sign, that of u_1 . (u_2 x u_3) of its axes in the order of `pairs`, is
+        this times that of the axes in the order named.
+        """
+        near, middle, far = self.dyad_places
+        return 1 if (middle, near, far) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
+
+    @property
+    def middle(self) -> int:
+        """The number of the pair in the middle of a dyad."""
+        return self.pairs[self.dyad_places[1]]
+
+    @property
     def loops(self) -> int:
         """Number of independent closed loops within the group."""
         return len(self.pairs) - len(self.bodies) + 1
