@@ -6,12 +6,13 @@ so on until one body is left. No frame is singled out (theory of Assur groups), 
 input between two floating links needs no special treatment.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import final
 
 from spherekit.errors import CountError, PlanError
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.held_meshes import held_meshes
 from spherekit.planning.inputs import driven_pairs, merged
 from spherekit.planning.rigidity import FREEDOMS, Pebbles, counted_freedom
 
@@ -124,19 +125,27 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     counted = counted_freedom(mechanism, inputs, inputs[1:], by_rank)
     merged_links = merged(mechanism, inputs)
     open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
-    if counted.game is None:
-        whole = _whole(mechanism, list(merged_links), open_pairs)
-        return Assembly(inputs, merged_links, (whole,))
-    return Assembly(inputs, merged_links, split(mechanism, merged_links, open_pairs))
+    if counted.game is not None:
+        return Assembly(inputs, merged_links, split(mechanism, merged_links, open_pairs))
+    meshes = held_meshes(mechanism)
+    try:
+        groups = split(mechanism, merged_links, open_pairs, meshes)
+    except CountError:
+        groups = (_whole(mechanism, list(merged_links), open_pairs),)
+    return Assembly(inputs, merged_links, groups)
 
 
 def split(
-    mechanism: Mechanism, bodies: tuple[int, ...], pairs: Iterable[int]
+    mechanism: Mechanism,
+    bodies: tuple[int, ...],
+    pairs: Iterable[int],
+    meshes: Collection[int] = (),
 ) -> tuple[Group, ...]:
     """Return the groups of a structure without freedom, in solving order.
 
     `bodies[link]` is the smallest link of its body, `pairs` are the numbers of the pairs
-    that join bodies; links that none of them reaches are left out.
+    that join bodies; links that none of them reaches are left out. Of `meshes` one
+    constraint counts, the other repeats what else holds their wheels.
 
     Raises
     ------
@@ -145,7 +154,9 @@ def split(
     """
     body_of = list(bodies)
     open_pairs = {n: mechanism.ends[n] for n in pairs}
-    taken = [pair.constraints for pair in mechanism.pairs]
+    taken = [
+        1 if n in meshes else pair.constraints for n, pair in enumerate(mechanism.pairs)
+    ]
     game = Pebbles(len(mechanism.links))
     covered = True
     for n, ends in open_pairs.items():
@@ -183,6 +194,7 @@ def split(
                     for n in inside
                 ),
                 revolute=all(mechanism.pairs[n].kind.has_axis for n in inside),
+                redundant=any(n in meshes for n in inside),
             )
         )
         game.gather(base, 3)
