@@ -166,14 +166,17 @@ class Poles(AbstractAnalysis):
         if not self.only:
             given = [(output.link, output.relative_to) for output in mechanism.outputs]
             wanted = given or [(link, names[0]) for link in names[1:]]
+        inputs = [item.pair for item in mechanism.inputs]
+        moving = [f"_by_{pair}" for pair in inputs] if len(inputs) > 1 else [""]
         return tuple(
             Merit(
-                f"largest_coefficient_{link}_{other}",
+                f"largest_coefficient_{link}_{other}{by}",
                 "max",
-                f"abs(velocity_coefficient_{link}_{other})",
+                f"abs(velocity_coefficient_{link}_{other}{by})",
                 meaning=f"largest |velocity coefficient| of link {link} seen from {other}",
             )
             for link, other in wanted
+            for by in moving
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:

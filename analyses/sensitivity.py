@@ -1,6 +1,6 @@
 """How an output changes with sizes, and what deviations of sizes do to it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spherekit.plugin import (
     ASSEMBLY_MODE,
-    INPUT,
+    INPUTS,
     SAMPLE,
     AbstractAnalysis,
     Batch,
@@ -22,11 +22,15 @@ from spherekit.plugin import (
     Status,
     Table,
     TableData,
+    input_columns,
+    listing,
 )
 from spherekit.plugin.designs import Deviations, Distribution, Sensitivity
 
 Floats = NDArray[np.float64]
 DEG = np.pi / 180.0
+EQUAL = 1e-9
+"""Shares that differ by less, relative, are equal: sizes mirror each other."""
 SHOWN = 6
 """Quantities whose derivatives are drawn, and sizes of each."""
 
@@ -72,7 +76,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             (
                 SAMPLE,
                 ASSEMBLY_MODE,
-                INPUT,
+                INPUTS,
                 Column("quantity", "", "what changes", "text"),
                 Column(
                     "size",
@@ -82,7 +86,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                     turns="otherwise",
                 ),
                 Column("value", "", "the quantity, rad and SI"),
-                Column("derivative", "", "by the size, per rad, input and loops held"),
+                Column("derivative", "", "by the size, per rad, inputs and loops held"),
                 Column("status", "", "what became of the row", "status"),
             ),
         ),
@@ -92,7 +96,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             (
                 SAMPLE,
                 ASSEMBLY_MODE,
-                INPUT,
+                INPUTS,
                 Column("quantity", "", "what deviates, rad and SI", "text"),
                 Column("spread", "", "standard deviation, to first order"),
                 Column("worst", "", "worst case, to first order"),
@@ -102,7 +106,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column(
                     "matters_most",
                     "",
-                    "the size with the largest share",
+                    "the size with the largest share, all where they are equal",
                     "text",
                     turns="otherwise",
                 ),
@@ -120,12 +124,13 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return configurations with their times; refuse what has no derivative."""
-        self._asked(mechanism)
-        return Needs(tracer=True, time=True)
+        sensitivity, _ = self._asked(mechanism)
+        timed = len(mechanism.inputs) == 1 or sensitivity.timed
+        return Needs(tracer=True, time=timed)
 
     def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, Deviations]:
-        found = Sensitivity(mechanism, _split(self.by), _split(self.of))
-        return found, Deviations(self.deviation * DEG, self.distribution, self.draws)
+        sensitivity = Sensitivity(mechanism, _split(self.by), _split(self.of))
+        return sensitivity, Deviations(self.deviation * DEG, self.distribution, self.draws)
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return derivatives and tolerances of the rows of a batch."""
@@ -136,16 +141,15 @@ class SensitivityAnalysis(AbstractAnalysis):
         status = batch.status.copy()
         lost = ~np.all(np.isfinite(gradients), axis=(0, 1))
         status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
-        each = len(names) * len(keys)
-        most = np.argmax(np.nan_to_num(spread.shares), axis=0)
+        entries = len(names) * len(keys)
         return {
             "sensitivity": {
-                **_repeated(batch, each),
+                **_repeated(batch, entries),
                 "quantity": np.tile(np.repeat(np.array(names), len(keys)), len(batch)),
                 "size": np.tile(np.array(keys), len(names) * len(batch)),
                 "value": np.repeat(values.T.ravel(), len(keys)),
                 "derivative": np.transpose(gradients, (2, 1, 0)).ravel(),
-                "status": np.repeat(status, each),
+                "status": np.repeat(status, entries),
             },
             "tolerances": {
                 **_repeated(batch, len(names)),
@@ -155,7 +159,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 "drawn_spread": spread.drawn_spread.T.ravel(),
                 "drawn_worst": spread.drawn_worst.T.ravel(),
                 "lost": spread.lost.T.ravel(),
-                "matters_most": np.array(keys)[most].T.ravel(),
+                "matters_most": _most(keys, spread.shares).T.ravel(),
                 "share": np.max(spread.shares, axis=0).T.ravel(),
                 "status": np.repeat(status, len(names)),
             },
@@ -164,7 +168,9 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _found(self, batch: Batch, sensitivity: Sensitivity) -> tuple[Floats, Floats]:
         def make() -> tuple[Floats, Floats]:
             with np.errstate(all="ignore"):
-                values, gradients = sensitivity.at(_samples(batch), batch.motion.values)
+                values, gradients = sensitivity.at(
+                    _samples(batch, sensitivity), batch.motion.values
+                )
             failed = batch.status != Status.OK
             values[:, failed] = np.nan
             gradients[:, :, failed] = np.nan
@@ -186,12 +192,12 @@ class SensitivityAnalysis(AbstractAnalysis):
         values, _ = self._found(batch, sensitivity)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
-            found = sensitivity.scattered(
-                _samples(batch)[rows],
+            scattered = sensitivity.scattered(
+                _samples(batch, sensitivity)[rows],
                 batch.motion.values[rows],
                 deviations.draws(len(sensitivity.keys)),
             )
-            drawn[:, :, rows] = _moments(found - values[:, rows, None])
+            drawn[:, :, rows] = _moments(scattered - values[:, rows, None])
         with np.errstate(all="ignore"):
             return Spread(
                 np.sqrt(variance),
@@ -209,12 +215,12 @@ class SensitivityAnalysis(AbstractAnalysis):
         parts = np.abs(gradients) * deviations.spread
         figures = {}
         for k, name in enumerate(sensitivity.quantities):
-            own = np.sqrt(np.sum(parts[:, k] ** 2, axis=0))
-            if np.any(np.isfinite(own)):
-                row = int(np.nanargmax(own))
+            spread = np.sqrt(np.sum(parts[:, k] ** 2, axis=0))
+            if np.any(np.isfinite(spread)):
+                row = int(np.nanargmax(spread))
                 figures[name] = {
-                    "spread": float(own[row]),
-                    "q": float(batch.q[row]),
+                    "spread": float(spread[row]),
+                    "q": batch.inputs[row].tolist(),
                     "size": sensitivity.keys[int(np.argmax(parts[:, k, row]))],
                 }
         return self._said(figures)
@@ -222,16 +228,17 @@ class SensitivityAnalysis(AbstractAnalysis):
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the largest spreads of all blocks."""
         figures = dict(before.figures)
-        for name, own in now.figures.items():
-            if name not in figures or own["spread"] > figures[name]["spread"]:
-                figures[name] = own
+        for name, largest in now.figures.items():
+            if name not in figures or largest["spread"] > figures[name]["spread"]:
+                figures[name] = largest
         return self._said(figures)
 
     def _said(self, figures: Mapping[str, Mapping[str, Any]]) -> Findings:
         remarks = [
-            f"{name}: standard deviation up to {_size(own['spread'], name)}, at q = "
-            f"{np.degrees(own['q']):.4g} deg, most of it from {own['size']}"
-            for name, own in figures.items()
+            f"{name}: standard deviation up to {_size(largest['spread'], name)}, at q = "
+            f"{listing(f'{q:.4g}' for q in np.degrees(largest['q']))} deg, most of it from "
+            f"{largest['size']}"
+            for name, largest in figures.items()
         ]
         remarks.append(f"every size off by {self.deviation:g} deg ({self.distribution})")
         return Findings(figures=figures, remarks=tuple(remarks))
@@ -281,6 +288,16 @@ def _largest(squares: Floats) -> list[int]:
     return sorted(np.argsort(-shares, kind="stable")[:SHOWN].tolist())
 
 
+def _most(keys: Sequence[str], shares: Floats) -> NDArray[np.str_]:
+    """Return the sizes of the largest shares (sizes, c, n), as (c, n) texts."""
+    equal = shares >= np.max(shares, axis=0) * (1.0 - EQUAL)
+    order = np.argsort(keys)
+    made = np.empty(shares.shape[1:], dtype=object)
+    for place in np.ndindex(made.shape):
+        made[place] = "+".join(keys[k] for k in order if equal[(k, *place)])
+    return made.astype(str)
+
+
 def _is_angle(name: str) -> bool:
     return name.startswith(("theta_", "transmission_angle_"))
 
@@ -289,8 +306,11 @@ def _split(text: str) -> tuple[str, ...]:
     return tuple(part for part in text.split("+") if part)
 
 
-def _samples(batch: Batch) -> Floats:
-    return np.stack([batch.q, batch.dq, batch.ddq, batch.t], axis=1)
+def _samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
+    if batch.inputs.shape[1] > 1 and not sensitivity.timed:
+        return sensitivity.at_rest(batch.inputs)
+    motion = batch.inputs, batch.input_rates, batch.input_accelerations, batch.t[:, None]
+    return np.concatenate(motion, axis=1)
 
 
 def _moments(off: Floats) -> Floats:
@@ -312,5 +332,6 @@ def _size(value: float, name: str) -> str:
 
 
 def _repeated(batch: Batch, count: int) -> TableData:
-    common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode, "q": batch.q}
+    common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
+    common |= input_columns(batch.mechanism, batch.inputs)
     return {name: np.repeat(values, count) for name, values in common.items()}

@@ -42,6 +42,17 @@ def random_mechanism(seed: int) -> tuple[str, Mechanism]:
     return family, replace(made, inputs=ranges)
 
 
+def shaped_mechanism(seed: int) -> Mechanism:
+    """Return a mechanism with contacts, of profiles that need not be circles, of a seed."""
+    random = np.random.default_rng(seed)
+    sliding = int(random.integers(1, 3))
+    links = int(random.integers(4, 8))
+    links += (links + sliding) % 2
+    made = with_contacts(random, links, int(random.integers(0, 3)), sliding, shaped=True)
+    half = float(random.choice(SPANS))
+    return replace(made, inputs=(Input(made.inputs[0].pair, -half, half),))
+
+
 def _of_family(random: np.random.Generator, family: str) -> Mechanism:
     if family in ("dyads", "triads"):
         links = int(random.choice([4, 6, 8, 10, 12]))

@@ -11,7 +11,7 @@ import numpy as np
 
 import spherekit as sk
 from benchmarks.own import own_mechanisms
-from benchmarks.random_mechanisms import random_mechanism
+from benchmarks.random_mechanisms import random_mechanism, shaped_mechanism
 from benchmarks.report import Cell, Section
 from benchmarks.same_rows import both_ways, differences
 from benchmarks.special import special_mechanism
@@ -41,6 +41,7 @@ def _same_rows(count: int) -> Section:
     """Return what differs between the two ways, over many mechanisms."""
     every = ((name, sk.load(name), {"samples": 9}) for name in own_mechanisms())
     random = ((str(k), random_mechanism(k)[1], {"samples": 9}) for k in range(count))
+    shaped = ((str(k), shaped_mechanism(k), {"samples": 9}) for k in range(count))
     special = (special_mechanism(k) for k in range(count))
     special_ones = (
         (str(k), made, {"path": path}) for k, (_, made, path) in enumerate(special)
@@ -49,8 +50,10 @@ def _same_rows(count: int) -> Section:
         "The same rows with care",
         "Every number of `poles` by the kernel of rows and as it is found with care, "
         "without a kernel: shipped mechanisms, random ones of all topologies, half with "
-        "degenerate geometry, and such that fold flat, at and beside where they do. A "
-        "difference is beyond its bounds where it is more than both ways state together.",
+        "degenerate geometry, chains with rolling and sliding contacts whose profiles are "
+        "circles, Fourier series or run through points, and such that fold flat, at and "
+        "beside where they do. A difference is beyond its bounds where it is more than "
+        "both ways state together.",
         (
             "mechanisms",
             "tried",
@@ -64,6 +67,7 @@ def _same_rows(count: int) -> Section:
         [
             _compared("shipped", every),
             _compared("random", random),
+            _compared("contacts of any profile", shaped),
             _compared("folding flat", special_ones, same_signs=False),
         ],
         "Mechanisms without a kernel, and those that cannot move, have no rows to compare.",

@@ -16,6 +16,7 @@ from spherekit.model.mechanism import (
     Profile,
 )
 from spherekit.planning.assembly import plan_assembly
+from spherekit.sphere.paths import axes_about
 from spherekit.sphere.rotation import Floats
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
@@ -40,6 +41,9 @@ __all__ = [
 
 
 Edge = tuple[int, int]
+
+POINTS = 96
+"""Points that a profile runs through: its tangent there is a circle's but for 1e-9."""
 
 EIGHT_BARS: Sequence[Sequence[Edge]] = chains.EIGHT_BARS
 mechanism: Callable[..., Mechanism] = chains.mechanism
@@ -76,9 +80,15 @@ def _grown_edges(random: np.random.Generator, links: int, triads: bool) -> list[
 
 
 def with_contacts(
-    random: np.random.Generator, links: int, rolling: int, sliding: int
+    random: np.random.Generator,
+    links: int,
+    rolling: int,
+    sliding: int,
+    shaped: bool = False,
 ) -> Mechanism:
     """Return a chain of dyads in which some pairs are contacts of circles.
+
+    Where they are `shaped`, profiles are also Fourier series and run through points.
 
     A binary link and its two R pairs take the freedoms that one Cs pair takes, an R pair
     those that a Cr pair takes. So the chain is grown with `sliding` links more, which then
@@ -105,7 +115,7 @@ def with_contacts(
         kinds |= dict.fromkeys(able[:rolling], "Cr")
         if sorted(kinds.values()).count("Cs") < sliding or len(able) < rolling:
             continue
-        made = _touching(random, kinds)
+        made = _touching(random, kinds, shaped)
         try:
             groups = plan_assembly(made).groups
         except PlanError:
@@ -114,8 +124,10 @@ def with_contacts(
             return made
 
 
-def _touching(random: np.random.Generator, kinds: dict[Edge, PairType]) -> Mechanism:
-    """Return a chain with random axes, and circles that touch at random points."""
+def _touching(
+    random: np.random.Generator, kinds: dict[Edge, PairType], shaped: bool
+) -> Mechanism:
+    """Return a chain with random axes, and profiles that touch at random points."""
     axes, pairs = {}, []
     for (a, b), kind in kinds.items():
         name, ends = f"p{a}_{b}", (str(a), str(b))
@@ -127,14 +139,44 @@ def _touching(random: np.random.Generator, kinds: dict[Edge, PairType]) -> Mecha
         across = np.cross(point, other)
         across /= np.linalg.norm(across)
         first, second = random.uniform(0.3, 1.0, 2)
-        circles = (
-            Profile("circle", _tilted(point, across, first), first),
-            Profile("circle", _tilted(point, across, -second), second),
+        curves = (
+            _profile(random, point, across, first, shaped),
+            _profile(random, point, across, -second, shaped),
         )
-        pairs.append(Pair(name, kind, ends, circles))
+        pairs.append(Pair(name, kind, ends, curves))
     links = tuple(str(k) for k in sorted({link for edge in kinds for link in edge}))
     drives = Input("p1_2", -1e-3, 1e-3)
     return Mechanism("chain", "1", links, tuple(pairs), PoseGeometry(axes), (drives,))
+
+
+def _profile(
+    random: np.random.Generator,
+    point: Floats,
+    across: Floats,
+    angle: float,
+    shaped: bool,
+) -> Profile:
+    """Return a circle about a centre so far from a point of it, or what is nearly one."""
+    centre, radius = _tilted(point, across, angle), abs(angle)
+    kind = random.choice(["circle", "fourier", "points"]) if shaped else "circle"
+    if kind == "circle":
+        return Profile("circle", centre, radius)
+    axes = axes_about(centre)
+    start = float(np.arctan2(axes[:, 1] @ point, axes[:, 0] @ point))
+    waves, height = int(random.integers(2, 4)), radius * random.uniform(-0.05, 0.05)
+    if kind == "fourier":
+        still = [0.0] * (waves - 1)
+        cosine = height * np.cos(waves * start)
+        sine = height * np.sin(waves * start)
+        even = (radius - height, *still, float(cosine))
+        odd = (0.0, *still, float(sine))
+        return Profile("fourier", centre, cosines=even, sines=odd)
+    around = start + np.linspace(0.0, 2.0 * np.pi, POINTS, endpoint=False)
+    colatitude = radius + height * (np.cos(waves * (around - start)) - 1.0)
+    sine, cosine = np.sin(colatitude)[:, None], np.cos(colatitude)[:, None]
+    onward = np.outer(np.cos(around), axes[:, 0]) + np.outer(np.sin(around), axes[:, 1])
+    places = sine * onward + cosine * axes[:, 2]
+    return Profile("points", points=tuple(vector(place) for place in places))
 
 
 def _tilted(point: Floats, across: Floats, angle: float) -> tuple[float, float, float]:

@@ -173,3 +173,19 @@ def test_a_zero_at_the_seam_of_a_lap_is_there_once(sense, off):
     found = zeros(lambda s: (sense * np.sin(s) + off, sense * np.cos(s)), grid)
     once = found.once(2.0 * np.pi).places
     assert once == pytest.approx([0.0, np.pi], abs=1e-13)
+
+
+def test_chebyshev_cells_in_runs():
+    """Places in any order, taken run by run, give the values of one at a time."""
+    edges = np.array([0.0, 0.3, 0.31, 2.0])
+    fitted = PiecewiseChebyshev.fit(
+        lambda s: np.column_stack([np.sin(3.0 * s), np.abs(s - 0.31)]),
+        0.0,
+        2.0,
+        cells=edges,
+    )
+    assert set(edges) <= set(fitted.edges)
+    for x in (np.linspace(0.0, 2.0, 5000), np.random.default_rng(1).uniform(0, 2, 400)):
+        found = fitted.along(x)
+        assert np.max(np.abs(found[0] - np.sin(3.0 * x))) < 2e-13
+        assert np.max(np.abs(found[1] - np.abs(x - 0.31))) < 2e-13

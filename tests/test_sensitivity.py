@@ -138,7 +138,7 @@ def test_the_analysis_conforms_and_says_what_matters():
         spread = np.radians(0.1) * np.sqrt(np.sum(own["derivative"] ** 2))
         assert row["spread"] == pytest.approx(spread, rel=1e-12)
         largest = own.loc[own["derivative"].abs().idxmax(), "size"]
-        assert row["matters_most"] == largest
+        assert largest in row["matters_most"].split("+")
         assert row["drawn_spread"] == pytest.approx(spread, rel=0.1)
 
 
@@ -172,8 +172,6 @@ def test_defaults_and_mistakes():
     ):
         with pytest.raises(error, match=message):
             Sensitivity(four_bar, *arguments)
-    with pytest.raises(DesignError, match="one input"):
-        Sensitivity(sk.load("five_bar"))
     with pytest.raises(DesignError, match="positive angle"):
         Deviations(-1.0)
 

@@ -516,7 +516,7 @@ def test_ranges_and_middles():
 
 def test_a_kernel_may_have_nothing_to_compute():
     mechanism = sk.load("single_flier")
-    kernel = design_kernel(DesignTerms.of(mechanism, "12"), [])
+    kernel = design_kernel(DesignTerms.of(mechanism, ["12"]), [])
     assert kernel.prepare(np.empty((0, 3))).shape == (0, 3)
     assert kernel.evaluate(np.zeros((14, 3))).shape == (0, 3)
 

@@ -25,6 +25,10 @@ class Turned(Curve):
         self.curve, self.turn = curve, turn
         self.length, self.closed = curve.length, curve.closed
 
+    @property
+    def edges(self):
+        return self.curve.edges
+
     def at(self, s):
         place = self.curve.at(s)
         return CurvePoint(

@@ -23,12 +23,14 @@ REDUCTIONS = {
     "sum": "the sum over the rows",
     "argmin": "the input at which it is least",
     "argmax": "the input at which it is greatest",
-    "at": "the value at an input: at(EXPRESSION, Q)",
+    "at": "the value at an input: at(EXPRESSION, Q); at several: at(EXPRESSION, Q, Q)",
 }
 """How rows become one number. Samples that do not close are left out."""
 
 _FORM = re.compile(r"(?:([A-Za-z_]\w*)\s*=(?!=))?\s*([A-Za-z_]\w*)\s*\((.*)\)\s*", re.S)
 _TABLE = re.compile(r"\s*(\w+\.\w+)((?:\s+\w+\s*=\s*\w+)*)\s*:(.*)", re.S)
+_POINT = re.compile(r"(.*?)((?:,[^,()]*)+)", re.S)
+_PLACE = re.compile(r"(.*),\s*(\w+)\s*", re.S)
 _BARE = re.compile(r"\s*(?:abs\s*\(\s*)?([A-Za-z_]\w*)\s*\)?\s*")
 
 
@@ -46,7 +48,9 @@ class Merit:
     expression
         Of quantities of a row (rad, SI), or of the columns of a `table`.
     point
-        The input (rad) of ``at``.
+        The input (rad) of ``at``, or each of several.
+    place
+        The pair of several inputs whose value ``argmin`` and ``argmax`` give.
     table
         ``ANALYSIS.TABLE`` whose rows are meant; None for those that kernels compute.
     only
@@ -58,10 +62,11 @@ class Merit:
     name: str
     reduction: str
     expression: str
-    point: float | None = None
+    point: tuple[float, ...] = ()
     table: str | None = None
     meaning: str = ""
     only: tuple[tuple[str, str], ...] = ()
+    place: str = ""
 
     def __post_init__(self) -> None:
         if self.reduction not in REDUCTIONS:
@@ -74,7 +79,7 @@ class Merit:
             raise AnalysisError(
                 f'"{self.name}" cannot name a figure of merit: letters, digits and _ can'
             )
-        if (self.point is None) == (self.reduction == "at"):
+        if bool(self.point) != (self.reduction == "at"):
             raise AnalysisError(
                 f"{self.name}: at(EXPRESSION, Q) needs an input Q, and no other has one"
             )
@@ -102,7 +107,7 @@ class Merit:
     def unit(self, names: dict[str, str]) -> str:
         """Return its unit where the expression is a quantity or its size, else nothing."""
         if self.reduction.startswith("arg"):
-            return names.get("q", "")
+            return names.get(f"q_{self.place}" if self.place else "q", "")
         bare = _BARE.fullmatch(self.expression)
         return names.get(bare[1], "") if bare else ""
 
@@ -124,32 +129,40 @@ def parse_merit(text: str, radians: float) -> Merit:
     AnalysisError
         If it has not that form.
     """
-    found = _FORM.fullmatch(text.strip())
-    if found is None:
+    match = _FORM.fullmatch(text.strip())
+    if match is None:
         raise AnalysisError(
             f'"{text}" is no figure of merit: write NAME=REDUCTION(EXPRESSION), such as '
             f"least=min(transmission_angle_43); reductions: {listing(REDUCTIONS)}"
         )
-    name, reduction, expression = found.groups()
-    point = None
+    name, reduction, expression = match.groups()
+    point: tuple[float, ...] = ()
+    place, ending = "", ""
     rows = _TABLE.fullmatch(expression)
     table, only = None, ""
     if rows:
         table, only, expression = rows.groups()
     if reduction == "at":
-        expression, _, place = expression.rpartition(",")
+        parts = _POINT.fullmatch(expression)
         try:
-            point = float(place) * radians
+            expression, texts = parts.groups() if parts else ("", "")
+            point = tuple(float(part) * radians for part in texts.split(",")[1:])
         except ValueError:
+            point = ()
+        if not point:
             raise AnalysisError(
                 f'"{text}": at needs an expression and an input, at(theta_41, 30)'
-            ) from None
+            )
+        ending = "_".join(texts.split(",")).replace(" ", "")
+    elif reduction.startswith("arg") and (parts := _PLACE.fullmatch(expression)):
+        expression, place = parts.groups()
+        ending = f"_{place}"
     if name is None:
-        ending = "" if point is None else f"_{place.strip()}"
         words = f"{reduction}_{expression.strip()}{ending}"
         name = re.sub(r"\W+", "_", words).strip("_")
     chosen = re.findall(r"(\w+)\s*=\s*(\w+)", only)
-    return Merit(name, reduction, expression.strip(), point, table, only=tuple(chosen))
+    only_of = tuple(chosen)
+    return Merit(name, reduction, expression.strip(), point, table, "", only_of, place)
 
 
 @final
@@ -176,10 +189,10 @@ class Reducing:
         if kind == "at":
             self._high = values.copy()
         if kind in ("mean", "rms", "sum"):
-            known = np.isfinite(values)
-            self._rows += known
+            finite = np.isfinite(values)
+            self._rows += finite
             part = values * values if kind == "rms" else values
-            self._total += np.where(known, part, 0.0)
+            self._total += np.where(finite, part, 0.0)
         if kind in ("argmin", "argmax"):
             better = values < self._low if kind == "argmin" else values > self._low
             better |= np.isnan(self._low) & np.isfinite(values)
@@ -202,7 +215,7 @@ class Reducing:
     def result(self) -> Floats:
         """Return the figure (n,); NaN for designs without a value."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            found: Any = {
+            figure: Any = {
                 "min": self._low,
                 "max": self._high,
                 "at": self._high,
@@ -214,4 +227,4 @@ class Reducing:
                 "argmin": self._place,
                 "argmax": self._place,
             }[self.kind]
-        return np.asarray(found, dtype=float)
+        return np.asarray(figure, dtype=float)

@@ -18,7 +18,7 @@ from spherekit.design.variables import DesignVariable, design_geometry, design_v
 from spherekit.engine.design_kernel import DesignTerms
 from spherekit.engine.path_kernel import Numbers, PathKernel, path_kernel
 from spherekit.files.document import Document
-from spherekit.model.mechanism import Mechanism
+from spherekit.model.mechanism import Input, Mechanism
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
 from spherekit.sphere.rotation import Floats
@@ -39,14 +39,14 @@ SEEDED = 5
 @final
 @dataclass(frozen=True)
 class StartSet:
-    """The solutions (variables, m) of a design with `sizes` (k,) at a complex input q.
+    """The solutions (variables, m) of a design with `sizes` (k,) at complex inputs q.
 
     `counted` says whether their number is known, and was found.
     """
 
     values: Numbers
     sizes: Floats
-    q: complex
+    q: Numbers
     counted: bool
 
 
@@ -55,27 +55,30 @@ def start_set(
     mechanism: Mechanism,
     document: Document,
     variables: Sequence[DesignVariable],
+    driven: Sequence[str],
 ) -> StartSet | None:
     """Return all solutions of the mechanism of a file; None if they are not found.
 
     Loops go through all sizes of the mechanism, whichever a kernel has as inputs.
     """
-    (driven,) = mechanism.inputs
     every = [design_variable(document, key) for key in sizes_of(mechanism)]
     terms = DesignTerms.of(
         mechanism,
-        driven.pair,
+        driven,
         [variable.name for variable in every],
         lambda numbers: design_geometry(every, numbers),
         closed_form=False,
     )
     unit = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
-    own, of_every = (
-        unit * np.array([each.value for each in some]) for some in (variables, every)
+    sizes, of_every = (
+        unit * np.array([variable.value for variable in some])
+        for some in (variables, every)
     )
-    structure, q = terms.structure, complex(0.5 * (driven.start + driven.stop), 0.7)
-    solver = Solver(structure.mechanism, structure.assembly)
-    inputs = np.linspace(driven.start, driven.stop, SEEDED + 2)[1:-1]
+    structure = terms.structure
+    moving = mechanism.with_inputs(*driven)
+    q = np.array([complex(0.5 * (i.start + i.stop), 0.7) for i in moving.inputs])
+    solver = Solver(moving, structure.assembly)
+    inputs = _seeded(moving.inputs)
     seeds, roots = _seeds(solver, inputs)
     if not seeds.shape[1] or roots > MOST_SOLUTIONS:
         return None
@@ -83,72 +86,93 @@ def start_set(
     rng = np.random.default_rng(20)
     base = of_every + rng.uniform(-NEARBY, NEARBY, len(every))
     starts = seeds[general.driven].astype(complex)
-    known = _moved(general, seeds, (of_every, base), (starts, np.full_like(starts, q)))
-    found = _all(general, _joined(known[:, :0], known), base, q, roots, rng)
-    if found is None:
+    seeded = _moved(general, seeds, (of_every, base), (starts, _repeated(q, starts)))
+    solutions = _all(general, _joined(seeded[:, :0], seeded), base, q, roots, rng)
+    if solutions is None:
         return None
-    there = np.full(found.shape[1], q)
-    values = _moved(general, found, (base, of_every), (there, there))
-    if values.shape != found.shape or not distinct(values[:, None])[0]:
+    there = _repeated(q, solutions)
+    values = _moved(general, solutions, (base, of_every), (there, there))
+    # Sizes that stay may be special ones, for which there are fewer.
+    values = _joined(values[:, :0], values)
+    if not values.shape[1] or not distinct(values[:, None])[0]:
         return None
-    at_rest = np.repeat(own[:, None], values.shape[1], axis=1)
+    counted = roots > 0 and values.shape == solutions.shape
+    at_rest = np.repeat(sizes[:, None], values.shape[1], axis=1)
     _, closed = settled(kernel, values, kernel.prepare(at_rest))
-    return StartSet(values, own, q, roots > 0) if np.all(closed) else None
+    return StartSet(values, sizes, q, counted) if np.all(closed) else None
 
 
 def _all(
     kernel: PathKernel,
-    found: Numbers,
+    solutions: Numbers,
     sizes: Floats,
-    q: complex,
+    q: Numbers,
     roots: int,
     rng: np.random.Generator,
 ) -> Numbers | None:
     """Return all solutions from some; None if too many, or not as many as known."""
     in_vain = 0
     for _ in range(ROUNDS):
-        if found.shape[1] == roots or (not roots and in_vain == IN_VAIN):
+        if solutions.shape[1] == roots or (not roots and in_vain == IN_VAIN):
             break
-        if found.shape[1] > MOST_SOLUTIONS:
+        if solutions.shape[1] > MOST_SOLUTIONS:
             return None
-        more = _joined(found, _around(kernel, found, sizes, q, rng))
-        in_vain = 0 if more.shape[1] > found.shape[1] else in_vain + 1
-        found = more
-    known = found.shape[1]
-    return found if known and known == (roots or known) else None
+        more = _joined(solutions, _around(kernel, solutions, sizes, q, rng))
+        in_vain = 0 if more.shape[1] > solutions.shape[1] else in_vain + 1
+        solutions = more
+    count = solutions.shape[1]
+    return solutions if count and count == (roots or count) else None
 
 
 def _seeds(solver: Solver, inputs: Floats) -> tuple[Floats, int]:
-    """Return solutions (variables, n) at some inputs, and how many complex ones there are.
+    """Return solutions (variables, n) at inputs (m, k), and how many there are in all.
 
     0 where that is not known.
     """
-    found, roots = [], 0
+    configurations, roots = [], 0
     for q in inputs:
-        here = assemblies(solver, np.array([q]))
-        found += [values for _, values in here.modes]
+        here = assemblies(solver, q)
+        configurations += [values for _, values in here.modes]
         counts = [method.roots if method else 0 for method in here.methods]
         roots = max(roots, int(np.prod(counts)))
     width = len(solver.mechanism.variable_owners)
-    return np.array(found).reshape(-1, width).T, roots
+    return np.array(configurations).reshape(-1, width).T, roots
+
+
+def _repeated(q: Numbers, values: Numbers) -> Numbers:
+    """Return inputs (k,) for each of n rows of values (m, n)."""
+    return np.repeat(q[:, None], values.shape[1], axis=1)
+
+
+def _seeded(inputs: Sequence[Input]) -> Floats:
+    """Return the inputs (m, k) at which solutions to start from are looked for.
+
+    Of several no direction is a special one: each takes its own order.
+    """
+    shares = np.linspace(0.0, 1.0, SEEDED + 2)[1:-1]
+    ways = np.array([np.roll(shares, 2 * k) for k in range(len(inputs))])
+    low, high = (np.array([getattr(i, end) for i in inputs]) for end in ("start", "stop"))
+    return np.asarray((low[:, None] + (high - low)[:, None] * ways).T)
 
 
 def _around(
     kernel: PathKernel,
     values: Numbers,
     sizes: Floats,
-    q: complex,
+    q: Numbers,
     rng: np.random.Generator,
 ) -> Numbers:
     """Return where solutions come to along random triangles that return to a place."""
     count = values.shape[1]
     n = TOGETHER * count
-    corners = [(np.repeat(sizes[:, None], n, axis=1), np.full(n, q))]
+    here = np.repeat(q[:, None], n, axis=1)
+    corners = [(np.repeat(sizes[:, None], n, axis=1), here)]
     for _ in range(2):
         aside = rng.uniform(-ASIDE, ASIDE, (len(sizes), TOGETHER))
-        away = rng.uniform(-4.0, 4.0, TOGETHER) + 1j * rng.uniform(-1.5, 0.5, TOGETHER)
+        some = len(q), TOGETHER
+        away = rng.uniform(-4.0, 4.0, some) + 1j * rng.uniform(-1.5, 0.5, some)
         there = sizes[:, None] + np.repeat(aside, count, axis=1)
-        corners.append((there, q + np.repeat(away, count)))
+        corners.append((there, here + np.repeat(away, count, axis=1)))
     now, arrived = np.tile(values, (1, TOGETHER)), np.ones(n, dtype=bool)
     for one, other in zip(corners, corners[1:] + corners[:1], strict=True):
         way = Way((one[0], other[0]), (one[1], other[1]))
@@ -165,15 +189,15 @@ def _moved(
 ) -> Numbers:
     """Return where solutions come to, those that do."""
     n = values.shape[1]
-    one, other = (np.repeat(each[:, None], n, axis=1) for each in sizes)
+    one, other = (np.repeat(end[:, None], n, axis=1) for end in sizes)
     made, arrived = tracked(kernel, Way((one, other), q), values)
     return made[:, arrived]
 
 
-def _joined(known: Numbers, more: Numbers) -> Numbers:
+def _joined(solutions: Numbers, more: Numbers) -> Numbers:
     """Return solutions with those of `more` that are new."""
-    kept = list(known.T)
-    for each in more.T:
-        if not kept or np.min(apart(np.array(kept).T, each[:, None])) > SAME:
-            kept.append(each)
-    return np.array(kept).reshape(-1, len(known)).T
+    kept = list(solutions.T)
+    for solution in more.T:
+        if not kept or np.min(apart(np.array(kept).T, solution[:, None])) > SAME:
+            kept.append(solution)
+    return np.array(kept).reshape(-1, len(solutions)).T

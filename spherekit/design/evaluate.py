@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit, Reducing
+from spherekit.conventions import counted, listing
 from spherekit.design.all_solutions import StartSet, start_set
 from spherekit.design.followed_modes import followed_modes
 from spherekit.design.samples import DesignSamples
@@ -22,20 +23,21 @@ from spherekit.design.variables import (
 )
 from spherekit.engine.actions import Actions
 from spherekit.engine.design_kernel import (
-    SAMPLE,
     DesignKernel,
     DesignTerms,
     arc_function,
     design_kernel,
     row_quantities,
+    sample_names,
 )
 from spherekit.engine.path_kernel import PathKernel, path_kernel
-from spherekit.errors import SpherekitError
+from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
 from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism, SizeGeometry
-from spherekit.motion.motion import Tracer
+from spherekit.motion.input_grid import InputGrid
+from spherekit.motion.motion import Motion, Tracer
 from spherekit.singular.grashof import class_of, four_bar_links
 from spherekit.sphere.rotation import Floats
 
@@ -45,6 +47,9 @@ BLOCK = 4096
 PART, FOLLOWED, SINGLY = 16384, 256, 16
 """Designs in a part: in closed form, followed, and one by one."""
 
+ON_THE_WAY = 2**25
+"""Variables of all solutions of designs that are followed together, at all samples."""
+
 COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
 
 OK = "OK"
@@ -52,6 +57,8 @@ UNLIKE = "its loads have another form"
 """What sends a design to the analysis of the single one."""
 TRIED = (0.0173, -0.0311)
 """Parts by which variables are changed to see which numbers follow them."""
+SAME_INPUT = 1e-9
+"""Inputs (rad) that differ by less are those of one sample."""
 NEVER = "does not close at any sample"
 INERTIAL = ("B", "dB_dq", "torque")
 DEG = np.pi / 180.0
@@ -115,24 +122,54 @@ class Evaluator:
         need_circles(mechanism, "quantities of a row")
         self.document = document
         self.mechanism = mechanism
-        self.input = mechanism.inputs[0].pair
+        self.inputs = samples.inputs
         self.variables = tuple(variables)
         self.merits = tuple(merits)
         self.samples = samples
-        names = row_quantities(mechanism)
+        names = row_quantities(mechanism.with_inputs(*self.inputs))
+        self._check_places()
         self.expressions = [merit.parsed(names) for merit in merits]
         used = sorted({name for each in self.expressions for name in each.names})
-        self.columns = [name for name in used if name not in SAMPLE]
+        self.sample = sample_names(self.inputs)
+        self.columns = [name for name in used if name not in self.sample]
         self._paths: tuple[PathKernel, StartSet] | None = None
         self._acting = any(v.path[0] in ACTIONS for v in self.variables)
         self.differing: tuple[int, ...] = ()
         self.kernel = self._kernel()
 
+    def _check_places(self) -> None:
+        """Raise `DesignError` where a figure is at inputs that the mechanism has not."""
+        name, count = self.mechanism.name, len(self.inputs)
+        for merit in self.merits:
+            if merit.point and len(merit.point) != count:
+                raise DesignError(
+                    f"{name}: {merit.name}: at needs {counted(count, 'input')} "
+                    f"({listing(self.inputs)}), not {len(merit.point)}"
+                )
+            if merit.reduction.startswith("arg") and count > 1:
+                if merit.place not in self.inputs:
+                    raise DesignError(
+                        f"{name}: {merit.name}: there are {counted(count, 'input')}: say "
+                        f"whose value is wanted, {merit.reduction}({merit.expression}, "
+                        f"{self.inputs[0]})"
+                    )
+            elif merit.place not in ("", *self.inputs):
+                raise DesignError(
+                    f"{name}: {merit.name}: {merit.place} is not driven; driven are "
+                    f"{listing(self.inputs)}"
+                )
+            if merit.reduction == "swing" and len(self.samples.shape) > 1:
+                raise DesignError(
+                    f"{name}: {merit.name}: swing follows an angle along a path, and the "
+                    "samples are a grid; take the range of a sine or cosine"
+                )
+
     def _kernel(self) -> DesignKernel | None:
         """Return the kernel of all designs, None where they have none."""
         if any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
             return None
-        self._following = bool(set(self.columns) & set(INERTIAL) and self._masses_follow())
+        inertial = any(name.split("_by_")[0].startswith(INERTIAL) for name in self.columns)
+        self._following = inertial and self._masses_follow()
         if self._acting or self._following:
             self._own = Actions.of(self.mechanism)
             self.differing = self._differing()
@@ -142,7 +179,7 @@ class Evaluator:
         if self.mechanism.has_contacts:
             return None
         paths = path_kernel(terms)
-        start = start_set(paths, self.mechanism, self.document, self.variables)
+        start = start_set(paths, self.mechanism, self.document, self.variables, self.inputs)
         if start is None:
             return None
         self._paths = paths, start
@@ -152,7 +189,7 @@ class Evaluator:
         """Return what kernels of all designs are written in."""
         return DesignTerms.of(
             self.mechanism,
-            self.input,
+            self.inputs,
             [variable.name for variable in self.variables],
             lambda numbers: design_geometry(self.variables, numbers),
             closed_form,
@@ -229,7 +266,7 @@ class Evaluator:
         """Return the figures of merit of designs (variables, n), in the file's units."""
         nothing = np.zeros(0, dtype=np.int64)
         parts = [without(nothing, np.empty(0, dtype=object), self.merits)]
-        together = BLOCK if self._paths is None else FOLLOWED
+        together = BLOCK if self._paths is None else self._followed_together
         for start in range(0, values.shape[1], together):
             some = values[:, start : start + together]
             found = self._together(some) if self.kernel else self._one_by_one(some)
@@ -244,7 +281,14 @@ class Evaluator:
         """How many designs pay together."""
         if self.kernel is None:
             return SINGLY
-        return PART if self._paths is None else FOLLOWED
+        return PART if self._paths is None else self._followed_together
+
+    @property
+    def _followed_together(self) -> int:
+        """How many designs are followed together: what they are on the way stays small."""
+        assert self._paths is not None
+        each = self._paths[1].values.size * len(self.samples.rows)
+        return max(1, min(FOLLOWED, ON_THE_WAY // each))
 
     # All designs in one kernel.
 
@@ -297,11 +341,11 @@ class Evaluator:
                     kernel, prepared, signs, self.samples.rows
                 ):
                     closes += closed
-                    self._take(reducing, sample, found, closed, None)
+                    self._take(reducing, sample, found, closed, ())
                 for sample, found, closed in in_mode(
                     kernel, prepared, signs, self.points()
                 ):
-                    self._take(reducing, sample, found, closed, float(sample[0]))
+                    self._take(reducing, sample, found, closed, self._point(sample))
             label = "".join("+" if sign > 0 else "-" for sign in signs)
             rows = np.flatnonzero(closes > 0)
             parts.append(self._rows(rows, [label] * n, closes, reducing, COMPLETE))
@@ -317,10 +361,8 @@ class Evaluator:
         assert self._paths is not None
         paths, start = self._paths
         samples, points = self.samples.rows, self.points()
-        q, place = np.unique(
-            np.concatenate([samples[:, 0], points[:, 0]]), return_inverse=True
-        )
-        modes = followed_modes(paths, start, sizes, q)
+        lattice, place = self._followed_inputs(points)
+        modes = followed_modes(paths, start, sizes, lattice)
         prepared = kernel.prepare(np.ascontiguousarray(sizes[:, modes.design]))
         values = modes.values[:, place]
         count, k = len(modes.design), len(samples)
@@ -329,9 +371,9 @@ class Evaluator:
         with np.errstate(all="ignore"):
             for sample, found, closed in _at_modes(kernel, prepared, values, samples):
                 closes += closed
-                self._take(reducing, sample, found, closed, None)
+                self._take(reducing, sample, found, closed, ())
             for sample, found, closed in _at_modes(kernel, prepared, values[:, k:], points):
-                self._take(reducing, sample, found, closed, float(sample[0]))
+                self._take(reducing, sample, found, closed, self._point(sample))
         rows = np.flatnonzero(closes > 0)
         claim = COMPLETE if start.counted else SAMPLED
         made = self._rows(rows, modes.labels, closes, reducing, claim)
@@ -359,10 +401,38 @@ class Evaluator:
             {merit.name: found[rows] for merit, found in results},
         )
 
+    def _followed_inputs(self, points: Floats) -> tuple[InputGrid, NDArray[np.intp]]:
+        """Return the inputs to follow modes over, and where samples and points are there.
+
+        One input is followed as it grows; several from sample to neighbouring sample, so
+        that points are samples.
+        """
+        lattice, k = self.samples.lattice, len(self.inputs)
+        if k == 1:
+            every = np.concatenate([lattice.q[:, 0], points[:, 0]])
+            q, place = np.unique(every, return_inverse=True)
+            return InputGrid(q[:, None], (len(q),)), place
+        rows = list(range(len(lattice)))
+        for point in points[:, :k]:
+            away = np.max(np.abs(lattice.q - point), axis=1)
+            rows.append(int(np.argmin(away)))
+            if np.min(away) > SAME_INPUT:
+                inputs = ", ".join(f"{each:.6g}" for each in point)
+                raise DesignError(
+                    f"{self.mechanism.name}: at inputs {inputs} rad: with several inputs "
+                    "and groups beyond dyads figures are those at samples; choose one"
+                )
+        return lattice, np.array(rows)
+
     def points(self) -> Floats:
-        """Return the samples (n, 4) that figures at given inputs need."""
-        points = {merit.point for merit in self.merits if merit.point is not None}
-        return DesignSamples.at(sorted(points), self.samples.rows[0, 0]).rows
+        """Return the samples (n, 3 inputs + 1) that figures at given inputs need."""
+        count = len(self.inputs)
+        points = sorted({merit.point for merit in self.merits if merit.point})
+        q = np.array(points).reshape(-1, count)
+        return DesignSamples.at(self.inputs, q, self.samples.rows[0, :count]).rows
+
+    def _point(self, sample: Floats) -> tuple[float, ...]:
+        return tuple(map(float, sample[: len(self.inputs)]))
 
     def _take(
         self,
@@ -370,16 +440,17 @@ class Evaluator:
         sample: Floats,
         found: Floats,
         closed: NDArray[np.bool_],
-        point: float | None,
+        point: tuple[float, ...],
     ) -> None:
         known: dict[str, Any] = dict(zip(self.columns, found, strict=True))
-        known |= dict(zip(SAMPLE, sample, strict=True))
+        known |= dict(zip(self.sample, sample, strict=True))
         for merit, expression, each in zip(
             self.merits, self.expressions, reducing, strict=True
         ):
             if merit.point == point:
                 values = _value(expression, known, len(closed))
-                each.take(float(sample[0]), np.where(closed, values, np.nan))
+                place = self.inputs.index(merit.place) if merit.place else 0
+                each.take(float(sample[place]), np.where(closed, values, np.nan))
 
     # One design after the other.
 
@@ -396,22 +467,29 @@ class Evaluator:
         return self._joined(parts)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
-        terms = DesignTerms.of(mechanism, self.input)
+        terms = DesignTerms.of(mechanism, self.inputs)
         kernel = design_kernel(terms, self.columns, compiled=False)
         if kernel.closed_form:
             return self._modes(kernel, np.empty((0, 1)))
-        rows = self.samples.rows
-        tracer = Tracer(mechanism, self.input, path=rows[:, :1])
+        rows, points = self.samples.rows, self.points()
+        tracer = self._tracer(mechanism)
         modes = tracer.assembly_modes
         count = len(modes)
         reducing = [Reducing(merit, count) for merit in self.merits]
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, found, closed in _at_variables(kernel, tracer, rows):
+            for sample, found, closed in _at_variables(kernel, tracer.motion(), rows):
                 closes += closed
-                self._take(reducing, sample, found, closed, None)
-            for sample, found, closed in _at_variables(kernel, tracer, self.points()):
-                self._take(reducing, sample, found, closed, float(sample[0]))
+                self._take(reducing, sample, found, closed, ())
+            if len(points):
+                _, place = self._followed_inputs(points)
+                there = (
+                    tracer.at(points[:, :1])
+                    if len(self.inputs) == 1
+                    else tracer.samples(place[len(rows) :])
+                )
+                for sample, found, closed in _at_variables(kernel, there, points):
+                    self._take(reducing, sample, found, closed, self._point(sample))
         claim = tracer.claim.guarantee.value
         if not np.any(closes):
             why = np.array([NEVER], dtype=object)
@@ -419,6 +497,12 @@ class Evaluator:
         labels = [f"{mode.number} {mode.label}" for mode in modes]
         made = self._rows(np.flatnonzero(closes > 0), labels, closes, reducing, claim)
         return replace(made, design=np.zeros_like(made.design))
+
+    def _tracer(self, mechanism: Mechanism) -> Tracer:
+        lattice = self.samples.lattice
+        if lattice.is_path:
+            return Tracer(mechanism, self.inputs, path=lattice.q)
+        return Tracer(mechanism, self.inputs, samples=lattice.shape)
 
 
 Sampled = Iterator[tuple[Floats, Floats, NDArray[np.bool_]]]
@@ -428,15 +512,15 @@ Sampled = Iterator[tuple[Floats, Floats, NDArray[np.bool_]]]
 def in_mode(
     kernel: DesignKernel, prepared: Floats, signs: Sequence[float], samples: Floats
 ) -> Sampled:
-    """Yield designs in an assembly mode at samples (k, 4), as many at once as pay."""
-    n = prepared.shape[1]
+    """Yield designs in an assembly mode at samples (k, w), as many at once as pay."""
+    n, width = prepared.shape[1], samples.shape[1]
     together = max(1, BLOCK // n)
-    fixed = len(SAMPLE) + len(signs)
+    fixed = width + len(signs)
     for start in range(0, len(samples), together):
         some = samples[start : start + together]
         rows = np.empty((fixed + len(prepared), len(some), n))
-        rows[: len(SAMPLE)] = some.T[:, :, None]
-        rows[len(SAMPLE) : fixed] = np.array(signs)[:, None, None]
+        rows[:width] = some.T[:, :, None]
+        rows[width:fixed] = np.array(signs)[:, None, None]
         rows[fixed:] = prepared[:, None, :]
         found = kernel.evaluate(rows.reshape(len(rows), -1))
         shaped = np.reshape(found, (-1, len(some), n))
@@ -445,14 +529,14 @@ def in_mode(
             yield sample, shaped[kernel.reaches :, k], closed
 
 
-def _at_variables(kernel: DesignKernel, tracer: Tracer, samples: Floats) -> Sampled:
-    """Yield the assembly modes of one design at samples (k, 4)."""
-    if not len(samples) or not tracer.assembly_modes:
+def _at_variables(kernel: DesignKernel, motion: Motion, samples: Floats) -> Sampled:
+    """Yield the assembly modes of one design at samples (k, w)."""
+    modes = len(motion.assembly_modes)
+    if not modes:
         return
-    motion = tracer.at(samples[:, 0])
-    shape = len(tracer.assembly_modes), len(samples)
+    shape = modes, len(samples)
     closed = ~motion.failed.reshape(shape)
-    every = np.tile(samples, (shape[0], 1)).T
+    every = np.tile(samples, (modes, 1)).T
     found = kernel.evaluate(np.concatenate([every, motion.values.T]))
     shaped = np.reshape(found, (-1, *shape))
     for k, sample in enumerate(samples):
@@ -462,19 +546,19 @@ def _at_variables(kernel: DesignKernel, tracer: Tracer, samples: Floats) -> Samp
 def _at_modes(
     kernel: DesignKernel, prepared: Floats, values: Floats, samples: Floats
 ) -> Sampled:
-    """Yield modes at samples (k, 4) where they have these values (variables, k, n)."""
-    n = prepared.shape[1]
+    """Yield modes at samples (k, w) where they have these values (variables, k, n)."""
+    n, width = prepared.shape[1], samples.shape[1]
     together = max(1, BLOCK // max(n, 1))
-    fixed = len(SAMPLE) + len(values)
+    fixed = width + len(values)
     for start in range(0, len(samples), together):
         some = samples[start : start + together]
         rows = np.empty((fixed + len(prepared), len(some), n))
-        rows[: len(SAMPLE)] = some.T[:, :, None]
-        rows[len(SAMPLE) : fixed] = values[:, start : start + len(some)]
+        rows[:width] = some.T[:, :, None]
+        rows[width:fixed] = values[:, start : start + len(some)]
         rows[fixed:] = prepared[:, None, :]
         found = kernel.evaluate(rows.reshape(len(rows), -1))
         shaped = np.reshape(found, (-1, len(some), n))
-        closed = np.isfinite(rows[len(SAMPLE)])
+        closed = np.isfinite(rows[width])
         for k, sample in enumerate(some):
             yield sample, shaped[:, k], closed[k]
 

@@ -1,14 +1,16 @@
-"""Assembly modes of many designs at samples of the input, with none missing.
+"""Assembly modes of many designs at samples of the inputs, with none missing.
 
 All complex solutions of one design are followed to every design, and there from sample to
 sample; where one is lost, or two have become one, again off the real axis, where they
 cannot meet. As many distinct ones as there are make sure that no real one is missing at any
 sample. Which of those at neighbouring samples are one mode is decided by real steps that
-pass the tests of continuation (docs/motion.md).
+pass the tests of continuation (docs/motion.md). Over a grid of several inputs a mode is
+what such steps join, along any axis: but one configuration at a sample, where ways around
+a singularity would join two.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import final
 
 import numpy as np
@@ -25,6 +27,7 @@ from spherekit.design.solution_paths import (
     tracked,
 )
 from spherekit.engine.path_kernel import Numbers, PathKernel
+from spherekit.motion.input_grid import InputGrid
 from spherekit.sphere.rotation import Floats
 
 BENDS = (0.5, -0.9, 1.7)
@@ -58,22 +61,51 @@ class Modes:
     lost: NDArray[np.intp]
 
 
-def followed_modes(kernel: PathKernel, start: StartSet, sizes: Floats, q: Floats) -> Modes:
-    """Return the modes of designs (sizes, n) at inputs q (samples,), ascending."""
-    count, m = sizes.shape[1], start.values.shape[1]
+def followed_modes(
+    kernel: PathKernel, start: StartSet, sizes: Floats, lattice: InputGrid
+) -> Modes:
+    """Return the modes of designs (sizes, n) at inputs: a path, or a grid."""
+    m = start.values.shape[1]
     following = _Following(kernel, np.repeat(sizes, m, axis=1), m)
-    at = following.begun(start, q[0])
-    modes = _Numbered(count * m)
-    modes.begin(at.real)
-    reals = [(at.real, at.values)]
-    for before, there in pairwise(q):
-        at, links = following.onward(at, before, there)
-        modes.go_on(at.real, links)
-        reals.append((at.real, at.values))
+    q, strides = lattice.q, _strides(lattice.shape)
+    sheets = _Sheets(len(q), sizes.shape[1], m)
+    kept: dict[int, _Sample] = {}
+    values = np.full((len(q), kernel.variables, sizes.shape[1] * m), np.nan)
+    for k in range(len(q)):
+        before = [k - stride for stride in _behind(k, lattice.shape)]
+        if not before:
+            at = following.begun(start, q[k])
+            sheets.begin(k, at.real)
+        else:
+            first, *others = before
+            at = following.onward(kept[first], q[first], q[k])
+            links = following.links(kept[first], at, q[first], q[k])
+            more = [
+                (other, following.across(kept[other], at, q[other], q[k]))
+                for other in others
+            ]
+            sheets.go_on(k, at.real, [(first, links), *more])
+        kept[k] = at
+        kept.pop(k - strides[0], None)
+        values[k][:, at.real] = at.values[:, at.real].real
     lost = np.flatnonzero(following.lost)
-    design, values = modes.gathered(reals, lost, m)
-    design, values = _ordered(design, values)
-    return Modes(design, values, _labels(kernel, sizes, design, values), lost)
+    design, configurations = sheets.gathered(values, lost)
+    design, configurations = _ordered(design, configurations)
+    return Modes(
+        design, configurations, _labels(kernel, sizes, design, configurations), lost
+    )
+
+
+def _strides(shape: tuple[int, ...]) -> list[int]:
+    """Return by how much the numbers of neighbours along each axis differ."""
+    return [int(np.prod(shape[axis + 1 :])) for axis in range(len(shape))]
+
+
+def _behind(k: int, shape: tuple[int, ...]) -> list[int]:
+    """Return by how much the numbers of the samples before one are less, nearest first."""
+    places = np.unravel_index(k, shape)
+    strides = zip(places, _strides(shape), strict=True)
+    return sorted(stride for place, stride in strides if place)
 
 
 def _ordered(design: NDArray[np.intp], values: Floats) -> tuple[NDArray[np.intp], Floats]:
@@ -107,59 +139,85 @@ class _Sample:
     rates: Numbers
     determinant: Numbers
 
+    def along(self, h: Floats) -> Numbers:
+        """Return the rates (variables, n) while the inputs go on by h (inputs,)."""
+        return np.asarray(np.tensordot(h, self.rates, 1))
+
 
 @final
-class _Numbered:
-    """The numbers (n,) of the modes that rows are on, sample after sample."""
+class _Sheets:
+    """The numbers of the modes that rows are on at samples, -1 where they are on none."""
 
-    def __init__(self, rows: int) -> None:
-        self.now = np.full(rows, -1)
-        self.count = 0
-        self.known: list[NDArray[np.intp]] = []
-        self.row: list[NDArray[np.intp]] = []
+    def __init__(self, samples: int, designs: int, together: int) -> None:
+        self.m, self.count = together, 0
+        self.number = np.full((samples, designs * together), -1)
 
-    def begin(self, real: Flags) -> None:
-        """Begin a mode with each real row that is on none."""
-        fresh = np.flatnonzero(real & (self.now < 0))
-        self.now[fresh] = self.count + np.arange(len(fresh))
+    def begin(self, k: int, real: Flags) -> None:
+        """Begin a mode with each real row of a sample that is on none."""
+        fresh = np.flatnonzero(real & (self.number[k] < 0))
+        self.number[k, fresh] = self.count + np.arange(len(fresh))
         self.count += len(fresh)
-        self.row.append(fresh)
-        self.known.append(self.now.copy())
 
-    def go_on(self, real: Flags, links: NDArray[np.intp]) -> None:
-        """Go to the next sample: `links` (n,) say in which row that of a row goes on."""
-        before, self.now = self.now, np.full(len(self.now), -1)
-        on = np.flatnonzero(links >= 0)
-        self.now[links[on]] = before[on]
-        self.begin(real)
+    def go_on(
+        self, k: int, real: Flags, links: Sequence[tuple[int, NDArray[np.intp]]]
+    ) -> None:
+        """Go on to a sample from others: `links` (n,) say to which row those there lead."""
+        for other, to in links:
+            on = np.flatnonzero(to >= 0)
+            there, here = self.number[other, on], self.number[k, to[on]]
+            fresh = here < 0
+            # A row of another sample of this mode may have come here already.
+            for row, number in zip(to[on[fresh]], there[fresh], strict=True):
+                if not np.any(self.number[k, self._own(row)] == number):
+                    self.number[k, row] = number
+            for row, one, two in zip(
+                to[on[~fresh]], here[~fresh], there[~fresh], strict=True
+            ):
+                if one != two:
+                    self._join(self._own(row), int(one), int(two))
+        self.begin(k, real)
+
+    def _own(self, row: int) -> slice:
+        """Return the rows of the design of a row."""
+        start = row // self.m * self.m
+        return slice(start, start + self.m)
+
+    def _join(self, part: slice, one: int, other: int) -> None:
+        """Make two modes of a design one, unless both have a configuration somewhere."""
+        here = self.number[:, part]
+        both = np.any(here == one, axis=1) & np.any(here == other, axis=1)
+        if not np.any(both):
+            here[here == max(one, other)] = min(one, other)
 
     def gathered(
-        self, reals: list[tuple[Flags, Numbers]], lost: NDArray[np.intp], m: int
+        self, solutions: Floats, lost: NDArray[np.intp]
     ) -> tuple[NDArray[np.intp], Floats]:
         """Return the design (modes,) and values (variables, samples, modes) of each."""
-        design = np.concatenate(self.row) // m
-        values = np.full((len(reals[0][1]), len(reals), self.count), np.nan)
-        for k, ((real, found), number) in enumerate(zip(reals, self.known, strict=True)):
-            rows = np.flatnonzero(real)
-            values[:, k, number[rows]] = found[:, rows].real
-        kept = np.flatnonzero(~np.isin(design, lost))
-        return design[kept], values[:, :, kept]
+        k, row = np.nonzero(self.number >= 0)
+        good = ~np.isin(row // self.m, lost)
+        k, row = k[good], row[good]
+        numbers, mode = np.unique(self.number[k, row], return_inverse=True)
+        design = np.zeros(len(numbers), dtype=np.intp)
+        design[mode] = row // self.m
+        values = np.full((solutions.shape[1], len(solutions), len(numbers)), np.nan)
+        values[:, k, mode] = solutions[k, :, row].T
+        return design, values
 
 
 @final
 class _Following:
-    """All solutions of designs, `together` rows of each, while the input goes on."""
+    """All solutions of designs, `together` rows of each, while the inputs go on."""
 
     def __init__(self, kernel: PathKernel, sizes: Floats, together: int) -> None:
         self.kernel, self.sizes, self.m = kernel, sizes, together
         self.prepared = kernel.prepare(np.ascontiguousarray(sizes))
         self.lost = np.zeros(sizes.shape[1] // together, dtype=bool)
 
-    def begun(self, start: StartSet, q: float) -> _Sample:
+    def begun(self, start: StartSet, q: Floats) -> _Sample:
         """Return the first sample."""
         n = len(self.lost)
         base = np.repeat(start.sizes[:, None], n * self.m, axis=1)
-        ends = np.full(n * self.m, start.q), np.full(n * self.m, complex(q))
+        ends = _everywhere(start.q, n * self.m), _everywhere(q, n * self.m)
         way = Way((base, self.sizes), ends)
         values, arrived = tracked(self.kernel, way, np.tile(start.values, (1, n)))
         values[:, ~arrived] = np.nan
@@ -187,27 +245,25 @@ class _Following:
         near = np.flatnonzero((off < REAL) & ~real & chosen)
         if len(near):
             start = np.ascontiguousarray(values[:, near].real)
-            found, closed = settled(
+            refined, closed = settled(
                 self.kernel, start, np.ascontiguousarray(self.prepared[:, near])
             )
-            stays = closed & (np.max(np.abs(found - start), axis=0) < STAYS)
+            stays = closed & (np.max(np.abs(refined - start), axis=0) < STAYS)
             rows = near[stays]
             values = values.copy()
-            values[:, rows] = found[:, stays]
+            values[:, rows] = refined[:, stays]
             real[rows] = True
             doubtful = near[~stays]
             self.lost[doubtful // self.m] |= off[doubtful] < STAYS
         return values, real
 
-    def onward(
-        self, at: _Sample, before: float, there: float
-    ) -> tuple[_Sample, NDArray[np.intp]]:
-        """Return the next sample, and in which of its rows the mode of each goes on."""
+    def onward(self, at: _Sample, before: Floats, there: Floats) -> _Sample:
+        """Return the sample at inputs `there` from that at inputs `before` (inputs,)."""
         kernel, h = self.kernel, there - before
         alive = ~np.repeat(self.lost, self.m)
         with np.errstate(all="ignore"):
-            guess = at.values + at.rates * h
-            guess[kernel.driven] = there
+            guess = at.values + at.along(h)
+            guess[kernel.driven] = there[:, None]
             made, first, _ = corrected(kernel, guess, self.prepared)
             made[:, ~(first < 1.0)] = np.nan
             made, closed = settled(kernel, made, self.prepared)
@@ -217,40 +273,64 @@ class _Following:
             if not np.any(again):
                 break
             rows = np.flatnonzero(np.repeat(again, self.m))
-            ends = np.full(len(rows), complex(before)), np.full(len(rows), complex(there))
-            own = self.sizes[:, rows]
-            way = Way((own, own), ends, 1j * bend * h)
-            found, arrived = tracked(kernel, way, at.values[:, rows])
-            found[:, ~arrived] = np.nan
-            values[:, rows] = found
+            ends = _everywhere(before, len(rows)), _everywhere(there, len(rows))
+            sizes = self.sizes[:, rows]
+            way = Way((sizes, sizes), ends, 1j * bend * h[:, None])
+            arrivals, arrived = tracked(kernel, way, at.values[:, rows])
+            arrivals[:, ~arrived] = np.nan
+            values[:, rows] = arrivals
             values, real = self._real(values, np.repeat(again, self.m))
             again &= ~self._whole(values)
         self.lost |= again
-        sample = self._sample(values, real)
-        return sample, self._links(at, sample, before, there)
+        return self._sample(values, real)
 
-    def _links(
-        self, at: _Sample, sample: _Sample, before: float, there: float
+    def across(
+        self, at: _Sample, sample: _Sample, before: Floats, there: Floats
+    ) -> NDArray[np.intp]:
+        """Return `links` to a sample that was come to from another one.
+
+        Rows are compared with those that the rates lead to.
+        """
+        there_to = np.arange(len(at.real))
+        guess = (at.values + at.along(there - before)).real
+        real = np.flatnonzero(at.real)
+        real_values = sample.values.real.reshape(len(guess), -1, self.m)
+        gaps = apart(real_values[:, real // self.m], guess[:, real, None])
+        gaps[~sample.real.reshape(-1, self.m)[real // self.m]] = np.inf
+        there_to[real] = real // self.m * self.m + np.argmin(gaps, axis=1)
+        return self.links(at, sample, before, there, there_to)
+
+    def links(
+        self,
+        at: _Sample,
+        sample: _Sample,
+        before: Floats,
+        there: Floats,
+        likely: NDArray[np.intp] | None = None,
     ) -> NDArray[np.intp]:
         """Return in which row (n,) of a sample the mode of a row before goes on, or -1.
 
-        Where no row is left over on one side, those on the other end, or begin, between.
+        `likely` (n,) are the rows that are tried first, by default the same. Where no row
+        is left over on one side, those on the other end, or begin, between.
         """
-        both = np.flatnonzero(at.real & sample.real)
+        same = np.arange(len(at.real)) if likely is None else likely
+        both = np.flatnonzero(at.real & sample.real[same])
         links = np.full(len(at.real), -1)
-        sure = both[_smooth(at, sample, both, there - before)]
-        links[sure] = sure
+        sure = both[_smooth(at, sample, both, same[both], there - before)]
+        _, once = np.unique(same[sure], return_index=True)
+        sure = sure[once]
+        links[sure] = same[sure]
         taken = np.zeros(len(links), dtype=bool)
-        taken[sure] = True
+        taken[same[sure]] = True
         left, fresh = at.real & ~taken, sample.real & ~taken
-        by_design = (np.any(each.reshape(-1, self.m), axis=1) for each in (left, fresh))
+        by_design = (np.any(flags.reshape(-1, self.m), axis=1) for flags in (left, fresh))
         open_ = np.repeat(np.logical_and(*by_design), self.m)
         rows = np.flatnonzero(left & open_)
         ends, reached = self._walked(at, rows, before, there)
         self._match(sample, rows[reached], ends[:, reached], links, taken)
         left[links >= 0] = False
         fresh &= ~taken
-        by_design = (np.any(each.reshape(-1, self.m), axis=1) for each in (left, fresh))
+        by_design = (np.any(flags.reshape(-1, self.m), axis=1) for flags in (left, fresh))
         open_ = np.repeat(np.logical_and(*by_design), self.m)
         rows = np.flatnonzero(fresh & open_)
         ends, reached = self._walked(sample, rows, there, before)
@@ -278,22 +358,23 @@ class _Following:
 
     def _at(self, sample: _Sample, design: int, end: Floats) -> int:
         """Return the real row of a design at a configuration, -1 without one."""
-        own = design * self.m + np.flatnonzero(
+        of_design = design * self.m + np.flatnonzero(
             sample.real[design * self.m : (design + 1) * self.m]
         )
-        if not len(own):
+        if not len(of_design):
             return -1
-        gaps = apart(sample.values[:, own].real, end[:, None])
+        gaps = apart(sample.values[:, of_design].real, end[:, None])
         best = int(np.argmin(gaps))
-        return int(own[best]) if gaps[best] < STAYS else -1
+        return int(of_design[best]) if gaps[best] < STAYS else -1
 
     def _walked(
-        self, at: _Sample, rows: NDArray[np.intp], start: float, stop: float
+        self, at: _Sample, rows: NDArray[np.intp], start: Floats, stop: Floats
     ) -> tuple[Floats, Flags]:
         """Return where real ways (variables, n) of rows lead to, and which of them hold."""
         kernel, n = self.kernel, len(rows)
         now = np.ascontiguousarray(at.values[:, rows].real)
-        rates = np.ascontiguousarray(at.rates[:, rows].real)
+        way = stop - start
+        rates = np.ascontiguousarray(at.along(way)[:, rows].real)
         sign = np.sign(at.determinant[rows].real)
         t, step = np.zeros(n), np.full(n, 0.5)
         prepared = np.ascontiguousarray(self.prepared[:, rows])
@@ -301,15 +382,16 @@ class _Following:
         with np.errstate(all="ignore"):
             while len(active):
                 there = np.minimum(t[active] + step[active], 1.0)
-                h = (there - t[active]) * (stop - start)
-                own = np.ascontiguousarray(prepared[:, active])
+                h = there - t[active]
+                of_active = np.ascontiguousarray(prepared[:, active])
                 guess = now[:, active] + rates[:, active] * h
-                guess[kernel.driven] = start + there * (stop - start)
-                made, first, second = corrected(kernel, guess, own)
-                here = kernel.at(made, own)
+                guess[kernel.driven] = start[:, None] + there * way[:, None]
+                made, first, second = corrected(kernel, guess, of_active)
+                here = kernel.at(made, of_active)
                 made = made + here.step
                 moved = np.max(np.abs(made - now[:, active]), axis=0)
-                turn = _cosine(here.rates, rates[:, active])
+                onto = np.tensordot(way, here.rates, 1)
+                turn = _cosine(onto, rates[:, active])
                 good = (
                     (first <= RIGHT * moved + TINY)
                     & (second <= CONTRACTS * first + TINY)
@@ -317,7 +399,7 @@ class _Following:
                     & (turn > TURN)
                 )
                 onward = active[good]
-                now[:, onward], rates[:, onward] = made[:, good], here.rates[:, good]
+                now[:, onward], rates[:, onward] = made[:, good], onto[:, good]
                 t[onward] = there[good]
                 step[active[~good]] *= 0.5
                 step[onward] *= 1.5
@@ -325,13 +407,27 @@ class _Following:
         return now, t >= 1.0
 
 
-def _smooth(at: _Sample, sample: _Sample, rows: NDArray[np.intp], h: float) -> Flags:
-    """Return which real rows go on in themselves: by values and rates at both ends."""
-    moved = (sample.values[:, rows] - at.values[:, rows]).real
-    one, other = at.rates[:, rows].real, sample.rates[:, rows].real
+def _everywhere(q: Numbers, n: int) -> Numbers:
+    """Return inputs (k,) for n rows, complex."""
+    return np.repeat(q[:, None], n, axis=1).astype(complex)
+
+
+def _smooth(
+    at: _Sample,
+    sample: _Sample,
+    rows: NDArray[np.intp],
+    to: NDArray[np.intp],
+    h: Floats,
+) -> Flags:
+    """Return which real rows go on in others: by values and rates at both ends."""
+    moved = (sample.values[:, to] - at.values[:, rows]).real
+    one, other = at.along(h)[:, rows].real, sample.along(h)[:, to].real
     with np.errstate(all="ignore"):
-        off = np.max(np.abs(moved - 0.5 * h * (one + other)), axis=0)
-        same = (at.determinant[rows].real > 0.0) == (sample.determinant[rows].real > 0.0)
+        # Other ways here may have counted other whole turns.
+        away = moved - 0.5 * (one + other)
+        turns = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
+        off, moved = np.max(np.abs(away - turns), axis=0), moved - turns
+        same = (at.determinant[rows].real > 0.0) == (sample.determinant[to].real > 0.0)
         size = np.max(np.abs(moved), axis=0)
         right = (off <= RIGHT * size + TINY) & (_cosine(one, other) > TURN)
     return np.asarray(same & right)

@@ -9,7 +9,7 @@ from spherekit.analysis.merit import Merit
 from spherekit.design.evaluate import Evaluator, in_mode
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.derivatives import derivatives
-from spherekit.engine.design_kernel import SAMPLE, design_kernel
+from spherekit.engine.design_kernel import design_kernel
 from spherekit.engine.expression_graph import symbols
 from spherekit.engine.expression_terms import expression_terms
 from spherekit.model.expression import Expression
@@ -27,7 +27,7 @@ class FigureGradients:
         self.evaluator = evaluator
         terms = evaluator.terms()
         self._kernel = design_kernel(terms, evaluator.columns, gradients=True)
-        names = [*SAMPLE, *evaluator.columns]
+        names = [*evaluator.sample, *evaluator.columns]
         self._functions = [
             with_derivatives(expression, names) for expression in evaluator.expressions
         ]
@@ -45,9 +45,10 @@ class FigureGradients:
         points = evaluator.points()
         there = self._rows(values, signs, points) if len(points) else every
         for k, merit in enumerate(merits):
-            closed, quantities, changes = every if merit.point is None else there
-            if merit.point is not None:
-                closed = closed & (points[:, 0] == merit.point)
+            closed, quantities, changes = there if merit.point else every
+            if merit.point:
+                inputs = points[:, : len(merit.point)]
+                closed = closed & np.all(inputs == merit.point, axis=1)
             if np.any(closed):
                 figures[k], gradients[k] = self._reduced(
                     merit, k, quantities[:, closed], changes[:, :, closed]
@@ -66,7 +67,7 @@ class FigureGradients:
                 closed.append(bool(who[0]))
                 found.append(np.concatenate([sample, rows[:, 0]]))
         whole = np.array(found).T
-        fixed = len(SAMPLE)
+        fixed = len(self.evaluator.sample)
         changes = np.zeros((count, fixed + columns, len(samples)))
         changes[:, fixed:] = whole[fixed + columns :].reshape(count, columns, -1)
         return np.array(closed), whole[: fixed + columns], changes
@@ -93,7 +94,8 @@ class FigureGradients:
                 size = float(np.sqrt(np.mean(value * value)))
                 return size, np.mean(value * slope, axis=1) / max(size, 1e-300)
         place = int(np.argmin(value if merit.reduction == "argmin" else -value))
-        return float(quantities[0, place]), np.full(len(slope), np.nan)
+        own = self.evaluator.inputs.index(merit.place) if merit.place else 0
+        return float(quantities[own, place]), np.full(len(slope), np.nan)
 
 
 def with_derivatives(expression: Expression, names: Sequence[str]) -> ArrayFunction:

@@ -9,53 +9,102 @@ import numpy as np
 from spherekit.analysis.running.sampling import UNIT_SPEED, check_time
 from spherekit.errors import DesignError
 from spherekit.model.laws import ConstantSpeed
+from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
+from spherekit.motion.input_grid import InputGrid, given_path, grid, straight
 from spherekit.motion.timing import by_laws
+from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 
 
 @final
 @dataclass(frozen=True)
 class DesignSamples:
-    """The input at every sample: q (rad), dq, ddq and t, as rows (samples, 4)."""
+    """The inputs at every sample.
 
+    `rows` (samples, 3 inputs + 1): angles (rad) of the `inputs`, rates, accelerations, and
+    the time. `shape` counts the samples along a path, or along each axis of a grid.
+    """
+
+    inputs: tuple[str, ...]
     rows: Floats
+    shape: tuple[int, ...]
 
     @staticmethod
     def of(study: Study) -> "DesignSamples":
-        """Return the samples of a study with one input, by its law if it has one.
+        """Return the samples of a study, by its laws if it has some.
 
         Raises
         ------
         DesignError
-            If it has several inputs, or is a simulation.
+            If it is a simulation, or so many samples are of another number of inputs.
         """
         mechanism = study.mechanism
-        if len(mechanism.inputs) != 1 or study.start is not None or study.grid:
+        if study.start is not None:
             raise DesignError(
-                f"{study.name}: designs are compared at samples of one input, not along "
-                "simulations or over several inputs; drive one and lock the others"
+                f"{study.name}: designs are compared at samples of inputs, not along "
+                "simulations; drive them"
             )
-        (driven,) = mechanism.inputs
-        if not isinstance(study.samples, int):
-            raise DesignError(f"{study.name}: give one number of samples")
         check_time(study)
+        if not mechanism.inputs:
+            (pair,) = driven_pairs(mechanism)
+            mechanism = mechanism.with_inputs(mechanism.pairs[pair].name)
+        names = tuple(driven.pair for driven in mechanism.inputs)
+        start = np.array([driven.start for driven in mechanism.inputs])
         if study.path is not None:
-            return DesignSamples.at(study.path[:, 0], float(np.min(study.path)))
-        if study.duration is None:
-            q = np.linspace(driven.start, driven.stop, study.samples)
-            return DesignSamples.at(q, driven.start)
-        t = np.linspace(0.0, study.duration, study.samples)
-        law = study.laws.get(driven.pair, ConstantSpeed(UNIT_SPEED, driven.start))
-        q, timing = by_laws([driven.pair], {driven.pair: law}, t)
-        states = q[:, 0], timing.dq[:, 0], timing.ddq[:, 0], t
-        return DesignSamples(np.stack(states, axis=1))
+            path = given_path(study.path, len(names)).q
+            start = np.min(path, axis=0) if len(names) == 1 else path[0]
+            return DesignSamples.at(names, path, start)
+        if study.duration is not None:
+            return DesignSamples._timed(study, mechanism, names)
+        lattice = _lattice(study, mechanism)
+        return DesignSamples.at(names, lattice.q, start, lattice.shape)
 
     @staticmethod
-    def at(q: Sequence[float] | Floats, start: float) -> "DesignSamples":
-        """Return samples of an input that turns at unit speed from a start."""
-        q = np.asarray(q, dtype=float)
+    def _timed(
+        study: Study, mechanism: Mechanism, names: tuple[str, ...]
+    ) -> "DesignSamples":
+        if not isinstance(study.samples, int):
+            raise DesignError(f"{study.name}: over a time give one number of samples")
+        assert study.duration is not None
+        t = np.linspace(0.0, study.duration, study.samples)
+        laws = {
+            driven.pair: ConstantSpeed(UNIT_SPEED, driven.start)
+            for driven in mechanism.inputs
+        }
+        q, timing = by_laws(names, {**laws, **study.laws}, t)
+        rows = np.concatenate([q, timing.dq, timing.ddq, t[:, None]], axis=1)
+        return DesignSamples(names, rows, (len(t),))
+
+    @staticmethod
+    def at(
+        inputs: Sequence[str],
+        q: Floats,
+        start: Floats,
+        shape: tuple[int, ...] | None = None,
+    ) -> "DesignSamples":
+        """Return samples q (n, inputs) of inputs that turn at unit speed from a start."""
+        n = len(q)
         ones = np.full_like(q, UNIT_SPEED)
-        return DesignSamples(
-            np.stack([q, ones, np.zeros_like(q), (q - start) / UNIT_SPEED], axis=1)
+        time = (q[:, :1] - start[0]) / UNIT_SPEED
+        rows = np.concatenate([q, ones, np.zeros_like(q), time], axis=1)
+        return DesignSamples(tuple(inputs), rows, shape or (n,))
+
+    @property
+    def lattice(self) -> InputGrid:
+        """The inputs with their neighbours."""
+        return InputGrid(self.rows[:, : len(self.inputs)], self.shape)
+
+
+def _lattice(study: Study, mechanism: Mechanism) -> InputGrid:
+    count, samples = len(mechanism.inputs), study.samples
+    if isinstance(samples, int):
+        if study.grid:
+            return grid(mechanism.inputs, [samples] * count)
+        return straight(mechanism.inputs, samples)
+    if len(samples) != count:
+        raise DesignError(
+            f"{study.name}: samples: {'x'.join(map(str, samples))} is of {len(samples)} "
+            f"inputs, but there are {count}; give one number for each"
         )
+    return grid(mechanism.inputs, samples)

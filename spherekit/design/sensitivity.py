@@ -23,6 +23,7 @@ from spherekit.engine.design_kernel import (
     design_kernel,
     newton_kernel,
     row_quantities,
+    sample_names,
 )
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
@@ -95,7 +96,7 @@ class Sensitivity:
     Parameters
     ----------
     mechanism
-        A mechanism with one input.
+        A mechanism with its inputs.
     keys
         Sizes, as keys of its file; by default all arcs and angles, or all axes of a pose.
     quantities
@@ -112,10 +113,7 @@ class Sensitivity:
     def __init__(
         self, mechanism: Mechanism, keys: Sequence[str] = (), quantities: Sequence[str] = ()
     ) -> None:
-        if len(mechanism.inputs) != 1:
-            raise DesignError(
-                f"{mechanism.name}: sensitivities are those of one input; lock the others"
-            )
+        self.inputs = tuple(item.pair for item in mechanism.inputs)
         need_circles(mechanism, "derivatives by sizes")
         self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
@@ -123,12 +121,12 @@ class Sensitivity:
         self.variables = tuple(self._variable(key) for key in self.keys)
         check_variables(self.document, self.variables)
         self.quantities = tuple(quantities) or quantities_of(mechanism)
-        known = row_quantities(mechanism)
+        possible = row_quantities(mechanism)
         for name in self.quantities:
-            if name not in known:
+            if name not in possible:
                 raise DesignError(
                     f'{mechanism.name}: "{name}" is no quantity of its configurations'
-                    f"{nearest(name, known) or ';'} such are theta_PAIR, rate_PAIR and "
+                    f"{nearest(name, possible) or ';'} such are theta_PAIR, rate_PAIR and "
                     "velocity_coefficient_LINK_OTHER"
                 )
 
@@ -141,11 +139,22 @@ class Sensitivity:
             )
         return variable
 
+    @property
+    def timed(self) -> bool:
+        """Whether a quantity depends on how the inputs move."""
+        moving = sample_names(self.inputs)[len(self.inputs) :]
+        return any(name in moving or name.startswith("torque") for name in self.quantities)
+
+    def at_rest(self, inputs: Floats) -> Floats:
+        """Return samples (n, 3 inputs + 1) at inputs (n, inputs) rad that rest."""
+        rest = np.zeros((len(inputs), 2 * len(self.inputs) + 1))
+        return np.concatenate([inputs, rest], axis=1)
+
     @cached_property
     def _terms(self) -> DesignTerms:
         return DesignTerms.of(
             self.mechanism,
-            self.mechanism.inputs[0].pair,
+            self.inputs,
             [variable.name for variable in self.variables],
             lambda numbers: design_geometry(self.variables, numbers),
             closed_form=False,
@@ -173,20 +182,20 @@ class Sensitivity:
         Parameters
         ----------
         samples
-            (n, 4) q, dq, ddq and t.
+            (n, 3 inputs + 1) q, dq, ddq of each input, then t.
         values
             (n, variables) the closed configurations there, rad.
 
         Notes
         -----
-        Rad and SI. The input is held, and the loops stay closed: from the derivative of
+        Rad and SI. The inputs are held, and the loops stay closed: from the derivative of
         the closure equations by a size, solved for the variables.
         """
         kernel = self._gradient
         prepared = kernel.prepare(np.repeat(self._nominal, len(samples), axis=1))
         rows = np.concatenate([samples.T, values.T, prepared])
-        found = kernel.evaluate(np.ascontiguousarray(rows))
-        made = found.reshape(1 + len(self.variables), len(self.quantities), -1)
+        columns = kernel.evaluate(np.ascontiguousarray(rows))
+        made = columns.reshape(1 + len(self.variables), len(self.quantities), -1)
         return made[0], made[1:]
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
@@ -195,7 +204,7 @@ class Sensitivity:
         Parameters
         ----------
         samples, values
-            (n, 4) and (n, variables) as in `at`.
+            (n, 3 inputs + 1) and (n, variables) as in `at`.
         deviations
             (sizes, draws) rad, added to the sizes.
 
@@ -219,15 +228,15 @@ class Sensitivity:
         closed: NDArray[np.bool_] = np.zeros(n * draws, dtype=bool)
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):
-                found = newton.step(np.concatenate([now, prepared]))
-                closed = found[-1] < CLOSED**2
-                if np.all(closed | ~np.isfinite(found[-1])):
+                result = newton.step(np.concatenate([now, prepared]))
+                closed = result[-1] < CLOSED**2
+                if np.all(closed | ~np.isfinite(result[-1])):
                     break
-                now = now + found[:-1]
+                now = now + result[:-1]
             kernel = self._plain
             rows = [np.repeat(samples.T, draws, axis=1), now, kernel.prepare(sizes)]
-            found = kernel.evaluate(np.concatenate(rows))
-        return np.where(closed, found, np.nan).reshape(-1, n, draws)
+            result = kernel.evaluate(np.concatenate(rows))
+        return np.where(closed, result, np.nan).reshape(-1, n, draws)
 
 
 def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
@@ -253,8 +262,8 @@ def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
 
 def quantities_of(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the angles that say where outputs are, else those of all passive pairs."""
-    driven = mechanism.inputs[0].pair
-    ends = {frozenset((own.link, own.relative_to)) for own in mechanism.outputs}
-    passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name != driven]
+    driven = {item.pair for item in mechanism.inputs}
+    ends = {frozenset((output.link, output.relative_to)) for output in mechanism.outputs}
+    passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name not in driven]
     chosen = [p for p in passive if frozenset(p.links) in ends] or passive
     return tuple(f"theta_{pair.name}" for pair in chosen)

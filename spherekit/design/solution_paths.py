@@ -1,6 +1,6 @@
 """Solutions of the closure equations followed from design to design, off the real axis.
 
-Where the input leaves the real axis, solutions neither meet nor vanish on the way, so all
+Where the inputs leave the real axis, solutions neither meet nor vanish on the way, so all
 of one design lead to all of another (coefficient-parameter continuation; Sommese and
 Wampler, The Numerical Solution of Systems of Polynomials, 2005, chapter 7).
 """
@@ -37,19 +37,20 @@ SAME = 1e-6
 @final
 @dataclass(frozen=True)
 class Way:
-    """Ways of n rows in sizes and input: straight, and bent off the real axis between.
+    """Ways of n rows in sizes and inputs: straight, and bent off the real axis between.
 
-    `sizes` (k, n) and `q` (n,) at both ends; `bend` is how far off the input is halfway.
+    `sizes` (k, n) and `q` (inputs, n) at both ends; `bend` (inputs, 1) is how far off the
+    inputs are halfway.
     """
 
     sizes: tuple[Floats, Floats]
     q: tuple[Numbers, Numbers]
-    bend: complex = 0.0
+    bend: Numbers | float = 0.0
 
     def at(self, rows: NDArray[np.intp], t: Floats) -> tuple[Floats, Numbers]:
-        """Return sizes (k, m) and inputs (m,) of rows at parts t (m,) of their ways."""
-        one, other = (each[:, rows] for each in self.sizes)
-        a, b = (each[rows] for each in self.q)
+        """Return sizes (k, m) and inputs (inputs, m) of rows, parts t (m,) of ways on."""
+        one, other = (sizes[:, rows] for sizes in self.sizes)
+        a, b = (inputs[:, rows] for inputs in self.q)
         q = a + (b - a) * t + 4.0 * self.bend * t * (1.0 - t)
         return one + (other - one) * t, q
 
@@ -146,7 +147,7 @@ def distinct(values: Numbers) -> Flags:
         key = np.sort(key + np.sum(weights[2] * np.tanh(values.imag), axis=0), axis=1)
         near = np.min(np.diff(key, axis=1), axis=1) < 6.0 * len(values) * SAME
     for k in np.flatnonzero(made & near):
-        own = values[:, k]
-        gaps = apart(own[:, :, None], own[:, None, :])
+        solutions = values[:, k]
+        gaps = apart(solutions[:, :, None], solutions[:, None, :])
         made[k] = np.min(gaps[np.triu_indices(m, 1)]) > SAME
     return made

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from threading import RLock
 from typing import Any, TypeVar, final
+from weakref import finalize, ref
 
 from spherekit.files.write import canonical_text
 from spherekit.model.mechanism import Mechanism
@@ -40,7 +41,16 @@ class Cache:
 
 
 def _key(mechanism: Mechanism, request: str) -> tuple[str, str]:
-    return canonical_text(replace(mechanism, user={}, source=None), "rad"), request
+    record = _TEXTS.get(id(mechanism))
+    if record is None or record[0]() is not mechanism:
+        text = canonical_text(replace(mechanism, user={}, source=None), "rad")
+        record = _TEXTS[id(mechanism)] = ref(mechanism), text
+        finalize(mechanism, _TEXTS.pop, id(mechanism), None).atexit = False
+    return record[1], request
+
+
+_TEXTS: dict[int, tuple[ref[Mechanism], str]] = {}
+"""The contents of mechanisms that are alive, by their identity."""
 
 
 COMPILED = Cache()

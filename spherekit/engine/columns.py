@@ -13,14 +13,16 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import EPS
+from spherekit.conventions import EPS, EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, cross, dot, vector
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.block_elimination import LoopInverse, Pivot, loop_inverse, pivots_of
 from spherekit.engine.cache import COMPILED
+from spherekit.engine.carried_vectors import bounded, carried_vectors, root, size_of
 from spherekit.engine.compiler import CompiledFunction, compile_function
-from spherekit.engine.expression_graph import Expr, ExpressionNode, function, symbols
+from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.engine.pose import Angles, LinkOrientation, place_by_variables, placed_by
+from spherekit.engine.profile_columns import ProfileColumns, with_columns
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
@@ -33,8 +35,13 @@ from spherekit.rates.turning import TURN_KNOWN, axis_pairs
 from spherekit.sphere.rotation import Floats
 
 LARGEST_ERROR = 1e-9
-"""Rows in which a direction, or the derivative of a rate, may be off by more are not
-vouched for: norms alone say too little of them."""
+"""Rows in which a direction may be off by more are not vouched for: norms alone say too
+little of them."""
+LARGEST_PART = 1e-8
+"""The same for derivatives of rates, as a part of those of all links together, or of 1."""
+
+PROFILE_ROUNDING = 4.0 * EPS
+"""What rounding turns the frame of a profile by."""
 
 REFERENCES = 32
 """Configurations at most that say in which order variables are eliminated."""
@@ -113,43 +120,45 @@ class _RatePlaces:
 class RowKernel:
     """A function of all pair variables (variables, n), see `row_kernel`.
 
-    `free` are the variables that are no inputs. `function` gives the columns, the first
-    `kept` of which are results, and the others decide; `closing` gives the free variables
-    closer to where loops close, by a step of Newton's method.
+    `free` are the variables that are no inputs, `profiles` what is handed in beside the
+    variables. `function` gives the columns, the first `kept` of which are results, and the
+    others decide; `closing` gives the free variables closer to where loops close, by a
+    step of Newton's method. `curved` are by how much more the first profile of each
+    contact curves than the second, where that is no number.
     """
 
     rates: tuple[_RatePlaces, ...]
     closure: tuple[_Place, _Place, _Place]
+    curved: tuple[_Place, ...]
     kept: int
     width: int
     free: tuple[int, ...]
-    flatness: float
-    rounding: float
+    profiles: tuple[ProfileColumns, ...]
+    open_by_rounding: float
     function: CompiledFunction | ArrayFunction
     closing: CompiledFunction | ArrayFunction
 
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return all columns (columns, n) of variables (variables, n)."""
-        return np.asarray(self.function(np.ascontiguousarray(values), out))
+        return np.asarray(self.function(with_columns(values, self.profiles), out))
 
     def closer(self, values: Floats) -> Floats:
         """Return the variables `free`, (variables, n), closer to where loops close."""
-        return np.asarray(self.closing(np.ascontiguousarray(values)))
+        return np.asarray(self.closing(with_columns(values, self.profiles)))
 
     def closed(self, rows: Floats) -> NDArray[np.bool_]:
-        """Return which rows (n,) have loops no more open than numbers are rounded.
-
-        Of two axes of a frame, each by as much at most.
-        """
-        return np.asarray(self.residual(rows) <= np.sqrt(2.0) * self.rounding)
+        """Return which rows (n,) have loops no more open than numbers are rounded."""
+        return np.asarray(self.residual(rows) <= self.open_by_rounding)
 
     def judged(self, rows: Floats) -> tuple[NDArray[np.bool_], Floats]:
         """Return which rows (n,) the kernel vouches for, and their configurations' errors.
 
         Of these the numbers are as good as those that are found with care.
         """
-        _, sensitivity, off = (each.of(rows)[0] for each in self.closure)
-        good = sensitivity <= self.flatness / NEARLY_FLAT
+        _, flatness, off = (place.of(rows)[0] for place in self.closure)
+        good = flatness <= 1.0 / NEARLY_FLAT
+        for curved in self.curved:
+            good &= curved.of(rows)[0] >= 2.0 * EQUAL_CURVATURE
         for places in self.rates:
             good &= places.worst.of(rows)[0] <= LARGEST_ERROR
         return np.asarray(good), off
@@ -160,15 +169,15 @@ class RowKernel:
 
     def read(self, rows: Floats) -> list[RateColumns]:
         """Return rates by input, as views of columns that are kept."""
-        return [_read(each, rows) for each in self.rates]
+        return [_read(places, rows) for places in self.rates]
 
 
 def _read(places: _RatePlaces, rows: Floats) -> RateColumns:
     count = len(places.signed)
     signed = rows[places.block : places.block + 8 * count].reshape(8, count, rows.shape[1])
     poles: dict[Pole, PoleColumns] = {}
-    for pole, own in places.poles.items():
-        if own.axis is None:
+    for pole, pole_places in places.poles.items():
+        if pole_places.axis is None:
             k = places.signed.index(pole)
             unit, turn, rate, change = (
                 signed[:3, k],
@@ -177,10 +186,12 @@ def _read(places: _RatePlaces, rows: Floats) -> RateColumns:
                 signed[7, k],
             )
         else:
-            unit, turn, first, second = (place.of(rows) for place in own.axis)
+            unit, turn, first, second = (place.of(rows) for place in pole_places.axis)
             rate, change = first[0], second[0]
-        angle, one, other, last = (each.of(rows)[0] for each in (own.angle, *own.errors))
-        is_signed = own.axis is None
+        angle, one, other, last = (
+            part.of(rows)[0] for part in (pole_places.angle, *pole_places.errors)
+        )
+        is_signed = pole_places.axis is None
         poles[pole] = PoleColumns(
             unit, turn, rate, change, angle, one, other, last, is_signed
         )
@@ -197,13 +208,13 @@ def row_kernel(
     """Return the kernel of what `requests` want of a mechanism's rows.
 
     The closed configurations of a motion say in which order variables are eliminated.
-    None where the terms do not hold: for contacts, for redundant loops, for none, where
-    axes of pairs coincide but for rounding, and where links that have a pole rest.
+    None where the terms do not hold: without loops, where axes of pairs coincide but for
+    rounding, and where links that have a pole rest.
     """
     mechanism, tree = motion.mechanism, LoopTree.of(motion.mechanism)
     free = motion.free
     good = np.flatnonzero(~motion.failed & (motion.configuration_error < 1e-6))
-    if mechanism.has_contacts or not free or len(free) != 3 * len(tree.chords):
+    if not free or not tree.chords:
         return None
     if not len(good) or any(item.plan.rounded_axes for item in requests):
         return None
@@ -211,7 +222,7 @@ def row_kernel(
     pivots = pivots_of(motion.free_jacobian[chosen])
     if pivots is None:
         return None
-    pivots = tuple((loop, (free[a], free[b], free[c])) for loop, (a, b, c) in pivots)
+    pivots = tuple((loop, tuple(free[k] for k in three)) for loop, three in pivots)
     wanted = tuple(
         (item.plan.input, item.poles, item.derivatives, tuple(sorted(item.links)))
         for item in requests
@@ -222,7 +233,7 @@ def row_kernel(
         terms = _Rows(mechanism, variables, pivots, motion.assembly.inputs)
         outputs = _Outputs()
         moving = [_Moving(terms, item) for item in requests]
-        if any(each.rests for each in moving):
+        if any(item.rests for item in moving):
             return None
         residual = outputs.place(terms.residual)
         made = [one.placed(outputs) for one in moving]
@@ -232,24 +243,23 @@ def row_kernel(
             for places, one in zip(made, moving, strict=True)
         ]
         closer = terms.closer(variables)
+        profiles = terms.pairs.columns
+        given = [*variables, *(term for profile in profiles for term in profile.terms)]
         by = compile_function if engine == "compiled" else array_function
         return RowKernel(
             tuple(rates),
-            (residual, outputs.place(terms.sensitivity), outputs.place(terms.moved_by)),
+            (residual, outputs.place(terms.flatness), outputs.place(terms.moved_by)),
+            tuple(outputs.place(term) for term in terms.curved),
             kept,
             len(outputs.columns),
             free,
-            terms.flatness,
-            terms.rounding,
-            by(outputs.columns, variables),
-            by(closer, variables),
+            profiles,
+            terms.open_by_rounding,
+            by(outputs.columns, given),
+            by(closer, given),
         )
 
     return COMPILED.get(mechanism, repr(("rows", wanted, pivots, engine)), make)
-
-
-def _root(item: Expr) -> Expr:
-    return function("sqrt", item)
 
 
 def _moves(item: Exprs) -> bool:
@@ -259,7 +269,7 @@ def _moves(item: Exprs) -> bool:
 def _norm(item: Exprs) -> Expr:
     if not _moves(item):
         return float(np.sqrt(sum(float(x) ** 2 for x in item)))
-    return _root(dot(item, item))
+    return root(dot(item, item))
 
 
 def _zero() -> Exprs:
@@ -278,27 +288,18 @@ class _Rows:
         inputs: Sequence[int],
     ) -> None:
         self.mechanism, self.tree = mechanism, LoopTree.of(mechanism)
-        self.pairs: TurningPairs = turning_pairs(mechanism)
+        self.pairs: TurningPairs = turning_pairs(mechanism, any_profile=True)
         self.placed = place_by_variables(mechanism, self.pairs, variables)
-        self.inputs = inputs
         self.held = {mechanism.variables_of(pair)[0] for pair in inputs}
         self.free = [v for v in range(len(variables)) if v not in self.held]
-        self.carriers, self.vectors = self._carried()
+        self.owned = [mechanism.variables_of(k) for k in range(len(mechanism.pairs))]
+        carried = carried_vectors(mechanism, self.pairs, self.placed, variables)
+        self.carried, self.lines = carried.vectors, carried.lines
+        self.vectors = [item.vector for item in self.carried]
+        self.curved = [x for x in carried.relative if isinstance(x, ExpressionNode)]
         self.inverse: LoopInverse = loop_inverse(self._columns, pivots)
         self._opened(variables)
         self._bounds()
-
-    def _carried(self) -> tuple[list[int], list[Exprs]]:
-        """Return the link that carries the axis of each variable, and the axes."""
-        carriers, vectors = [], []
-        for variable, spins in enumerate(self.pairs.spins):
-            (own,) = spins
-            other = self.pairs.twin[variable]
-            held = min((own, other), key=lambda spin: self.placed[spin.link].depth)
-            carriers.append(held.link)
-            axis = self.placed[held.link].direction(held.axis)
-            vectors.append(vector(list(axis * held.size)))
-        return carriers, vectors
 
     @property
     def _columns(self) -> Mapping[int, Mapping[int, Exprs]]:
@@ -321,13 +322,13 @@ class _Rows:
             a, b = self.tree.ends[chord]
             chain = self.pairs.chains[chord]
             around = placed_by(chain, self.placed[a], angles)
-            own = [vector(list(around.basis[:, k])) for k in range(3)]
+            near = [vector(list(around.basis[:, k])) for k in range(3)]
             other = [_along(self.placed[b], axis) for axis in chain.constants[-1]]
-            turns = [cross(y, x) for x, y in zip(own, other, strict=True)]
+            turns = [cross(y, x) for x, y in zip(near, other, strict=True)]
             self.gaps.append((turns[0] + turns[1] + turns[2]) * 0.5)
             for k in (0, 2):
-                square = square + dot(own[k] - other[k], own[k] - other[k])
-        self.residual = _root(square)
+                square = square + dot(near[k] - other[k], near[k] - other[k])
+        self.residual = root(square)
 
     def _bounds(self) -> None:
         """Set the bounds of what variables, orientations and axes are off by."""
@@ -336,25 +337,52 @@ class _Rows:
             v: _squares(x for block in row.values() for x in block)
             for v, row in blocks.items()
         }
-        self.moved = {v: _root(square) for v, square in squares.items()}
-        self.sensitivity = _root(_added(squares.values()))
-        turns: list[Expr] = [0.0] * tree.count
-        for pair, parent, child in tree.placements:
-            (variable,) = self.mechanism.variables_of(pair)
-            turns[child] = turns[parent] + self.moved.get(variable, 0.0)
+        self.moved = {v: root(square) for v, square in squares.items()}
+        sensitivity = root(_added(squares.values()))
+        turns = self.paths({v: self.moved.get(v, 0.0) for v in range(len(self.vectors))})
         paths = np.count_nonzero(tree.paths, axis=1)
         longest = int(np.max(np.count_nonzero(tree.signs, axis=1)))
-        self.rounding = EPS * (2.0 + longest)
-        gap = self.residual + self.rounding
+        rounding = EPS * (2.0 + longest)
+        gap = self.residual + rounding
+        # Two axes of a frame are each off by as much.
+        profiles = 2.0 * len(self.pairs.sides)
+        self.open_by_rounding = np.sqrt(2.0) * (rounding + profiles * PROFILE_ROUNDING)
         open_ = gap * float(np.sqrt(3.0 * len(tree.chords)))
         numbers = 2.0 * EPS * (2.0 + float(np.max(paths)))
         self.turns = turns
-        self.axes = [turns[carrier] * open_ + numbers for carrier in self.carriers]
-        entries = float(np.sum(tree.signs[:, self.free] ** 2))
-        self.flatness = 1.0 / float(np.sqrt(entries))
-        bend = float(longest) * (self.sensitivity * self.sensitivity) * gap
-        root = _root(1.0 - 2.0 * bend)
-        self.moved_by = self.sensitivity * gap * 2.0 / (1.0 + root) + 2.0 * EPS
+        self.open, self.numbers = open_, numbers
+        self.axes, self.slides = [], []
+        for v, carried in enumerate(self.carried):
+            moved = self.moved.get(v, 0.0)
+            turn = turns[carried.link] * open_ + numbers
+            self.axes.append(carried.size * turn + carried.slid * (moved * open_))
+            self.slides.append(carried.slid * turn + carried.bent * (moved * open_))
+        often = np.count_nonzero(tree.signs, axis=0)
+        entries = _added(
+            float(often[v]) * self.carried[v].size * self.carried[v].size for v in self.free
+        )
+        self.flatness = sensitivity * root(entries)
+        turn = bounded(item.size * item.size for item in self.carried)
+        bend = float(longest) * turn * (sensitivity * sensitivity) * gap
+        left = root(1.0 - 2.0 * bend)
+        self.moved_by = sensitivity * gap * 2.0 / (1.0 + left) + 2.0 * EPS
+
+    def paths(self, parts: Mapping[int, Expr]) -> list[Expr]:
+        """Return for each link how far variables that move by so much turn it at most."""
+        return self.added({v: self.carried[v].size * part for v, part in parts.items()})
+
+    def added(self, parts: Mapping[int, Expr]) -> list[Expr]:
+        """Return for each link the sum of parts of the variables on the way to it."""
+        sums: list[Expr] = [0.0] * self.tree.count
+        for pair, parent, child in self.tree.placements:
+            sums[child] = sums[parent] + _added(parts[v] for v in self.owned[pair])
+        return sums
+
+    def off_line(self, variable: int) -> Expr:
+        """Return what the contact line of a rolling contact's variable is off by."""
+        carried = self.carried[variable]
+        moved = self.turns[carried.link] + self.moved.get(variable, 0.0)
+        return moved * self.open + self.numbers
 
     def closer(self, variables: Sequence[ExpressionNode]) -> list[Expr]:
         """Return the free variables after a step of Newton's method."""
@@ -376,15 +404,13 @@ class _Moving:
         self._rates = rates | {v: 1.0 if v == moved else 0.0 for v in rows.held}
         parts = {v: rate * rows.vectors[v] for v, rate in self._rates.items()}
         self._w = w = self._links(parts)
-        self._turned = [
-            cross(w[k], axis) for k, axis in zip(rows.carriers, rows.vectors, strict=True)
-        ]
+        self._turned = [self._turning(v) for v in range(len(rows.vectors))]
         bias = {v: rate * self._turned[v] for v, rate in self._rates.items()}
         over = [
             _summed([float(sign) * bias[v] for v, sign in enumerate(row) if sign])
             for row in tree.signs
         ]
-        change = self._solved([-1.0 * each for each in over])
+        change = self._solved([-1.0 * misfit for misfit in over])
         self._change = change | dict.fromkeys(rows.held, 0.0)
         bent = {v: self._change[v] * rows.vectors[v] + bias[v] for v in self._rates}
         self._dw = self._links(bent)
@@ -393,59 +419,59 @@ class _Moving:
     def _solved(self, right: Sequence[Exprs]) -> dict[int, Expr]:
         return self._rows.inverse.solved(right)
 
+    def _turning(self, variable: int) -> Exprs:
+        """Return how a variable's vector changes (3,)."""
+        carried = self._rows.carried[variable]
+        turned = cross(self._w[carried.link], carried.vector)
+        return (
+            turned
+            if carried.slide is None
+            else turned + self._rates[variable] * carried.slide
+        )
+
     def _links(self, parts: Mapping[int, Exprs]) -> list[Exprs]:
         """Return what links do where variables do so much (3,) of it."""
         rows = self._rows
-        found = [_zero()] * rows.tree.count
+        vectors = [_zero()] * rows.tree.count
         for pair, parent, child in rows.tree.placements:
-            (variable,) = rows.mechanism.variables_of(pair)
             ahead = rows.tree.ends[pair][0] == parent
-            part = parts[variable]
-            found[child] = found[parent] + part if ahead else found[parent] - part
-        return found
+            part = _summed([parts[v] for v in rows.owned[pair]])
+            vectors[child] = vectors[parent] + part if ahead else vectors[parent] - part
+        return vectors
 
     def _left(self, links: Sequence[Exprs], parts: Mapping[int, Exprs]) -> Expr:
         """Return the size of what rates leave over where loops close."""
         rows, total = self._rows, 0.0
         for chord in rows.tree.chords:
             a, b = rows.tree.ends[chord]
-            (variable,) = rows.mechanism.variables_of(chord)
-            over = links[a] - links[b] + parts[variable]
+            part = _summed([parts[v] for v in rows.owned[chord]])
+            over = links[a] - links[b] + part
             total = total + dot(over, over)
-        return _root(total)
+        return root(total)
 
     def _follow_errors(self, over: Expr, over_bent: Expr) -> None:
         """Set what links and variables are off by, in first and second derivatives."""
         rows = self._rows
         speeds, bends = _sizes(self._rates), _sizes(self._change)
-        fast = self._paths(speeds)
+        fast = rows.paths(speeds)
         slips = {v: speeds[v] * off for v, off in enumerate(rows.axes)}
         off_w, off_rates = self._off(slips, over)
-        again = {
-            v: bends[v] * off
-            + speeds[v] * (off_w[carrier] + fast[carrier] * off)
-            + fast[carrier] * off_rates.get(v, 0.0)
-            for v, (off, carrier) in enumerate(zip(rows.axes, rows.carriers, strict=True))
-        }
+        again, spread = {}, {}
+        for v, carried in enumerate(rows.carried):
+            off_rate, spin = off_rates.get(v, 0.0), fast[carried.link]
+            turned = carried.size * spin + speeds[v] * carried.slid
+            off_turned = carried.size * off_w[carried.link] + spin * rows.axes[v]
+            off_turned = off_turned + carried.slid * off_rate + speeds[v] * rows.slides[v]
+            again[v] = bends[v] * rows.axes[v] + speeds[v] * off_turned + turned * off_rate
+            spread[v] = bends[v] * carried.size + speeds[v] * turned
         off_dw, off_change = self._off(again, over_bent)
         self._off_w, self._off_dw = off_w, off_dw
         self._off_rates = {v: off_rates.get(v, 0.0) + slip for v, slip in slips.items()}
         self._off_change = {v: off_change.get(v, 0.0) + slip for v, slip in again.items()}
-        spread = {
-            v: bends[v] + speeds[v] * fast[carrier]
-            for v, carrier in enumerate(rows.carriers)
-        }
-        self._swings = self._paths(spread)
-        self.worst = _added(off_dw)
-
-    def _paths(self, parts: Mapping[int, Expr]) -> list[Expr]:
-        """Return the sums of parts of the variables on the ways from the ground."""
-        rows = self._rows
-        found: list[Expr] = [0.0] * rows.tree.count
-        for pair, parent, child in rows.tree.placements:
-            (variable,) = rows.mechanism.variables_of(pair)
-            found[child] = found[parent] + parts[variable]
-        return found
+        self._swings = rows.added(spread)
+        bent = _added(dot(rate, rate) for rate in self._dw)
+        part = _added(off_dw) / root(1.0 + bent)
+        self.worst = part * (LARGEST_ERROR / LARGEST_PART)
 
     def _off(
         self, slips: Mapping[int, Expr], over: Expr
@@ -458,26 +484,26 @@ class _Moving:
         rows = self._rows
         often = np.count_nonzero(rows.tree.signs, axis=0)
         whole = over + _added(float(often[v]) * slip for v, slip in slips.items())
-        along = self._paths(slips)
-        links = [turn * whole + own for turn, own in zip(rows.turns, along, strict=True)]
+        along = rows.added(slips)
+        links = [turn * whole + path for turn, path in zip(rows.turns, along, strict=True)]
         return links, {v: moved * whole for v, moved in rows.moved.items()}
 
     def placed(self, outputs: _Outputs) -> Callable[[_Place], _RatePlaces]:
         """Add the columns; return what says where they are, given where `worst` is."""
         plan = self._wanted.plan
         pairs = axis_pairs(plan)
-        known = [pole for pole in self._wanted.poles if plan.pole(*pole) is not None]
+        shown = [pole for pole in self._wanted.poles if plan.pole(*pole) is not None]
         poles: dict[Pole, _PolePlaces] = {}
         signed: dict[Pole, tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]] = {}
-        for pole in known:
-            own = plan.pole(*pole)
-            assert own is not None
-            if own in pairs:
-                poles[pole] = self._of_pair(pole, pairs[own], outputs)
+        for pole in shown:
+            body_pole = plan.pole(*pole)
+            assert body_pole is not None
+            if body_pole in pairs:
+                poles[pole] = self._of_pair(pole, pairs[body_pole], outputs)
             else:
                 signed[pole] = self._across(*pole)
         block = len(outputs.columns)
-        for column in zip(*(each for each, *_ in signed.values()), strict=True):
+        for column in zip(*(components for components, *_ in signed.values()), strict=True):
             outputs.columns += column
         for pole, (_, angle, errors) in signed.items():
             one, other, last = (outputs.place(error) for error in errors)
@@ -502,10 +528,16 @@ class _Moving:
     def _of_pair(self, pole: Pole, pair: int, outputs: _Outputs) -> _PolePlaces:
         """Place the columns of a pole that is the axis of a pair."""
         rows, (i, j) = self._rows, pole
-        (variable,) = rows.mechanism.variables_of(pair)
-        unit = rows.vectors[variable]
+        (variable,) = rows.owned[pair]
         first, second = rows.tree.ends[pair]
-        if {i, j} == {first, second}:
+        carried = rows.carried[variable]
+        unit, turned, off = carried.vector, self._turned[variable], rows.axes[variable]
+        if pair in rows.lines:
+            line = rows.lines[pair]
+            unit = line.point
+            turned = cross(self._w[line.link], unit) + self._rates[variable] * line.tangent
+            off = rows.off_line(variable)
+        if {i, j} == {first, second} and pair not in rows.lines:
             sense = 1.0 if i == first else -1.0
             rate, change = sense * self._rates[variable], sense * self._change[variable]
             e_rate, e_change = self._off_rates[variable], self._off_change[variable]
@@ -514,12 +546,12 @@ class _Moving:
             change = dot(self._dw[j] - self._dw[i], unit)
             e_rate = self._off_w[i] + self._off_w[j]
             e_change = self._off_dw[i] + self._off_dw[j] + e_rate
-            e_change = e_change + rows.axes[variable] * (self._swings[i] + self._swings[j])
-        errors = rows.axes[variable], e_rate, e_change
+            e_change = e_change + off * (self._swings[i] + self._swings[j])
+        errors = off, e_rate, e_change
         one, other, last = (outputs.place(error) for error in errors)
         axis = (
             outputs.place(*unit),
-            outputs.place(*self._turned[variable]),
+            outputs.place(*turned),
             outputs.place(rate),
             outputs.place(change),
         )
@@ -568,7 +600,4 @@ def _squares(items: Iterable[Expr]) -> Expr:
 
 def _sizes(items: Mapping[int, Expr]) -> dict[int, Expr]:
     """Return absolute values."""
-    return {
-        v: _root(x * x) if isinstance(x, ExpressionNode) else abs(x)
-        for v, x in items.items()
-    }
+    return {v: size_of(x) for v, x in items.items()}

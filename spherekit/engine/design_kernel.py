@@ -4,8 +4,9 @@ What does not depend on the configuration is computed once a design (`prepare`),
 at every row (`evaluate`): a row is one sample of one design in one assembly mode.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -22,8 +23,9 @@ from spherekit.engine.algebra import (
 )
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
+from spherekit.engine.coordinate_rates import CoordinateRates
 from spherekit.engine.derivatives import derivatives
-from spherekit.engine.dyads import ClosedDyad, place_by_input
+from spherekit.engine.dyads import ClosedDyad, place_by_inputs
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -33,6 +35,7 @@ from spherekit.engine.expression_graph import (
 )
 from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.inertia import inertia
+from spherekit.engine.input_moments import InputMoments
 from spherekit.engine.kinematics import RateExpressions, Structure
 from spherekit.engine.loads import LoadState, forces_of
 from spherekit.engine.misfits import answers, misfit_rates, misfits
@@ -42,10 +45,19 @@ from spherekit.errors import EngineError
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import pole_of
 
-SAMPLE = ("q", "dq", "ddq", "t")
-"""What a sample is: the input's angle (rad), its rate, its acceleration, and the time."""
+
+def sample_names(inputs: Sequence[str]) -> tuple[str, ...]:
+    """Return what a sample is: angles (rad) of inputs, rates, accelerations, the time.
+
+    ``q``, ``dq``, ``ddq`` and ``t``; with several inputs ``q_PAIR`` of each, and so on.
+    """
+    kinds = ("q", "dq", "ddq")
+    if len(inputs) == 1:
+        return (*kinds, "t")
+    return (*(f"{kind}_{pair}" for kind in kinds for pair in inputs), "t")
 
 
 @final
@@ -54,7 +66,7 @@ class DesignKernel:
     """A function of designs and samples.
 
     `prepare` takes the sizes (variables, n) to what is the same at all samples of a design.
-    `evaluate` takes q, dq, ddq, t, the places of the links and what is prepared to the
+    `evaluate` takes a sample, the places of the links and what is prepared to the
     `columns`, then to their derivatives, size by size, where they were asked for. Places
     are the sign of each dyad in closed form; then the first outputs, one for each dyad, are
     not negative where it closes. Otherwise they are the variables of all pairs.
@@ -88,7 +100,7 @@ class DesignTerms:
     actions
         Its masses and loads; numbers of these that differ are among the sizes too.
     sample, places
-        The variables of `SAMPLE`, and the signs of dyads or the variables of pairs.
+        The variables of `sample_names`, and the signs of dyads or the variables of pairs.
     links, dyads
         The links placed by these, and the dyads in closed form.
     """
@@ -104,7 +116,7 @@ class DesignTerms:
     @staticmethod
     def of(
         mechanism: Mechanism,
-        input_pair: str,
+        inputs: Sequence[str],
         sizes: Sequence[str] = (),
         geometry: Geometry | None = None,
         closed_form: bool | None = None,
@@ -121,14 +133,14 @@ class DesignTerms:
         """
         terms = symbols(sizes)
         design = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
-        structure = Structure.of(mechanism, input_pair, design)
-        sample = symbols(SAMPLE)
+        structure = Structure.of(mechanism, inputs, design)
+        sample = symbols(sample_names(inputs))
         if closed_form is None:
             closed_form = structure.assembly.has_closed_form
         dyads: list[ClosedDyad] = []
         if closed_form:
             places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
-            placed = place_by_input(structure, sample[0], places)
+            placed = place_by_inputs(structure, sample[: len(inputs)], places)
             links, dyads = placed.links, placed.dyads
         else:
             places = symbols(mechanism.variable_names)
@@ -260,18 +272,33 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     ``q``; of R pairs ``theta_PAIR`` and ``rate_PAIR``, its derivative by q; of links
     ``velocity_coefficient_LINK_OTHER`` and ``acceleration_coefficient_LINK_OTHER``;
     ``transmission_angle_PAIR`` of the dyad in whose middle a pair is; ``B``, ``dB_dq``
-    and ``torque`` where links have masses.
+    and ``torque`` where links have masses. With several inputs ``q_PAIR`` of each, and
+    all others but angles end in ``_by_PAIR``, the input that moves: the torques too, and
+    the inertias ``B_PAIR_by_PAIR``.
     """
+    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
     angles = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
-    made = {"q": "rad", "dq": "rad/s", "ddq": "rad/s2", "t": "s"}
-    made |= {f"theta_{pair}": "rad" for pair in angles}
-    made |= {f"rate_{pair}": "" for pair in angles}
+    units = ("rad", "rad/s", "rad/s2")
+    names = sample_names(inputs)
+    made = {name: units[k // len(inputs)] for k, name in enumerate(names[:-1])}
+    made |= {"t": "s"} | {f"theta_{pair}": "rad" for pair in angles}
+    by = [""] if len(inputs) == 1 else [f"_by_{pair}" for pair in inputs]
+    made |= {f"rate_{pair}{each}": "" for pair in angles for each in by}
     made |= {f"transmission_angle_{pair}": "rad" for pair in middle_pairs(mechanism)}
     links = mechanism.links
     for kind, unit in (("velocity_coefficient", ""), ("acceleration_coefficient", "1/rad")):
-        made |= {f"{kind}_{a}_{b}": unit for a in links for b in links if a != b}
-    if mechanism.masses:
+        made |= {
+            f"{kind}_{a}_{b}{each}": unit
+            for a in links
+            for b in links
+            if a != b
+            for each in by
+        }
+    if mechanism.masses and len(inputs) == 1:
         made |= {"B": "kg m2", "dB_dq": "kg m2/rad", "torque": "N m"}
+    elif mechanism.masses:
+        made |= {f"B_{a}_by_{b}": "kg m2" for a in inputs for b in inputs}
+        made |= {f"torque_by_{pair}": "N m" for pair in inputs}
     return made
 
 
@@ -283,33 +310,119 @@ class RowQuantities:
         self.structure, self.actions = terms.structure, terms.actions
         self.links = terms.links
         self.dyads = terms.dyads
-        self.sample = terms.sample
+        mechanism = self.structure.mechanism
+        pairs = self.structure.assembly.inputs
+        self.inputs = [mechanism.pairs[pair].name for pair in pairs]
+        self.sample = dict(zip(sample_names(self.inputs), terms.sample, strict=True))
         self.variables = None if terms.closed_form else terms.places
         self._flows: dict[int, RateExpressions] = {}
 
     def of(self, name: str) -> Expr:
         """Return a quantity by its name; `EngineError` if there is none of it."""
         mechanism = self.structure.mechanism
-        known = row_quantities(mechanism)
+        known = row_quantities(mechanism.with_inputs(*self.inputs))
         if name not in known:
             hint = nearest(name, known) or "."
             raise EngineError(
                 f'{mechanism.name}: "{name}" is no quantity of a configuration{hint} '
                 f"Quantities: {listing(known)}"
             )
-        if name in SAMPLE:
-            return self.sample[SAMPLE.index(name)]
+        if name in self.sample:
+            return self.sample[name]
         for prefix, make in (
             ("theta_", self._angle),
-            ("rate_", self._rate),
             ("transmission_angle_", self._transmission_angle),
         ):
             if name.startswith(prefix):
                 return make(name.removeprefix(prefix))
+        if len(self.inputs) > 1:
+            own, moving = self._split(name, known)
+            return self._several(own, moving)
+        if name.startswith("rate_"):
+            return self._rate(name.removeprefix("rate_"))
         if name in ("B", "dB_dq", "torque"):
             return self._inertia(name)
         kind, _, links = name.partition("_coefficient_")
         return self._coefficient(links, ("velocity", "acceleration").index(kind))
+
+    # Several inputs: one moves while the others rest.
+
+    def _split(self, name: str, known: Collection[str]) -> tuple[str, int]:
+        """Return a name without the input that moves, and the number of that."""
+        ends = [f"_by_{pair}" for pair in self.inputs]
+        fitting = [k for k, end in enumerate(ends) if name.endswith(end)]
+        # Of pairs whose names end alike the longest is meant.
+        moving = max(fitting, key=lambda k: len(ends[k]))
+        return name.removesuffix(ends[moving]), moving
+
+    @cached_property
+    def _rates(self) -> CoordinateRates:
+        return CoordinateRates(self.structure, self.links)
+
+    @cached_property
+    def _moments(self) -> InputMoments:
+        tensors = self.actions.by_link(self.structure.mechanism)
+        return InputMoments(self._rates, self.links, tensors)
+
+    def _several(self, own: str, moving: int) -> Expr:
+        flow = self._rates
+        if own == "torque":
+            return self._torque(moving)
+        if own.startswith("B_"):
+            return self._moments.inertia(self.inputs.index(own.removeprefix("B_")), moving)
+        if own.startswith("rate_"):
+            number = self._variable(own.removeprefix("rate_"))
+            return flow.tau[moving][number] / flow.scale
+        kind, _, text = own.partition("_coefficient_")
+        mechanism = self.structure.mechanism
+        link, other = (mechanism.link(each) for each in self._two_links(text))
+        share = 1.0 / flow.scale
+        rates = [each * share for each in flow.tau[moving]]
+        w = [each * share for each in flow.w[moving]]
+        sense = 1.0 if pole_of(link, other) == (other, link) else -1.0
+        variable = mechanism.angle_between(link, other)
+        turning = np.asarray(w[link] - w[other])
+        if variable is None:
+            size = function("sqrt", dot(turning, turning))
+            if kind == "velocity":
+                return sense * size
+            along = np.asarray(turning * (sense / size))
+        else:
+            first, _ = mechanism.ends[mechanism.variable_owners[variable]]
+            if kind == "velocity":
+                return rates[variable] * (1.0 if first == other else -1.0)
+            along = flow.vectors[variable]
+        # A unit axis turns at right angles to itself.
+        turned = flow.bias(rates, w)
+        return dot(np.asarray(turned[link] - turned[other]), along)
+
+    def _torque(self, moving: int) -> Expr:
+        mechanism, flow = self.structure.mechanism, self._rates
+        count, sample = len(self.inputs), list(self.sample.values())
+        speeds, accelerations = sample[count : 2 * count], sample[2 * count : 3 * count]
+        motion = self._moments.moving(speeds)
+        angles: list[Expr] = [0.0] * len(mechanism.variable_owners)
+        for pair, variable in mechanism.angles.items():
+            angles[variable] = self._angle(pair)
+        state = LoadState(
+            mechanism,
+            self.links,
+            flow.tau,
+            flow.w,
+            angles,
+            [0.0] * len(angles),
+            motion.rates,
+            self.sample["t"],
+            lambda condition: function("sign", condition),
+            self._no_table,
+        )
+        need_no_rubbing(mechanism, "a kernel of designs does not solve for")
+        force: Expr = 0.0
+        for parts in self.actions.loads:
+            force = force + forces_of(parts, state)[moving]
+        return motion.resistance(moving, accelerations) - force / flow.scale
+
+    # One input.
 
     def _flow(self, order: int) -> RateExpressions:
         if order not in self._flows:
@@ -361,7 +474,7 @@ class RowQuantities:
         ((_, _, axis),) = spin_vectors(self.structure.pairs, self.links, variable)
         return axis
 
-    def _coefficient(self, text: str, order: int) -> Expr:
+    def _two_links(self, text: str) -> tuple[str, str]:
         mechanism = self.structure.mechanism
         both = [
             (a, b) for a in mechanism.links for b in mechanism.links if f"{a}_{b}" == text
@@ -371,7 +484,12 @@ class RowQuantities:
                 f'{mechanism.name}: "{text}" may be of links {both[0][0]} and {both[0][1]} '
                 f"or of {both[1][0]} and {both[1][1]}; give links other names"
             )
-        ((link, other),) = both
+        (found,) = both
+        return found
+
+    def _coefficient(self, text: str, order: int) -> Expr:
+        mechanism = self.structure.mechanism
+        link, other = self._two_links(text)
         pole = pole_of(mechanism.link(link), mechanism.link(other))
         flow = self._flow(order)
         _, rate = flow.pole(pole)
@@ -386,7 +504,7 @@ class RowQuantities:
         made = by_coordinate(whole * scale * scale, scale)
         if name != "torque":
             return made[0 if name == "B" else 1]
-        _, dq, ddq, t = self.sample
+        _, dq, ddq, t = self.sample.values()
         mechanism = self.structure.mechanism
         angles: list[Expr] = [0.0] * len(mechanism.variable_owners)
         for pair, variable in mechanism.angles.items():
@@ -440,11 +558,6 @@ def arc_function(
 
 
 def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the pairs with a ``transmission_angle``: those in the middle of dyads.
-
-    None with several inputs.
-    """
-    if len(mechanism.inputs) != 1:
-        return ()
+    """Return the pairs with a ``transmission_angle``: those in the middle of dyads."""
     groups = (group for group in plan_assembly(mechanism).groups if group.is_dyad)
     return tuple(mechanism.pairs[group.middle].name for group in groups)

@@ -1,6 +1,6 @@
 """Positions in closed form as expressions, for mechanisms whose groups are all dyads.
 
-The input's angle and one sign for each dyad give the directions of all axes; no angle of
+The inputs' angles and one sign for each dyad give the directions of all axes; no angle of
 any other pair is formed.
 """
 
@@ -16,6 +16,7 @@ from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import Angles, LinkOrientation, ground_placement, placed_by
 from spherekit.engine.turns import Entries
 from spherekit.errors import EngineError
+from spherekit.model.graph import spanning
 from spherekit.planning.assembly import Group
 from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
 
@@ -43,10 +44,10 @@ class ClosedPlacements:
     dyads: list[ClosedDyad]
 
 
-def place_by_input(
-    structure: Structure, q: Expr, signs: Sequence[Expr]
+def place_by_inputs(
+    structure: Structure, q: Sequence[Expr], signs: Sequence[Expr]
 ) -> ClosedPlacements:
-    """Return the placements of all links for the input's angle q.
+    """Return the placements of all links for the angles q of the inputs.
 
     `signs` are those of the dyads in solving order, as in
     `spherekit.motion.assembly_modes.Branch`: +1 or -1, the sign of u_1 . (u_2 x u_3) with
@@ -57,22 +58,26 @@ def place_by_input(
     EngineError
         If a group is not a dyad.
     """
-    mechanism = structure.mechanism
-    if not structure.assembly.has_closed_form:
+    mechanism, assembly = structure.mechanism, structure.assembly
+    if not assembly.has_closed_form:
         raise EngineError(
             f"{mechanism.name}: not every group is a dyad, so positions have no closed "
             "form; give the variables of a motion instead of the input"
         )
     variables: list[Expr] = [None] * len(mechanism.variable_names)
-    variables[structure.driven] = q
+    for variable, angle in zip(structure.inputs, q, strict=True):
+        variables[variable] = angle
     angles = Angles(variables)
-    driven = structure.assembly.input
     within = [ground_placement()] * len(mechanism.links)
-    chain = structure.pairs.chains[driven]
-    within[mechanism.ends[driven][1]] = placed_by(chain, ground_placement(), angles)
+    for pair, parent, child in spanning(mechanism.ends, assembly.bodies, assembly.inputs):
+        chain = structure.pairs.chains[pair]
+        ahead = mechanism.ends[pair][0] == parent
+        within[child] = placed_by(
+            chain if ahead else chain.reversed(), within[parent], angles
+        )
     dyads = [
         _close(structure, group, sign, within)
-        for group, sign in zip(structure.assembly.groups, signs, strict=True)
+        for group, sign in zip(assembly.groups, signs, strict=True)
     ]
     ground = within[0]
     if ground.depth:

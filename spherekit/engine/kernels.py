@@ -13,7 +13,7 @@ from spherekit.engine.algebra import SeriesExpressions, by_coordinate, length, v
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
-from spherekit.engine.dyads import place_by_input
+from spherekit.engine.dyads import place_by_inputs
 from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import RateExpressions, Structure
@@ -111,8 +111,8 @@ class Kernel:
         tangent = last + (1 + self.derivatives if self.with_inertia else 0)
 
         def rate(order: int) -> dict[Pole, Floats]:
-            known = order <= self.derivatives
-            return {pole: rows[k + 3 + order] for pole, k in at.items() if known}
+            has_order = order <= self.derivatives
+            return {pole: rows[k + 3 + order] for pole, k in at.items() if has_order}
 
         def inertia(order: int) -> Floats | None:
             return rows[last + order] if last + order < tangent else None
@@ -282,7 +282,7 @@ def _placed(
             f'{mechanism.name}: source "{source}" is not known; it is variables or input'
         )
     inputs = symbols(["q", *(f"sign_{k + 1}" for k in range(len(structure.groups)))])
-    return inputs, place_by_input(structure, inputs[0], inputs[1:]).links
+    return inputs, place_by_inputs(structure, inputs[:1], inputs[1:]).links
 
 
 def _scale(flow: RateExpressions, coordinate: Coordinate) -> SeriesExpressions:
@@ -294,7 +294,7 @@ def _scale(flow: RateExpressions, coordinate: Coordinate) -> SeriesExpressions:
             f'{flow.structure.mechanism.name}: coordinate "{coordinate}" is not known; it '
             "is input or arc"
         )
-    return 1.0 / length([vector(each) for each in flow.tau])[1]
+    return 1.0 / length([vector(rates) for rates in flow.tau])[1]
 
 
 def _outputs(
@@ -321,7 +321,7 @@ def _outputs(
 
 def _turning(flow: RateExpressions, link: int) -> list[SeriesExpressions]:
     """Return the components of a link's angular velocity per unit of p."""
-    return [SeriesExpressions(tuple(each[link][k] for each in flow.w)) for k in range(3)]
+    return [SeriesExpressions(tuple(rates[link][k] for rates in flow.w)) for k in range(3)]
 
 
 _TURNING = (

@@ -34,6 +34,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import Assembly, plan_assembly
+from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole
 from spherekit.sphere.rotation import Floats
 
@@ -52,6 +53,12 @@ class Structure:
     def driven(self) -> int:
         """The number of the only input's variable."""
         return self.mechanism.variables_of(self.assembly.input)[0]
+
+    @property
+    def inputs(self) -> tuple[int, ...]:
+        """The numbers of the inputs' variables."""
+        owned = self.mechanism.variables_of
+        return tuple(owned(pair)[0] for pair in self.assembly.inputs)
 
     @staticmethod
     def at(mechanism: Mechanism, values: Floats) -> "Structure":
@@ -79,9 +86,11 @@ class Structure:
 
     @staticmethod
     def of(
-        mechanism: Mechanism, input_pair: str, design: DesignGeometry | None = None
+        mechanism: Mechanism,
+        input_pairs: str | Sequence[str],
+        design: DesignGeometry | None = None,
     ) -> "Structure":
-        """Return the structure of a mechanism with this pair as only input.
+        """Return the structure of a mechanism with these pairs as inputs.
 
         Sizes are those of a design where it has them.
 
@@ -90,14 +99,13 @@ class Structure:
         EngineError
             If a profile is not a circle, or a group is too large.
         PlanError
-            If the mechanism does not have exactly one freedom.
+            If the mechanism does not have a freedom for each input.
         """
-        assembly = plan_assembly(mechanism.with_inputs(input_pair))
+        assembly = plan_assembly(driven_at(mechanism, input_pairs))
         pairs = turning_pairs(mechanism, design)
 
         def vectors() -> Floats:
-            tracer = Tracer(mechanism, input_pair, search=False)
-            motion = tracer.at(np.linspace(*tracer.range, 9))
+            motion = Tracer(mechanism, input_pairs, search=False).sparse(9)
             closed = np.flatnonzero(~motion.failed)
             if not len(closed):
                 raise EngineError(
@@ -159,7 +167,7 @@ class RateExpressions:
             spin_vectors(structure.pairs, placed, v)
             for v in range(len(mechanism.variable_owners))
         ]
-        axes = [[[axis for _, _, axis in each] for each in spins]]
+        axes = [[[axis for _, _, axis in spin] for spin in spins]]
         for k in range(order + 1):
             if k:
                 axes.append(
@@ -188,21 +196,21 @@ class RateExpressions:
     def _solve(self) -> list[Expr]:
         """Return the next coefficients of the variables' rates."""
         structure, k = self.structure, len(self.tau)
-        moving = [series(list(each)) for each in zip(*self.vectors, strict=True)]
+        moving = [series(list(orders)) for orders in zip(*self.vectors, strict=True)]
         inputs = structure.assembly.inputs
         solver = HomogeneousRates(
             structure.mechanism, inputs, inputs[0], moving, structure.span
         )
         for rows in structure.groups:
             solver.close(rows)
-        found = [solver.rates[v] for v in range(len(moving))]
+        rates = [solver.rates[v] for v in range(len(moving))]
         return [
-            each.coefficients[k]
-            if isinstance(each, SeriesExpressions)
+            rate.coefficients[k]
+            if isinstance(rate, SeriesExpressions)
             else 0.0
             if k
-            else each
-            for each in found
+            else rate
+            for rate in rates
         ]
 
     def relative(self, link: int, other: int, order: int = 0) -> Exprs:
@@ -219,7 +227,7 @@ class RateExpressions:
 
     def rate_of(self, variable: int) -> SeriesExpressions:
         """Return the rate of a variable per unit of p."""
-        return SeriesExpressions(tuple(each[variable] for each in self.tau))
+        return SeriesExpressions(tuple(rates[variable] for rates in self.tau))
 
     def pole(self, pole: Pole) -> tuple[Exprs, SeriesExpressions]:
         """Return a unit vector (3,) along a pole axis, and the rate along it per p."""
@@ -244,7 +252,7 @@ class RateExpressions:
                     float(sense) * self.tau[0][v]
                 )
         made = [first]
-        turning = series([each[link] for each in self.w])
+        turning = series([rates[link] for rates in self.w])
         change, factorial = turning, 1.0
         for k in range(1, self.order + 1):
             change = vector([x.derivative() for x in change]) - cross(turning, change)

@@ -1,7 +1,7 @@
 """How the variables answer where pairs do not fit: Newton's step, derivatives by sizes.
 
 With links placed along a tree of pairs, the pairs that close loops miss each other by a
-small rotation. At the input at rest, the variables change so that all pairs fit again:
+small rotation. At the inputs at rest, the variables change so that all pairs fit again:
 
     w_second - w_first = A x - e,
 
@@ -54,8 +54,8 @@ def misfits(
     """Return by how much (3,) each pair that closes a loop is off, to first order (rad)."""
     made = {}
     for pair in LoopTree.of(structure.mechanism).chords:
-        own, there = _rotations(structure, links, variables, pair)
-        made[pair] = _half_turn(there, own)
+        here, there = _rotations(structure, links, variables, pair)
+        made[pair] = _half_turn(there, here)
     return made
 
 
@@ -65,9 +65,9 @@ def openness(
     """Return the square of by how much loops are open (rad2), half turns included."""
     total: Expr = 0.0
     for pair in LoopTree.of(structure.mechanism).chords:
-        own, there = _rotations(structure, links, variables, pair)
-        for each in (own - there).ravel():
-            total = total + 0.5 * (each * each)
+        here, there = _rotations(structure, links, variables, pair)
+        for entry in (here - there).ravel():
+            total = total + 0.5 * (entry * entry)
     return total
 
 
@@ -93,29 +93,32 @@ def answers(
     links: Sequence[LinkOrientation],
     misfit: dict[int, Exprs],
 ) -> list[Expr]:
-    """Return how all variables answer to misfits (3,) of pairs, the input at rest."""
+    """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
     solver = _closed(structure, links, misfit)
     return [solver.rates[v] / solver.scale for v in range(len(solver.vectors))]
 
 
-def rates_by_input(
+def rates_by_inputs(
     structure: Structure, links: Sequence[LinkOrientation]
-) -> tuple[list[Expr], Expr]:
-    """Return the derivatives of all variables by the input, and the equations' determinant.
+) -> tuple[list[list[Expr]], Expr]:
+    """Return the derivatives of all variables by each input, and the determinant.
 
-    Its sign changes where modes meet.
+    It is that of the equations: its sign changes where modes meet.
     """
-    solver = _closed(structure, links, None)
-    rates = [solver.rates[v] / solver.scale for v in range(len(solver.vectors))]
-    return rates, solver.scale
+    made = []
+    for pair in structure.assembly.inputs:
+        solver = _closed(structure, links, None, pair)
+        made.append([solver.rates[v] / solver.scale for v in range(len(solver.vectors))])
+    return made, solver.scale
 
 
 def _closed(
     structure: Structure,
     links: Sequence[LinkOrientation],
     misfit: dict[int, Exprs] | None,
+    moving: int | None = None,
 ) -> HomogeneousRates:
-    mechanism = structure.mechanism
+    mechanism, inputs = structure.mechanism, structure.assembly.inputs
     vectors = []
     for v in range(len(mechanism.variable_owners)):
         total = vector([0.0, 0.0, 0.0])
@@ -124,8 +127,8 @@ def _closed(
         vectors.append(total)
     solver = HomogeneousRates(
         mechanism,
-        structure.assembly.inputs,
-        structure.assembly.inputs[0],
+        inputs,
+        inputs[0] if moving is None else moving,
         vectors,
         structure.span,
         misfit,

@@ -1,6 +1,6 @@
 """The closure equations of designs at any input, real or complex.
 
-Sizes are real. The variables, the input among them, may be complex: the equations are
+Sizes are real. The variables, the inputs among them, may be complex: the equations are
 analytic, and off the real axis their solutions neither meet nor vanish.
 """
 
@@ -15,7 +15,7 @@ from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
 from spherekit.engine.design_kernel import DesignTerms
 from spherekit.engine.expression_graph import hoisted
-from spherekit.engine.misfits import answers, misfits, openness, rates_by_input
+from spherekit.engine.misfits import answers, misfits, openness, rates_by_inputs
 from spherekit.engine.pose import spin_vectors
 from spherekit.sphere.rotation import Floats
 
@@ -26,9 +26,10 @@ Numbers = NDArray[Any]
 @final
 @dataclass(frozen=True)
 class At:
-    """Equations at n places: Newton's `step` and the `rates` by the input (variables, n).
+    """Equations at n places: Newton's `step` (variables, n) and the `rates` by the inputs.
 
-    `determinant` (n,) of the equations, `open` (n,) the square of how far loops are open.
+    `rates` (inputs, variables, n), `determinant` (n,) of the equations, `open` (n,) the
+    square of how far loops are open.
     """
 
     step: Numbers
@@ -48,7 +49,7 @@ class PathKernel:
     """
 
     variables: int
-    driven: int
+    driven: list[int]
     prepare: ArrayFunction
     real: ArrayFunction | CompiledFunction
     complex: ArrayFunction
@@ -62,7 +63,7 @@ class PathKernel:
         columns = [next(signs) if g == "+" else None for g in self.groups]
         width = values.shape[1]
         return [
-            "".join("~" if own is None else str(own[k]) for own in columns)
+            "".join("~" if column is None else str(column[k]) for column in columns)
             for k in range(width)
         ]
 
@@ -72,17 +73,19 @@ class PathKernel:
         rows = np.empty((len(values) + len(prepared), values.shape[1]), dtype=number)
         rows[: len(values)] = values
         rows[len(values) :] = prepared
-        found = (self.complex if number is complex else self.real)(rows)
-        v = self.variables
-        return At(found[:v], found[v : 2 * v], found[2 * v], found[2 * v + 1])
+        columns = (self.complex if number is complex else self.real)(rows)
+        v, k = self.variables, len(self.driven)
+        rates = columns[v : (k + 1) * v].reshape(k, v, -1)
+        return At(columns[:v], rates, columns[-2], columns[-1])
 
 
 def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
     """Return the kernel; `terms` are of variables, not of signs."""
     structure, links, places = terms.structure, terms.links, terms.places
     change = answers(structure, links, misfits(structure, links, places))
-    rates, determinant = rates_by_input(structure, links)
-    outputs = [*change, *rates, determinant, openness(structure, links, places)]
+    rates, determinant = rates_by_inputs(structure, links)
+    outputs = [*change, *(rate for row in rates for rate in row), determinant]
+    outputs.append(openness(structure, links, places))
     dyads = [group for group in structure.assembly.groups if group.is_dyad]
     turning = []
     for group in dyads:
@@ -98,7 +101,7 @@ def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
     make = compile_function if compiled and available() else array_function
     return PathKernel(
         len(places),
-        structure.driven,
+        list(structure.inputs),
         array_function(list(fixed.values()), terms.sizes),
         make(rows, inputs),
         array_function(rows, inputs, complex),

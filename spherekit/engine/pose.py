@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, vector
 from spherekit.engine.expression_graph import Expr, function
-from spherekit.engine.turns import AxisRotation, Chain, Entries, TurningPairs
+from spherekit.engine.turns import AxisRotation, Chain, Entries, ProfileFrame, TurningPairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 
@@ -74,6 +74,10 @@ def placed_by(chain: Chain, start: LinkOrientation, angles: Angles) -> LinkOrien
     basis, within = start.basis, start.within
     for constant, turn in zip(chain.constants, chain.turns, strict=False):
         basis = basis @ constants(within @ constant)
+        within = np.eye(3)
+        if isinstance(turn, ProfileFrame):
+            basis = basis @ turn.frame
+            continue
         cosine, sine = angles.of(turn)
         basis = np.stack(
             [
@@ -83,7 +87,6 @@ def placed_by(chain: Chain, start: LinkOrientation, angles: Angles) -> LinkOrien
             ],
             axis=1,
         )
-        within = np.eye(3)
     return LinkOrientation(basis, chain.constants[-1], np.eye(3), start.depth + 1)
 
 
@@ -113,6 +116,6 @@ def spin_vectors(
         if placed[other.link].depth < placed[spins[0].link].depth:
             spins = (other,)
     return tuple(
-        (each.size, each.link, vector(list(placed[each.link].direction(each.axis))))
-        for each in spins
+        (spin.size, spin.link, vector(list(placed[spin.link].direction(spin.axis))))
+        for spin in spins
     )

@@ -2,7 +2,8 @@
 
 An R pair is one turn. A profile that is a circle is run along by turning about its
 centre, so a contact of two circles is two turns. The variables of such pairs move links
-about axes that are fixed in one link each, and their rates need no curvature.
+about axes that are fixed in one link each, and their rates need no curvature. Of other
+profiles the moving frame and the curvature are columns that are handed in.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,9 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs
+from spherekit.engine.expression_graph import Expr
 from spherekit.engine.frames import DesignGeometry, revolute_frames
+from spherekit.engine.profile_columns import ProfileColumns
 from spherekit.errors import EngineError
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import Track, revolute
@@ -36,19 +39,35 @@ class AxisRotation:
 
 @final
 @dataclass(frozen=True)
+class ProfileFrame:
+    """A rotation `frame` (3, 3) of expressions: that of a profile which is no circle."""
+
+    frame: Exprs
+
+
+Turn = AxisRotation | ProfileFrame
+
+
+@final
+@dataclass(frozen=True)
 class Chain:
     """R_second = R_first C_0 Z_1 C_1 ... Z_k C_k: constant rotations between turns."""
 
     constants: tuple[Entries, ...]
-    turns: tuple[AxisRotation, ...]
+    turns: tuple[Turn, ...]
 
     def reversed(self) -> "Chain":
         """Return the chain from the second link to the first."""
-        back = [AxisRotation(t.variable, -t.scale, -t.offset) for t in self.turns]
         return Chain(
-            tuple(each.T for each in reversed(self.constants)),
-            tuple(reversed(back)),
+            tuple(frame.T for frame in reversed(self.constants)),
+            tuple(_back(turn) for turn in reversed(self.turns)),
         )
+
+
+def _back(turn: Turn) -> Turn:
+    if isinstance(turn, ProfileFrame):
+        return ProfileFrame(turn.frame.T)
+    return AxisRotation(turn.variable, -turn.scale, -turn.offset)
 
 
 @final
@@ -63,28 +82,61 @@ class AxisTerm:
 
 @final
 @dataclass(frozen=True)
+class ProfileSide:
+    """A profile of a contact: its moving frame at the contact is before * turn * after.
+
+    `curvature` and `slope`, its derivative by the arc length, are numbers of circles and
+    columns of others, `columns`; `most_bent` bounds the second derivative.
+    """
+
+    before: Floats
+    turn: Turn
+    after: Floats
+    curvature: Expr
+    slope: Expr
+    most_bent: float
+    columns: ProfileColumns | None
+
+    @property
+    def frame(self) -> Chain:
+        """The chain from the link to the frame."""
+        return Chain((self.before, self.after), (self.turn,))
+
+
+@final
+@dataclass(frozen=True)
 class TurningPairs:
     """The pairs of a mechanism: `chains[pair]`, and `spins[variable]`.
 
     The vector of a variable, the angular velocity of its pair's second link relative to
     the first per unit rate, is the sum of its spins. An R pair's single spin may be
-    taken in either link; `twin[variable]` is that in the second.
+    taken in either link; `twin[variable]` is that in the second. `sides[pair]` are the
+    profiles of a contact; one that is no circle has no spin.
     """
 
     chains: tuple[Chain, ...]
     spins: tuple[tuple[AxisTerm, ...], ...]
     twin: dict[int, AxisTerm]
+    sides: dict[int, tuple[ProfileSide, ProfileSide]]
+
+    @property
+    def columns(self) -> tuple[ProfileColumns, ...]:
+        """What is handed in of profiles, in its order."""
+        both = (side.columns for pair in self.sides.values() for side in pair)
+        return tuple(side for side in both if side is not None)
 
 
 def turning_pairs(
-    mechanism: Mechanism, design: DesignGeometry | None = None
+    mechanism: Mechanism, design: DesignGeometry | None = None, any_profile: bool = False
 ) -> TurningPairs:
     """Return the pairs of a mechanism as turns, their sizes those of a design if given.
+
+    With `any_profile`, what profiles other than circles are is handed in as columns.
 
     Raises
     ------
     EngineError
-        If a profile is neither a circle nor a great circle.
+        If a profile is neither a circle nor a great circle, where it has to be.
     """
     frames = revolute_frames(mechanism, design) if design else {}
     joints = geometry_of(mechanism).joints
@@ -92,11 +144,18 @@ def turning_pairs(
     spins: list[tuple[AxisTerm, ...]] = [()] * len(mechanism.variable_owners)
     twin: dict[int, AxisTerm] = {}
     tracks = dict(contact_tracks(joints))
+    sides: dict[int, tuple[ProfileSide, ProfileSide]] = {}
     for number, at, joint in numbered(joints):
         a, b = mechanism.ends[number]
         if number in tracks:
-            _need_circles(mechanism, number)
-            chain = _along(*tracks[number])
+            if not any_profile:
+                _need_circles(mechanism, number)
+            one_side, other_side = (
+                _side(mechanism, number, link, track)
+                for link, track in enumerate(tracks[number])
+            )
+            sides[number] = one_side, other_side
+            chain = _along(one_side, other_side)
         else:
             hinge = revolute(joint)
             name = mechanism.pairs[number].name
@@ -106,19 +165,40 @@ def turning_pairs(
         chains.append(chain)
         axes = (a, chain.constants[0][:, 2]), (b, chain.constants[-1][2])
         for turn, (link, axis) in zip(chain.turns, axes, strict=False):
-            spins[turn.variable] += (AxisTerm(turn.scale, link, axis),)
-    return TurningPairs(tuple(chains), tuple(spins), twin)
+            if isinstance(turn, AxisRotation):
+                spins[turn.variable] += (AxisTerm(turn.scale, link, axis),)
+    return TurningPairs(tuple(chains), tuple(spins), twin, sides)
 
 
-def _along(one: Track, other: Track) -> Chain:
-    """Return the turns that run along two circles."""
-    (first, pace), (second, far_pace) = _circle(one.curve), _circle(other.curve)
-    middle = transpose(_about(one.curve)) @ _about(other.curve)
-    turns = (
-        AxisRotation(one.variable, pace, pace * one.start),
-        AxisRotation(other.variable, -far_pace, -far_pace * other.start),
+def _along(one: ProfileSide, other: ProfileSide) -> Chain:
+    """Return the turns that run along two profiles."""
+    constants = one.before, one.after @ transpose(other.after), transpose(other.before)
+    return Chain(constants, (one.turn, _back(other.turn)))
+
+
+def _side(mechanism: Mechanism, number: int, link: int, track: Track) -> ProfileSide:
+    pair = mechanism.pairs[number]
+    if _is_round(mechanism, number, link):
+        before, pace = _circle(track.curve)
+        turn = AxisRotation(track.variable, pace, pace * track.start)
+        curvature = float(track.curve.at(np.zeros(1)).curvature[0])
+        after = transpose(_about(track.curve))
+        return ProfileSide(before, turn, after, curvature, 0.0, 0.0, None)
+    columns = ProfileColumns.of(track, f"{pair.name}_{pair.links[link]}")
+    return ProfileSide(
+        np.eye(3),
+        ProfileFrame(columns.frame),
+        np.eye(3),
+        columns.curvature,
+        columns.slope,
+        columns.series.most_bent,
+        columns,
     )
-    return Chain((first, middle, transpose(second)), turns)
+
+
+def _is_round(mechanism: Mechanism, number: int, link: int) -> bool:
+    profiles = mechanism.pairs[number].profiles or ()
+    return not profiles or profiles[link].round_axis is not None
 
 
 def _need_circles(mechanism: Mechanism, number: int) -> None:

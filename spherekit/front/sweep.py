@@ -39,7 +39,7 @@ def sweep(
     *,
     analyses: Sequence[str] = (),
     where: str | Sequence[str] = (),
-    samples: int | None = None,
+    samples: int | Sequence[int] | None = None,
     designs: int | None = None,
     scheme: Scheme | None = None,
     seed: int = 0,
@@ -52,7 +52,7 @@ def sweep(
     Parameters
     ----------
     subject
-        A mechanism or a study with one input, or the path or the shipped name of either.
+        A mechanism or a study, or the path or the shipped name of either.
     vary
         By key of the file, such as ``"links.2.arc"`` or ``"pairs.41.zero"``, in the
         file's units: a sequence of values, ``"10:40:31"`` for so many from 10 to 40, or
@@ -66,7 +66,8 @@ def sweep(
         Conditions, ``"links_2_arc < links_4_arc"`` or ``"least > 30"``: designs and rows
         that do not meet them are left out.
     samples
-        Samples of the input that each design goes through; by default the study's.
+        Samples of the inputs that each design goes through, on the straight way through
+        their ranges, or a number for each input of a grid; by default the study's.
     designs, scheme, seed
         How many designs, by ``"sobol"``, ``"latin"`` or ``"random"``; without them the
         grid of all combinations.
@@ -119,7 +120,7 @@ def sweep_of(
     space: DesignSpace,
     reduce: Sequence[str],
     analyses: Sequence["AbstractAnalysis"] = (),
-    samples: int | None = None,
+    samples: int | Sequence[int] | None = None,
     source: str | os.PathLike[str] | None = None,
 ) -> Sweep:
     """Return the sweep that texts ask for; `source` is the file of a study, if known."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import pairwise
 from typing import final
 
 import numpy as np
@@ -13,6 +14,10 @@ Floats = NDArray[np.float64]
 
 DEGREE = 15
 MOST_CELLS = 2**13
+RUN = 1024
+"""Places in a row that are taken at once: their powers stay in the cache."""
+SHORTEST_RUN = 16
+"""Where places in a row share a cell less often than this, they are sorted first."""
 ROUNDING = 1e-10
 """What functions that lose digits may be off by: see `PiecewiseChebyshev.fit`."""
 
@@ -37,26 +42,29 @@ class PiecewiseChebyshev:
         high: float,
         tolerance: float = 1e-13,
         size: Floats | None = None,
-        cells: int = 1,
+        cells: int | Floats = 1,
         degree: int = DEGREE,
         most: int = MOST_CELLS,
         rounding: float = 0.0,
     ) -> "PiecewiseChebyshev":
         """Return the interpolant of a function (n,) -> (n, m), of this degree.
 
-        Starting from equal `cells`, each is halved until its error, measured at the
-        extrema of the next Chebyshev polynomial, is below `tolerance` times `size` (m,)
-        for every function, or is below `rounding` and does not fall when the cell is
-        halved, or there are `most`: `error` says what was reached. Without sizes the
-        largest value at the first places counts for all.
+        Starting from so many equal `cells`, or from those between given edges, each is
+        halved until its error, measured at the extrema of the next Chebyshev polynomial,
+        is below `tolerance` times `size` (m,) for every function, or is below `rounding`
+        and does not fall when the cell is halved, or there are `most`: `error` says what
+        was reached. Without sizes the largest value at the first places counts for all.
         """
         count = degree + 1
         between = np.cos(np.arange(count + 1) * np.pi / count)
         checking = np.cos(np.outer(np.arange(count + 1) * np.pi / count, np.arange(count)))
         places = np.concatenate([nodes(degree), between])
-        starts = low + (high - low) * np.arange(cells) / cells
+        if isinstance(cells, int):
+            starts = low + (high - low) * np.arange(cells) / cells
+        else:
+            starts = cells[:-1]
         ends = np.append(starts[1:], high)
-        before = np.full(cells, np.inf)
+        before = np.full(len(starts), np.inf)
         done: list[tuple[float, Floats]] = []
         largest = 0.0
         while len(starts):
@@ -86,6 +94,46 @@ class PiecewiseChebyshev:
     def at(self, x: ArrayLike) -> Floats:
         """Return the functions (n, m) at x (n,) between the first and the last edge."""
         return self._sum(self.coefficients, np.asarray(x, dtype=float))
+
+    def along(self, x: Floats) -> Floats:
+        """Return the functions (m, n) at x (n,), most of which share a cell with the next.
+
+        That is quicker, by a matrix product for each run of places in one cell.
+        """
+        cell = np.searchsorted(self.edges, x, side="right") - 1
+        cell = np.clip(cell, 0, len(self.coefficients) - 1)
+        cuts = np.flatnonzero(np.diff(cell)) + 1
+        if len(cuts) * SHORTEST_RUN > len(x):
+            order = np.argsort(cell, kind="stable")
+            sums = np.empty((self.coefficients.shape[2], len(x)))
+            sums[:, order] = self._in_runs(x[order], cell[order])
+            return sums
+        return self._in_runs(x, cell)
+
+    def _in_runs(self, x: Floats, cell: NDArray[np.intp]) -> Floats:
+        """Return the functions (m, n) at x (n,) in cells (n,), run by run."""
+        series = self._by_function
+        sums = np.empty((series.shape[1], len(x)))
+        cuts = np.flatnonzero(np.diff(cell)) + 1
+        edges = [0, *cuts.tolist(), len(x)]
+        for start, stop in pairwise(edges):
+            for first in range(start, stop, RUN):
+                rows = slice(first, min(first + RUN, stop))
+                low, high = self.edges[cell[start]], self.edges[cell[start] + 1]
+                place = np.clip((2.0 * x[rows] - (low + high)) / (high - low), -1.0, 1.0)
+                powers = np.empty((series.shape[2], len(place)))
+                powers[0], powers[1] = 1.0, place
+                twice = 2.0 * place
+                for order in range(2, len(powers)):
+                    np.multiply(twice, powers[order - 1], out=powers[order])
+                    powers[order] -= powers[order - 2]
+                np.matmul(series[cell[start]], powers, out=sums[:, rows])
+        return sums
+
+    @cached_property
+    def _by_function(self) -> Floats:
+        """(cells, m, degree + 1) the coefficients of each function."""
+        return np.ascontiguousarray(np.swapaxes(self.coefficients, 1, 2))
 
     def derivative(self, x: ArrayLike) -> Floats:
         """Return the derivatives (n, m) of the interpolant at x (n,)."""

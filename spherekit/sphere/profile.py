@@ -72,6 +72,11 @@ class Curve(ABC):
     length: float
     closed: bool
 
+    @property
+    @abstractmethod
+    def edges(self) -> Floats:
+        """Arc lengths (k,) from 0 to `length`, between which the curve is analytic."""
+
     @abstractmethod
     def at(self, s: ArrayLike) -> CurvePoint:
         """Return the curve at arc lengths s (n,) in rad; a closed one repeats itself."""
@@ -188,6 +193,10 @@ class _Circle(Curve):
     length: float
     closed: bool = True
 
+    @property
+    def edges(self) -> Floats:
+        return np.array([0.0, self.length])
+
     def at(self, s: ArrayLike) -> CurvePoint:
         arcs, inside = _into(np.asarray(s, dtype=float), self.length, closed=True)
         outward, along = turned(self.axes, arcs / self.sine)
@@ -209,6 +218,10 @@ class _Reversed(Curve):
     forward: Curve
     length: float
     closed: bool
+
+    @property
+    def edges(self) -> Floats:
+        return np.asarray(self.length - self.forward.edges[::-1])
 
     def at(self, s: ArrayLike) -> CurvePoint:
         back = -np.asarray(s, dtype=float)
@@ -233,6 +246,10 @@ class _Measured(Curve):
     table: ArcLength
     length: float
     closed: bool
+
+    @property
+    def edges(self) -> Floats:
+        return self.table.starts
 
     def at(self, s: ArrayLike) -> CurvePoint:
         arcs, inside = _into(np.asarray(s, dtype=float), self.length, self.closed)

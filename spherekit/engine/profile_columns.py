@@ -1,0 +1,66 @@
+"""Profiles other than circles for terms: columns that are handed in with the variables."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.engine.algebra import Exprs, cross, vector
+from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
+from spherekit.model.joints import Track
+from spherekit.sphere.profile_series import ProfileSeries
+from spherekit.sphere.rotation import Floats
+
+PARTS = ("tx", "ty", "tz", "px", "py", "pz", "k", "dk")
+
+
+@final
+@dataclass(frozen=True)
+class ProfileColumns:
+    """What a profile is where its pair touches it, as variables of terms.
+
+    It lies at the pair variable of this number plus `start` (rad).
+    """
+
+    variable: int
+    start: float
+    series: ProfileSeries
+    terms: tuple[ExpressionNode, ...]
+
+    @staticmethod
+    def of(track: Track, name: str) -> "ProfileColumns":
+        """Return the columns of a profile, by a name that no other has."""
+        terms = tuple(symbols(f"profile_{name}_{part}" for part in PARTS))
+        return ProfileColumns(
+            track.variable, track.start, ProfileSeries.of(track.curve), terms
+        )
+
+    @property
+    def frame(self) -> Exprs:
+        """(3, 3) the tangent, the normal and the point, in the axes of the link."""
+        tangent, point = vector(self.terms[:3]), vector(self.terms[3:6])
+        return np.stack([tangent, cross(point, tangent), point], axis=1)
+
+    @property
+    def curvature(self) -> Expr:
+        """The curvature."""
+        return self.terms[6]
+
+    @property
+    def slope(self) -> Expr:
+        """Its derivative by the arc length."""
+        return self.terms[7]
+
+
+def with_columns(values: Floats, profiles: Sequence[ProfileColumns]) -> Floats:
+    """Return variables (variables, n) with the columns of profiles below them."""
+    if not profiles:
+        return np.ascontiguousarray(values)
+    count, width = len(values), len(PARTS)
+    made = np.empty((count + width * len(profiles), values.shape[1]))
+    made[:count] = values
+    for k, profile in enumerate(profiles):
+        rows = slice(count + width * k, count + width * (k + 1))
+        made[rows] = profile.series.at(values[profile.variable] + profile.start)
+    return made
