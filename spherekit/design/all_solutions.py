@@ -14,7 +14,7 @@ import numpy as np
 
 from spherekit.design.sensitivity import sizes_of
 from spherekit.design.solution_paths import SAME, Way, apart, distinct, settled, tracked
-from spherekit.design.variables import DesignVariable, design_geometry, design_variable
+from spherekit.design.variables import DesignVariable, design_variable, designed_pairs
 from spherekit.engine.design_kernel import DesignTerms
 from spherekit.engine.path_kernel import Numbers, PathKernel, path_kernel
 from spherekit.files.document import Document
@@ -66,7 +66,7 @@ def start_set(
         mechanism,
         driven,
         [variable.name for variable in every],
-        lambda numbers: design_geometry(every, numbers),
+        lambda numbers: designed_pairs(mechanism, every, numbers),
         closed_form=False,
     )
     unit = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0

@@ -12,8 +12,8 @@ from spherekit.conventions import nearest
 from spherekit.design.variables import (
     DesignVariable,
     check_variables,
-    design_geometry,
     design_variable,
+    designed_pairs,
     need_circles,
 )
 from spherekit.engine.design_kernel import (
@@ -156,7 +156,7 @@ class Sensitivity:
             self.mechanism,
             self.inputs,
             [variable.name for variable in self.variables],
-            lambda numbers: design_geometry(self.variables, numbers),
+            lambda numbers: designed_pairs(self.mechanism, self.variables, numbers),
             closed_form=False,
         )
 

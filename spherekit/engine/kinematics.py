@@ -23,7 +23,6 @@ from spherekit.engine.algebra import (
     vector,
 )
 from spherekit.engine.expression_graph import Expr
-from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.pose import LinkOrientation, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
 from spherekit.engine.turns import AxisTerm, TurningPairs, turning_pairs
@@ -32,7 +31,7 @@ from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole
@@ -88,11 +87,13 @@ class Structure:
     def of(
         mechanism: Mechanism,
         input_pairs: str | Sequence[str],
-        design: DesignGeometry | None = None,
+        pairs: TurningPairs | None = None,
+        closed: Motion | None = None,
     ) -> "Structure":
         """Return the structure of a mechanism with these pairs as inputs.
 
-        Sizes are those of a design where it has them.
+        Its `pairs` may be those of a design, in terms; a motion that is known saves
+        looking for a `closed` configuration where equations repeat.
 
         Raises
         ------
@@ -102,17 +103,17 @@ class Structure:
             If the mechanism does not have a freedom for each input.
         """
         assembly = plan_assembly(driven_at(mechanism, input_pairs))
-        pairs = turning_pairs(mechanism, design)
+        pairs = pairs or turning_pairs(mechanism)
 
         def vectors() -> Floats:
-            motion = Tracer(mechanism, input_pairs, search=False).sparse(9)
-            closed = np.flatnonzero(~motion.failed)
-            if not len(closed):
+            motion = closed or Tracer(mechanism, input_pairs, search=False).sparse(9)
+            held = np.flatnonzero(~motion.failed)
+            if not len(held):
                 raise EngineError(
                     f"{mechanism.name}: no configuration was found at which to choose "
                     "independent equations; give a range of the input where it closes"
                 )
-            first = int(closed[0])
+            first = int(held[0])
             return np.asarray(motion.vectors[first])
 
         groups = group_rows(mechanism, assembly, vectors)
