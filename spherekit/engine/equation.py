@@ -191,7 +191,8 @@ def compiling_time(
     if compact:
         more = 0.0 if coordinates is None else 0.5
         return more + max(0.22 * variables - 0.55, 0.3) + 0.07 * on_links + 0.02 * at_pairs
-    return 0.06 * variables**2 * (1.0 + 0.25 * on_links + 0.03 * at_pairs)
+    plain = 0.06 if coordinates is None else 0.36
+    return plain * variables**2 * (1.0 + 0.25 * on_links + 0.03 * at_pairs)
 
 
 def _need_written(mechanism: Mechanism) -> None:
