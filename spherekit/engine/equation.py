@@ -36,8 +36,8 @@ from spherekit.engine.system import (
     stop_events,
 )
 from spherekit.engine.turns import turning_pairs
-from spherekit.errors import EngineError, ModelError
-from spherekit.model.dynamics import Stop, TorqueTable, need_no_rubbing
+from spherekit.errors import EngineError
+from spherekit.model.dynamics import Bearings, Stop, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -197,10 +197,13 @@ def compiling_time(
 
 def _need_written(mechanism: Mechanism) -> None:
     """Raise `EngineError` where a load is no expression of the state."""
-    try:
-        need_no_rubbing(mechanism, "Taylor series do not solve for")
-    except ModelError as fault:
-        raise EngineError(f"{fault}, or NumPy's engine") from None
+    for load in mechanism.loads:
+        if isinstance(load, Bearings) and load.grip > 0.0:
+            raise EngineError(
+                f"{mechanism.name}: the friction of loads.{load.name} follows from the "
+                f"reaction of pair {load.pair}, which Taylor series do not solve for; "
+                "NumPy's engine does"
+            )
 
 
 def _request(
