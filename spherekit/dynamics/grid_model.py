@@ -425,7 +425,7 @@ class _State:
         body = f"array([{', '.join(torques)}])"
         for given in (sizes, rates | products):
             body = f"(lambda {', '.join(given)}: {body})({', '.join(given.values())})"
-        return made_of(f"lambda row, dq, ddq, t: {body}", array=np.array, **tables)
+        return made_of(f"lambda row, dq, ddq, t: {body}", {"array": np.array, **tables})
 
     def of_rows(self, rows: Floats, dq: Floats) -> tuple[Floats, Floats]:
         """Return M (n, m, m) and C q' (n, m) of all functions in rows."""

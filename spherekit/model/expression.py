@@ -379,9 +379,10 @@ _SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
 """Functions of floats; those that are not here are those of `math`."""
 
 
-def made_of(code: str, **more: Any) -> Callable[..., Any]:
+def made_of(code: str, more: Mapping[str, Any] | None = None) -> Callable[..., Any]:
     """Return the function that a lambda of `Expression.code` is, which may call more."""
-    made: Callable[..., Any] = eval(code, {"__builtins__": {}, **_NAMED, **more})
+    named = {"__builtins__": {}, **_NAMED, **(more or {})}
+    made: Callable[..., Any] = eval(code, named)
     return made
 
 
