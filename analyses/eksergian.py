@@ -174,7 +174,7 @@ class Eksergian(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torque, of the links' inertia and of the loads."""
-        found = self._torque(batch)
+        torque = self._torque(batch)
         mechanism = batch.mechanism
         links = [mass.link for mass in mechanism.masses]
         loads = [load.name for load in mechanism.loads]
@@ -186,26 +186,26 @@ class Eksergian(AbstractAnalysis):
                 "q": batch.q,
                 "dq": batch.dq,
                 "ddq": batch.ddq,
-                "B": total(found.inertia.B_parts, found.status),
-                "dB_dq": total(found.inertia.dB_parts, found.status),
-                "Q": total(found.forces, found.status),
-                "tau": found.tau,
+                "B": total(torque.inertia.B_parts, torque.status),
+                "dB_dq": total(torque.inertia.dB_parts, torque.status),
+                "Q": total(torque.forces, torque.status),
+                "tau": torque.tau,
                 "residual": batch.residual,
-                "status": found.status,
+                "status": torque.status,
             },
             "inertia": {
                 **_repeated({**common, "q": batch.q}, len(links)),
                 "link": np.tile(np.array(links, dtype=str), len(batch)),
-                "B": found.inertia.B_parts.ravel(),
-                "dB_dq": found.inertia.dB_parts.ravel(),
-                "status": np.repeat(found.status, len(links)),
+                "B": torque.inertia.B_parts.ravel(),
+                "dB_dq": torque.inertia.dB_parts.ravel(),
+                "status": np.repeat(torque.status, len(links)),
             },
             "loads": {
                 **_repeated({**common, "t": batch.t, "q": batch.q}, len(loads)),
                 "load": np.tile(np.array(loads, dtype=str), len(batch)),
-                "Q": found.forces.ravel(),
-                "power": (found.forces * batch.dq[:, None]).ravel(),
-                "status": np.repeat(found.status, len(loads)),
+                "Q": torque.forces.ravel(),
+                "power": (torque.forces * batch.dq[:, None]).ravel(),
+                "status": np.repeat(torque.status, len(loads)),
             },
         }
 
@@ -223,10 +223,10 @@ class Eksergian(AbstractAnalysis):
             if loads.rubbing:
                 rubbed = needed_torques(as_loads_see(batch))
                 across, locked = rubbed.across, rubbed.status == Status.NOT_CONVERGED
-            each = loads.parts(motion, rates, batch.t, across)
-            Q = np.sum(each, axis=2)
+            per_load = loads.parts(motion, rates, batch.t, across)
+            Q = np.sum(per_load, axis=2)
             tau = driving_torques(masses.M, masses.dM, Q, rates, faster)[:, 0]
-            forces = each[:, 0]
+            forces = per_load[:, 0]
             power = forces * batch.dq[:, None]
         status = batch.status.copy()
         status[(status == Status.OK) & locked] = Status.NOT_CONVERGED
@@ -256,28 +256,30 @@ class Eksergian(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the worse of both."""
-        both = [each for each in (before, now) if each.figures]
-        return max(both, key=lambda each: each.figures["largest_conditioning"], default=now)
+        both = [findings for findings in (before, now) if findings.figures]
+        return max(
+            both, key=lambda findings: findings.figures["largest_conditioning"], default=now
+        )
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of inertia, its derivative and torque, each with its parts.
 
         With the phase portrait, where the samples are times.
         """
-        found = self._torque(batch)
-        masses = found.inertia
+        torque = self._torque(batch)
+        masses = torque.inertia
         names = [mass.link for mass in batch.mechanism.masses]
         loads = [load.name for load in batch.mechanism.loads]
         swing = 0.5 * masses.dB * batch.dq**2
         numbers = batch.mechanism.link_number
         curves: list[tuple[str, str, Floats, int | None]] = [
-            ("torque", "tau", found.tau, None)
+            ("torque", "tau", torque.tau, None)
         ]
         if batch.timed:
             curves.append(("torque", "B ddq", masses.B * batch.ddq, None))
         curves.append(("torque", "dB/dq dq²/2", swing, None))
         for k, load in enumerate(loads):
-            curves.append(("torque", f"against {load}", -found.forces[:, k], None))
+            curves.append(("torque", f"against {load}", -torque.forces[:, k], None))
         for group, letter, whole, parts in (
             ("inertia", "B", masses.B, masses.B_parts),
             ("derivative", "dB/dq", masses.dB, masses.dB_parts),

@@ -129,8 +129,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         return Needs(tracer=True, time=timed)
 
     def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, Deviations]:
-        found = Sensitivity(mechanism, _split(self.by), _split(self.of))
-        return found, Deviations(self.deviation * DEG, self.distribution, self.draws)
+        sensitivity = Sensitivity(mechanism, _split(self.by), _split(self.of))
+        return sensitivity, Deviations(self.deviation * DEG, self.distribution, self.draws)
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return derivatives and tolerances of the rows of a batch."""
@@ -141,15 +141,15 @@ class SensitivityAnalysis(AbstractAnalysis):
         status = batch.status.copy()
         lost = ~np.all(np.isfinite(gradients), axis=(0, 1))
         status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
-        each = len(names) * len(keys)
+        entries = len(names) * len(keys)
         return {
             "sensitivity": {
-                **_repeated(batch, each),
+                **_repeated(batch, entries),
                 "quantity": np.tile(np.repeat(np.array(names), len(keys)), len(batch)),
                 "size": np.tile(np.array(keys), len(names) * len(batch)),
                 "value": np.repeat(values.T.ravel(), len(keys)),
                 "derivative": np.transpose(gradients, (2, 1, 0)).ravel(),
-                "status": np.repeat(status, each),
+                "status": np.repeat(status, entries),
             },
             "tolerances": {
                 **_repeated(batch, len(names)),
@@ -192,12 +192,12 @@ class SensitivityAnalysis(AbstractAnalysis):
         values, _ = self._found(batch, sensitivity)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
-            found = sensitivity.scattered(
+            scattered = sensitivity.scattered(
                 _samples(batch, sensitivity)[rows],
                 batch.motion.values[rows],
                 deviations.draws(len(sensitivity.keys)),
             )
-            drawn[:, :, rows] = _moments(found - values[:, rows, None])
+            drawn[:, :, rows] = _moments(scattered - values[:, rows, None])
         with np.errstate(all="ignore"):
             return Spread(
                 np.sqrt(variance),
@@ -215,11 +215,11 @@ class SensitivityAnalysis(AbstractAnalysis):
         parts = np.abs(gradients) * deviations.spread
         figures = {}
         for k, name in enumerate(sensitivity.quantities):
-            own = np.sqrt(np.sum(parts[:, k] ** 2, axis=0))
-            if np.any(np.isfinite(own)):
-                row = int(np.nanargmax(own))
+            spread = np.sqrt(np.sum(parts[:, k] ** 2, axis=0))
+            if np.any(np.isfinite(spread)):
+                row = int(np.nanargmax(spread))
                 figures[name] = {
-                    "spread": float(own[row]),
+                    "spread": float(spread[row]),
                     "q": batch.inputs[row].tolist(),
                     "size": sensitivity.keys[int(np.argmax(parts[:, k, row]))],
                 }
@@ -228,17 +228,17 @@ class SensitivityAnalysis(AbstractAnalysis):
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the largest spreads of all blocks."""
         figures = dict(before.figures)
-        for name, own in now.figures.items():
-            if name not in figures or own["spread"] > figures[name]["spread"]:
-                figures[name] = own
+        for name, largest in now.figures.items():
+            if name not in figures or largest["spread"] > figures[name]["spread"]:
+                figures[name] = largest
         return self._said(figures)
 
     def _said(self, figures: Mapping[str, Mapping[str, Any]]) -> Findings:
         remarks = [
-            f"{name}: standard deviation up to {_size(own['spread'], name)}, at q = "
-            f"{listing(f'{q:.4g}' for q in np.degrees(own['q']))} deg, most of it from "
-            f"{own['size']}"
-            for name, own in figures.items()
+            f"{name}: standard deviation up to {_size(largest['spread'], name)}, at q = "
+            f"{listing(f'{q:.4g}' for q in np.degrees(largest['q']))} deg, most of it from "
+            f"{largest['size']}"
+            for name, largest in figures.items()
         ]
         remarks.append(f"every size off by {self.deviation:g} deg ({self.distribution})")
         return Findings(figures=figures, remarks=tuple(remarks))

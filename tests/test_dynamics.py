@@ -22,7 +22,7 @@ from spherekit.dynamics.start import PoseStart
 from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulated_motion import online_motion
 from spherekit.engine.compiler import available
-from spherekit.errors import ModelError, SolveError, SpherekitError
+from spherekit.errors import EngineError, ModelError, SolveError, SpherekitError
 from spherekit.model.dynamics import (
     Friction,
     Gravity,
@@ -486,6 +486,18 @@ def test_a_crossing_of_curves_ends_the_simulation_with_the_reason(four_bar):
     assert "cross" in found.end.message
     assert abs(found.at([found.end.t]).q[0]) < 1e-5
     assert np.all(np.diff(found.at(np.linspace(0.0, found.end.t, 20)).q) < 0.0)
+    on = simulate(flat, Start(1.0, -1.0), 2.0 * found.end.t, crossings="pass")
+    assert on.end.kind == "time" and on.checks.energy < 1e-12
+    assert [event.kind for event in on.events if event.kind == "crossing"] == ["crossing"]
+    # Of arcs alike in pairs one product or ratio of half tangents stays the same.
+    moved = on.at(np.linspace(0.0, on.end.t, 12)).values[:, [0, 3]]
+    crank, rocker = np.tan(0.5 * moved).T
+    assert moved[0, 0] * moved[-1, 0] < 0.0
+    assert min(np.ptp(crank / rocker), np.ptp(crank * rocker)) < 1e-8
+    with pytest.raises(EngineError, match="only NumPy's engine passes crossings"):
+        simulate(flat, Start(1.0, -1.0), 1.0, crossings="pass", engine="compiled")
+    with pytest.raises(SolveError, match='allowed: "end" or "pass"'):
+        simulate(flat, Start(1.0, -1.0), 1.0, crossings="through")
 
 
 @pytest.mark.parametrize(
@@ -521,6 +533,10 @@ def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(
         curves = [each.curve for each in Tracer(flat).configurations.curves]
         assert any(np.all(np.isfinite(curve.find(history.values))) for curve in curves)
         assert np.ptp(history.kinetic) < 1e-7 * np.max(history.kinetic)
+    if engine == "numpy":
+        on = forward.simulate(flat, Start(1.0, -1.0), 4.0, tolerance=1e-7, crossings="pass")
+        crossed = any(event.kind == "crossing" for event in on.events)
+        assert on.end.kind == "time" and crossed == (end == "singularity")
 
 
 def test_a_load_without_bound_ends_the_simulation(four_bar):

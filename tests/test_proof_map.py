@@ -91,6 +91,20 @@ def test_solutions_at_infinity_are_counted_and_do_not_count_as_modes():
     assert systems.bounds == [8, 8] and found.good[0] and found.modes[0] == 16
 
 
+@pytest.mark.parametrize(
+    "ends",
+    [
+        [("20", "20.4"), ("17", "17.4")],
+        pytest.param(None, marks=pytest.mark.long),
+    ],
+)
+def test_inputs_of_the_two_dof_mechanism_are_free_of_type_ii(ends):
+    written = Written.of(sk.load("two_dof_spm"))
+    whole = [written.input_range(item.pair) for item in written.mechanism.inputs]
+    found = input_map(written, ends or whole)
+    assert np.all(found.kind == REGULAR) and found.counts == {16: 1.0}
+
+
 @pytest.mark.long
 def test_modes_beside_solutions_at_infinity_are_certified_without_boxes():
     modes = certified_modes(Written.of(sk.load("two_dof_spm")), ("20.5", "17.3"))

@@ -9,6 +9,7 @@ import spherekit as sk
 from spherekit.design.gradients import FigureGradients
 from spherekit.design.pareto import nondominated
 from spherekit.errors import AnalysisError, DesignError, FileError
+from spherekit.files.library import find
 from spherekit.front.size import sizing_of
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "sizing"
@@ -138,20 +139,85 @@ def test_gradients_of_figures_are_those_of_differences(tmp_path):
     )
     evaluator = sizing_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
-    at = np.radians([22.0, 41.0, 10.0])
+    at = np.array([22.0, 41.0, 10.0])
     for signs, mode in (([1.0], "+"), ([-1.0], "-")):
         figures, slopes, closes = gradients.at(at, signs)
         assert closes == 1.0
-        step = 1e-6
+        step = np.degrees(1e-6)
         shifted = at[:, None] + step * np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
         every = np.concatenate([at[:, None], shifted, 2.0 * at[:, None] - shifted], axis=1)
-        found = evaluator.at(np.degrees(every))
+        found = evaluator.at(every)
         rows = np.flatnonzero(found.mode == mode)
         for k, merit in enumerate(evaluator.merits):
             own = found.merits[merit.name][rows]
             assert figures[k] == pytest.approx(own[0], rel=1e-12)
             difference = (own[1:4] - own[4:7]) / (2.0 * step)
             assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=1e-7), merit.name
+
+
+ACTED = """
+[mass.3]
+mass = 2.0
+centre = [0.1, 0.3, 0.8]
+tensor_at_centre = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
+
+[loads.weight]
+kind = "gravity"
+acceleration = [0.0, -9.8, 1.0]
+
+[loads.back]
+kind = "spring"
+pair = "41"
+stiffness = 3.0
+rest = 20.0
+"""
+
+
+def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
+    whole = find("four_bar").read_text()
+    (tmp_path / "acted.toml").write_text(whole[: whole.index("[mass.2]")] + ACTED)
+    path = tmp_path / "sizing.toml"
+    path.write_text(
+        'format = 1\nmechanism = "acted.toml"\nsamples = 19\nminimise = "a"\n'
+        '[vary]\n"links.4.arc" = [30, 60]\n"mass.3.mass" = [1, 3]\n'
+        '"mass.3.centre.1" = [0.1, 0.5]\n"loads.back.stiffness" = [1, 5]\n'
+        '"loads.back.rest" = [-90, 90]\n[figures]\na = "max(abs(torque))"\n'
+        'b = "rms(torque)"\nc = "mean(B)"\n'
+    )
+    evaluator = sizing_of(path, designs=4).sweep.evaluator
+    gradients = FigureGradients(evaluator)
+    at, steps = np.array([41.0, 2.1, 0.25, 2.5, 31.0]), np.array([1e-4] + 4 * [1e-5])
+    figures, slopes, _ = gradients.at(at, [1.0])
+    every = np.concatenate([np.diag(steps), -np.diag(steps)]) + at
+    found = evaluator.at(np.concatenate([at[None], every]).T)
+    rows = np.flatnonzero(found.mode == "+")
+    for k, merit in enumerate(evaluator.merits):
+        own = found.merits[merit.name][rows]
+        assert figures[k] == pytest.approx(own[0], rel=1e-12)
+        difference = (own[1:6] - own[6:]) / (2.0 * steps)
+        assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=1e-8), merit.name
+    numbers, by_values = evaluator.inputs_at(at)
+    # About O the tensor has m (|c|^2 1 - c c^T), whose derivatives are known.
+    place = list(evaluator.numbers.differing).index(0)
+    assert numbers[5 + place] == pytest.approx(0.2 + 2.1 * (0.25**2 + 0.64), rel=1e-14)
+    known = [0.0, 0.25**2 + 0.64, 2.0 * 2.1 * 0.25, 0.0, 0.0]
+    assert by_values[5 + place] == pytest.approx(known, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.long
+def test_a_spring_balances_better_than_random_ones():
+    path = EXAMPLES / "spring.toml"
+    found = sk.size_of(path, designs=512, starts=2)
+    assert found.objectives[0, 0] <= random_best(path, 2048)
+    best = found.frame().iloc[0]
+    number = next(
+        m.number
+        for m in sk.trace(found.mechanism(), samples=3).assembly_modes
+        if m.label == best["mode"]
+    )
+    run = sk.run(found.mechanism(), "eksergian", samples=181, assembly_mode=number)
+    peak = run.frame("eksergian")["tau"].abs().max()
+    assert peak == pytest.approx(best["peak"], rel=1e-9)
 
 
 HEAD = 'format = 1\nmechanism = "four_bar"\nsamples = 9\n'

@@ -228,6 +228,67 @@ def test_a_cone_rolls_by_the_ratio_of_sines_and_impossible_ones_are_rows():
     assert len(found) == 4
 
 
+@pytest.mark.parametrize(
+    "name, vary",
+    [
+        (
+            "roller_cam",
+            {
+                "pairs.contact.profiles.cam.radius": [20.0],
+                "pairs.contact.follower.roller": [12.0],
+                "links.frame.arc": [60.0, 12.0],
+            },
+        ),
+        ("flat_cam", {"pairs.contact.follower.pole_lonlat.1": [-50.0, -40.0]}),
+    ],
+)
+def test_contacts_of_circles_are_those_of_runs(name, vary):
+    reduce = [
+        "most=max(abs(velocity_coefficient_follower_frame))",
+        "bend=max(abs(acceleration_coefficient_follower_cam))",
+        "place=mean(sin(theta_follower_pivot))",
+    ]
+    found = sk.sweep(name, vary, reduce, samples=9)
+    assert found.sweep.evaluator.kernel.closed_form
+    frame = found.frame()
+    assert set(frame["claim"]) == {"complete"}
+    document = document_of(name)
+    for _, rows in frame.groupby("design"):
+        names = {key: key.replace(".", "_") for key in vary}
+        numbers = {number_path(document, k): rows[n].iloc[0] for k, n in names.items()}
+        made = read(with_numbers(document, numbers))
+        if rows["status"].iloc[0] != "OK":
+            with pytest.raises(sk.SpherekitError):
+                sk.trace(made, samples=9)
+            continue
+        run = sk.evaluate(made, np.linspace(0.0, 2.0 * np.pi, 9))
+        known = []
+        for mode in sorted(set(run.assembly_mode)):
+            own = run.assembly_mode == mode
+            values = (
+                np.abs(run.velocity_coefficient("follower/frame")),
+                np.abs(run.acceleration_coefficient("follower/cam")),
+            )
+            most = [np.nanmax(each[own]) for each in values]
+            closes = np.mean(run.status[own] == 0)
+            theta = run.variable("follower_pivot")[own]
+            known.append([closes, *most, np.nanmean(np.sin(theta))])
+        mine = rows[["closes", "most", "bend", "place"]].to_numpy()
+        order = (
+            np.lexsort(np.round(mine.T, 6)),
+            np.lexsort(np.round(np.transpose(known), 6)),
+        )
+        assert mine[order[0]] == pytest.approx(np.array(known)[order[1]], rel=1e-9)
+
+
+def test_profiles_that_enter_each_other_are_rows_with_their_reason():
+    vary = {"pairs.contact.profiles.cam.radius": [25.0, 169.0]}
+    frame = sk.sweep("roller_cam", vary, "max(q)", samples=3).frame()
+    assert frame["status"].iloc[-1] == (
+        "roller_cam: pairs.contact: the profiles curve into each other, or alike"
+    )
+
+
 def test_designs_that_cannot_be_are_rows_with_their_reason():
     vary = {"links.2.arc": [20.0, 0.0, 190.0], "links.3.arc": [70.0, 5.0]}
     found = sk.sweep("four_bar", vary, "max(q)", samples=9).frame()

@@ -40,6 +40,8 @@ RETIRED = {
     r"(?:pole|pose|mid-plane|CSV|Parquet|recording|trade|number|input)\b": None,
 }
 """Words by pattern, each with what may stand around it."""
+MOST_LOCALS = {"found": 50, "own": 25, "each": 50, "known": 15}
+"""How many locals may bear a name that says less than a noun of the field would."""
 
 
 def retired(text):
@@ -77,6 +79,27 @@ def test_retired_words_are_told_apart():
 def test_messages(path):
     wrong = [(line, text) for line, text in messages(path) if retired(text)]
     assert not wrong
+
+
+def locals_of(path):
+    """Return the names that the functions of a module bind, each with its line."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.arg):
+            yield node.arg, node.lineno
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id, node.lineno
+
+
+@pytest.mark.parametrize("word", MOST_LOCALS)
+def test_locals_are_called_by_nouns_of_the_field(word):
+    there = [
+        f"{path.relative_to(ROOT)}:{line}"
+        for path in SOURCES
+        for name, line in locals_of(path)
+        if name == word
+    ]
+    assert len(there) <= MOST_LOCALS[word], there
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)

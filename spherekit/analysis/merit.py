@@ -129,13 +129,13 @@ def parse_merit(text: str, radians: float) -> Merit:
     AnalysisError
         If it has not that form.
     """
-    found = _FORM.fullmatch(text.strip())
-    if found is None:
+    match = _FORM.fullmatch(text.strip())
+    if match is None:
         raise AnalysisError(
             f'"{text}" is no figure of merit: write NAME=REDUCTION(EXPRESSION), such as '
             f"least=min(transmission_angle_43); reductions: {listing(REDUCTIONS)}"
         )
-    name, reduction, expression = found.groups()
+    name, reduction, expression = match.groups()
     point: tuple[float, ...] = ()
     place, ending = "", ""
     rows = _TABLE.fullmatch(expression)
@@ -146,7 +146,7 @@ def parse_merit(text: str, radians: float) -> Merit:
         parts = _POINT.fullmatch(expression)
         try:
             expression, texts = parts.groups() if parts else ("", "")
-            point = tuple(float(each) * radians for each in texts.split(",")[1:])
+            point = tuple(float(part) * radians for part in texts.split(",")[1:])
         except ValueError:
             point = ()
         if not point:
@@ -189,10 +189,10 @@ class Reducing:
         if kind == "at":
             self._high = values.copy()
         if kind in ("mean", "rms", "sum"):
-            known = np.isfinite(values)
-            self._rows += known
+            finite = np.isfinite(values)
+            self._rows += finite
             part = values * values if kind == "rms" else values
-            self._total += np.where(known, part, 0.0)
+            self._total += np.where(finite, part, 0.0)
         if kind in ("argmin", "argmax"):
             better = values < self._low if kind == "argmin" else values > self._low
             better |= np.isnan(self._low) & np.isfinite(values)
@@ -215,7 +215,7 @@ class Reducing:
     def result(self) -> Floats:
         """Return the figure (n,); NaN for designs without a value."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            found: Any = {
+            figure: Any = {
                 "min": self._low,
                 "max": self._high,
                 "at": self._high,
@@ -227,4 +227,4 @@ class Reducing:
                 "argmin": self._place,
                 "argmax": self._place,
             }[self.kind]
-        return np.asarray(found, dtype=float)
+        return np.asarray(figure, dtype=float)

@@ -127,14 +127,14 @@ def prove_poles(
         If the mechanism is none that proofs are for.
     """
     motion, poles = (
-        {name: np.asarray(each[name]) for name in each} for each in (motion, poles)
+        {name: np.asarray(table[name]) for name in table} for table in (motion, poles)
     )
     written = Written.of(mechanism)
     made = construct(written.structure)
     names = written.structure.pairs
     columns = [written.motion_columns()[pair] for pair in made.pairs]
     working = Working("proving poles")
-    found: dict[tuple[int, int], dict[tuple[str, frozenset[str]], CertifiedPole]] = {}
+    proven: dict[tuple[int, int], dict[tuple[str, frozenset[str]], CertifiedPole]] = {}
     with bits(PRECISION):
         equations = Equations(written, made)
         good = np.flatnonzero(np.asarray(motion["status"]) == Status.OK)
@@ -144,22 +144,22 @@ def prove_poles(
         for done, row in enumerate(good):
             working.tell(lambda: f"{done} of {len(good)} configurations")  # noqa: B023
             near = values[row]
-            known = made.unknowns + made.inputs
-            inputs = [exact(float(angle)) for angle in near[made.unknowns : known]]
+            count = made.unknowns + made.inputs
+            inputs = [exact(float(angle)) for angle in near[made.unknowns : count]]
             places = _proven_place(equations, near[: made.unknowns], written.given(inputs))
             gap = [middle(ball) for ball in places] - near[: len(places)]
-            gap[known:] = np.remainder(gap[known:] + np.pi, 2.0 * np.pi) - np.pi
+            gap[count:] = np.remainder(gap[count:] + np.pi, 2.0 * np.pi) - np.pi
             if not places or np.max(np.abs(gap)) > NEAR:
                 continue
             key = int(motion["sample"][row]), int(motion["assembly_mode"][row])
-            found[key] = {
+            proven[key] = {
                 (
                     names[pole.driven],
                     frozenset((mechanism.links[pole.first], mechanism.links[pole.second])),
                 ): pole
                 for pole in enclosed_poles(equations, places)
             }
-        return _table(poles, found)
+        return _table(poles, proven)
 
 
 def _proven_place(
@@ -205,7 +205,7 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
 
 def _table(
     poles: TableArrays,
-    found: Mapping[tuple[int, int], Mapping[tuple[str, frozenset[str]], CertifiedPole]],
+    enclosed: Mapping[tuple[int, int], Mapping[tuple[str, frozenset[str]], CertifiedPole]],
 ) -> ProvenPoles:
     rows = len(poles["sample"])
     numbers = {
@@ -222,7 +222,7 @@ def _table(
     for row in range(rows):
         key = int(poles["sample"][row]), int(poles["assembly_mode"][row])
         links = frozenset((str(poles["link"][row]), str(poles["relative_to"][row])))
-        pole = found.get(key, {}).get((str(poles["moving"][row]), links))
+        pole = enclosed.get(key, {}).get((str(poles["moving"][row]), links))
         if status[row] != Status.OK or pole is None or pole.direction is None:
             continue
         proven += 1
@@ -266,7 +266,7 @@ def _table(
         **{name: poles[name] for name in ("sample", "assembly_mode")},
         **{name: poles[name] for name in ("link", "relative_to", "moving")},
         **numbers,
-        **{name: np.array(each) for name, each in words.items()},
+        **{name: np.array(column) for name, column in words.items()},
         "status": status,
     }
     return ProvenPoles(data, proven, rows, axes, coefficients)

@@ -180,7 +180,7 @@ def execute(options: argparse.Namespace) -> int:
     if options.prove:
         from spherekit.analysis.proven_poles import check_provable
 
-        names = [each.name for each in analyses]
+        names = [analysis.name for analysis in analyses]
         check_provable(study.mechanism, names, not options.only_needed)
     made = study.folder is not None and not study.folder.exists()
     if study.folder is not None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from spherekit.design.sensitivity import sizes_of
 from spherekit.design.solution_paths import SAME, Way, apart, distinct, settled, tracked
-from spherekit.design.variables import DesignVariable, design_geometry, design_variable
+from spherekit.design.variables import DesignVariable, design_variable, designed_pairs
 from spherekit.engine.design_kernel import DesignTerms
 from spherekit.engine.path_kernel import Numbers, PathKernel, path_kernel
 from spherekit.files.document import Document
@@ -66,12 +66,13 @@ def start_set(
         mechanism,
         driven,
         [variable.name for variable in every],
-        lambda numbers: design_geometry(every, numbers),
+        lambda numbers: designed_pairs(mechanism, every, numbers),
         closed_form=False,
     )
     unit = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
-    own, of_every = (
-        unit * np.array([each.value for each in some]) for some in (variables, every)
+    sizes, of_every = (
+        unit * np.array([variable.value for variable in some])
+        for some in (variables, every)
     )
     structure = terms.structure
     moving = mechanism.with_inputs(*driven)
@@ -85,25 +86,25 @@ def start_set(
     rng = np.random.default_rng(20)
     base = of_every + rng.uniform(-NEARBY, NEARBY, len(every))
     starts = seeds[general.driven].astype(complex)
-    known = _moved(general, seeds, (of_every, base), (starts, _repeated(q, starts)))
-    found = _all(general, _joined(known[:, :0], known), base, q, roots, rng)
-    if found is None:
+    seeded = _moved(general, seeds, (of_every, base), (starts, _repeated(q, starts)))
+    solutions = _all(general, _joined(seeded[:, :0], seeded), base, q, roots, rng)
+    if solutions is None:
         return None
-    there = _repeated(q, found)
-    values = _moved(general, found, (base, of_every), (there, there))
+    there = _repeated(q, solutions)
+    values = _moved(general, solutions, (base, of_every), (there, there))
     # Sizes that stay may be special ones, for which there are fewer.
     values = _joined(values[:, :0], values)
     if not values.shape[1] or not distinct(values[:, None])[0]:
         return None
-    counted = roots > 0 and values.shape == found.shape
-    at_rest = np.repeat(own[:, None], values.shape[1], axis=1)
+    counted = roots > 0 and values.shape == solutions.shape
+    at_rest = np.repeat(sizes[:, None], values.shape[1], axis=1)
     _, closed = settled(kernel, values, kernel.prepare(at_rest))
-    return StartSet(values, own, q, counted) if np.all(closed) else None
+    return StartSet(values, sizes, q, counted) if np.all(closed) else None
 
 
 def _all(
     kernel: PathKernel,
-    found: Numbers,
+    solutions: Numbers,
     sizes: Floats,
     q: Numbers,
     roots: int,
@@ -112,15 +113,15 @@ def _all(
     """Return all solutions from some; None if too many, or not as many as known."""
     in_vain = 0
     for _ in range(ROUNDS):
-        if found.shape[1] == roots or (not roots and in_vain == IN_VAIN):
+        if solutions.shape[1] == roots or (not roots and in_vain == IN_VAIN):
             break
-        if found.shape[1] > MOST_SOLUTIONS:
+        if solutions.shape[1] > MOST_SOLUTIONS:
             return None
-        more = _joined(found, _around(kernel, found, sizes, q, rng))
-        in_vain = 0 if more.shape[1] > found.shape[1] else in_vain + 1
-        found = more
-    known = found.shape[1]
-    return found if known and known == (roots or known) else None
+        more = _joined(solutions, _around(kernel, solutions, sizes, q, rng))
+        in_vain = 0 if more.shape[1] > solutions.shape[1] else in_vain + 1
+        solutions = more
+    count = solutions.shape[1]
+    return solutions if count and count == (roots or count) else None
 
 
 def _seeds(solver: Solver, inputs: Floats) -> tuple[Floats, int]:
@@ -128,14 +129,14 @@ def _seeds(solver: Solver, inputs: Floats) -> tuple[Floats, int]:
 
     0 where that is not known.
     """
-    found, roots = [], 0
+    configurations, roots = [], 0
     for q in inputs:
         here = assemblies(solver, q)
-        found += [values for _, values in here.modes]
+        configurations += [values for _, values in here.modes]
         counts = [method.roots if method else 0 for method in here.methods]
         roots = max(roots, int(np.prod(counts)))
     width = len(solver.mechanism.variable_owners)
-    return np.array(found).reshape(-1, width).T, roots
+    return np.array(configurations).reshape(-1, width).T, roots
 
 
 def _repeated(q: Numbers, values: Numbers) -> Numbers:
@@ -188,15 +189,15 @@ def _moved(
 ) -> Numbers:
     """Return where solutions come to, those that do."""
     n = values.shape[1]
-    one, other = (np.repeat(each[:, None], n, axis=1) for each in sizes)
+    one, other = (np.repeat(end[:, None], n, axis=1) for end in sizes)
     made, arrived = tracked(kernel, Way((one, other), q), values)
     return made[:, arrived]
 
 
-def _joined(known: Numbers, more: Numbers) -> Numbers:
+def _joined(solutions: Numbers, more: Numbers) -> Numbers:
     """Return solutions with those of `more` that are new."""
-    kept = list(known.T)
-    for each in more.T:
-        if not kept or np.min(apart(np.array(kept).T, each[:, None])) > SAME:
-            kept.append(each)
-    return np.array(kept).reshape(-1, len(known)).T
+    kept = list(solutions.T)
+    for solution in more.T:
+        if not kept or np.min(apart(np.array(kept).T, solution[:, None])) > SAME:
+            kept.append(solution)
+    return np.array(kept).reshape(-1, len(solutions)).T

@@ -43,7 +43,6 @@ class Descent:
         ]
         radians = DEG if sweep.angle == "deg" else 1.0
         quantities = row_quantities(sweep.mechanism)
-        self.in_rad = np.array([radians if v.is_angle else 1.0 for v in sweep.variables])
         units = [merit.unit(quantities) == "rad" for merit in sweep.merits]
         self.figure_unit = np.where(units, radians, 1.0)
         self._last: tuple[bytes, Any] | None = None
@@ -64,9 +63,9 @@ class Descent:
         key = x.tobytes() + np.array(signs).tobytes()
         if self._last is None or self._last[0] != key:
             values = self.low + self.width * x
-            figures, slopes, closes = self.figures.at(values * self.in_rad, signs)
+            figures, slopes, closes = self.figures.at(values, signs)
             figures = figures / self.figure_unit
-            slopes = slopes * (self.in_rad * self.width) / self.figure_unit[:, None]
+            slopes = slopes * self.width / self.figure_unit[:, None]
             columns = np.concatenate([values, figures])
             gradient = np.concatenate([np.diag(self.width), slopes])
             if self.sizing.matched:

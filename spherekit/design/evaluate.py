@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.merit import Merit, Reducing
 from spherekit.conventions import counted, listing
 from spherekit.design.all_solutions import StartSet, start_set
+from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers, first_line
 from spherekit.design.followed_modes import followed_modes
 from spherekit.design.samples import DesignSamples
 from spherekit.design.variables import (
@@ -18,10 +19,9 @@ from spherekit.design.variables import (
     DesignVariable,
     design_geometry,
     designed,
+    designed_pairs,
     need_circles,
-    with_actions,
 )
-from spherekit.engine.actions import Actions
 from spherekit.engine.design_kernel import (
     DesignKernel,
     DesignTerms,
@@ -30,7 +30,9 @@ from spherekit.engine.design_kernel import (
     row_quantities,
     sample_names,
 )
+from spherekit.engine.hinges import hinged
 from spherekit.engine.path_kernel import PathKernel, path_kernel
+from spherekit.engine.turns import TurningPairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
@@ -38,6 +40,7 @@ from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism, SizeGeometry
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.motion import Motion, Tracer
+from spherekit.planning.assembly import plan_assembly
 from spherekit.singular.grashof import class_of, four_bar_links
 from spherekit.sphere.rotation import Floats
 
@@ -52,11 +55,6 @@ ON_THE_WAY = 2**25
 
 COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
 
-OK = "OK"
-UNLIKE = "its loads have another form"
-"""What sends a design to the analysis of the single one."""
-TRIED = (0.0173, -0.0311)
-"""Parts by which variables are changed to see which numbers follow them."""
 SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
 NEVER = "does not close at any sample"
@@ -133,8 +131,7 @@ class Evaluator:
         self.sample = sample_names(self.inputs)
         self.columns = [name for name in used if name not in self.sample]
         self._paths: tuple[PathKernel, StartSet] | None = None
-        self._acting = any(v.path[0] in ACTIONS for v in self.variables)
-        self.differing: tuple[int, ...] = ()
+        self.numbers: FileNumbers | None = None
         self.kernel = self._kernel()
 
     def _check_places(self) -> None:
@@ -166,17 +163,25 @@ class Evaluator:
 
     def _kernel(self) -> DesignKernel | None:
         """Return the kernel of all designs, None where they have none."""
-        if any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
+        contacts = None
+        if self.mechanism.has_contacts:
+            contacts = hinged(self.mechanism)
+            if contacts is None:
+                return None
+        elif any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
             return None
         inertial = any(name.split("_by_")[0].startswith(INERTIAL) for name in self.columns)
-        self._following = inertial and self._masses_follow()
-        if self._acting or self._following:
-            self._own = Actions.of(self.mechanism)
-            self.differing = self._differing()
+        following = inertial and self._masses_follow()
+        acting = any(v.path[0] in ACTIONS for v in self.variables)
+        if acting or following or contacts:
+            self.numbers = FileNumbers(
+                self.document, self.mechanism, self.variables, contacts, following
+            )
         terms = self.terms()
         if terms.closed_form:
             return design_kernel(terms, self.columns)
         if self.mechanism.has_contacts:
+            self.numbers = None
             return None
         paths = path_kernel(terms)
         start = start_set(paths, self.mechanism, self.document, self.variables, self.inputs)
@@ -187,57 +192,49 @@ class Evaluator:
 
     def terms(self, closed_form: bool | None = None) -> DesignTerms:
         """Return what kernels of all designs are written in."""
+        names = [variable.name for variable in self.variables]
+        if self.numbers is None:
+            return DesignTerms.of(
+                self.mechanism, self.inputs, names, self._designed, closed_form
+            )
+        contacts, read = self.numbers.hinged, self.numbers.of_contacts
+        if contacts is None:
+            return DesignTerms.of(
+                self.mechanism,
+                self.inputs,
+                names,
+                self._designed,
+                closed_form,
+                self.numbers.of_actions,
+            )
+        angles = {k: f"turned_{k}" for k in read}
         return DesignTerms.of(
-            self.mechanism,
+            contacts.mechanism,
             self.inputs,
-            [variable.name for variable in self.variables],
-            lambda numbers: design_geometry(self.variables, numbers),
+            [*names, *angles.values()],
+            lambda numbers: contacts.pairs({k: numbers[n] for k, n in angles.items()}),
             closed_form,
-            self.differing,
+            self.numbers.of_actions,
         )
 
-    def _differing(self) -> tuple[int, ...]:
-        """Return which numbers of masses and loads differ between designs."""
-        values = np.array([variable.value for variable in self.variables])
-        found: set[int] = set()
-        for share in TRIED:
-            tried = self._actions(values * (1.0 + share) + share)
-            if isinstance(tried, list):
-                both = zip(tried, self._own.numbers, strict=True)
-                found |= {k for k, (new, old) in enumerate(both) if new != old}
-        return tuple(sorted(found))
+    def _designed(self, numbers: Mapping[str, Any]) -> TurningPairs:
+        return designed_pairs(self.mechanism, self.variables, numbers)
 
-    def _actions(self, values: Floats) -> list[float] | str:
-        """Return the numbers of masses and loads of a design (variables,), or a reason."""
-        document, numbers = self.document, list(values)
-        try:
-            if self._following:
-                made = designed(document, self.variables, numbers)
-            else:
-                made = with_actions(document, self.mechanism, self.variables, numbers)
-            actions = Actions.of(made)
-        except SpherekitError as problem:
-            return first_line(problem)
-        return actions.numbers if actions.form == self._own.form else UNLIKE
+    def inputs_at(self, values: Floats) -> tuple[Floats, Floats] | None:
+        """Return the kernel's sizes of a design (variables,) and their derivatives.
 
-    def _numbers(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
-        """Return the numbers (k, n) that differ, and why designs (variables, n) are none.
-
-        Of a design whose laws have another form, or other numbers than these, `UNLIKE`.
+        (sizes,) in rad and SI and (sizes, variables) by its numbers in the file's units;
+        None if there is no such design.
         """
-        made = np.full((len(self.differing), values.shape[1]), np.nan)
-        why = np.full(values.shape[1], OK, dtype=object)
-        rest = np.setdiff1d(np.arange(len(self._own.numbers)), self.differing)
-        same = np.array(self._own.numbers)[rest]
-        for k, design in enumerate(values.T):
-            found = self._actions(design)
-            if isinstance(found, str):
-                why[k] = found
-            elif not np.array_equal(np.array(found)[rest], same):
-                why[k] = UNLIKE
-            else:
-                made[:, k] = np.array(found)[list(self.differing)]
-        return made, why
+        sizes = self.radians(values[:, None])[:, 0]
+        scale = np.diag(self.radians(np.ones((len(values), 1)))[:, 0])
+        if self.numbers is None:
+            return sizes, scale
+        numbers, why = self.numbers.at(values[:, None])
+        if why[0] != OK:
+            return None
+        slopes = self.numbers.slopes(values)
+        return np.concatenate([sizes, numbers[:, 0]]), np.vstack([scale, slopes])
 
     def _masses_follow(self) -> bool:
         """Return whether the file states masses by sizes of links, which then follow."""
@@ -297,8 +294,8 @@ class Evaluator:
         sizes = self.radians(values)
         refused = self._refused(values, sizes)
         parts = []
-        if self._acting or self._following:
-            numbers, why = self._numbers(values)
+        if self.numbers is not None:
+            numbers, why = self.numbers.at(values)
             sizes = np.concatenate([sizes, numbers])
             refused = np.where(refused == OK, why, refused)
             unlike = np.flatnonzero(refused == UNLIKE)
@@ -467,18 +464,22 @@ class Evaluator:
         return self._joined(parts)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
-        terms = DesignTerms.of(mechanism, self.inputs)
-        kernel = design_kernel(terms, self.columns, compiled=False)
-        if kernel.closed_form:
+        assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
+        if assembly.has_closed_form:
+            terms = DesignTerms.of(mechanism, self.inputs)
+            kernel = design_kernel(terms, self.columns, compiled=False)
             return self._modes(kernel, np.empty((0, 1)))
         rows, points = self.samples.rows, self.points()
         tracer = self._tracer(mechanism)
+        motion = tracer.motion()
+        terms = DesignTerms.of(mechanism, self.inputs, closed=motion)
+        kernel = design_kernel(terms, self.columns, compiled=False)
         modes = tracer.assembly_modes
         count = len(modes)
         reducing = [Reducing(merit, count) for merit in self.merits]
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, found, closed in _at_variables(kernel, tracer.motion(), rows):
+            for sample, found, closed in _at_variables(kernel, motion, rows):
                 closes += closed
                 self._take(reducing, sample, found, closed, ())
             if len(points):
@@ -590,9 +591,3 @@ def _signed(mechanism: Mechanism, variable: DesignVariable) -> bool:
     """Return whether the file lets an arc run beyond half a turn."""
     assert isinstance(mechanism.geometry, SizeGeometry) and variable.slot is not None
     return mechanism.geometry.links[variable.slot[1][0]].signed
-
-
-def first_line(problem: SpherekitError) -> str:
-    """Return the first line of what is wrong with a design, without the file's name."""
-    line, *_ = str(problem).splitlines()
-    return line

@@ -89,9 +89,11 @@ def followed_modes(
         kept.pop(k - strides[0], None)
         values[k][:, at.real] = at.values[:, at.real].real
     lost = np.flatnonzero(following.lost)
-    design, found = sheets.gathered(values, lost)
-    design, found = _ordered(design, found)
-    return Modes(design, found, _labels(kernel, sizes, design, found), lost)
+    design, configurations = sheets.gathered(values, lost)
+    design, configurations = _ordered(design, configurations)
+    return Modes(
+        design, configurations, _labels(kernel, sizes, design, configurations), lost
+    )
 
 
 def _strides(shape: tuple[int, ...]) -> list[int]:
@@ -180,15 +182,15 @@ class _Sheets:
         start = row // self.m * self.m
         return slice(start, start + self.m)
 
-    def _join(self, own: slice, one: int, other: int) -> None:
+    def _join(self, part: slice, one: int, other: int) -> None:
         """Make two modes of a design one, unless both have a configuration somewhere."""
-        here = self.number[:, own]
+        here = self.number[:, part]
         both = np.any(here == one, axis=1) & np.any(here == other, axis=1)
         if not np.any(both):
             here[here == max(one, other)] = min(one, other)
 
     def gathered(
-        self, found: Floats, lost: NDArray[np.intp]
+        self, solutions: Floats, lost: NDArray[np.intp]
     ) -> tuple[NDArray[np.intp], Floats]:
         """Return the design (modes,) and values (variables, samples, modes) of each."""
         k, row = np.nonzero(self.number >= 0)
@@ -197,8 +199,8 @@ class _Sheets:
         numbers, mode = np.unique(self.number[k, row], return_inverse=True)
         design = np.zeros(len(numbers), dtype=np.intp)
         design[mode] = row // self.m
-        values = np.full((found.shape[1], len(found), len(numbers)), np.nan)
-        values[:, k, mode] = found[k, :, row].T
+        values = np.full((solutions.shape[1], len(solutions), len(numbers)), np.nan)
+        values[:, k, mode] = solutions[k, :, row].T
         return design, values
 
 
@@ -243,13 +245,13 @@ class _Following:
         near = np.flatnonzero((off < REAL) & ~real & chosen)
         if len(near):
             start = np.ascontiguousarray(values[:, near].real)
-            found, closed = settled(
+            refined, closed = settled(
                 self.kernel, start, np.ascontiguousarray(self.prepared[:, near])
             )
-            stays = closed & (np.max(np.abs(found - start), axis=0) < STAYS)
+            stays = closed & (np.max(np.abs(refined - start), axis=0) < STAYS)
             rows = near[stays]
             values = values.copy()
-            values[:, rows] = found[:, stays]
+            values[:, rows] = refined[:, stays]
             real[rows] = True
             doubtful = near[~stays]
             self.lost[doubtful // self.m] |= off[doubtful] < STAYS
@@ -272,11 +274,11 @@ class _Following:
                 break
             rows = np.flatnonzero(np.repeat(again, self.m))
             ends = _everywhere(before, len(rows)), _everywhere(there, len(rows))
-            own = self.sizes[:, rows]
-            way = Way((own, own), ends, 1j * bend * h[:, None])
-            found, arrived = tracked(kernel, way, at.values[:, rows])
-            found[:, ~arrived] = np.nan
-            values[:, rows] = found
+            sizes = self.sizes[:, rows]
+            way = Way((sizes, sizes), ends, 1j * bend * h[:, None])
+            arrivals, arrived = tracked(kernel, way, at.values[:, rows])
+            arrivals[:, ~arrived] = np.nan
+            values[:, rows] = arrivals
             values, real = self._real(values, np.repeat(again, self.m))
             again &= ~self._whole(values)
         self.lost |= again
@@ -292,8 +294,8 @@ class _Following:
         there_to = np.arange(len(at.real))
         guess = (at.values + at.along(there - before)).real
         real = np.flatnonzero(at.real)
-        own = sample.values.real.reshape(len(guess), -1, self.m)
-        gaps = apart(own[:, real // self.m], guess[:, real, None])
+        real_values = sample.values.real.reshape(len(guess), -1, self.m)
+        gaps = apart(real_values[:, real // self.m], guess[:, real, None])
         gaps[~sample.real.reshape(-1, self.m)[real // self.m]] = np.inf
         there_to[real] = real // self.m * self.m + np.argmin(gaps, axis=1)
         return self.links(at, sample, before, there, there_to)
@@ -321,14 +323,14 @@ class _Following:
         taken = np.zeros(len(links), dtype=bool)
         taken[same[sure]] = True
         left, fresh = at.real & ~taken, sample.real & ~taken
-        by_design = (np.any(each.reshape(-1, self.m), axis=1) for each in (left, fresh))
+        by_design = (np.any(flags.reshape(-1, self.m), axis=1) for flags in (left, fresh))
         open_ = np.repeat(np.logical_and(*by_design), self.m)
         rows = np.flatnonzero(left & open_)
         ends, reached = self._walked(at, rows, before, there)
         self._match(sample, rows[reached], ends[:, reached], links, taken)
         left[links >= 0] = False
         fresh &= ~taken
-        by_design = (np.any(each.reshape(-1, self.m), axis=1) for each in (left, fresh))
+        by_design = (np.any(flags.reshape(-1, self.m), axis=1) for flags in (left, fresh))
         open_ = np.repeat(np.logical_and(*by_design), self.m)
         rows = np.flatnonzero(fresh & open_)
         ends, reached = self._walked(sample, rows, there, before)
@@ -356,14 +358,14 @@ class _Following:
 
     def _at(self, sample: _Sample, design: int, end: Floats) -> int:
         """Return the real row of a design at a configuration, -1 without one."""
-        own = design * self.m + np.flatnonzero(
+        of_design = design * self.m + np.flatnonzero(
             sample.real[design * self.m : (design + 1) * self.m]
         )
-        if not len(own):
+        if not len(of_design):
             return -1
-        gaps = apart(sample.values[:, own].real, end[:, None])
+        gaps = apart(sample.values[:, of_design].real, end[:, None])
         best = int(np.argmin(gaps))
-        return int(own[best]) if gaps[best] < STAYS else -1
+        return int(of_design[best]) if gaps[best] < STAYS else -1
 
     def _walked(
         self, at: _Sample, rows: NDArray[np.intp], start: Floats, stop: Floats
@@ -381,11 +383,11 @@ class _Following:
             while len(active):
                 there = np.minimum(t[active] + step[active], 1.0)
                 h = there - t[active]
-                own = np.ascontiguousarray(prepared[:, active])
+                of_active = np.ascontiguousarray(prepared[:, active])
                 guess = now[:, active] + rates[:, active] * h
                 guess[kernel.driven] = start[:, None] + there * way[:, None]
-                made, first, second = corrected(kernel, guess, own)
-                here = kernel.at(made, own)
+                made, first, second = corrected(kernel, guess, of_active)
+                here = kernel.at(made, of_active)
                 made = made + here.step
                 moved = np.max(np.abs(made - now[:, active]), axis=0)
                 onto = np.tensordot(way, here.rates, 1)

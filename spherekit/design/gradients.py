@@ -35,32 +35,38 @@ class FigureGradients:
     def at(self, values: Floats, signs: Sequence[float]) -> tuple[Floats, Floats, float]:
         """Return figures (m,), gradients (m, variables), and the share that closes.
 
-        Values (variables,) are in rad and SI, figures and gradients too.
+        Values (variables,) are in the file's units, and derivatives by them; figures are in
+        rad and SI, NaN where there is no such design.
         """
         merits = self.evaluator.merits
         figures = np.full(len(merits), np.nan)
         gradients = np.full((len(merits), len(values)), np.nan)
         evaluator = self.evaluator
-        every = self._rows(values, signs, evaluator.samples.rows)
+        inputs = evaluator.inputs_at(values)
+        if inputs is None:
+            return figures, gradients, 0.0
+        sizes, slopes = inputs
+        every = self._rows(sizes, signs, evaluator.samples.rows)
         points = evaluator.points()
-        there = self._rows(values, signs, points) if len(points) else every
+        there = self._rows(sizes, signs, points) if len(points) else every
         for k, merit in enumerate(merits):
             closed, quantities, changes = there if merit.point else every
             if merit.point:
-                inputs = points[:, : len(merit.point)]
-                closed = closed & np.all(inputs == merit.point, axis=1)
+                there_at = points[:, : len(merit.point)]
+                closed = closed & np.all(there_at == merit.point, axis=1)
             if np.any(closed):
-                figures[k], gradients[k] = self._reduced(
+                figures[k], by_sizes = self._reduced(
                     merit, k, quantities[:, closed], changes[:, :, closed]
                 )
+                gradients[k] = by_sizes @ slopes
         return figures, gradients, float(np.mean(every[0]))
 
     def _rows(
-        self, values: Floats, signs: Sequence[float], samples: Floats
+        self, sizes: Floats, signs: Sequence[float], samples: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Return who closes (n,), quantities (c, n) and derivatives (variables, c, n)."""
-        columns, count = len(self._kernel.columns), len(values)
-        prepared = self._kernel.prepare(values[:, None])
+        """Return who closes (n,), quantities (c, n) and derivatives (sizes, c, n)."""
+        columns, count = len(self._kernel.columns), len(sizes)
+        prepared = self._kernel.prepare(sizes[:, None])
         closed, found = [], []
         with np.errstate(all="ignore"):
             for sample, rows, who in in_mode(self._kernel, prepared, signs, samples):

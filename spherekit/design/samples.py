@@ -49,8 +49,8 @@ class DesignSamples:
         if not mechanism.inputs:
             (pair,) = driven_pairs(mechanism)
             mechanism = mechanism.with_inputs(mechanism.pairs[pair].name)
-        names = tuple(each.pair for each in mechanism.inputs)
-        start = np.array([each.start for each in mechanism.inputs])
+        names = tuple(driven.pair for driven in mechanism.inputs)
+        start = np.array([driven.start for driven in mechanism.inputs])
         if study.path is not None:
             path = given_path(study.path, len(names)).q
             start = np.min(path, axis=0) if len(names) == 1 else path[0]
@@ -69,7 +69,8 @@ class DesignSamples:
         assert study.duration is not None
         t = np.linspace(0.0, study.duration, study.samples)
         laws = {
-            each.pair: ConstantSpeed(UNIT_SPEED, each.start) for each in mechanism.inputs
+            driven.pair: ConstantSpeed(UNIT_SPEED, driven.start)
+            for driven in mechanism.inputs
         }
         q, timing = by_laws(names, {**laws, **study.laws}, t)
         rows = np.concatenate([q, timing.dq, timing.ddq, t[:, None]], axis=1)

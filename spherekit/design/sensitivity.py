@@ -12,8 +12,8 @@ from spherekit.conventions import nearest
 from spherekit.design.variables import (
     DesignVariable,
     check_variables,
-    design_geometry,
     design_variable,
+    designed_pairs,
     need_circles,
 )
 from spherekit.engine.design_kernel import (
@@ -121,12 +121,12 @@ class Sensitivity:
         self.variables = tuple(self._variable(key) for key in self.keys)
         check_variables(self.document, self.variables)
         self.quantities = tuple(quantities) or quantities_of(mechanism)
-        known = row_quantities(mechanism)
+        possible = row_quantities(mechanism)
         for name in self.quantities:
-            if name not in known:
+            if name not in possible:
                 raise DesignError(
                     f'{mechanism.name}: "{name}" is no quantity of its configurations'
-                    f"{nearest(name, known) or ';'} such are theta_PAIR, rate_PAIR and "
+                    f"{nearest(name, possible) or ';'} such are theta_PAIR, rate_PAIR and "
                     "velocity_coefficient_LINK_OTHER"
                 )
 
@@ -156,7 +156,7 @@ class Sensitivity:
             self.mechanism,
             self.inputs,
             [variable.name for variable in self.variables],
-            lambda numbers: design_geometry(self.variables, numbers),
+            lambda numbers: designed_pairs(self.mechanism, self.variables, numbers),
             closed_form=False,
         )
 
@@ -194,8 +194,8 @@ class Sensitivity:
         kernel = self._gradient
         prepared = kernel.prepare(np.repeat(self._nominal, len(samples), axis=1))
         rows = np.concatenate([samples.T, values.T, prepared])
-        found = kernel.evaluate(np.ascontiguousarray(rows))
-        made = found.reshape(1 + len(self.variables), len(self.quantities), -1)
+        columns = kernel.evaluate(np.ascontiguousarray(rows))
+        made = columns.reshape(1 + len(self.variables), len(self.quantities), -1)
         return made[0], made[1:]
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
@@ -228,15 +228,15 @@ class Sensitivity:
         closed: NDArray[np.bool_] = np.zeros(n * draws, dtype=bool)
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):
-                found = newton.step(np.concatenate([now, prepared]))
-                closed = found[-1] < CLOSED**2
-                if np.all(closed | ~np.isfinite(found[-1])):
+                result = newton.step(np.concatenate([now, prepared]))
+                closed = result[-1] < CLOSED**2
+                if np.all(closed | ~np.isfinite(result[-1])):
                     break
-                now = now + found[:-1]
+                now = now + result[:-1]
             kernel = self._plain
             rows = [np.repeat(samples.T, draws, axis=1), now, kernel.prepare(sizes)]
-            found = kernel.evaluate(np.concatenate(rows))
-        return np.where(closed, found, np.nan).reshape(-1, n, draws)
+            result = kernel.evaluate(np.concatenate(rows))
+        return np.where(closed, result, np.nan).reshape(-1, n, draws)
 
 
 def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
@@ -263,7 +263,7 @@ def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
 def quantities_of(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the angles that say where outputs are, else those of all passive pairs."""
     driven = {item.pair for item in mechanism.inputs}
-    ends = {frozenset((own.link, own.relative_to)) for own in mechanism.outputs}
+    ends = {frozenset((output.link, output.relative_to)) for output in mechanism.outputs}
     passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name not in driven]
     chosen = [p for p in passive if frozenset(p.links) in ends] or passive
     return tuple(f"theta_{pair.name}" for pair in chosen)

@@ -109,11 +109,10 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     sweep = sizing.sweep
     made = sweep.evaluator
     kernel = made.kernel
-    followable = isinstance(made, Evaluator) and not made.differing
-    if not followable or kernel is None or not kernel.closed_form:
+    if not isinstance(made, Evaluator) or kernel is None or not kernel.closed_form:
         raise DesignError(
-            f"{sweep.mechanism.name}: sizing follows gradients by sizes of mechanisms "
-            "whose groups are all dyads, with masses given by tensors; sweep it instead"
+            f"{sweep.mechanism.name}: sizing follows gradients by numbers of mechanisms "
+            "whose groups are all dyads; sweep it instead"
         )
     working = Working(f"{sweep.mechanism.name}: sizing")
     parts, feasible = [], 0

@@ -49,8 +49,8 @@ class Way:
 
     def at(self, rows: NDArray[np.intp], t: Floats) -> tuple[Floats, Numbers]:
         """Return sizes (k, m) and inputs (inputs, m) of rows, parts t (m,) of ways on."""
-        one, other = (each[:, rows] for each in self.sizes)
-        a, b = (each[:, rows] for each in self.q)
+        one, other = (sizes[:, rows] for sizes in self.sizes)
+        a, b = (inputs[:, rows] for inputs in self.q)
         q = a + (b - a) * t + 4.0 * self.bend * t * (1.0 - t)
         return one + (other - one) * t, q
 
@@ -147,7 +147,7 @@ def distinct(values: Numbers) -> Flags:
         key = np.sort(key + np.sum(weights[2] * np.tanh(values.imag), axis=0), axis=1)
         near = np.min(np.diff(key, axis=1), axis=1) < 6.0 * len(values) * SAME
     for k in np.flatnonzero(made & near):
-        own = values[:, k]
-        gaps = apart(own[:, :, None], own[:, None, :])
+        solutions = values[:, k]
+        gaps = apart(solutions[:, :, None], solutions[:, None, :])
         made[k] = np.min(gaps[np.triu_indices(m, 1)]) > SAME
     return made

@@ -12,7 +12,8 @@ from spherekit.analysis.merit import Merit, Reducing
 from spherekit.analysis.result import MOTION, RunResult
 from spherekit.analysis.run import executed
 from spherekit.conventions import Status, counted, listing, nearest
-from spherekit.design.evaluate import OK, SINGLY, Evaluated, first_line, without
+from spherekit.design.evaluate import SINGLY, Evaluated, without
+from spherekit.design.file_numbers import OK, first_line
 from spherekit.design.variables import DesignVariable, designed
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.document import Document
@@ -63,11 +64,11 @@ class TableFigures:
         parts = [without(nothing, np.empty(0, dtype=object), self.merits)]
         for k, design in enumerate(values.T):
             try:
-                found = self._single(list(design))
+                evaluated = self._single(list(design))
             except SpherekitError as problem:
                 why = np.array([first_line(problem)], dtype=object)
-                found = without(np.zeros(1, dtype=np.int64), why, self.merits)
-            parts.append(replace(found, design=found.design + k))
+                evaluated = without(np.zeros(1, dtype=np.int64), why, self.merits)
+            parts.append(replace(evaluated, design=evaluated.design + k))
         return Evaluated.joined(parts, [merit.name for merit in self.merits])
 
     def _single(self, values: Sequence[float]) -> Evaluated:
@@ -78,13 +79,15 @@ class TableFigures:
         if run.failures:
             raise AnalysisError(next(iter(run.failures.values())))
         figures = [self._by_mode(run, merit) for merit in self.merits]
-        modes = sorted({mode for each in figures for mode in each}) or [""]
+        modes = sorted({mode for figure in figures for mode in figure}) or [""]
         made = {
-            merit.name: np.array([each.get(mode, each.get("", np.nan)) for mode in modes])
-            for merit, each in zip(self.merits, figures, strict=True)
+            merit.name: np.array(
+                [figure.get(mode, figure.get("", np.nan)) for mode in modes]
+            )
+            for merit, figure in zip(self.merits, figures, strict=True)
         }
-        found = str(run.summary.get("search", ""))
-        claim = found.partition(":")[0] if MOTION in run.results and ":" in found else ""
+        words = str(run.summary.get("search", ""))
+        claim = words.partition(":")[0] if MOTION in run.results and ":" in words else ""
         return Evaluated(
             np.zeros(len(modes), dtype=np.int64),
             np.array(modes, dtype=object),
@@ -101,23 +104,27 @@ class TableFigures:
             rows = rows[rows[column].astype(str) == value]
         for column in MODES:
             if column in rows:
-                own = rows[column].astype(str)
-                return {m: self._reduced(merit, rows[own == m]) for m in own.unique()}
+                modes = rows[column].astype(str)
+                return {m: self._reduced(merit, rows[modes == m]) for m in modes.unique()}
         return {"": self._reduced(merit, rows)}
 
     def _reduced(self, merit: Merit, rows: "pd.DataFrame") -> float:
         expression = merit.parsed(self.units[merit.name])
-        known = {name: rows[name].to_numpy(dtype=float) for name in expression.names}
-        values = np.broadcast_to(expression.evaluate(known), len(rows))
-        names = ["q", *(f"q_{each.pair}" for each in self.study.mechanism.inputs)]
-        own = [name for name in names if name in rows]
-        q = rows[own].to_numpy(dtype=float) if own else np.arange(len(rows))[:, None]
+        columns = {name: rows[name].to_numpy(dtype=float) for name in expression.names}
+        values = np.broadcast_to(expression.evaluate(columns), len(rows))
+        names = ["q", *(f"q_{item.pair}" for item in self.study.mechanism.inputs)]
+        present = [name for name in names if name in rows]
+        q = (
+            rows[present].to_numpy(dtype=float)
+            if present
+            else np.arange(len(rows))[:, None]
+        )
         if merit.point and len(merit.point) != q.shape[1]:
             raise DesignError(
                 f"{merit.name}: at needs {counted(q.shape[1], 'input')}, not "
                 f"{len(merit.point)}"
             )
-        chosen = own.index(f"q_{merit.place}") if f"q_{merit.place}" in own else 0
+        chosen = present.index(f"q_{merit.place}") if f"q_{merit.place}" in present else 0
         reducing = Reducing(merit, 1)
         for place, value in zip(q, values, strict=True):
             if not merit.point or np.max(np.abs(place - merit.point)) < 1e-9:
@@ -134,8 +141,8 @@ def _units(
         raise DesignError(
             f"{merit.name}: {analysis}.{table} is of no analysis; name a table of one"
         )
-    (own,) = (each for each in analyses if each.name == analysis)
-    tables = {each.name: each.of(study.mechanism) for each in own.tables}
+    (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
+    tables = {made.name: made.of(study.mechanism) for made in chosen.tables}
     if table not in tables:
         hint = nearest(table, tables) or ";"
         raise DesignError(
@@ -150,7 +157,7 @@ def _units(
                 f"{merit.name}: {analysis}.{table} has no column {column}; its columns: "
                 f"{listing(names)}"
             )
-    return {each.name: each.unit for each in columns if each.kind == "number"}
+    return {item.name: item.unit for item in columns if item.kind == "number"}
 
 
 def _closes(run: RunResult, mode: str) -> float:

@@ -6,7 +6,7 @@ from typing import Any, final
 
 from spherekit.conventions import listing
 from spherekit.engine.frames import DesignGeometry
-from spherekit.engine.turns import ROUND
+from spherekit.engine.turns import ROUND, TurningPairs, turning_pairs
 from spherekit.errors import DesignError
 from spherekit.files.change import number_at, number_path, with_numbers
 from spherekit.files.document import Document
@@ -95,6 +95,13 @@ def design_geometry(
             kind, place = variable.slot
             made[kind][place] = numbers[variable.name]
     return DesignGeometry(**made)
+
+
+def designed_pairs(
+    mechanism: Mechanism, variables: Sequence[DesignVariable], numbers: Mapping[str, Any]
+) -> TurningPairs:
+    """Return the pairs of a mechanism in which variables have these numbers or terms."""
+    return turning_pairs(mechanism, design_geometry(variables, numbers))
 
 
 def designed(

@@ -64,10 +64,10 @@ def integrals(x: Floats, count: int) -> Floats:
     """Return the integrals (n, count) of the first Legendre polynomials from -1 to x."""
     basis = legendre.legvander(x, count)
     degree = np.arange(1, count)
-    found = np.empty((len(x), count))
-    found[:, 0] = x + 1.0
-    found[:, 1:] = (basis[:, 2:] - basis[:, :-2]) / (2 * degree + 1)
-    return found
+    series = np.empty((len(x), count))
+    series[:, 0] = x + 1.0
+    series[:, 1:] = (basis[:, 2:] - basis[:, :-2]) / (2 * degree + 1)
+    return series
 
 
 @final
@@ -193,8 +193,8 @@ def _slope(
     other = states.copy()
     shift = DIFFERENCE * size
     other[:, column] += shift
-    found = (field(t, other)[:, column] - rates[:, column]) / shift
-    return np.asarray(np.where(np.isfinite(found), found, 0.0))
+    slope = (field(t, other)[:, column] - rates[:, column]) / shift
+    return np.asarray(np.where(np.isfinite(slope), slope, 0.0))
 
 
 def _inverse(method: Gauss, slope: Floats) -> Floats:

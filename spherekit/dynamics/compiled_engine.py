@@ -89,10 +89,10 @@ def by_taylor_series(
         nonlocal compiling
         before = time.perf_counter()
         step = min(tolerance, most)
-        made, known = compiled_equation(
+        made, reused = compiled_equation(
             problem.equation.mechanism, step, compact, coordinates=coordinates
         )
-        compiling += 0.0 if known else time.perf_counter() - before
+        compiling += 0.0 if reused else time.perf_counter() - before
         return made
 
     motion = problem.equation.motion(problem.values[None], problem.frame)
@@ -193,10 +193,10 @@ def first_of(problem: Problem) -> Coordinates | None:
     """Return the coordinates that a run begins with, None of one freedom."""
     if problem.equation.freedoms == 1:
         return None
-    found = next(_candidates(problem, problem.values), None)
-    if found is None:
+    coordinates = next(_candidates(problem, problem.values), None)
+    if coordinates is None:
         raise EngineError(f"{problem.equation.mechanism.name}: {NO_COORDINATES}")
-    return found
+    return coordinates
 
 
 def _coordinates(
@@ -270,28 +270,30 @@ def _need_crossing(problem: Problem, path: TaylorPath) -> None:
 def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
     mechanism = problem.equation.mechanism
     names = [pair.name for pair in mechanism.pairs]
-    found = [
+    passages = [
         (
-            each.t,
-            each.kind,
-            names[mechanism.variable_owners[each.variable]] if each.variable >= 0 else "",
+            passage.t,
+            passage.kind,
+            names[mechanism.variable_owners[passage.variable]]
+            if passage.variable >= 0
+            else "",
         )
         for leg in path.legs
-        for each in leg.run.passages
-        if each.kind not in ("singularity", "coordinates")
-        and (each.t > 0.0 or each.kind in ("switch", "stop"))
+        for passage in leg.run.passages
+        if passage.kind not in ("singularity", "coordinates")
+        and (passage.t > 0.0 or passage.kind in ("switch", "stop"))
     ]
-    found += [(t, "switch", "") for t in problem.switches if t < path.last.time]
-    found.sort(key=lambda item: item[0])
-    if not found:
+    passages += [(t, "switch", "") for t in problem.switches if t < path.last.time]
+    passages.sort(key=lambda item: item[0])
+    if not passages:
         return ()
-    t = np.array([each[0] for each in found])
+    t = np.array([passage[0] for passage in passages])
     traced = path.at(t)
     driven = list(problem.driven)
     inputs = traced.states[:, driven] + FULL_TURN * traced.turns[:, driven]
     return tuple(
         Event(kind, t, tuple(q.tolist()), pair)  # type: ignore[arg-type]
-        for (t, kind, pair), q in zip(found, inputs, strict=True)
+        for (t, kind, pair), q in zip(passages, inputs, strict=True)
     )
 
 
@@ -327,5 +329,5 @@ def _has_value(
 ) -> bool:
     """Return whether all loads have values at a state."""
     with np.errstate(all="ignore"):
-        found = problem.equation.at(np.array([t]), state[None], frame, whole)
-    return bool(np.all(np.isfinite(found.forces)))
+        dynamics = problem.equation.at(np.array([t]), state[None], frame, whole)
+    return bool(np.all(np.isfinite(dynamics.forces)))

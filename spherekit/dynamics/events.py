@@ -88,9 +88,9 @@ class StepEvents:
         near = np.abs(orientation) < least * abs(largest)
         if not np.any(turned | near):
             return None
-        found = self._zeros_of_samples(orientation) if np.any(turned) else []
+        zeros = self._zeros_of_samples(orientation) if np.any(turned) else []
         first = int(np.argmax(turned | near))
-        return min([*found, float(self.t[1 + first])])
+        return min([*zeros, float(self.t[1 + first])])
 
     def _with_turns(
         self, value: Callable[[float], float], sense: float, samples: Floats
@@ -104,7 +104,7 @@ class StepEvents:
         rising, inside = np.diff(samples) > 0.0, samples[1:-1] <= 0.0
         steep = np.abs(np.diff(samples))
         within = -samples[1:-1] <= np.maximum(steep[1:], steep[:-1])
-        t, found = self.t, samples
+        t, values = self.t, samples
         for k in np.flatnonzero(rising[:-1] & ~rising[1:] & inside & within)[::-1] + 1:
             low, high = self.t[k - 1], self.t[k + 1]
             best = minimize_scalar(
@@ -114,8 +114,8 @@ class StepEvents:
                 options={"xatol": 1e-9 * (high - low)},
             )
             place = int(np.searchsorted(t, best.x))
-            t, found = np.insert(t, place, best.x), np.insert(found, place, -best.fun)
-        return t, found
+            t, values = np.insert(t, place, best.x), np.insert(values, place, -best.fun)
+        return t, values
 
     def _column(self, column: int, level: float) -> Callable[[float], float]:
         return lambda t: float(self.step.at(np.array([t]))[0, column]) - level

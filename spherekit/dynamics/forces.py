@@ -26,9 +26,9 @@ class Loads:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
-        each = [load.components(mechanism) for load in mechanism.loads]
-        self.components = tuple(part for parts in each for part in parts)
-        self.owners = [k for k, parts in enumerate(each) for _ in parts]
+        by_load = [load.components(mechanism) for load in mechanism.loads]
+        self.components = tuple(part for parts in by_load for part in parts)
+        self.owners = [k for k, parts in enumerate(by_load) for _ in parts]
         self.steep = steep(mechanism)
         functions = (isinstance(part.magnitude, Called) for part in self.components)
         self.rubbing = [
@@ -38,7 +38,7 @@ class Loads:
         ]
         self.watched = bool(self.steep) or any(functions)
         self._first = np.array(
-            [self.owners.index(k) for k in range(len(each))], dtype=np.intp
+            [self.owners.index(k) for k in range(len(by_load))], dtype=np.intp
         )
         self._angles = mechanism.angles
 
@@ -48,14 +48,14 @@ class Loads:
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
         """Return what each component works on (n, m, components), per unit rates."""
-        found = np.zeros((*motion.rates.shape[:2], len(self.components)))
+        velocities = np.zeros((*motion.rates.shape[:2], len(self.components)))
         on_links = _OnLinks(self.mechanism, motion)
         for column, part in enumerate(self.components):
             if part.pair:
-                found[..., column] = motion.rates[..., self._angles[part.pair]]
+                velocities[..., column] = motion.rates[..., self._angles[part.pair]]
             for moment in part.moments:
-                found[..., column] += on_links.power(moment)
-        return found
+                velocities[..., column] += on_links.power(moment)
+        return velocities
 
     def magnitudes(
         self,
@@ -70,39 +70,39 @@ class Loads:
         time, `t` (n,) is in s; `across` (n, pairs) N m the moments across the axes of
         pairs, without which bearings do not rub.
         """
-        known = self._known(values, value_rates, t)
-        found = np.empty((len(t), len(self.components)))
+        names = self._known(values, value_rates, t)
+        sizes = np.empty((len(t), len(self.components)))
         for column, part in enumerate(self.components):
-            found[:, column] = _magnitude(part, known)
+            sizes[:, column] = _magnitude(part, names)
             if part.bearings is not None:
                 pair = self.mechanism.pair_number[part.pair]
-                found[:, column] *= 0.0 if across is None else across[:, pair]
-        return found
+                sizes[:, column] *= 0.0 if across is None else across[:, pair]
+        return sizes
 
     def friction(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
         """Return that of the `rubbing` (n, k), N m per N m across the axes of their pairs.
 
         For the same as `magnitudes`.
         """
-        known = self._known(values, value_rates, t)
-        found = np.empty((len(t), len(self.rubbing)))
+        names = self._known(values, value_rates, t)
+        friction = np.empty((len(t), len(self.rubbing)))
         for column, number in enumerate(self.rubbing):
-            found[:, column] = _magnitude(self.components[number], known)
-        return found
+            friction[:, column] = _magnitude(self.components[number], names)
+        return friction
 
     def arguments(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
         """Return `steep` (n, arguments), for the same as `magnitudes`."""
-        known = self._known(values, value_rates, t)
-        found = [
-            each.evaluate({name: known[name] for name in each.names}) for each in self.steep
+        names = self._known(values, value_rates, t)
+        arguments = [
+            law.evaluate({name: names[name] for name in law.names}) for law in self.steep
         ]
-        return np.stack(found, axis=1) if found else np.zeros((len(t), 0))
+        return np.stack(arguments, axis=1) if arguments else np.zeros((len(t), 0))
 
     def _known(self, values: Floats, value_rates: Floats, t: Floats) -> dict[str, Floats]:
-        known = {"t": t}
-        known |= {f"theta_{pair}": values[:, k] for pair, k in self._angles.items()}
-        known |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}
-        return known
+        names = {"t": t}
+        names |= {f"theta_{pair}": values[:, k] for pair, k in self._angles.items()}
+        names |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}
+        return names
 
     def parts(
         self,
@@ -128,17 +128,17 @@ class Loads:
             return np.zeros((*speed.shape, 0))
         rates = rates_by_time(motion, speed)
         magnitudes = self.magnitudes(motion.values, rates, t, across)
-        each = magnitudes[:, None] * self.velocities(motion)
-        return np.asarray(np.add.reduceat(each, self._first, axis=2))
+        by_component = magnitudes[:, None] * self.velocities(motion)
+        return np.asarray(np.add.reduceat(by_component, self._first, axis=2))
 
 
-def _magnitude(part: Component, known: Mapping[str, Floats]) -> Floats:
+def _magnitude(part: Component, names: Mapping[str, Floats]) -> Floats:
     """Return the magnitude of a component (n,), of bearings per N m across the axis."""
     law = part.magnitude
     if isinstance(law, TorqueTable):
-        return law.at(known["t"])
-    found = law.evaluate({name: known[name] for name in law.names})
-    return found if part.bearings is None else part.bearings.grip * found
+        return law.at(names["t"])
+    size = law.evaluate({name: names[name] for name in law.names})
+    return size if part.bearings is None else part.bearings.grip * size
 
 
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:

@@ -44,6 +44,7 @@ def simulate(
     assembly_mode: int = 0,
     tolerance: float = 1e-9,
     switches: Iterable[float] = (),
+    crossings: Literal["end", "pass"] = "end",
     check: bool = False,
     engine: Engine = "auto",
     compact: bool = True,
@@ -72,6 +73,9 @@ def simulate(
         depend strongly on their start multiply errors beyond it: see `check`.
     switches
         Times (s) at which expressions have kinks; knots of torque tables are known.
+    crossings
+        Whether a simulation ends where sets of configurations cross, or goes straight on,
+        as rigid links without play do; only NumPy's engine can.
     check
         Whether to repeat the run with steps made for a hundredth of the error and compare.
         Where they differ by more than the tolerance, or power is off balance, the tighter
@@ -111,7 +115,19 @@ def simulate(
     """
     mechanism = mechanism_of(mechanism)
     _need_allowed(mechanism, engine, tolerance)
-    problem = prepare(mechanism, start, until, torque, input_pair, assembly_mode, switches)
+    if crossings not in ("end", "pass"):
+        raise SolveError(
+            f'{mechanism.name}: crossings is "{crossings}", allowed: "end" or "pass"'
+        )
+    passes = crossings == "pass"
+    problem = prepare(
+        mechanism, start, until, torque, input_pair, assembly_mode, switches, passes
+    )
+    if passes and (engine == "compiled" or scheme == "paper"):
+        raise EngineError(
+            f"{mechanism.name}: only NumPy's engine passes crossings; leave engine and "
+            "scheme out, or crossings"
+        )
     if scheme != "paper" and step is not None:
         raise SolveError('simulate: step does nothing without scheme = "paper"')
     if scheme == "paper":
@@ -121,9 +137,9 @@ def simulate(
                 "or scheme out"
             )
         return by_differences(problem, step if step is not None else until / 1000.0)
-    found = _solving(problem, tolerance, engine, compact)
-    found = _checking(problem, found, tolerance, compact) if check else found
-    return until_lift_off(last(found).motion)
+    pieces = _solving(problem, tolerance, engine, compact)
+    pieces = _checking(problem, pieces, tolerance, compact) if check else pieces
+    return until_lift_off(last(pieces).motion)
 
 
 def solving(
@@ -141,17 +157,17 @@ def solving(
     """
     _need_allowed(mechanism, engine, tolerance)
     problem = prepare(mechanism, start, until, torque, None, assembly_mode, ())
-    found = _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
+    pieces = _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
     if not any(pair.one_sided for pair in mechanism.pairs):
-        return found
-    return _lifting_off(found)
+        return pieces
+    return _lifting_off(pieces)
 
 
 def _lifting_off(pieces: Solving) -> Solving:
     """Return the whole alone: where it lifts off is known when it is solved."""
     yield from ()
-    found = last(pieces)
-    return whole(found.run, until_lift_off(found.motion))
+    piece = last(pieces)
+    return whole(piece.run, until_lift_off(piece.motion))
 
 
 def _need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
@@ -175,21 +191,21 @@ def _checking(
     """
     piece = yield from pieces
     yield piece
-    run, found = piece.run, piece.motion
-    engine = found.engine.name
+    run, simulation = piece.run, piece.motion
+    engine = simulation.engine.name
     made_for = min(tolerance, LOOSEST) if engine == "compiled" else tolerance
     least = 0.1 * LEAST[engine]
     while True:
         tighter = max(TIGHTER * made_for, least)
         tight = last(_solving(problem, tighter, engine, compact))
-        error = _difference(found, tight.motion)
-        found = replace(found, error=error, tolerance=tolerance)
-        if found.missed is None or tighter <= least:
-            return whole(run, found)
-        why = f"{found.engine.reason}; missed with steps for {made_for:g} rad"
-        forecast = found.engine.forecast
+        error = _difference(simulation, tight.motion)
+        simulation = replace(simulation, error=error, tolerance=tolerance)
+        if simulation.missed is None or tighter <= least:
+            return whole(run, simulation)
+        why = f"{simulation.engine.reason}; missed with steps for {made_for:g} rad"
+        forecast = simulation.engine.forecast
         report = replace(tight.motion.engine, reason=why, forecast=forecast)
-        run, found = tight.run, replace(tight.motion, engine=report)
+        run, simulation = tight.run, replace(tight.motion, engine=report)
         made_for = tighter
 
 
@@ -218,8 +234,8 @@ def _stepping(
     """Return what NumPy finds step by step."""
     while solver.end is None and solver.advance():
         yield Solved(solver, lambda: solver.simulation(reason), solver.reached)
-    found = solver.simulation(reason, forecast)
-    return whole(solver, found)
+    simulation = solver.simulation(reason, forecast)
+    return whole(solver, simulation)
 
 
 def _compiled(
@@ -230,8 +246,8 @@ def _compiled(
     forecast: Forecast | None = None,
 ) -> Solving:
     yield from ()
-    found = by_taylor_series(problem, tolerance, compact, reason, forecast)
-    return whole(found.path, found)
+    simulation = by_taylor_series(problem, tolerance, compact, reason, forecast)
+    return whole(simulation.path, simulation)
 
 
 def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
@@ -243,6 +259,8 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
     mechanism = problem.equation.mechanism
     solver = Collocation(problem, tolerance)
     try:
+        if problem.passes:
+            raise EngineError("only NumPy's engine passes crossings")
         compiling = compiling_time(mechanism, tolerance, compact, first_of(problem))
         why = "it was compiled before" if compiling == 0.0 else ""
         if tolerance < LEAST["numpy"]:
@@ -261,9 +279,9 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
                 why, forecast = str(now), now
         if why:
             tell(f"compiling the equation of motion, about {compiling:.0f} s", compiling)
-            found = by_taylor_series(problem, tolerance, compact, why, forecast)
-            if found.end.message != NO_SERIES:
-                return whole(found.path, found)
+            simulation = by_taylor_series(problem, tolerance, compact, why, forecast)
+            if simulation.end.message != NO_SERIES:
+                return whole(simulation.path, simulation)
             why = NO_SERIES
     except (EngineError, PlanError) as fault:
         why = str(fault)

@@ -85,7 +85,7 @@ class GridMetadata:
 
     @cached_property
     def _places(self) -> Mapping[str, int]:
-        return {each.name: k for k, each in enumerate(self.functions)}
+        return {function.name: k for k, function in enumerate(self.functions)}
 
 
 @final
@@ -102,12 +102,12 @@ class GridModel:
     @property
     def error(self) -> float:
         """Largest measured error of all functions, relative to the largest of each."""
-        return max(each.error for each in self.heading.functions)
+        return max(function.error for function in self.heading.functions)
 
     def status(self, q: ArrayLike) -> NDArray[np.int8]:
         """Return (n,) of places (n, m): OK, or OUT_OF_REACH outside the domain."""
-        found = self.series.cells(self._several(q))
-        return np.where(found >= 0, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
+        cells = self.series.cells(self._several(q))
+        return np.where(cells >= 0, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
 
     def torque(
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, t: ArrayLike = 0.0
@@ -138,8 +138,8 @@ class GridModel:
         """Return the accelerations (m,) of the inputs (rad/s2) under torques (m,) there."""
         zero = np.zeros(len(self.heading.inputs))
         needed = self.torque(q, dq, zero, t)
-        found = np.linalg.solve(self.inertia(q), np.asarray(torques) - needed)
-        return np.asarray(found, dtype=float)
+        accelerations = np.linalg.solve(self.inertia(q), np.asarray(torques) - needed)
+        return np.asarray(accelerations, dtype=float)
 
     def inertia(self, q: ArrayLike) -> Floats:
         """Return the inertia matrix (m, m) or (n, m, m), kg m2."""
@@ -149,13 +149,15 @@ class GridModel:
 
     def forces(self, q: ArrayLike, dq: ArrayLike, t: ArrayLike = 0.0) -> dict[str, Floats]:
         """Return each load's generalised forces (n, m), N m, by its name."""
-        found = self._forces(
+        by_component = self._forces(
             self._rows(q), np.atleast_2d(np.asarray(dq, dtype=float)), np.asarray(t)
         )
         made: dict[str, Floats] = {}
         at = 0
         for load in self.heading.loads:
-            made[load.name] = np.sum(found[:, :, at : at + len(load.works_on)], axis=2)
+            made[load.name] = np.sum(
+                by_component[:, :, at : at + len(load.works_on)], axis=2
+            )
             at += len(load.works_on)
         return made
 
@@ -178,8 +180,8 @@ class GridModel:
             [self.heading.place(f"velocity {name} {axis} by {pair}") for axis in "xyz"]
             for pair in self.heading.inputs
         ]
-        found = sense * self._rows(q)[:, places]
-        return found[0] if np.ndim(q) == 1 else found
+        velocities = sense * self._rows(q)[:, places]
+        return velocities[0] if np.ndim(q) == 1 else velocities
 
     def value(self, name: str, q: ArrayLike) -> float | Floats:
         """Return any stored function by its name in `heading.functions`."""
@@ -233,7 +235,7 @@ class GridModel:
     @staticmethod
     def read(where: str, header: dict[str, Any], arrays: dict[str, Floats]) -> "GridModel":
         """Return the model of an archive; `FileError` if its numbers cannot be."""
-        functions = tuple(StoredFunction(**each) for each in header["functions"])
+        functions = tuple(StoredFunction(**item) for item in header["functions"])
         rest = {name: header[name] for name in GridMetadata.__dataclass_fields__}
         for name in ("inputs", "low", "high", "variables", "angles", "poles"):
             rest[name] = tuple(rest[name])
@@ -265,10 +267,10 @@ class GridModel:
         for value, low, high in zip(q, heading.low, heading.high, strict=True):
             if not low <= value <= high:
                 raise self._outside(q)
-        found = self.series.cell(q)
-        if found < 0:
+        cell = self.series.cell(q)
+        if cell < 0:
             raise self._outside(q)
-        return found
+        return cell
 
     def _outside(self, q: Sequence[float]) -> SolveError:
         heading = self.heading
@@ -289,14 +291,14 @@ class GridModel:
         )
 
     def _several(self, q: ArrayLike) -> Floats:
-        found = np.atleast_2d(np.asarray(q, dtype=float))
-        if found.ndim != 2 or found.shape[1] != len(self.heading.inputs):
+        places = np.atleast_2d(np.asarray(q, dtype=float))
+        if places.ndim != 2 or places.shape[1] != len(self.heading.inputs):
             raise SolveError(
                 f"{self.heading.mechanism}: places are arrays "
                 f"(n, {len(self.heading.inputs)}) of the inputs "
                 f"{listing(self.heading.inputs)}, not {np.shape(q)}"
             )
-        return found
+        return places
 
     def _rows(self, q: ArrayLike) -> Floats:
         if np.ndim(q) == 1:
@@ -306,20 +308,20 @@ class GridModel:
     def _forces(self, rows: Floats, dq: Floats, t: Floats) -> Floats:
         """Return the generalised forces (n, m, components) of each load component."""
         heading = self.heading
-        known: dict[str, Any] = {"t": t}
+        names: dict[str, Any] = {"t": t}
         for pair in heading.angles:
             name = f"theta_{pair}"
-            known[name] = rows[:, heading.place(name)]
-            by = [heading.place(each) for each in heading.by_inputs(name)]
-            known[f"d{name}"] = np.sum(rows[:, by] * dq, axis=1)
+            names[name] = rows[:, heading.place(name)]
+            by = [heading.place(derivative) for derivative in heading.by_inputs(name)]
+            names[f"d{name}"] = np.sum(rows[:, by] * dq, axis=1)
         works_on = [name for load in heading.loads for name in load.works_on]
-        found = np.empty((len(rows), len(heading.inputs), len(works_on)))
+        forces = np.empty((len(rows), len(heading.inputs), len(works_on)))
         laws = magnitudes(heading.loads, heading.angles)
         for k, (law, name) in enumerate(zip(laws, works_on, strict=True)):
-            by = [heading.place(each) for each in heading.by_inputs(name)]
-            size = law.at(t) if isinstance(law, TorqueTable) else law.evaluate(known)
-            found[:, :, k] = np.broadcast_to(size, len(rows))[:, None] * rows[:, by]
-        return found
+            by = [heading.place(derivative) for derivative in heading.by_inputs(name)]
+            size = law.at(t) if isinstance(law, TorqueTable) else law.evaluate(names)
+            forces[:, :, k] = np.broadcast_to(size, len(rows))[:, None] * rows[:, by]
+        return forces
 
 
 _NUMBER = (float, int)
@@ -342,7 +344,7 @@ class _State:
         self._width = m + len(self._products) + 1
         laws = magnitudes(heading.loads, heading.angles)
         works_on = [
-            [heading.place(each) for each in heading.by_inputs(name)]
+            [heading.place(part) for part in heading.by_inputs(name)]
             for load in heading.loads
             for name in load.works_on
         ]
@@ -371,7 +373,7 @@ class _State:
         turning = sorted(name for name in used if name.startswith("dtheta_"))
         self._rates: list[slice] = []
         for name in turning:
-            places = [heading.place(each) for each in heading.by_inputs(name[1:])]
+            places = [heading.place(part) for part in heading.by_inputs(name[1:])]
             self._rates.append(slice(len(factors), len(factors) + m))
             factors += [unit[place] for place in places]
         read: dict[str, Callable[[Sequence[float]], float]] = {}
@@ -386,7 +388,7 @@ class _State:
             for law, _ in changing
         ]
         self._at = series.mixed(np.stack(factors, axis=1))
-        names = [*heading.inertia, *(x for each in heading.christoffel for x in each)]
+        names = [*heading.inertia, *(x for symbol in heading.christoffel for x in symbol)]
         self._all = [heading.place(name) for name in names]
 
     def at(self, cell: int, q: Any) -> Floats:
@@ -396,26 +398,26 @@ class _State:
     def torque(self, row: Floats, dq: Any, ddq: Any, t: Any) -> Floats:
         """Return the torques (m,) in a state."""
         m, width = self._m, self._width
-        known = [*ddq, *[dq[i] * dq[k] for i, k in self._products], -1.0]
-        found: Floats = row[: m * width].reshape(m, width).dot(np.array(known))
+        factors = [*ddq, *[dq[i] * dq[k] for i, k in self._products], -1.0]
+        torques: Floats = row[: m * width].reshape(m, width).dot(np.array(factors))
         if not self._laws:
-            return found
+            return torques
         entries = row.tolist()
         speeds = [sum(map(mul, entries[part], dq)) for part in self._rates]
         entries.append(t)
         entries += speeds
         sizes = np.array([law(entries) for law in self._laws])
-        found -= sizes.dot(row[self._works].reshape(-1, m))
-        return found
+        torques -= sizes.dot(row[self._works].reshape(-1, m))
+        return torques
 
     def of_rows(self, rows: Floats, dq: Floats) -> tuple[Floats, Floats]:
         """Return M (n, m, m) and C q' (n, m) of all functions in rows."""
         pairs, m = len(self._products), self._m
-        own = rows[:, self._all]
+        entries = rows[:, self._all]
         M = np.empty((len(rows), m, m))
         for number, (i, k) in enumerate(self._products):
-            M[:, i, k] = M[:, k, i] = own[:, number]
-        symbols = own[:, pairs:].reshape(len(rows), m, pairs)
+            M[:, i, k] = M[:, k, i] = entries[:, number]
+        symbols = entries[:, pairs:].reshape(len(rows), m, pairs)
         products = np.stack(
             [(1.0 if i == k else 2.0) * dq[:, i] * dq[:, k] for i, k in self._products],
             axis=1,

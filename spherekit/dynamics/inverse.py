@@ -237,14 +237,14 @@ def inverse_dynamics(
 
 def _ordered(mechanism: Mechanism, laws: Mapping[str, TimeLaw]) -> list[str]:
     """Return the inputs that laws are of, in the order of the mechanism's own."""
-    own = [item.pair for item in mechanism.inputs]
-    if sorted(own) == sorted(laws):
-        return own
-    lacking = [pair for pair in own if pair not in laws]
-    if len(laws) < len(own):
+    inputs = [item.pair for item in mechanism.inputs]
+    if sorted(inputs) == sorted(laws):
+        return inputs
+    lacking = [pair for pair in inputs if pair not in laws]
+    if len(laws) < len(inputs):
         raise SolveError(
             f"{mechanism.name}: input {lacking[0]} has no law; give one for every input "
-            f"({listing(own)})"
+            f"({listing(inputs)})"
         )
     return list(laws)
 
@@ -253,8 +253,8 @@ def _scheduled(mechanism: Mechanism, schedule: Schedule, t: Floats) -> Motion:
     """Return the motion of a rotation in time, its angles going on."""
     rows = schedule.at(t)
     tracer = Tracer(mechanism.with_inputs(*rows.names), follow=False)
-    found = schedule.rotation.at(rows.theta)
-    values = found.values.copy()
+    samples = schedule.rotation.at(rows.theta)
+    values = samples.values.copy()
     angles = list(mechanism.angles.values())
     values[:, angles] = np.unwrap(values[:, angles], axis=0)
     motion = replace(tracer.given(values), inputs=rows.inputs, status=rows.status)
@@ -281,17 +281,17 @@ def needed_torques(motion: Motion) -> InverseSolution:
     mechanism, timing = motion.mechanism, motion.timing
     numbers = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     closure = Closure.of(mechanism, motion.joints)
-    found = by_variables(closure, motion.values, numbers)
+    coordinates = by_variables(closure, motion.values, numbers)
     loads = Loads(mechanism)
     status = motion.status.copy()
     at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
     across: Floats | None = None
     rounds = 0
     with np.errstate(over="ignore", invalid="ignore"):
-        masses = inertia(mechanism, found)
+        masses = inertia(mechanism, coordinates)
 
         def needed(across: Floats | None) -> tuple[Floats, Floats]:
-            forces = loads.parts(found, timing.dq, timing.t, across)
+            forces = loads.parts(coordinates, timing.dq, timing.t, across)
             Q = np.sum(forces, axis=2)
             moved = timing.dq, timing.ddq
             return forces, driving_torques(masses.M, masses.dM, Q, *moved)
@@ -299,14 +299,14 @@ def needed_torques(motion: Motion) -> InverseSolution:
         forces, torques = needed(None)
         good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
         if loads.rubbing and np.any(good):
-            driven = Driven(mechanism, at, found, timing, torques, None).rows(good)
+            driven = Driven(mechanism, at, coordinates, timing, torques, None).rows(good)
             rub = _rubbed(driven, motion.joints, loads)
             across, rounds = np.zeros((len(motion), len(mechanism.pairs))), rub.rounds
             across[good] = rub.across
             forces, torques = needed(across)
             locked = np.flatnonzero(good)[~rub.settled]
             status[locked[status[locked] == Status.OK]] = Status.NOT_CONVERGED
-    flat = ~(determined(found.rates) >= DEAD_CENTRE)
+    flat = ~(determined(coordinates.rates) >= DEAD_CENTRE)
     held = ~motion.failed
     # Where assembly modes nearly cross, rounding of the configuration decides the
     # derivatives.
@@ -318,7 +318,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     status[(status == Status.OK) & lost] = Status.OVERFLOW
     values = motion.values.copy()
     rows = (masses.M_parts, masses.dM_parts, forces, torques, values)
-    for array in (*rows, found.rates):
+    for array in (*rows, coordinates.rates):
         array[status != Status.OK] = np.nan
     return InverseSolution(
         mechanism,
@@ -329,7 +329,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
         timing.dq,
         timing.ddq,
         *rows,
-        found,
+        coordinates,
         motion.residual,
         status,
         across,

@@ -100,12 +100,12 @@ def by_combinations(
     rows = np.broadcast_to(frame, (len(values), *frame.shape[-2:]))
     bordered = np.concatenate([at.jacobian, rows], axis=1)
     inverse = left_inverse(bordered)
-    own = np.zeros((bordered.shape[1], count))
-    own[-count:] = np.eye(count)
-    found = inverse[:, :, -count:]
+    sides = np.zeros((bordered.shape[1], count))
+    sides[-count:] = np.eye(count)
+    solved = inverse[:, :, -count:]
     # The product with an inverse loses digits; a step of refinement brings them back.
-    found = found + inverse @ (own - bordered @ found)
-    rates = np.ascontiguousarray(np.swapaxes(found, 1, 2))
+    solved = solved + inverse @ (sides - bordered @ solved)
+    rates = np.ascontiguousarray(np.swapaxes(solved, 1, 2))
     return _derived(at, rates, inverse[:, :, :-count], order)
 
 
@@ -154,9 +154,9 @@ def determined(rates: Floats) -> Floats:
     the rate of its variable along the curve.
     """
     finite = np.all(np.isfinite(rates), axis=(1, 2))
-    found = np.zeros(len(rates))
-    found[finite] = 1.0 / np.linalg.norm(rates[finite], ord=2, axis=(1, 2))
-    return found
+    measure = np.zeros(len(rates))
+    measure[finite] = 1.0 / np.linalg.norm(rates[finite], ord=2, axis=(1, 2))
+    return measure
 
 
 def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) -> float:

@@ -15,7 +15,7 @@ PULLS = 1e-9
 """A contact pulls where it does so by more than this part of the largest reaction."""
 
 
-def until_lift_off(found: Simulation) -> Simulation:
+def until_lift_off(simulation: Simulation) -> Simulation:
     """Return a simulation as far as all one-sided contacts press.
 
     Raises
@@ -23,23 +23,23 @@ def until_lift_off(found: Simulation) -> Simulation:
     SolveError
         If one would have to pull from the start.
     """
-    mechanism = found.mechanism
+    mechanism = simulation.mechanism
     pairs = [k for k, pair in enumerate(mechanism.pairs) if pair.one_sided]
     if not pairs:
-        return found
-    path = found.path
+        return simulation
+    path = simulation.path
     parts = np.arange(PLACES) / PLACES
     t = (path.starts[:, None] + parts * path.lengths[:, None]).ravel()
-    t = np.append(t[t < found.end.t], found.end.t)
+    t = np.append(t[t < simulation.end.t], simulation.end.t)
 
     def pushes(t: Floats) -> tuple[Floats, float]:
-        moments = found.moments(t).moments
+        moments = simulation.moments(t).moments
         return moments[:, pairs, 0], float(np.nanmax(np.abs(moments)))
 
     push, size = pushes(t)
     rows = np.flatnonzero(np.any(push < -PULLS * size, axis=1))
     if not len(rows):
-        return found
+        return simulation
     row = int(rows[0])
     which = int(np.argmin(push[row]))
     name = mechanism.pairs[pairs[which]].name
@@ -60,7 +60,7 @@ def until_lift_off(found: Simulation) -> Simulation:
         f"contact {name} lifts off: it would have to pull to keep its links together; "
         "press it with a spring, or move more slowly",
     )
-    inputs = found.at([when]).inputs[0].tolist()
-    before = tuple(event for event in found.events if event.t <= when)
+    inputs = simulation.at([when]).inputs[0].tolist()
+    before = tuple(event for event in simulation.events if event.t <= when)
     event = Event("lift_off", float(when), tuple(inputs), name)
-    return replace(found, events=(*before, event), end=end)
+    return replace(simulation, events=(*before, event), end=end)

@@ -60,11 +60,11 @@ def magnitudes(
 ) -> tuple[Expression | TorqueTable, ...]:
     """Return the magnitude of each component of each load, N m or N."""
     names = load_names(angles)
-    found: list[Expression | TorqueTable] = []
+    laws: list[Expression | TorqueTable] = []
     for load in loads:
         table = load.table
-        found += [table] if table else [parse(text, names) for text in load.components]
-    return tuple(found)
+        laws += [table] if table else [parse(text, names) for text in load.components]
+    return tuple(laws)
 
 
 @final
@@ -101,7 +101,7 @@ class ModelMetadata:
     @property
     def functions(self) -> tuple[StoredFunction, ...]:
         """All stored functions."""
-        return tuple(each for group in self.groups for each in group)
+        return tuple(function for group in self.groups for function in group)
 
     def derivative(self, name: str) -> str:
         """Return the name of a function's derivative by the coordinate."""
@@ -125,10 +125,10 @@ class ModelMetadata:
 
         A stored function, and whether it is to be multiplied by the coordinate's rate.
         """
-        found = {f"theta_{pair}": (f"theta_{pair}", False) for pair in self.angles}
+        names = {f"theta_{pair}": (f"theta_{pair}", False) for pair in self.angles}
         for pair in self.angles:
-            found[f"dtheta_{pair}"] = (self.derivative(f"theta_{pair}"), True)
-        return found
+            names[f"dtheta_{pair}"] = (self.derivative(f"theta_{pair}"), True)
+        return names
 
     def within(self, x: float) -> tuple[float, int]:
         """Return a coordinate within `low` and `high`, and how many laps were taken off.
@@ -160,7 +160,7 @@ class ModelMetadata:
     @cached_property
     def _places(self) -> Mapping[str, tuple[int, int]]:
         return {
-            each.name: (k, column)
+            function.name: (k, column)
             for k, group in enumerate(self.groups)
-            for column, each in enumerate(group)
+            for column, function in enumerate(group)
         }

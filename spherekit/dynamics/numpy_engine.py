@@ -99,8 +99,23 @@ class Collocation:
 
     def field(self, t: Floats, states: Floats) -> Floats:
         """Return the rates of states, in the frame of the last step's end."""
+        if self.problem.passes:
+            states = self._closed_states(states)
         self.last = self.equation.at(t, states, self.frame, self.problem.whole)
         return self.equation.rates(self.last)
+
+    def _closed_states(self, states: Floats) -> Floats:
+        """Return states whose configurations close.
+
+        Rates of others have no limit where sets of configurations cross; those of closed
+        ones go on smoothly along the set.
+        """
+        if not np.all(np.isfinite(states)):
+            return states
+        variables = self.equation.variables
+        closed = states.copy()
+        closed[:, :variables] = self.equation.nearest_closed(states[:, :variables])
+        return closed
 
     def advance(self) -> bool:
         """Take a step; return whether the integration goes on after it."""
@@ -204,6 +219,8 @@ class Collocation:
         )
         last = self.last
         assert last is not None
+        if self.problem.passes and not self._passes(tried, last):
+            return replace(tried, error=np.inf)
         if not watched or tried.error > 1.0 or np.any(last.motion.status != Status.OK):
             return tried
         momenta = equation.momenta
@@ -215,19 +232,44 @@ class Collocation:
             states = tried.step.at(when)
             nearest = np.argmin(np.abs(x[:, None] - self._nodes), axis=1)
             frame = last.motion.rates[nearest] if equation.freedoms == 1 else self.frame
-            found = equation.at(when, states, frame, self.problem.whole)
-            missed = np.abs(found.push - tried.step.rate(when)[:, momenta])
+            dynamics = equation.at(when, states, frame, self.problem.whole)
+            missed = np.abs(dynamics.push - tried.step.rate(when)[:, momenta])
             missed = np.max(missed, axis=1) / enough
-            return missed, equation.arguments(found, self.problem.whole, when)
+            return missed, equation.arguments(dynamics, self.problem.whole, when)
 
         good = float(good_until(look, 1)[0])
         return tried if good == 1.0 else replace(tried, error=np.inf)
 
+    def _passes(self, tried: Attempt, last: Dynamics) -> bool:
+        """Return whether a step keeps to one set of configurations where sets cross.
+
+        It passes through a crossing, ends away from any, and is on no two sets that come
+        near each other and do not cross.
+        """
+        if tried.error > 1.0 or np.any(last.motion.status != Status.OK):
+            return True
+        within = StepEvents(tried.step, last.motion.rates, self.problem.whole)
+        orientation = within.orientation(self.equation.closure)
+        size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
+        near = np.abs(orientation) < CROSSED * size
+        side = self.orientation or float(orientation[0])
+        if not np.any(orientation * side < 0.0):
+            return not np.any(near)
+        t = within.crossing(orientation, float(np.copysign(size, side)), CROSSED)
+        if np.any(near[-2:]) or t is None:
+            return False
+        equation = self.equation
+        values = tried.step.at(np.array([t]))[0, : equation.variables]
+        # Between sets that do not cross, a way from one to the other is not closed.
+        gap = float(np.max(np.abs(equation.closure.at(values[None]).residual)))
+        sure = reciprocal_condition(equation.closure, values, equation.freedoms)
+        return gap < FINEST and sure < CROSSED
+
     def _first_length(self, state: Floats) -> float:
         problem = self.problem
-        found = self.equation.at(np.zeros(1), state[None], self.frame, problem.whole)
-        pace = float(np.linalg.norm(found.speed[0])) / FIRST_ARC
-        push = float(np.linalg.norm(found.roots.solved(found.push)[0]))
+        dynamics = self.equation.at(np.zeros(1), state[None], self.frame, problem.whole)
+        pace = float(np.linalg.norm(dynamics.speed[0])) / FIRST_ARC
+        push = float(np.linalg.norm(dynamics.roots.solved(dynamics.push)[0]))
         pace = max(pace, np.sqrt(push / FIRST_ARC))
         until = problem.until
         length = min(until, 1.0 / max(pace, 1e-300), 1.0)
@@ -247,6 +289,8 @@ class Collocation:
 
     def _refined(self, orientation: Floats) -> bool:
         """Return whether a step has to be taken again, to tell whether curves cross."""
+        if self.problem.passes:
+            return False
         signed = orientation * (self.orientation or float(orientation[0]))
         size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
         near = np.abs(orientation) < np.sqrt(self.tolerance) * size
@@ -261,11 +305,11 @@ class Collocation:
         last = np.inf if end is None else end.t
         if len(driven) == 1:
             name = mechanism.pairs[mechanism.variable_owners[driven[0]]].name
-            found = [("dead_centre", t, name) for t in within.dead_centres(driven)]
-            found += [("rest", t, "") for t in within.rests(self.equation.variables)]
+            happened = [("dead_centre", t, name) for t in within.dead_centres(driven)]
+            happened += [("rest", t, "") for t in within.rests(self.equation.variables)]
         else:
-            found = [("type_2", t, "") for t in within.dead_centres(driven)]
-        for kind, t, pair in sorted(found, key=lambda item: item[1]):
+            happened = [("type_2", t, "") for t in within.dead_centres(driven)]
+        for kind, t, pair in sorted(happened, key=lambda item: item[1]):
             if t < last:
                 self._note(kind, t, step.at(np.array([t]))[0], pair)
         if len(driven) == 1:
@@ -287,6 +331,13 @@ class Collocation:
         side = self.orientation or float(orientation[0])
         self.orientation = float(np.copysign(size, side))
         crossing = within.crossing(orientation, self.orientation, CROSSED)
+        if self.problem.passes and crossing is not None:
+            self.orientation = float(np.copysign(size, orientation[-1]))
+            if reached is None or crossing < reached[0]:
+                self._note(
+                    "crossing", crossing, within.step.at(np.array([crossing]))[0], ""
+                )
+            crossing = None
         if crossing is not None and (reached is None or crossing < reached[0]):
             return SimulationEnd("singularity", crossing, CROSSING)
         if reached is None:

@@ -68,13 +68,13 @@ class Reactions:
         That a single one has it about the centre; two have that of the couple, for a force
         through the centre, which adds to it, is not determined.
         """
-        found = np.full(self.across.shape, np.nan)
+        forces = np.full(self.across.shape, np.nan)
         mechanism = self.torques.mechanism
         for load in mechanism.loads:
             if isinstance(load, Bearings):
                 pair = mechanism.pair_number[load.pair]
-                found[:, pair] = self.across[:, pair] / load.arm
-        return found
+                forces[:, pair] = self.across[:, pair] / load.arm
+        return forces
 
     @property
     def push(self) -> Floats:
@@ -104,13 +104,13 @@ def reactions(motion: Motion) -> Reactions:
     at = Linearisation(motion.linearisation.tree, motion.joints, torques.values)
     driven = Driven(mechanism, at, torques.motion, timing, torques.torques, torques.across)
     good = torques.status == Status.OK
-    found = transmitted(driven.rows(good), motion.joints)
+    carried = transmitted(driven.rows(good), motion.joints)
     n = len(motion)
     moments = np.full((n, len(mechanism.pairs), 3), np.nan)
     is_open = np.zeros((n, len(mechanism.pairs), 3), dtype=bool)
     unbalanced = np.full(n, np.nan)
-    moments[good], is_open[good] = found.moments, found.is_open
-    unbalanced[good] = found.unbalanced
+    moments[good], is_open[good] = carried.moments, carried.is_open
+    unbalanced[good] = carried.unbalanced
     status = np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1)
     contacts = np.array([not pair.kind.has_axis for pair in mechanism.pairs])
     size = np.max(np.abs(np.nan_to_num(moments)), axis=(1, 2))

@@ -47,7 +47,7 @@ def reference_simulation(
         If the motion ends at a singularity, or changes too fast.
     """
     mechanism = mechanism_of(mechanism)
-    found = simulate(
+    simulation = simulate(
         mechanism,
         start,
         until,
@@ -56,7 +56,7 @@ def reference_simulation(
         assembly_mode=assembly_mode,
         tolerance=LEAST["numpy"],
     )
-    return refined(found, start, until, arithmetic)
+    return refined(simulation, start, until, arithmetic)
 
 
 def refined(
@@ -107,7 +107,7 @@ def refined(
         values = traced.states[:, :count] + FULL_TURN * traced.turns
         return values + rates * beyond, rates
 
-    found = ExactSimulation(
+    reference = ExactSimulation(
         arithmetic or wide(),
         simulation.mechanism,
         simulation.driven[0],
@@ -117,10 +117,10 @@ def refined(
         near,
         nodes,
     )
-    if found.kind != simulation.end.kind:
+    if reference.kind != simulation.end.kind:
         raise EngineError(
-            f"{simulation.mechanism.name}: the reference ends by {found.kind} at "
-            f"{float(found.end):.6g} s, the simulation by {simulation.end.kind} at "
+            f"{simulation.mechanism.name}: the reference ends by {reference.kind} at "
+            f"{float(reference.end):.6g} s, the simulation by {simulation.end.kind} at "
             f"{last:.6g} s"
         )
-    return found
+    return reference

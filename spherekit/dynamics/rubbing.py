@@ -67,8 +67,8 @@ def rubbed(
     balance = Balance(mechanism, joints, driven.at.frames)
     pairs = [mechanism.pair_number[loads.components[k].pair] for k in loads.rubbing]
     places = [[balance.columns.index((pair, axis)) for axis in (0, 1)] for pair in pairs]
-    for component, own in zip(loads.rubbing, places, strict=True):
-        if np.any(balance.is_open[:, own]):
+    for component, across_both in zip(loads.rubbing, places, strict=True):
+        if np.any(balance.is_open[:, across_both]):
             name = loads.names[loads.owners[component]]
             raise SolveError(
                 f"{mechanism.name}: loads.{name}: redundant constraints leave the reaction "
@@ -92,10 +92,10 @@ def rubbed(
         change[..., k] = moments(balance.left_by(needed, about))
     rates = rates_by_time(motion, driven.timing.dq)
     factors = loads.friction(motion.values, rates, driven.timing.t)
-    found = _solved(still, change, factors)
+    carried = _solved(still, change, factors)
     across = np.zeros((n, len(mechanism.pairs)))
-    across[:, pairs] = found.across
-    return Rubbed(across, found.feedback, found.settled, found.rounds)
+    across[:, pairs] = carried.across
+    return Rubbed(across, carried.feedback, carried.settled, carried.rounds)
 
 
 def _solved(still: Floats, change: Floats, factors: Floats) -> Rubbed:
@@ -120,7 +120,7 @@ def _solved(still: Floats, change: Floats, factors: Floats) -> Rubbed:
         regular = feedback < 1.0
         matrix = np.where(regular[:, None, None], one - slope, one)
         newton = friction + np.linalg.solve(matrix, (plain - friction)[..., None])[..., 0]
-        tried = [(each, *at(each)) for each in (plain, newton)]
+        tried = [(guess, *at(guess)) for guess in (plain, newton)]
         left = [np.max(np.abs(f - factors * size), axis=1) for f, _, size in tried]
         better = (left[1] < left[0])[:, None]
         before = across

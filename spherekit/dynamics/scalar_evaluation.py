@@ -64,14 +64,14 @@ class ScalarEvaluation:
 
         magnitudes = heading.magnitudes()
         works_on = [column(name) for load in heading.loads for name in load.works_on]
-        known = heading.read()
+        stands_for = heading.read()
         used = {
             name for law in magnitudes if isinstance(law, Expression) for name in law.names
         }
         read: dict[str, RowMagnitude] = {}
         rates = []
         for name in sorted(used - {"t"}):
-            function, is_rate = known[name]
+            function, is_rate = stands_for[name]
             if is_rate:
                 rates.append((name, column(function)))
             else:

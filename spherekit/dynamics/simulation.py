@@ -22,7 +22,9 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats
 
-EventKind = Literal["dead_centre", "type_2", "rest", "stop", "switch", "lift_off"]
+EventKind = Literal[
+    "dead_centre", "type_2", "crossing", "rest", "stop", "switch", "lift_off"
+]
 EndKind = Literal[
     "time",
     "stop",
@@ -41,7 +43,7 @@ CHECKED = 2000
 
 CROSSING = (
     "two curves of configurations cross here, so the loads do not say which way the "
-    "mechanism goes on; start beyond the crossing"
+    "mechanism goes on; start beyond the crossing, or ask for crossings to be passed"
 )
 NO_SERIES = (
     "a load has a value here but no series, as where exp overflows within it: write it by "
@@ -75,7 +77,8 @@ class Event:
     """What happened at time `t` (s), at the variables of the `inputs` (rad).
 
     dead_centre: the only input's variable turns back though the mechanism moves on; type_2:
-    several inputs do not hold the mechanism; rest: a mechanism with one input stands still;
+    several inputs do not hold the mechanism; crossing: it went straight on where sets of
+    configurations cross; rest: a mechanism with one input stands still;
     stop: a pair reached its stop; switch: a load has a kink; lift_off: a one-sided contact
     presses no more.
     """
@@ -288,12 +291,12 @@ class Simulation:
             If a time lies outside.
         """
         t = np.atleast_1d(np.asarray(t, dtype=float))
-        traced, found = self._at(t)
+        traced, dynamics = self._at(t)
         equation = self.equation
-        states, speed = traced.states, found.speed
+        states, speed = traced.states, dynamics.speed
         values = states[:, : equation.variables]
         whole = values + FULL_TURN * traced.turns
-        motion, masses, change = self._accelerated(traced, found)
+        motion, masses, change = self._accelerated(traced, dynamics)
         bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         rates = rates_by_time(motion, speed)
         second = rates_by_time(motion, change) + bend
@@ -308,34 +311,34 @@ class Simulation:
             rotations=motion.rotations,
             speed=speed,
             M=masses.M_parts,
-            Q=found.forces,
+            Q=dynamics.forces,
             kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
-            power=found.power,
+            power=dynamics.power,
             work=states[:, equation.works],
             residual=equation.closure.at(values).gap,
         )
 
     def moments(self, t: Floats) -> Transmitted:
         """Return what every pair transmits at times (n,), in pair axes."""
-        traced, found = self._at(t)
-        motion, _, change = self._accelerated(traced, found)
+        traced, dynamics = self._at(t)
+        motion, _, change = self._accelerated(traced, dynamics)
         motion = replace(motion, values=motion.values + FULL_TURN * traced.turns)
         at = self.equation.closure.at(traced.states[:, : self.equation.variables])
         none = np.zeros((len(t), len(self.driven)))
-        timing = Timing(np.asarray(t, dtype=float), found.speed, change)
-        driven = Driven(self.mechanism, at, motion, timing, none, found.across)
+        timing = Timing(np.asarray(t, dtype=float), dynamics.speed, change)
+        driven = Driven(self.mechanism, at, motion, timing, none, dynamics.across)
         return transmitted(driven, self.equation.closure.joints)
 
     def _accelerated(
-        self, traced: Traced, found: Dynamics
+        self, traced: Traced, dynamics: Dynamics
     ) -> tuple[CoordinateMotion, Inertia, Floats]:
         """Return the motion to the second order, inertia, and rates of the speed (n, m)."""
-        equation, speed = self.equation, found.speed
+        equation, speed = self.equation, dynamics.speed
         values = traced.states[:, : equation.variables]
         motion = equation.motion(values, traced.frames, order=2)
         masses = inertia(equation.mechanism, motion)
         pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
-        drive = np.sum(found.forces, axis=2) - pull
+        drive = np.sum(dynamics.forces, axis=2) - pull
         change = np.linalg.solve(masses.M, drive[..., None])[..., 0]
         return motion, masses, np.asarray(change)
 
@@ -348,16 +351,16 @@ class Simulation:
         # Not at the ends of steps, where loads may jump.
         t = np.concatenate([starts + x * lengths for x in (0.03, 0.35, 0.7)])
         t = np.append(np.minimum(t, self.end.t), self.end.t)
-        traced, found = self._at(t)
+        traced, dynamics = self._at(t)
         states, rates = traced.states, traced.rates
         equation = self.equation
         gap = equation.closure.at(states[:, : equation.variables]).residual
         momenta = states[:, equation.momenta]
         kinetic = 0.5 * np.sum(momenta**2, axis=1)
         work = np.sum(states[:, equation.works], axis=1)
-        missed = rates[:, equation.momenta] - found.push
+        missed = rates[:, equation.momenta] - dynamics.push
         missed[t >= self.end.t] = 0.0
-        root = float(np.sqrt(np.max(np.linalg.eigvalsh(found.M))))
+        root = float(np.sqrt(np.max(np.linalg.eigvalsh(dynamics.M))))
         size = max(float(np.max(np.linalg.norm(momenta, axis=1))), root)
         push = np.linalg.norm(missed, axis=1)
         steps = np.append(np.tile(lengths, 3), 0.0)

@@ -72,7 +72,8 @@ class Problem:
     `driven` are the numbers of the inputs' variables; `values` (variables,) closed at the
     start, less `turns` (variables,) whole turns, so that they keep their digits; `speed`
     (m,) the rates along the orthonormal vectors of `frame` (m, variables); `switches` times
-    within the run at which steps begin anew.
+    within the run at which steps begin anew; `passes` whether it goes straight on where
+    sets of configurations cross.
     """
 
     equation: EquationOfMotion
@@ -83,6 +84,7 @@ class Problem:
     speed: Floats
     until: float
     switches: tuple[float, ...]
+    passes: bool = False
 
     @property
     def whole(self) -> Floats:
@@ -98,6 +100,7 @@ def prepare(
     input_pair: str | Sequence[str] | None = None,
     assembly_mode: int = 0,
     switches: Iterable[float] = (),
+    passes: bool = False,
 ) -> Problem:
     """Return the problem behind the arguments of `simulate`, or raise what is wrong."""
     name = mechanism.name
@@ -150,7 +153,7 @@ def prepare(
     _check_stops(mechanism, values + FULL_TURN * turns)
     inside = tuple(t for t in times if 0.0 < t < until)
     speed = _speed(mechanism, frame, moved, rates)
-    return Problem(equation, driven, values, turns, frame, speed, until, inside)
+    return Problem(equation, driven, values, turns, frame, speed, until, inside, passes)
 
 
 def _speed(
@@ -189,7 +192,7 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
                 f"turn freely. Inputs: {listing(inputs)}"
             )
         torque = {inputs[0]: torque}
-    found = []
+    loads = []
     for pair, given in torque.items():
         if pair not in inputs:
             raise SolveError(
@@ -203,8 +206,8 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
                 "torque is; give it another name"
             )
         text = repr(float(given)) if isinstance(given, int | float) else given
-        found.append(PairTorque(name, pair, text))
-    return found
+        loads.append(PairTorque(name, pair, text))
+    return loads
 
 
 def drive_name(inputs: Sequence[str], pair: str) -> str:
@@ -235,15 +238,15 @@ def _closed(
     angles = np.isin(np.arange(count), list(mechanism.angles.values()))
     turns = np.where(angles, whole_turns(given), 0.0)
     given = np.where(angles, reduced(given), given)
-    found = closure.solve(given[None])
-    moved = float(np.max(np.abs(found.values[0] - given)))
-    if not (found.residual[0] < 1e-12 and moved < NEAR):
+    solution = closure.solve(given[None])
+    moved = float(np.max(np.abs(solution.values[0] - given)))
+    if not (solution.residual[0] < 1e-12 and moved < NEAR):
         raise SolveError(
             f"{name}: the values at the start do not close the loops: the nearest closed "
             f"configuration found is {moved:.2g} rad away (residual "
-            f"{found.residual[0]:.2g} rad), allowed is {NEAR} rad"
+            f"{solution.residual[0]:.2g} rad), allowed is {NEAR} rad"
         )
-    return np.asarray(found.values[0]), turns
+    return np.asarray(solution.values[0]), turns
 
 
 def _need_digits(name: str, values: Floats) -> None:
@@ -273,12 +276,12 @@ def _configuration(
     _need_digits(name, q)
     if len(q) == 1:
         tracer = reaching(traced(mechanism), q)
-        found = tracer.at(into_range(tracer, q[None]))
+        motion = tracer.at(into_range(tracer, q[None]))
     else:
         bare = replace(mechanism, masses=(), loads=(), stops=())
         near = q if mechanism.has_contacts else reduced(q)
         tracer = Tracer(bare, path=near[None])
-        found = tracer.motion()
+        motion = tracer.motion()
     numbers = [item.number for item in tracer.assembly_modes]
     if assembly_mode not in numbers:
         raise SolveError(
@@ -287,14 +290,14 @@ def _configuration(
             f"{listing(numbers)}"
         )
     row = numbers.index(assembly_mode)
-    status = Status(int(found.status[row]))
+    status = Status(int(motion.status[row]))
     if status not in (Status.OK, Status.AT_SINGULARITY):
         where = listing(f"{x:.6g}" for x in q)
         raise SolveError(
             f"{name}: no configuration of assembly mode {assembly_mode} at q = {where} rad "
             f"({status.name}): {STATUS_MEANING[status]}"
         )
-    values: Floats = found.values[row].copy()
+    values: Floats = motion.values[row].copy()
     turns = np.zeros(len(values))
     driven = list(tracer.solver.driven)
     values[driven], turns[driven] = reduced(q), whole_turns(q)

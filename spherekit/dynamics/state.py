@@ -43,6 +43,12 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats, transpose
 
+PROJECTIONS = 3
+"""Steps of Newton's method that lead an iterate near its set of configurations onto it."""
+
+LONGEST = 0.05
+"""Longest of these (rad): near a crossing the first may lead far away."""
+
 
 @final
 @dataclass(frozen=True)
@@ -79,8 +85,8 @@ class Roots:
 
     def changing(self, dM: Floats, u: Floats) -> Floats:
         """Return R' u (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
-        own = transpose(self.vectors) @ u[..., None]
-        return np.asarray((self.vectors @ self._change(dM, u) @ own)[..., 0])
+        along = transpose(self.vectors) @ u[..., None]
+        return np.asarray((self.vectors @ self._change(dM, u) @ along)[..., 0])
 
     def _change(self, dM: Floats, u: Floats) -> Floats:
         """Return R' (n, m, m) along the eigenvectors."""
@@ -90,12 +96,12 @@ class Roots:
 
     def turning(self, dM: Floats, u: Floats, p: Floats) -> Floats:
         """Return S p (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
-        own = transpose(self.vectors)
+        back = transpose(self.vectors)
         root_change = self._change(dM, u)
-        pull = own @ coriolis(dM, u) @ self.vectors / self.sizes[:, :, None]
+        pull = back @ coriolis(dM, u) @ self.vectors / self.sizes[:, :, None]
         part = (root_change - pull) / self.sizes[:, None]
         skew = 0.5 * (part - transpose(part))
-        return np.asarray((self.vectors @ skew @ own @ p[..., None])[..., 0])
+        return np.asarray((self.vectors @ skew @ back @ p[..., None])[..., 0])
 
 
 @final
@@ -150,9 +156,9 @@ class EquationOfMotion:
 
     def framed(self, state: Floats, frame: Floats) -> tuple[Floats, Floats]:
         """Return a state in a frame that is orthonormal there, and that frame."""
-        found = self.at(np.zeros(1), state[None], frame)
-        rates = rates_by_time(found.motion, found.speed)[0]
-        rows = found.motion.rates[0]
+        dynamics = self.at(np.zeros(1), state[None], frame)
+        rates = rates_by_time(dynamics.motion, dynamics.speed)[0]
+        rows = dynamics.motion.rates[0]
         squares, turn = np.linalg.eigh(rows @ rows.T)
         frame = (turn / np.sqrt(squares)) @ turn.T @ rows
         framed = self.state(state[: self.variables], frame @ rates, frame)
@@ -186,6 +192,21 @@ class EquationOfMotion:
             return values, 0.0
         moved = np.linalg.pinv(at.jacobian[0], rcond=1e-10) @ at.residual[0]
         return np.asarray(values - moved), float(at.gap[0])
+
+    def nearest_closed(self, values: Floats) -> Floats:
+        """Return configurations (n, variables) led to closed ones by Newton's method.
+
+        Each by `PROJECTIONS` steps along the normal space, no longer than `LONGEST` (rad).
+        """
+        for _ in range(PROJECTIONS):
+            at = self.closure.at(values)
+            if not at.residual.size:
+                return values
+            inverse = np.linalg.pinv(at.jacobian, rcond=1e-9)
+            moved = (inverse @ at.residual[..., None])[..., 0]
+            size = np.linalg.norm(moved, axis=1, keepdims=True)
+            values = values - moved * np.minimum(1.0, LONGEST / np.maximum(size, LONGEST))
+        return values
 
     def at(
         self, t: Floats, states: Floats, frame: Floats, whole: Floats | None = None
@@ -248,20 +269,22 @@ class EquationOfMotion:
         at = self.closure.at(values)
         driven = Driven(self.mechanism, at, seen, timing, none, None).rows(good)
         columns = [self.loads.variable(k) for k in self.loads.rubbing]
-        own = np.moveaxis(driven.motion.rates[:, :, columns], 2, 0)
+        by_bearing = np.moveaxis(driven.motion.rates[:, :, columns], 2, 0)
         some = Roots(roots.vectors[good], roots.sizes[good])
-        faster = np.stack([some.solved(some.solved(each)) for each in own], axis=1)
+        faster = np.stack(
+            [some.solved(some.solved(column)) for column in by_bearing], axis=1
+        )
         drives = np.zeros((len(at.values[good]), len(columns), none.shape[1]))
-        found = rubbed(driven, joints, self.loads, faster, drives)
-        across[good], locked[good] = found.across, ~found.settled
+        carried = rubbed(driven, joints, self.loads, faster, drives)
+        across[good], locked[good] = carried.across, ~carried.settled
         return across, locked
 
-    def arguments(self, found: Dynamics, whole: Floats, t: Floats) -> Floats:
+    def arguments(self, dynamics: Dynamics, whole: Floats, t: Floats) -> Floats:
         """Return the steep arguments (n, arguments) of the loads, `whole` as in `at`."""
-        rates = rates_by_time(found.motion, found.speed)
-        return self.loads.arguments(found.motion.values + whole, rates, t)
+        rates = rates_by_time(dynamics.motion, dynamics.speed)
+        return self.loads.arguments(dynamics.motion.values + whole, rates, t)
 
-    def rates(self, found: Dynamics) -> Floats:
+    def rates(self, dynamics: Dynamics) -> Floats:
         """Return the rates of the states (n, states)."""
-        rates = rates_by_time(found.motion, found.speed)
-        return np.concatenate([rates, found.push, found.power], axis=1)
+        rates = rates_by_time(dynamics.motion, dynamics.speed)
+        return np.concatenate([rates, dynamics.push, dynamics.power], axis=1)

@@ -51,7 +51,7 @@ class Stiffness:
 
 
 def output_stiffness(
-    found: InverseSolution, link: str, relative_to: str, stiffness: Floats
+    solution: InverseSolution, link: str, relative_to: str, stiffness: Floats
 ) -> Stiffness:
     """Return how inputs hold a link, each yielding by its own stiffness.
 
@@ -70,9 +70,9 @@ def output_stiffness(
     w_i . m / k_i, and the link by C m with C = sum of w_i w_i^T / k_i. That the loads
     change as the mechanism yields is left out.
     """
-    number = found.mechanism.link_number
-    w = found.motion.w[:, :, number[link]] - found.motion.w[:, :, number[relative_to]]
-    good = found.status == Status.OK
+    number = solution.mechanism.link_number
+    w = solution.motion.w[:, :, number[link]] - solution.motion.w[:, :, number[relative_to]]
+    good = solution.status == Status.OK
     w = np.where(good[:, None, None], w, np.nan)
     compliance = np.einsum("nia,nib,i->nab", w, w, 1.0 / stiffness)
     values, vectors = np.full((len(w), 3), np.nan), np.full((len(w), 3, 3), np.nan)

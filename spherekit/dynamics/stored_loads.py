@@ -10,13 +10,13 @@ from spherekit.model.expression import Expression
 
 def own_velocities(loads: Loads) -> dict[int, str]:
     """Return the names of velocities of components that no pair's rate is, by number."""
-    owners, found = loads.owners, {}
+    owners, names = loads.owners, {}
     for k, part in enumerate(loads.components):
         if not part.pair:
             name = f"load {loads.names[owners[k]]}"
             axis = f" {'xyz'[k - owners.index(owners[k])]}"
-            found[k] = name + axis * (owners.count(owners[k]) > 1)
-    return found
+            names[k] = name + axis * (owners.count(owners[k]) > 1)
+    return names
 
 
 def stored_loads(loads: Loads, rate: Callable[[str], str]) -> tuple[StoredLoad, ...]:
@@ -24,7 +24,7 @@ def stored_loads(loads: Loads, rate: Callable[[str], str]) -> tuple[StoredLoad, 
 
     `rate` names the stored rate of a pair's variable, by the variable's name.
     """
-    velocities, found = own_velocities(loads), []
+    velocities, stored = own_velocities(loads), []
     for number, load in enumerate(loads.mechanism.loads):
         parts = {
             k: part for k, part in enumerate(loads.components) if loads.owners[k] == number
@@ -34,9 +34,9 @@ def stored_loads(loads: Loads, rate: Callable[[str], str]) -> tuple[StoredLoad, 
         )
         if isinstance(load, TorqueTable):
             table = load.times, load.torques, load.periodic
-            found.append(StoredLoad(load.name, works_on, (), *table))
+            stored.append(StoredLoad(load.name, works_on, (), *table))
             continue
         laws = [part.magnitude for part in parts.values()]
         texts = tuple(law.text for law in laws if isinstance(law, Expression))
-        found.append(StoredLoad(load.name, works_on, texts))
-    return tuple(found)
+        stored.append(StoredLoad(load.name, works_on, texts))
+    return tuple(stored)

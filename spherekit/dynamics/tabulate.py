@@ -116,7 +116,7 @@ def online_model(
     for number, names in enumerate(sampler.groups):
         words = f"{at} of {count}"
         working.tell(words.__str__)
-        own = size[at : at + len(names)]
+        sizes = size[at : at + len(names)]
         at += len(names)
         fitted.append(
             PiecewiseChebyshev.fit(
@@ -124,12 +124,12 @@ def online_model(
                 sampler.low,
                 sampler.high,
                 tolerance,
-                own,
+                sizes,
                 FIRST_CELLS,
                 rounding=ROUNDING,
             )
         )
-        units = zip(names.items(), own, strict=True)
+        units = zip(names.items(), sizes, strict=True)
         groups.append(
             tuple(
                 StoredFunction(name, unit, float(most), 0.0) for (name, unit), most in units
@@ -170,8 +170,8 @@ def _measured(model: TabulatedModel, sampler: "_Sampler") -> TabulatedModel:
         gap = np.max(np.abs(fitted.at(x) - sampler.group(number, x)), axis=0)
         groups.append(
             tuple(
-                replace(each, error=float(error) / each.largest)
-                for each, error in zip(model.heading.groups[number], gap, strict=True)
+                replace(function, error=float(error) / function.largest)
+                for function, error in zip(model.heading.groups[number], gap, strict=True)
             )
         )
     return TabulatedModel(replace(model.heading, groups=tuple(groups)), model.groups)
@@ -256,17 +256,17 @@ class _Sampler:
     def groups(self) -> tuple[dict[str, str], ...]:
         """Names of the columns with their units, group by group."""
         made, x = self.mechanism, self.coordinate
-        found = dict.fromkeys(made.variable_names, "rad")
-        found |= {f"d({name})/d{x}": "" for name in made.variable_names}
+        units = dict.fromkeys(made.variable_names, "rad")
+        units |= {f"d({name})/d{x}": "" for name in made.variable_names}
         if made.masses or made.loads:
-            found |= {"B": "kg m2", f"d(B)/d{x}": "kg m2/rad"}
+            units |= {"B": "kg m2", f"d(B)/d{x}": "kg m2/rad"}
         for k, name in self.velocities.items():
-            found[name] = made.loads[self.loads.owners[k]].velocity_unit
-        every = [found]
+            units[name] = made.loads[self.loads.owners[k]].velocity_unit
+        every = [units]
         for pole in self.poles:
             name = pole_name(made, pole)
-            own = {f"pole {name} {axis}": "" for axis in "xyz"}
-            every.append(own | {f"rate {name}": "", f"d(rate {name})/d{x}": "1/rad"})
+            of_pole = {f"pole {name} {axis}": "" for axis in "xyz"}
+            every.append(of_pole | {f"rate {name}": "", f"d(rate {name})/d{x}": "1/rad"})
         return tuple(every)
 
     def columns(self, x: Floats) -> Floats:
@@ -325,21 +325,21 @@ class _Sampler:
 
     def _directions(self, x: Floats, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return the unit vectors (n, 3) of the poles, in the sense that was noted."""
-        found = self._lines(motion)
+        units = self._lines(motion)
         away = (x - self.low) % (self.high - self.low) if self.periodic else x - self.low
         nearest = np.rint(away / (self.high - self.low) * self.mark_count).astype(int)
         if self.periodic:
             nearest %= self.mark_count
-        for pole, unit in found.items():
+        for pole, unit in units.items():
             if pole in self.marks:
                 side = np.sum(unit * self.marks[pole][nearest], axis=1)
                 unit[side < 0.0] *= -1.0
-        return found
+        return units
 
     def _lines(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return unit vectors along the pole axes, in either sense."""
         lines = evaluate_lines(self.plan, self._as_motion(motion))
-        found: dict[Pole, Floats] = {}
+        units: dict[Pole, Floats] = {}
         w = motion.w[:, 0]
         size = np.max(np.linalg.norm(w, axis=2), axis=1)
         for pole in self.poles:
@@ -357,8 +357,8 @@ class _Sampler:
                     "the curve: the two links do not move relative to each other there; "
                     "leave it out"
                 )
-            found[pole] = unit
-        return found
+            units[pole] = unit
+        return units
 
     def _as_motion(self, motion: CoordinateMotion) -> Motion:
         return replace(motion_of(self.tracer.solver, motion.values), status=motion.status)
@@ -438,8 +438,8 @@ def _sizes(sampled: Floats, sampler: _Sampler) -> Floats:
         size[columns] = np.maximum(size[columns], LEAST * np.max(size[columns]))
     for k, name in enumerate(names):
         if name.startswith("d("):
-            own = names.index(name[2 : name.index(")")])
-            size[k] = max(size[k], LEAST * size[own])
+            function = names.index(name[2 : name.index(")")])
+            size[k] = max(size[k], LEAST * size[function])
     size[size == 0.0] = 1.0
     return np.asarray(size)
 

@@ -136,14 +136,14 @@ def _errors(series: TensorChebyshev, sampler: "_Sampler") -> list[float]:
     )
     q = q[series.cells(q) >= 0]
     exact = sampler.at(q)
-    known = np.all(np.isfinite(exact), axis=1)
-    gap = np.abs(series.at(q[known]) - exact[known])
-    return [float(each) for each in np.max(gap, axis=0, initial=0.0)]
+    finite = np.all(np.isfinite(exact), axis=1)
+    gap = np.abs(series.at(q[finite]) - exact[finite])
+    return [float(error) for error in np.max(gap, axis=0, initial=0.0)]
 
 
-def _sizes(names: dict[str, str], found: Floats) -> Floats:
+def _sizes(names: dict[str, str], values: Floats) -> Floats:
     """Return the largest value (F,) of each function, at least `LEAST` of its kind's."""
-    size = np.max(np.abs(found), axis=0, initial=0.0)
+    size = np.max(np.abs(values), axis=0, initial=0.0)
     kinds: dict[str, list[int]] = {}
     for column, name in enumerate(names):
         kinds.setdefault(name.split()[0].partition("_")[0], []).append(column)
@@ -175,9 +175,9 @@ class _Sampler:
         values[..., self.driven] = motion.inputs.reshape(*shape, -1)
         turning = list(self.mechanism.angles.values())
         _unwrap(values, good, turning)
-        known = by_variables(self.closure, values[good], self.driven)
-        sure = np.all(np.isfinite(known.second), axis=(1, 2, 3))
-        sure &= determined(known.rates) >= SURE
+        nodes = by_variables(self.closure, values[good], self.driven)
+        sure = np.all(np.isfinite(nodes.second), axis=(1, 2, 3))
+        sure &= determined(nodes.rates) >= SURE
         if not np.any(sure):
             raise SolveError(
                 f"{self.mechanism.name}: the assembly mode has no regular configuration on "
@@ -190,30 +190,30 @@ class _Sampler:
         """Names of the functions with their units."""
         made = self.mechanism
         heading = [made.pairs[made.variable_owners[v]].name for v in self.driven]
-        found = dict.fromkeys(made.variable_names, "rad")
+        units = dict.fromkeys(made.variable_names, "rad")
         for name in made.variable_names:
-            found |= dict.fromkeys((f"d({name})/d(theta_{x})" for x in heading), "")
+            units |= dict.fromkeys((f"d({name})/d(theta_{x})" for x in heading), "")
         if made.masses or made.loads:
             lower = [(a, b) for i, a in enumerate(heading) for b in heading[: i + 1]]
-            found |= {f"M {a} {b}": "kg m2" for a, b in lower}
-            found |= {f"c {x} {a} {b}": "kg m2" for x in heading for a, b in lower}
+            units |= {f"M {a} {b}": "kg m2" for a, b in lower}
+            units |= {f"c {x} {a} {b}": "kg m2" for x in heading for a, b in lower}
         for k, name in self.velocities.items():
             unit = made.loads[self.loads.owners[k]].velocity_unit
-            found |= {f"{name} by {pair}": unit for pair in heading}
+            units |= {f"{name} by {pair}": unit for pair in heading}
         for pole in self.poles:
             for axis in "xyz":
                 name = f"velocity {pole_name(made, pole)} {axis}"
-                found |= {f"{name} by {pair}": "" for pair in heading}
-        return found
+                units |= {f"{name} by {pair}": "" for pair in heading}
+        return units
 
     def at(self, q: Floats) -> Floats:
         """Return all functions (n, F) at inputs (n, m), NaN where the mode is not."""
         values, good = self._closed(q)
-        found = np.full((len(q), len(self.names)), np.nan)
+        functions = np.full((len(q), len(self.names)), np.nan)
         if np.any(good):
             motion = by_variables(self.closure, values[good], self.driven)
-            found[good] = self.columns(motion)
-        return found
+            functions[good] = self.columns(motion)
+        return functions
 
     def columns(self, motion: CoordinateMotion) -> Floats:
         """Return all functions (n, F) of a motion by the inputs."""
@@ -238,12 +238,12 @@ class _Sampler:
         """Return closed configurations (n, variables) of the mode, and which are."""
         from scipy.spatial import cKDTree
 
-        known, driven = self.known, self.driven
-        near = cKDTree(known.values[:, driven]).query(q)[1]
-        step = q - known.values[near][:, driven]
-        ahead = np.einsum("ni,niv->nv", step, known.rates[near])
-        bend = np.einsum("ni,nk,nikv->nv", step, step, known.second[near])
-        values = known.values[near] + ahead + 0.5 * bend
+        nodes, driven = self.known, self.driven
+        near = cKDTree(nodes.values[:, driven]).query(q)[1]
+        step = q - nodes.values[near][:, driven]
+        ahead = np.einsum("ni,niv->nv", step, nodes.rates[near])
+        bend = np.einsum("ni,nk,nikv->nv", step, step, nodes.second[near])
+        values = nodes.values[near] + ahead + 0.5 * bend
         values[:, driven] = q
         free = np.setdiff1d(np.arange(values.shape[1]), driven)
         with np.errstate(all="ignore"):
@@ -258,13 +258,13 @@ class _Sampler:
                 rows = rows[size > 1e-14]
                 if not len(rows):
                     break
-            found = by_variables(self.closure, values, driven, order=1)
-            both = known.rates[near] + found.rates
-            led = known.values[near] + 0.5 * np.einsum("ni,niv->nv", step, both)
+            moving = by_variables(self.closure, values, driven, order=1)
+            both = nodes.rates[near] + moving.rates
+            led = nodes.values[near] + 0.5 * np.einsum("ni,niv->nv", step, both)
             good = self.closure.at(values).gap < CLOSURE_TOLERANCE
             good &= np.max(np.abs(led - values), axis=1) < APART
-            good &= determined(found.rates) >= SURE
-        good &= found.status == Status.OK
+            good &= determined(moving.rates) >= SURE
+        good &= moving.status == Status.OK
         return values, good
 
 

@@ -64,7 +64,7 @@ class TabulatedModel:
     @property
     def error(self) -> float:
         """Largest measured error of all functions, relative to the largest of each."""
-        return max(each.error for each in self.heading.functions)
+        return max(function.error for function in self.heading.functions)
 
     @overload
     def torque(self, x: float, dx: float, ddx: float, t: float = 0.0) -> float: ...
@@ -96,21 +96,21 @@ class TabulatedModel:
         rows = self._rows(0, x)
         dx, ddx = np.asarray(dx, dtype=float), np.asarray(ddx, dtype=float)
         force = np.sum(self._forces(rows, dx, np.asarray(t, dtype=float)), axis=-1)
-        found = self._column(rows, "B") * ddx
-        found += 0.5 * self._column(rows, self.heading.derivative("B")) * dx**2
-        return np.asarray(found - force)
+        torque = self._column(rows, "B") * ddx
+        torque += 0.5 * self._column(rows, self.heading.derivative("B")) * dx**2
+        return np.asarray(torque - force)
 
     def forces(self, x: ArrayLike, dx: ArrayLike, t: ArrayLike = 0.0) -> dict[str, Floats]:
         """Return each load's generalised force Q (N m) by x, by its name."""
         rows = self._rows(0, x)
         parts = self._forces(rows, np.asarray(dx, dtype=float), np.asarray(t, dtype=float))
-        found: dict[str, Floats] = {}
+        forces: dict[str, Floats] = {}
         at = 0
         for load in self.heading.loads:
             count = len(load.works_on)
-            found[load.name] = np.sum(parts[..., at : at + count], axis=-1)
+            forces[load.name] = np.sum(parts[..., at : at + count], axis=-1)
             at += count
-        return found
+        return forces
 
     @overload
     def inertia(self, x: float) -> float: ...
@@ -195,8 +195,8 @@ class TabulatedModel:
         turns = variable in {f"theta_{pair}" for pair in heading.angles}
 
         def gap(x: Floats) -> tuple[Floats, Floats]:
-            found, rate = self.groups[0].at(x)[:, columns].T
-            half = 0.5 * (found - value)
+            reached, rate = self.groups[0].at(x)[:, columns].T
+            half = 0.5 * (reached - value)
             if turns:
                 return np.sin(half), 0.5 * np.cos(half) * rate
             return half, 0.5 * rate
@@ -262,15 +262,15 @@ class TabulatedModel:
         return np.asarray(rows[..., self.heading.place(name)[1]])
 
     def _pole(self, name: str) -> str:
-        known = self.heading.poles
-        if name in known:
+        poles = self.heading.poles
+        if name in poles:
             return name
         reverse = "/".join(reversed(name.split("/")))
-        if reverse in known:
+        if reverse in poles:
             return reverse
         raise SolveError(
             f'{self.heading.mechanism}: pole "{name}" is not stored'
-            f"{nearest(name, known) or ';'} Stored are {listing(known) or 'none'}; make "
+            f"{nearest(name, poles) or ';'} Stored are {listing(poles) or 'none'}; make "
             "the model anew with it"
         )
 
@@ -286,26 +286,26 @@ class TabulatedModel:
         if not np.all(good):
             raise heading.outside(float(x[~good][0]))
         laps = np.floor((x - low) / (high - low)) if heading.periodic else np.zeros_like(x)
-        found = self.groups[number].at((x - laps * (high - low)).ravel())
-        found = found.reshape(*x.shape, -1)
+        values = self.groups[number].at((x - laps * (high - low)).ravel())
+        values = values.reshape(*x.shape, -1)
         if number == 0 and np.any(laps):
-            found[..., : len(heading.rise)] += laps[..., None] * np.array(heading.rise)
-        return found
+            values[..., : len(heading.rise)] += laps[..., None] * np.array(heading.rise)
+        return values
 
     def _forces(self, rows: Floats, dx: Floats, t: Floats) -> Floats:
         """Return the generalised force of each load component (..., components)."""
         heading = self.heading
-        known = {"t": t}
+        names = {"t": t}
         for name, (function, is_rate) in heading.read().items():
             column = self._column(rows, function)
-            known[name] = column * dx if is_rate else column
+            names[name] = column * dx if is_rate else column
         works_on = [name for load in heading.loads for name in load.works_on]
         shape = np.broadcast_shapes(rows.shape[:-1], dx.shape, t.shape)
-        found = np.empty((*shape, len(works_on)))
+        forces = np.empty((*shape, len(works_on)))
         for k, (law, name) in enumerate(zip(heading.magnitudes(), works_on, strict=True)):
-            magnitude = law.at(t) if isinstance(law, TorqueTable) else law.evaluate(known)
-            found[..., k] = magnitude * self._column(rows, name)
-        return found
+            magnitude = law.at(t) if isinstance(law, TorqueTable) else law.evaluate(names)
+            forces[..., k] = magnitude * self._column(rows, name)
+        return forces
 
 
 @checked(FileError)
@@ -338,7 +338,7 @@ def load_reduced(path: str | os.PathLike[str]) -> TabulatedModel | GridModel:
 def _heading(header: dict[str, Any]) -> ModelMetadata:
     loads = stored_loads(header)
     groups = tuple(
-        tuple(StoredFunction(**each) for each in group) for group in header["groups"]
+        tuple(StoredFunction(**item) for item in group) for group in header["groups"]
     )
     rest = {name: header[name] for name in ModelMetadata.__dataclass_fields__}
     for name in ("variables", "angles", "poles", "rise"):
@@ -350,12 +350,14 @@ def _groups(
     where: str, heading: ModelMetadata, arrays: dict[str, Floats]
 ) -> tuple[PiecewiseChebyshev, ...]:
     numbers = [heading.low, heading.high, *heading.rise]
-    numbers += [x for each in heading.functions for x in (each.largest, each.error)]
+    numbers += [
+        x for function in heading.functions for x in (function.largest, function.error)
+    ]
     if not (np.all(np.isfinite(numbers)) and heading.low < heading.high):
         raise FileError(
             f"{where}: the heading has numbers that are not finite; make it anew"
         )
-    found = []
+    interpolants = []
     for k, group in enumerate(heading.groups):
         edges, series = arrays[f"edges_{k}"], arrays[f"chebyshev_{k}"]
         fits = edges.ndim == 1 and len(edges) > 1 and bool(np.all(np.diff(edges) > 0.0))
@@ -372,5 +374,5 @@ def _groups(
                 f'{where}: "{group[bad[0][2]].name}" has coefficients that are not finite; '
                 "make it anew"
             )
-        found.append(PiecewiseChebyshev(edges, series))
-    return tuple(found)
+        interpolants.append(PiecewiseChebyshev(edges, series))
+    return tuple(interpolants)

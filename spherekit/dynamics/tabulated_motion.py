@@ -100,33 +100,33 @@ def online_motion(
         push = force(row, speed, time)
         return speed, push * root, push * speed
 
-    own = max(MARGIN * tolerance, 1e-14)
+    tighter = max(MARGIN * tolerance, 1e-14)
     kinks = set(switches)
     for load in heading.loads:
         if load.table is not None:
             kinks |= set(load.table.knots(float(t[0]), float(t[-1])))
     critical = sorted(time for time in kinks if t[0] < time < t[-1])
-    found, notes = odeint(
+    states, notes = odeint(
         right,
         [x, sqrt(inertia) * dx, 0.0],
         t,
         tfirst=True,
-        rtol=own,
-        atol=own,
+        rtol=tighter,
+        atol=tighter,
         mxstep=100_000,
         tcrit=critical or None,
         full_output=True,
     )
     if notes["message"] != "Integration successful.":
         raise SolveError(f"{name}: {notes['message']}")
-    return _motion(model, t, found, int(notes["nfe"][-1]))
+    return _motion(model, t, states, int(notes["nfe"][-1]))
 
 
 def _motion(
-    model: TabulatedModel, t: Floats, found: Floats, evaluations: int
+    model: TabulatedModel, t: Floats, states: Floats, evaluations: int
 ) -> TabulatedMotion:
     heading, message = model.heading, ""
-    x, p, work = found.T
+    x, p, work = states.T
     if not heading.periodic:
         beyond = np.flatnonzero((x < heading.low) | (x > heading.high))
         if len(beyond):
@@ -134,13 +134,13 @@ def _motion(
             x, p, work = x.copy(), p.copy(), work.copy()
             for array in (x, p, work):
                 array[beyond[0] :] = np.nan
-    known = np.isfinite(x)
+    finite = np.isfinite(x)
     rows = np.full((len(x), 2 * len(heading.variables)), np.nan)
     dx = np.full(len(x), np.nan)
     names = [*heading.variables, *map(heading.derivative, heading.variables)]
     for column, name in enumerate(names):
-        rows[known, column] = model.value(name, x[known])
-    dx[known] = p[known] / np.sqrt(model.inertia(x[known]))
+        rows[finite, column] = model.value(name, x[finite])
+    dx[finite] = p[finite] / np.sqrt(model.inertia(x[finite]))
     values, tangents = np.split(rows, 2, axis=1)
     rates = tangents * dx[:, None]
     driven = heading.variables.index(f"theta_{heading.input}")

@@ -102,8 +102,8 @@ class TaylorPath:
             order.append(rows)
             parts.append(self.legs[number].at(t[rows]))
         back = np.argsort(np.concatenate(order))
-        found = (
+        columns = (
             np.concatenate([getattr(part, name) for part in parts])[back]
             for name in ("states", "rates", "frames", "turns")
         )
-        return Traced(*found)
+        return Traced(*columns)

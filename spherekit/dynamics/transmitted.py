@@ -122,11 +122,11 @@ class Balance:
     def held(self, left: Floats) -> tuple[Floats, Floats]:
         """Return the reactions (n, columns) and what misses the equations (n,)."""
         right = left[:, 1:].reshape(len(left), self._matrix.shape[1], 1)
-        found = self._inverse @ right
+        reactions = self._inverse @ right
         # A step of refinement brings back the digits that the inverse loses.
-        found = found + self._inverse @ (right - self._matrix @ found)
-        missed = right - self._matrix @ found
-        return found[..., 0], np.max(np.abs(missed[..., 0]), axis=1, initial=0.0)
+        reactions = reactions + self._inverse @ (right - self._matrix @ reactions)
+        missed = right - self._matrix @ reactions
+        return reactions[..., 0], np.max(np.abs(missed[..., 0]), axis=1, initial=0.0)
 
 
 def transmitted(driven: Driven, joints: Sequence[Joint]) -> Transmitted:
@@ -134,12 +134,12 @@ def transmitted(driven: Driven, joints: Sequence[Joint]) -> Transmitted:
     mechanism = driven.mechanism
     balance = Balance(mechanism, joints, driven.at.frames)
     left, about = left_over(driven, balance)
-    found, missed = balance.held(left)
+    reactions, missed = balance.held(left)
     moments = np.zeros((len(about), len(mechanism.pairs), 3))
     is_open = np.zeros(moments.shape, dtype=bool)
     moments[:, :, 2] = about
     for k, (pair, column) in enumerate(balance.columns):
-        moments[:, pair, column] = found[:, k]
+        moments[:, pair, column] = reactions[:, k]
         is_open[:, pair, column] = balance.is_open[:, k]
     moments[is_open] = np.nan
     return Transmitted(moments, is_open, missed)
@@ -168,21 +168,21 @@ def _gyroscopic(mechanism: Mechanism, motion: CoordinateMotion, speed: Floats) -
     """Return I a + w x I w (n, links, 3) while the coordinates do not accelerate, N m."""
     w = np.einsum("ni,nila->nla", speed, motion.w)
     bend = np.einsum("ni,nk,nikla->nla", speed, speed, motion.dw)
-    found = _times_tensors(mechanism, motion, bend)
-    return found + cross(w, _times_tensors(mechanism, motion, w))
+    moments = _times_tensors(mechanism, motion, bend)
+    return moments + cross(w, _times_tensors(mechanism, motion, w))
 
 
 def _times_tensors(
     mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
 ) -> Floats:
     """Return the links' tensors times vectors (n, links, 3), in ground axes."""
-    found = np.zeros_like(vectors)
+    products = np.zeros_like(vectors)
     for mass in mechanism.masses:
         link = mechanism.link_number[mass.link]
         turn = motion.rotations[:, link]
         tensor = turn @ np.array(mass.tensor) @ transpose(turn)
-        found[:, link] = (tensor @ vectors[:, link, :, None])[..., 0]
-    return found
+        products[:, link] = (tensor @ vectors[:, link, :, None])[..., 0]
+    return products
 
 
 def _applied(driven: Driven) -> tuple[Floats, Floats]:

@@ -38,21 +38,21 @@ class Actions:
             tuple(tensors), tuple(load.components(mechanism) for load in mechanism.loads)
         )
 
-    def mapped(self, each: _Each) -> "Actions":
+    def mapped(self, change: _Each) -> "Actions":
         """Return the same form with other numbers, asked for in one order."""
         tensors = tuple(
-            (link, tuple(tuple(each(x) for x in row) for row in rows))
+            (link, tuple(tuple(change(x) for x in row) for row in rows))
             for link, rows in self.tensors
         )
-        loads = tuple(tuple(_component(x, each) for x in parts) for parts in self.loads)
+        loads = tuple(tuple(_component(x, change) for x in parts) for parts in self.loads)
         return Actions(tensors, loads)
 
     @property
     def numbers(self) -> list[float]:
         """All numbers, in order."""
-        found: list[float] = []
-        self.mapped(found.append)
-        return found
+        numbers: list[float] = []
+        self.mapped(numbers.append)
+        return numbers
 
     @property
     def form(self) -> "Actions":
@@ -73,25 +73,29 @@ class Actions:
         return made
 
 
-def _component(part: Component, each: _Each) -> Component:
+def _component(part: Component, change: _Each) -> Component:
     law = part.magnitude
     if isinstance(law, Expression):
-        law = Expression("", law.names, _tree(law.root, each))
-    return Component(law, part.pair, tuple(_moment(x, each) for x in part.moments))
+        law = Expression("", law.names, _tree(law.root, change))
+    return Component(law, part.pair, tuple(_moment(x, change) for x in part.moments))
 
 
-def _moment(moment: LinkMoment, each: _Each) -> LinkMoment:
-    x, y, z = map(each, moment.direction)
+def _moment(moment: LinkMoment, change: _Each) -> LinkMoment:
+    x, y, z = map(change, moment.direction)
     arm = None
     if moment.arm is not None:
-        a, b, c = map(each, moment.arm)
+        a, b, c = map(change, moment.arm)
         arm = a, b, c
     return LinkMoment(moment.link, (x, y, z), moment.axes, arm)
 
 
-def _tree(node: Node, each: _Each) -> Node:
+def _tree(node: Node, change: _Each) -> Node:
     if isinstance(node, Number):
-        return Number(each(node.value))
+        return Number(change(node.value))
     if isinstance(node, Name):
         return node
-    return Call(node.function, tuple(_tree(x, each) for x in node.arguments))
+    match node:
+        case Call("negative", (Number(value),)):
+            # A number below zero has no other form than one above.
+            return Number(change(-value))
+    return Call(node.function, tuple(_tree(x, change) for x in node.arguments))

@@ -53,7 +53,9 @@ class SeriesExpressions:
 
     def __mul__(self, other: Any) -> "SeriesExpressions":
         if not isinstance(other, SeriesExpressions):
-            return SeriesExpressions(tuple(each * other for each in self.coefficients))
+            return SeriesExpressions(
+                tuple(coefficient * other for coefficient in self.coefficients)
+            )
         pairs = self._with(other)
         made = [
             _total([pairs[k - i][0] * pairs[i][1] for i in range(k + 1)])
@@ -67,8 +69,8 @@ class SeriesExpressions:
         pairs = self._with(other)
         made: list[Expr] = []
         for k, (a, _) in enumerate(pairs):
-            known = [made[k - i] * pairs[i][1] for i in range(1, k + 1)]
-            made.append((a - _total(known)) / pairs[0][1])
+            products = [made[k - i] * pairs[i][1] for i in range(1, k + 1)]
+            made.append((a - _total(products)) / pairs[0][1])
         return SeriesExpressions(tuple(made))
 
     def __rtruediv__(self, other: Any) -> "SeriesExpressions":
@@ -106,7 +108,12 @@ def vector(items: Sequence[Expr]) -> Exprs:
 
 def series(orders: Sequence[Exprs]) -> Exprs:
     """Return the vector of series from the vectors of their coefficients by order."""
-    return vector([SeriesExpressions(tuple(each)) for each in zip(*orders, strict=True)])
+    return vector(
+        [
+            SeriesExpressions(tuple(coefficients))
+            for coefficients in zip(*orders, strict=True)
+        ]
+    )
 
 
 def constants(matrix: Floats | Exprs) -> Exprs:
@@ -157,10 +164,10 @@ def length(orders: Sequence[Exprs]) -> tuple[Exprs, SeriesExpressions]:
 
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
     """Return a determinant by expansion along rows, each minor formed once."""
-    known: dict[tuple[int, ...], Expr] = {(): 1.0}
+    minors: dict[tuple[int, ...], Expr] = {(): 1.0}
 
     def minor(columns: tuple[int, ...]) -> Expr:
-        if columns not in known:
+        if columns not in minors:
             row = rows[len(rows) - len(columns)]
             total: Expr = 0.0
             for place, column in enumerate(columns):
@@ -169,8 +176,8 @@ def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
                 rest = columns[:place] + columns[place + 1 :]
                 term = row[column] * minor(rest)
                 total = total + term if place % 2 == 0 else total - term
-            known[columns] = total
-        return known[columns]
+            minors[columns] = total
+        return minors[columns]
 
     return minor(tuple(range(len(rows))))
 

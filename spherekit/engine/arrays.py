@@ -59,7 +59,7 @@ class ArrayFunction:
         count = inputs.shape[1]
         if out is None:
             out = np.empty((self.outputs, count), dtype=self.number)
-        numbers = [np.array(each, dtype=self.number) for each in self.numbers]
+        numbers = [np.array(number, dtype=self.number) for number in self.numbers]
         work = np.empty((self.rows, min(count, BLOCK)), dtype=self.number)
         with np.errstate(all="ignore"):
             for start in range(0, count, BLOCK):
@@ -67,7 +67,7 @@ class ArrayFunction:
                 places = [*inputs[:, block], *out[:, block], *numbers]
                 places += [*work[:, : block.stop - block.start]]
                 for step in self.steps:
-                    given = [places[each] for each in step.arguments]
+                    given = [places[place] for place in step.arguments]
                     step.operation(*given, places[step.result])
         return out
 
@@ -123,5 +123,5 @@ def _steps(
 
 
 def _ufunc(operation: str) -> Callable[..., Any]:
-    found: Callable[..., Any] = _OPERATORS.get(operation) or getattr(np, operation)
-    return found
+    ufunc: Callable[..., Any] = _OPERATORS.get(operation) or getattr(np, operation)
+    return ufunc

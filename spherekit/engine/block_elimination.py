@@ -37,21 +37,21 @@ def pivots_of(jacobians: Floats) -> tuple[Pivot, ...] | None:
     k, rows, count = jacobians.shape
     left = jacobians.reshape(k, rows // 3, 3, count).copy()
     loops, columns = list(range(rows // 3)), list(range(count))
-    found: list[Pivot] = []
+    pivots: list[Pivot] = []
     while columns:
         best = _most_regular(left, loops, columns)
         if best is None:
             return None
-        loop, own = best
-        found.append(best)
+        loop, pivot_columns = best
+        pivots.append(best)
         loops.remove(loop)
-        columns = [c for c in columns if c not in own]
-        inverse = np.linalg.pinv(left[:, loop][:, :, list(own)])
+        columns = [c for c in columns if c not in pivot_columns]
+        inverse = np.linalg.pinv(left[:, loop][:, :, list(pivot_columns)])
         for other in loops:
-            used = left[:, other][:, :, list(own)]
+            used = left[:, other][:, :, list(pivot_columns)]
             if np.any(used):
                 left[:, other] -= used @ (inverse @ left[:, loop])
-    return tuple(found)
+    return tuple(pivots)
 
 
 def _most_regular(
@@ -60,15 +60,15 @@ def _most_regular(
     """Return the pivot whose axes depend least on each other, wherever they do most."""
     rated: list[tuple[float, int, Pivot]] = []
     for loop in loops:
-        own = [c for c in columns if np.any(left[:, loop, :, c])]
+        used_columns = [c for c in columns if np.any(left[:, loop, :, c])]
         sizes = np.linalg.svd(left[:, loop][:, :, columns], compute_uv=False)
         rank = int(np.sum(np.max(sizes, axis=0) > REPEATED))
-        for chosen in combinations(own, rank) if rank else ():
+        for chosen in combinations(used_columns, rank) if rank else ():
             block = left[:, loop][:, :, list(chosen)]
             spread = np.prod(np.linalg.norm(block, axis=1), axis=1)
             flat = np.prod(np.linalg.svd(block, compute_uv=False), axis=1)
             flat = flat / np.maximum(spread, 1e-300)
-            more = [c for c in columns if c not in chosen and c in own]
+            more = [c for c in columns if c not in chosen and c in used_columns]
             users = [
                 o for o in loops if o != loop and np.any(left[:, o][:, :, list(chosen)])
             ]
@@ -77,8 +77,8 @@ def _most_regular(
             rated.append((float(np.min(flat)), -cost, (loop, chosen)))
     if not rated or not (most := max(rated)[0]) > 0.0:
         return None
-    near = [each for each in rated if each[0] >= FLATTER * most]
-    return max(near, key=lambda each: (each[1], each[0]))[2]
+    near = [candidate for candidate in rated if candidate[0] >= FLATTER * most]
+    return max(near, key=lambda candidate: (candidate[1], candidate[0]))[2]
 
 
 @final
@@ -94,22 +94,22 @@ class LoopInverse:
 
     def solved(self, right: Sequence[Exprs]) -> dict[int, Expr]:
         """Return the variables, by number, that the right-hand sides (3,) of loops give."""
-        found: dict[int, Expr] = {}
-        for (_, own), blocks in self.blocks.items():
+        values: dict[int, Expr] = {}
+        for (_, pivot_columns), blocks in self.blocks.items():
             parts = [block @ right[loop] for loop, block in blocks.items()]
             total = parts[0]
             for part in parts[1:]:
                 total = total + part
-            found |= dict(zip(own, total, strict=True))
-        return found
+            values |= dict(zip(pivot_columns, total, strict=True))
+        return values
 
     @property
     def rows(self) -> dict[int, dict[int, Exprs]]:
         """The row of each variable, by number: what (3,) each loop counts for."""
         return {
             variable: {loop: block[k] for loop, block in blocks.items()}
-            for (_, own), blocks in self.blocks.items()
-            for k, variable in enumerate(own)
+            for (_, pivot_columns), blocks in self.blocks.items()
+            for k, variable in enumerate(pivot_columns)
         }
 
 
@@ -117,19 +117,19 @@ def loop_inverse(
     columns: Mapping[int, Mapping[int, Exprs]], pivots: Sequence[Pivot]
 ) -> LoopInverse:
     """Return the inverse of equations whose `columns[loop][variable]` (3,) are not zero."""
-    left = {loop: dict(own) for loop, own in columns.items()}
+    left = {loop: dict(by_variable) for loop, by_variable in columns.items()}
     unit = np.array([[1.0 if i == j else 0.0 for j in range(3)] for i in range(3)], object)
     right: dict[int, dict[int, Exprs]] = {loop: {loop: unit} for loop in columns}
-    for loop, own in pivots:
-        back = _inverse([left[loop].pop(variable) for variable in own])
+    for loop, pivot_columns in pivots:
+        back = _inverse([left[loop].pop(variable) for variable in pivot_columns])
         left[loop] = {v: np.asarray(back @ x) for v, x in left[loop].items()}
         right[loop] = {m: np.asarray(back @ x) for m, x in right[loop].items()}
         for other in columns:
-            if other == loop or not any(v in left[other] for v in own):
+            if other == loop or not any(v in left[other] for v in pivot_columns):
                 continue
-            size = len(next(left[other][v] for v in own if v in left[other]))
+            size = len(next(left[other][v] for v in pivot_columns if v in left[other]))
             zero = vector([0.0] * size)
-            used = np.stack([left[other].pop(v, zero) for v in own], axis=1)
+            used = np.stack([left[other].pop(v, zero) for v in pivot_columns], axis=1)
             for mine, its in ((left[other], left[loop]), (right[other], right[loop])):
                 for key, value in its.items():
                     change = used @ value

@@ -41,12 +41,12 @@ class Cache:
 
 
 def _key(mechanism: Mechanism, request: str) -> tuple[str, str]:
-    known = _TEXTS.get(id(mechanism))
-    if known is None or known[0]() is not mechanism:
+    record = _TEXTS.get(id(mechanism))
+    if record is None or record[0]() is not mechanism:
         text = canonical_text(replace(mechanism, user={}, source=None), "rad")
-        known = _TEXTS[id(mechanism)] = ref(mechanism), text
+        record = _TEXTS[id(mechanism)] = ref(mechanism), text
         finalize(mechanism, _TEXTS.pop, id(mechanism), None).atexit = False
-    return known[1], request
+    return record[1], request
 
 
 _TEXTS: dict[int, tuple[ref[Mechanism], str]] = {}

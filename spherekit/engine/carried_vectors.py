@@ -72,7 +72,7 @@ def carried_vectors(
 ) -> CarriedVectors:
     """Return them of links that are placed, by pair variables."""
     angles = Angles(variables)
-    found: dict[int, CarriedVector] = {}
+    carried: dict[int, CarriedVector] = {}
     lines: dict[int, ContactLine] = {}
     for pair, ends in enumerate(mechanism.ends):
         owned = mechanism.variables_of(pair)
@@ -80,22 +80,22 @@ def carried_vectors(
             spins = pairs.spins[owned[0]][0], pairs.twin[owned[0]]
             held = min(spins, key=lambda spin: placed[spin.link].depth)
             axis = placed[held.link].direction(held.axis)
-            found[owned[0]] = CarriedVector(vector(list(axis * held.size)), held.link)
+            carried[owned[0]] = CarriedVector(vector(list(axis * held.size)), held.link)
             continue
         sides = pairs.sides[pair]
         if len(owned) == 1:
             near = 0 if placed[ends[0]].depth <= placed[ends[1]].depth else 1
             line = _line(sides, near, ends[near], placed[ends[near]], angles)
             lines[pair] = line
-            found[owned[0]] = _rolling(sides, near, line)
+            carried[owned[0]] = _rolling(sides, near, line)
             continue
         for number, (variable, side, link) in enumerate(
             zip(owned, sides, ends, strict=True)
         ):
             sense = -1.0 if number else 1.0
-            found[variable] = _sliding(sense, side, link, placed[link], angles)
+            carried[variable] = _sliding(sense, side, link, placed[link], angles)
     relative = tuple(_relative(sides) for sides in pairs.sides.values())
-    return CarriedVectors(tuple(found[v] for v in sorted(found)), lines, relative)
+    return CarriedVectors(tuple(carried[v] for v in sorted(carried)), lines, relative)
 
 
 def root(item: Expr) -> Expr:
@@ -148,9 +148,9 @@ def _rolling(
     sides: tuple[ProfileSide, ProfileSide], near: int, line: ContactLine
 ) -> CarriedVector:
     """Return (k1 - k2) p."""
-    relative, slope, own = line.relative, line.slope, sides[near].curvature
+    relative, slope, curvature = line.relative, line.slope, sides[near].curvature
     more = sides[0].most_bent + sides[1].most_bent
-    swing = size_of(relative) * root(1.0 + own * own)
+    swing = size_of(relative) * root(1.0 + curvature * curvature)
     return CarriedVector(
         line.point * relative,
         line.link,

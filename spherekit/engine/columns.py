@@ -155,7 +155,7 @@ class RowKernel:
 
         Of these the numbers are as good as those that are found with care.
         """
-        _, flatness, off = (each.of(rows)[0] for each in self.closure)
+        _, flatness, off = (place.of(rows)[0] for place in self.closure)
         good = flatness <= 1.0 / NEARLY_FLAT
         for curved in self.curved:
             good &= curved.of(rows)[0] >= 2.0 * EQUAL_CURVATURE
@@ -169,15 +169,15 @@ class RowKernel:
 
     def read(self, rows: Floats) -> list[RateColumns]:
         """Return rates by input, as views of columns that are kept."""
-        return [_read(each, rows) for each in self.rates]
+        return [_read(places, rows) for places in self.rates]
 
 
 def _read(places: _RatePlaces, rows: Floats) -> RateColumns:
     count = len(places.signed)
     signed = rows[places.block : places.block + 8 * count].reshape(8, count, rows.shape[1])
     poles: dict[Pole, PoleColumns] = {}
-    for pole, own in places.poles.items():
-        if own.axis is None:
+    for pole, pole_places in places.poles.items():
+        if pole_places.axis is None:
             k = places.signed.index(pole)
             unit, turn, rate, change = (
                 signed[:3, k],
@@ -186,10 +186,12 @@ def _read(places: _RatePlaces, rows: Floats) -> RateColumns:
                 signed[7, k],
             )
         else:
-            unit, turn, first, second = (place.of(rows) for place in own.axis)
+            unit, turn, first, second = (place.of(rows) for place in pole_places.axis)
             rate, change = first[0], second[0]
-        angle, one, other, last = (each.of(rows)[0] for each in (own.angle, *own.errors))
-        is_signed = own.axis is None
+        angle, one, other, last = (
+            part.of(rows)[0] for part in (pole_places.angle, *pole_places.errors)
+        )
+        is_signed = pole_places.axis is None
         poles[pole] = PoleColumns(
             unit, turn, rate, change, angle, one, other, last, is_signed
         )
@@ -319,7 +321,7 @@ class _Terms:
         variables = symbols(motion.mechanism.variable_names)
         rows = _Rows(motion.mechanism, variables, pivots, motion.assembly.inputs)
         moving = [_Moving(rows, item) for item in requests]
-        if any(each.rests for each in moving):
+        if any(item.rests for item in moving):
             return None
         return _Terms(variables, rows, moving, _Outputs())
 
@@ -361,10 +363,10 @@ class _Rows:
         self.held = {mechanism.variables_of(pair)[0] for pair in inputs}
         self.free = [v for v in range(len(variables)) if v not in self.held]
         self.owned = [mechanism.variables_of(k) for k in range(len(mechanism.pairs))]
-        found = carried_vectors(mechanism, self.pairs, self.placed, variables)
-        self.carried, self.lines = found.vectors, found.lines
-        self.vectors = [each.vector for each in self.carried]
-        self.curved = [x for x in found.relative if isinstance(x, ExpressionNode)]
+        carried = carried_vectors(mechanism, self.pairs, self.placed, variables)
+        self.carried, self.lines = carried.vectors, carried.lines
+        self.vectors = [item.vector for item in self.carried]
+        self.curved = [x for x in carried.relative if isinstance(x, ExpressionNode)]
         self.inverse: LoopInverse = loop_inverse(self._columns, pivots)
         self._opened(variables)
         self._bounds()
@@ -390,12 +392,12 @@ class _Rows:
             a, b = self.tree.ends[chord]
             chain = self.pairs.chains[chord]
             around = placed_by(chain, self.placed[a], angles)
-            own = [vector(list(around.basis[:, k])) for k in range(3)]
+            near = [vector(list(around.basis[:, k])) for k in range(3)]
             other = [_along(self.placed[b], axis) for axis in chain.constants[-1]]
-            turns = [cross(y, x) for x, y in zip(own, other, strict=True)]
+            turns = [cross(y, x) for x, y in zip(near, other, strict=True)]
             self.gaps.append((turns[0] + turns[1] + turns[2]) * 0.5)
             for k in (0, 2):
-                square = square + dot(own[k] - other[k], own[k] - other[k])
+                square = square + dot(near[k] - other[k], near[k] - other[k])
         self.residual = root(square)
 
     def _bounds(self) -> None:
@@ -420,17 +422,17 @@ class _Rows:
         self.turns = turns
         self.open, self.numbers = open_, numbers
         self.axes, self.slides = [], []
-        for v, own in enumerate(self.carried):
+        for v, carried in enumerate(self.carried):
             moved = self.moved.get(v, 0.0)
-            turn = turns[own.link] * open_ + numbers
-            self.axes.append(own.size * turn + own.slid * (moved * open_))
-            self.slides.append(own.slid * turn + own.bent * (moved * open_))
+            turn = turns[carried.link] * open_ + numbers
+            self.axes.append(carried.size * turn + carried.slid * (moved * open_))
+            self.slides.append(carried.slid * turn + carried.bent * (moved * open_))
         often = np.count_nonzero(tree.signs, axis=0)
         entries = _added(
             float(often[v]) * self.carried[v].size * self.carried[v].size for v in self.free
         )
         self.flatness = sensitivity * root(entries)
-        turn = bounded(own.size * own.size for own in self.carried)
+        turn = bounded(item.size * item.size for item in self.carried)
         bend = float(longest) * turn * (sensitivity * sensitivity) * gap
         left = root(1.0 - 2.0 * bend)
         self.moved_by = sensitivity * gap * 2.0 / (1.0 + left) + 2.0 * EPS
@@ -441,15 +443,15 @@ class _Rows:
 
     def added(self, parts: Mapping[int, Expr]) -> list[Expr]:
         """Return for each link the sum of parts of the variables on the way to it."""
-        found: list[Expr] = [0.0] * self.tree.count
+        sums: list[Expr] = [0.0] * self.tree.count
         for pair, parent, child in self.tree.placements:
-            found[child] = found[parent] + _added(parts[v] for v in self.owned[pair])
-        return found
+            sums[child] = sums[parent] + _added(parts[v] for v in self.owned[pair])
+        return sums
 
     def off_line(self, variable: int) -> Expr:
         """Return what the contact line of a rolling contact's variable is off by."""
-        own = self.carried[variable]
-        moved = self.turns[own.link] + self.moved.get(variable, 0.0)
+        carried = self.carried[variable]
+        moved = self.turns[carried.link] + self.moved.get(variable, 0.0)
         return moved * self.open + self.numbers
 
     def closer(self, variables: Sequence[ExpressionNode]) -> list[Expr]:
@@ -478,7 +480,7 @@ class _Moving:
             _summed([float(sign) * bias[v] for v, sign in enumerate(row) if sign])
             for row in tree.signs
         ]
-        change = self._solved([-1.0 * each for each in over])
+        change = self._solved([-1.0 * misfit for misfit in over])
         self._change = change | dict.fromkeys(rows.held, 0.0)
         bent = {v: self._change[v] * rows.vectors[v] + bias[v] for v in self._rates}
         self._dw = self._links(bent)
@@ -489,19 +491,23 @@ class _Moving:
 
     def _turning(self, variable: int) -> Exprs:
         """Return how a variable's vector changes (3,)."""
-        own = self._rows.carried[variable]
-        turned = cross(self._w[own.link], own.vector)
-        return turned if own.slide is None else turned + self._rates[variable] * own.slide
+        carried = self._rows.carried[variable]
+        turned = cross(self._w[carried.link], carried.vector)
+        return (
+            turned
+            if carried.slide is None
+            else turned + self._rates[variable] * carried.slide
+        )
 
     def _links(self, parts: Mapping[int, Exprs]) -> list[Exprs]:
         """Return what links do where variables do so much (3,) of it."""
         rows = self._rows
-        found = [_zero()] * rows.tree.count
+        vectors = [_zero()] * rows.tree.count
         for pair, parent, child in rows.tree.placements:
             ahead = rows.tree.ends[pair][0] == parent
             part = _summed([parts[v] for v in rows.owned[pair]])
-            found[child] = found[parent] + part if ahead else found[parent] - part
-        return found
+            vectors[child] = vectors[parent] + part if ahead else vectors[parent] - part
+        return vectors
 
     def _left(self, links: Sequence[Exprs], parts: Mapping[int, Exprs]) -> Expr:
         """Return the size of what rates leave over where loops close."""
@@ -521,19 +527,19 @@ class _Moving:
         slips = {v: speeds[v] * off for v, off in enumerate(rows.axes)}
         off_w, off_rates = self._off(slips, over)
         again, spread = {}, {}
-        for v, own in enumerate(rows.carried):
-            off_rate, spin = off_rates.get(v, 0.0), fast[own.link]
-            turned = own.size * spin + speeds[v] * own.slid
-            off_turned = own.size * off_w[own.link] + spin * rows.axes[v]
-            off_turned = off_turned + own.slid * off_rate + speeds[v] * rows.slides[v]
+        for v, carried in enumerate(rows.carried):
+            off_rate, spin = off_rates.get(v, 0.0), fast[carried.link]
+            turned = carried.size * spin + speeds[v] * carried.slid
+            off_turned = carried.size * off_w[carried.link] + spin * rows.axes[v]
+            off_turned = off_turned + carried.slid * off_rate + speeds[v] * rows.slides[v]
             again[v] = bends[v] * rows.axes[v] + speeds[v] * off_turned + turned * off_rate
-            spread[v] = bends[v] * own.size + speeds[v] * turned
+            spread[v] = bends[v] * carried.size + speeds[v] * turned
         off_dw, off_change = self._off(again, over_bent)
         self._off_w, self._off_dw = off_w, off_dw
         self._off_rates = {v: off_rates.get(v, 0.0) + slip for v, slip in slips.items()}
         self._off_change = {v: off_change.get(v, 0.0) + slip for v, slip in again.items()}
         self._swings = rows.added(spread)
-        bent = _added(dot(each, each) for each in self._dw)
+        bent = _added(dot(rate, rate) for rate in self._dw)
         part = _added(off_dw) / root(1.0 + bent)
         self.worst = part * (LARGEST_ERROR / LARGEST_PART)
 
@@ -549,25 +555,25 @@ class _Moving:
         often = np.count_nonzero(rows.tree.signs, axis=0)
         whole = over + _added(float(often[v]) * slip for v, slip in slips.items())
         along = rows.added(slips)
-        links = [turn * whole + own for turn, own in zip(rows.turns, along, strict=True)]
+        links = [turn * whole + path for turn, path in zip(rows.turns, along, strict=True)]
         return links, {v: moved * whole for v, moved in rows.moved.items()}
 
     def placed(self, outputs: _Outputs) -> Callable[[_Place], _RatePlaces]:
         """Add the columns; return what says where they are, given where `worst` is."""
         plan = self._wanted.plan
         pairs = axis_pairs(plan)
-        known = [pole for pole in self._wanted.poles if plan.pole(*pole) is not None]
+        shown = [pole for pole in self._wanted.poles if plan.pole(*pole) is not None]
         poles: dict[Pole, _PolePlaces] = {}
         signed: dict[Pole, tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]] = {}
-        for pole in known:
-            own = plan.pole(*pole)
-            assert own is not None
-            if own in pairs:
-                poles[pole] = self._of_pair(pole, pairs[own], outputs)
+        for pole in shown:
+            body_pole = plan.pole(*pole)
+            assert body_pole is not None
+            if body_pole in pairs:
+                poles[pole] = self._of_pair(pole, pairs[body_pole], outputs)
             else:
                 signed[pole] = self._across(*pole)
         block = len(outputs.columns)
-        for column in zip(*(each for each, *_ in signed.values()), strict=True):
+        for column in zip(*(components for components, *_ in signed.values()), strict=True):
             outputs.columns += column
         for pole, (_, angle, errors) in signed.items():
             one, other, last = (outputs.place(error) for error in errors)
@@ -618,8 +624,8 @@ class _Moving:
         rows, (i, j) = self._rows, pole
         (variable,) = rows.owned[pair]
         first, second = rows.tree.ends[pair]
-        own = rows.carried[variable]
-        unit, turned, off = own.vector, self._turned[variable], rows.axes[variable]
+        carried = rows.carried[variable]
+        unit, turned, off = carried.vector, self._turned[variable], rows.axes[variable]
         if pair in rows.lines:
             line = rows.lines[pair]
             unit = line.point

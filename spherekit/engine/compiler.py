@@ -35,14 +35,14 @@ def heyoka() -> ModuleType:
         If it is not installed.
     """
     try:
-        import heyoka as found
+        import heyoka as loaded
     except ImportError as problem:
         raise EngineMissing(
             f"the compiled engine needs heyoka, which does not import ({problem}); "
             'install it with pip install "spherekit-mechanisms[compiled]" (Linux) or '
             "conda-forge, or use the NumPy engine, which gives the same results"
         ) from None
-    module: ModuleType = found
+    module: ModuleType = loaded
     return module
 
 
@@ -68,8 +68,10 @@ def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> 
         if term.operation == "+":
             # One sum of many terms takes about the time of one of two.
             parts = zip(term.arguments, arguments, strict=True)
-            own = [sums[x] if x in sums and uses[x] == 1 else [made] for x, made in parts]
-            sums[term] = [x for each in own for x in each]
+            groups = [
+                sums[x] if x in sums and uses[x] == 1 else [made] for x, made in parts
+            ]
+            sums[term] = [x for summands in groups for x in summands]
             return module.sum(sums[term])
         if term.operation == "sign":
             return _sign(*arguments)
@@ -117,10 +119,10 @@ def compile_function(
     """Compile expressions; `number` is the type computed with (float, real128)."""
     module = heyoka()
     started = time.perf_counter()
-    known = _plain(inputs)
+    names = _plain(inputs)
     made = module.cfunc(
-        _lowered(outputs, known),
-        list(known.values()),
+        _lowered(outputs, names),
+        list(names.values()),
         compact_mode=compact,
         fp_type=number,
     )
@@ -140,9 +142,9 @@ def compile_with_rates(
     module = heyoka()
     started = time.perf_counter()
     moving = _plain([variable for variable, _ in flow])
-    known = moving | _plain(constants)
-    values = _lowered(outputs, known)
-    rates = _lowered([rate for _, rate in flow], known)
+    names = moving | _plain(constants)
+    values = _lowered(outputs, names)
+    rates = _lowered([rate for _, rate in flow], names)
     changes = [
         sum(
             (
@@ -153,7 +155,7 @@ def compile_with_rates(
         )
         for value in values
     ]
-    made = module.cfunc([*values, *changes], list(known.values()), compact_mode=True)
+    made = module.cfunc([*values, *changes], list(names.values()), compact_mode=True)
     return CompiledFunction(made, time.perf_counter() - started)
 
 
@@ -284,11 +286,11 @@ def compile_integrator(
     are set before each run.
     """
     module = heyoka()
-    known = _plain([variable for variable, _ in equations])
-    stated = list(known.values())
-    known |= {each: module.par[k] for k, each in enumerate(constants)}
-    known[moment] = module.time
-    conditions = _lowered([event.expression for event in events], known)
+    names = _plain([variable for variable, _ in equations])
+    stated = list(names.values())
+    names |= {symbol: module.par[k] for k, symbol in enumerate(constants)}
+    names[moment] = module.time
+    conditions = _lowered([event.expression for event in events], names)
     started = time.perf_counter()
     seen: list[Noted] = []
 
@@ -320,7 +322,7 @@ def compile_integrator(
             terminal.append(which)
         else:
             passing.append(module.nt_event(expression, note(which), fp_type=number))
-    rates = _lowered([rate for _, rate in equations], known)
+    rates = _lowered([rate for _, rate in equations], names)
     made = module.taylor_adaptive(
         list(zip(stated, rates, strict=True)),
         np.zeros(len(stated), dtype=number),

@@ -36,7 +36,7 @@ class CoordinateRates:
             for v in range(len(mechanism.variable_owners))
         ]
         self.vectors = [
-            _sum([axis * size for size, _, axis in each]) for each in self._spins
+            _sum([axis * size for size, _, axis in spins]) for spins in self._spins
         ]
         self.tau: list[list[Expr]] = []
         for moving in structure.assembly.inputs:
@@ -69,25 +69,25 @@ class CoordinateRates:
 
     def links(self, parts: Sequence[Exprs]) -> list[Exprs]:
         """Return the sums (3,) of what pairs turn by, on the way to each link."""
-        found = [_sum([])] * self.tree.count
+        vectors = [_sum([])] * self.tree.count
         for pair, parent, child in self.tree.placements:
             ahead = self.tree.ends[pair][0] == parent
             part = parts[pair]
-            found[child] = found[parent] + part if ahead else found[parent] - part
-        return found
+            vectors[child] = vectors[parent] + part if ahead else vectors[parent] - part
+        return vectors
 
     def bias(self, rates: Sequence[Expr], w: Sequence[Exprs]) -> list[Exprs]:
         """Return the angular accelerations (3,) of links while no input accelerates.
 
         `rates` are those of the variables by time, `w` (3,) the links' angular velocities.
         """
-        known = [self._turning(pair, rates, w) for pair in range(len(self.tree.ends))]
-        misfits = {pair: np.asarray(each * -1.0) for pair, each in enumerate(known)}
+        turning = [self._turning(pair, rates, w) for pair in range(len(self.tree.ends))]
+        misfits = {pair: np.asarray(turned * -1.0) for pair, turned in enumerate(turning)}
         solver = self._solver(self.structure.assembly.inputs[0], misfits)
         share = 1.0 / solver.scale
         second = [solver.rates[v] * share for v in range(len(self.vectors))]
-        own = self._parts(second)
-        return self.links([a + b for a, b in zip(own, known, strict=True)])
+        accelerated = self._parts(second)
+        return self.links([a + b for a, b in zip(accelerated, turning, strict=True)])
 
     def _turning(self, pair: int, rates: Sequence[Expr], w: Sequence[Exprs]) -> Exprs:
         """Return the change (3,) of what a pair turns by, while its rates stay."""

@@ -67,8 +67,8 @@ def derivatives(items: Sequence[Expr], by: ExpressionNode) -> list[Expr]:
         if node.operation == "variable":
             made[node] = 1.0 if node is by else 0.0
             continue
-        changes = [of(each) for each in node.arguments]
-        if all(isinstance(each, float) and each == 0.0 for each in changes):
+        changes = [of(argument) for argument in node.arguments]
+        if all(isinstance(change, float) and change == 0.0 for change in changes):
             made[node] = 0.0
         else:
             made[node] = _DERIVATIVES[node.operation](node, node.arguments, changes)

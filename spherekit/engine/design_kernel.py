@@ -40,10 +40,11 @@ from spherekit.engine.kinematics import RateExpressions, Structure
 from spherekit.engine.loads import LoadState, forces_of
 from spherekit.engine.misfits import answers, misfit_rates, misfits
 from spherekit.engine.pose import LinkOrientation, place_by_variables, spin_vectors
-from spherekit.engine.turns import turning_pairs
+from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import pole_of
@@ -84,8 +85,8 @@ class DesignKernel:
         return len(self.places) if self.closed_form else 0
 
 
-Geometry = Callable[[Mapping[str, Expr]], DesignGeometry]
-"""The geometry in which sizes, by name, are terms."""
+Geometry = Callable[[Mapping[str, Expr]], TurningPairs]
+"""The pairs in which sizes, by name, are terms."""
 
 
 @final
@@ -121,10 +122,12 @@ class DesignTerms:
         geometry: Geometry | None = None,
         closed_form: bool | None = None,
         differing: Sequence[int] = (),
+        closed: Motion | None = None,
     ) -> "DesignTerms":
         """Return the terms of a mechanism; by default in closed form where there is one.
 
-        `differing` says which of the numbers of `Actions` are terms, after the sizes.
+        `differing` says which of the numbers of `Actions` are terms, after the sizes;
+        `closed` is a motion of the mechanism, if one is known.
 
         Raises
         ------
@@ -132,8 +135,8 @@ class DesignTerms:
             If the engine does not know the mechanism's pairs or groups.
         """
         terms = symbols(sizes)
-        design = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
-        structure = Structure.of(mechanism, inputs, design)
+        pairs = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
+        structure = Structure.of(mechanism, inputs, pairs, closed)
         sample = symbols(sample_names(inputs))
         if closed_form is None:
             closed_form = structure.assembly.has_closed_form

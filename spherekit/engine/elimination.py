@@ -53,7 +53,7 @@ def eliminate(group: Group, variables: Sequence[Sequence[int]]) -> Elimination:
         private = tuple(columns[:2]) if len(columns) > 1 else ()
         loops.append(Loop(way, private))
         gone |= set(private)
-    every = [variable for each in owned for variable in each]
+    every = [variable for of_pair in owned for variable in of_pair]
     return Elimination(tuple(loops), tuple(v for v in every if v not in gone))
 
 

@@ -101,14 +101,14 @@ class CompiledEquation:
 
     def rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
-        found: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
+        columns: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
         shape = len(values), self.layout.freedoms, self.layout.variables
-        return found[:-1].T.reshape(shape)
+        return columns[:-1].T.reshape(shape)
 
     def measure(self, values: Floats) -> Floats:
         """Return (n,) what vanishes where sets of configurations cross."""
-        found: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
-        return np.asarray(found[-1])
+        columns: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
+        return np.asarray(columns[-1])
 
 
 def compiled_equation(
@@ -215,8 +215,8 @@ def _request(
 
 def _common(mechanism: Mechanism, coordinates: Coordinates | None) -> Mechanism:
     """Return the mechanism without what is set for each run, driven at its coordinates."""
-    own = tuple(item.pair for item in mechanism.inputs)
-    if coordinates is not None and coordinates.pairs != own:
+    inputs = tuple(item.pair for item in mechanism.inputs)
+    if coordinates is not None and coordinates.pairs != inputs:
         mechanism = mechanism.with_inputs(*coordinates.pairs)
     tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
     if not tables and not mechanism.stops:
@@ -240,15 +240,19 @@ def _compile(
     compact: bool,
     number: type[Any],
 ) -> CompiledEquation:
-    own = system.symbols
-    layout, switches = own.layout, own.switches
+    symbols = system.symbols
+    layout, switches = symbols.layout, symbols.switches
     equations = system.equations
     arguments = dict.fromkeys(
-        each for load in mechanism.loads for each in steep_arguments(load, system.moving)
+        argument
+        for load in mechanism.loads
+        for argument in steep_arguments(load, system.moving)
     )
-    found = [*system.events, *stop_events(mechanism, own)]
-    events = [event for event, _, _ in found]
-    kinds: list[tuple[EventKind, int]] = [(kind, variable) for _, kind, variable in found]
+    all_events = [*system.events, *stop_events(mechanism, symbols)]
+    events = [event for event, _, _ in all_events]
+    kinds: list[tuple[EventKind, int]] = [
+        (kind, variable) for _, kind, variable in all_events
+    ]
     count = layout.side + len(switches.conditions)
     parameters = [constant(k) for k in range(count)]
     conditions = None
@@ -264,10 +268,10 @@ def _compile(
     if arguments and number is float:
         steep = compile_function(
             [*system.push, *arguments],
-            [*own.variables, *own.momenta, *own.works, MOMENT, *parameters],
+            [*symbols.variables, *symbols.momenta, *symbols.works, MOMENT, *parameters],
             compact=True,
         )
-    homogeneous = [each for tau in system.tau for each in tau]
+    homogeneous = [rate for tau in system.tau for rate in tau]
     return CompiledEquation(
         system.structure,
         layout,
@@ -275,7 +279,7 @@ def _compile(
             equations, MOMENT, parameters, tolerance, compact, events, number
         ),
         tuple(kinds),
-        compile_function([*homogeneous, system.measure], own.variables, compact=True),
+        compile_function([*homogeneous, system.measure], symbols.variables, compact=True),
         conditions,
         steep,
         tolerance,
@@ -289,8 +293,8 @@ def _sticking(
 
     def stuck(state: Floats, time: float, constants: Floats) -> bool:
         row = np.concatenate([state, [time], constants])[:, None]
-        found = np.asarray(conditions(row))[:, 0]
+        values = np.asarray(conditions(row))[:, 0]
         sides = constants[layout.side :]
-        return bool(found[len(sides) + which] * sides[which] < 0.0)
+        return bool(values[len(sides) + which] * sides[which] < 0.0)
 
     return stuck

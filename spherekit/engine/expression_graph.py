@@ -79,13 +79,13 @@ _numbers = count()
 def _term(operation: str, *arguments: Any) -> ExpressionNode:
     # Numbers stand in the key by their text, for 0.0 and -0.0 are equal.
     key = (operation, *(x if isinstance(x, ExpressionNode) else repr(x) for x in arguments))
-    found = _known.get(key)
-    if found is None:
-        found = ExpressionNode()
-        found.operation, found.arguments = operation, arguments
-        found.number = next(_numbers)
-        _known[key] = found
-    return found
+    node = _known.get(key)
+    if node is None:
+        node = ExpressionNode()
+        node.operation, node.arguments = operation, arguments
+        node.number = next(_numbers)
+        _known[key] = node
+    return node
 
 
 def _negated(item: Expr) -> Expr | None:
@@ -187,7 +187,7 @@ def power(base: Expr, exponent: Expr) -> ExpressionNode:
 
 def varies(item: Expr) -> bool:
     """Return whether an expression has variables in it."""
-    return any(each.operation == "variable" for each in in_order([item]))
+    return any(node.operation == "variable" for node in in_order([item]))
 
 
 def in_order(items: Sequence[Expr]) -> Iterator[ExpressionNode]:
@@ -205,7 +205,7 @@ def in_order(items: Sequence[Expr]) -> Iterator[ExpressionNode]:
                 yield term
                 continue
             stack.append((term, True))
-            stack += [(each, False) for each in reversed(term.arguments)]
+            stack += [(argument, False) for argument in reversed(term.arguments)]
 
 
 def rewrite(
@@ -220,8 +220,8 @@ def rewrite(
         return made[item] if isinstance(item, ExpressionNode) else number(float(item))
 
     for term in in_order(items):
-        known = [] if term.operation == "variable" else [of(x) for x in term.arguments]
-        made[term] = apply(term, known)
+        arguments = [] if term.operation == "variable" else [of(x) for x in term.arguments]
+        made[term] = apply(term, arguments)
     return [of(item) for item in items]
 
 
@@ -257,5 +257,7 @@ def hoisted(
         if term.operation == "variable":
             made[term] = term
         else:
-            made[term] = _term(term.operation, *(of(each) for each in term.arguments))
+            made[term] = _term(
+                term.operation, *(of(argument) for argument in term.arguments)
+            )
     return [of(item) for item in items], {new: term for term, new in fixed.items()}

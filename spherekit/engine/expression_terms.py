@@ -31,7 +31,7 @@ _BY_TERMS: Mapping[str, Callable[..., Expr]] = {
     **BY_OPERATOR,
     "abs": _size,
     "max": _larger,
-    "min": lambda *items: -1.0 * _larger(*(-1.0 * each for each in items)),
+    "min": lambda *items: -1.0 * _larger(*(-1.0 * item for item in items)),
 }
 
 

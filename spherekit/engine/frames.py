@@ -85,7 +85,7 @@ def _in_link(
     pair: str,
 ) -> Exprs:
     sizes = geometry.links.get(link, LinkSizes(()))
-    if link not in {own for own, _ in (*design.arcs, *design.angles)}:
+    if link not in {named for named, _ in (*design.arcs, *design.angles)}:
         frame = reference_frame(axes_from_sizes(sizes), pair)
         return np.array(frame.tolist(), dtype=object)
     place = sizes.axes.index(pair)

@@ -28,8 +28,13 @@ def tensors(mechanism: Mechanism) -> dict[int, Floats]:
 def inertia(flow: RateExpressions, by_link: Mapping[int, Entries]) -> SeriesExpressions:
     """Return the generalised inertia of a flow; `by_link` are the links' tensors."""
     # Entries near 0 are made exact zeros, so they need a size near one.
-    plain = [each for each in by_link.values() if each.dtype != object]
-    unit = max((float(np.max(np.abs(each))) for each in plain), default=1.0) or 1.0
+    plain = [
+        plain_tensor for plain_tensor in by_link.values() if plain_tensor.dtype != object
+    ]
+    unit = (
+        max((float(np.max(np.abs(plain_tensor))) for plain_tensor in plain), default=1.0)
+        or 1.0
+    )
     total: list[Expr] = [0.0] * (flow.order + 1)
     for link, tensor in by_link.items():
         if link == 0 or not np.any(tensor):
@@ -40,7 +45,7 @@ def inertia(flow: RateExpressions, by_link: Mapping[int, Entries]) -> SeriesExpr
             for i in range(k // 2 + 1):
                 part = _form(y[i], here, y[k - i])
                 total[k] = total[k] + (part if 2 * i == k else 2.0 * part)
-    return SeriesExpressions(tuple(unit * each for each in total))
+    return SeriesExpressions(tuple(unit * coefficient for coefficient in total))
 
 
 def _form(a: Exprs, matrix: Exprs, b: Exprs) -> Expr:

@@ -32,8 +32,8 @@ class InputMoments:
         self.flow = flow
         self._share = 1.0 / flow.scale
         # Entries near 0 are made exact zeros, so they need a size near one.
-        plain = [each for each in tensors.values() if each.dtype != object]
-        sizes = [float(np.max(np.abs(each))) for each in plain]
+        plain = [tensor for tensor in tensors.values() if tensor.dtype != object]
+        sizes = [float(np.max(np.abs(tensor))) for tensor in plain]
         self._unit = max(sizes, default=1.0) or 1.0
         self._momenta = {
             link: (placed[link], placed[link].tensor(tensor / self._unit))
@@ -56,8 +56,8 @@ class InputMoments:
     def moving(self, speeds: Sequence[Expr]) -> "MovingInputs":
         """Return the motion in which inputs have these rates."""
         slow = [speed * self._share for speed in speeds]
-        rates = [_along(each, slow) for each in zip(*self.flow.tau, strict=True)]
-        w = [_along(each, slow) for each in zip(*self.flow.w, strict=True)]
+        rates = [_along(column, slow) for column in zip(*self.flow.tau, strict=True)]
+        w = [_along(column, slow) for column in zip(*self.flow.w, strict=True)]
         return MovingInputs(self, rates, w)
 
     def resisted(self, moving: int, w: Sequence[Exprs], a: Sequence[Exprs]) -> Expr:
@@ -83,10 +83,10 @@ class MovingInputs:
         """Return what links resist to an input while inputs accelerate like this."""
         flow = self.moments.flow
         bias = flow.bias(self.rates, self.w)
-        slow = [each * (1.0 / flow.scale) for each in accelerations]
+        slow = [acceleration * (1.0 / flow.scale) for acceleration in accelerations]
         a = [
-            base + _along(each, slow)
-            for base, each in zip(bias, zip(*flow.w, strict=True), strict=True)
+            base + _along(velocities, slow)
+            for base, velocities in zip(bias, zip(*flow.w, strict=True), strict=True)
         ]
         return self.moments.resisted(moving, self.w, a)
 

@@ -117,16 +117,16 @@ class Run:
     @cached_property
     def starts(self) -> Floats:
         """(steps,) times at which steps start (s)."""
-        return np.concatenate([each.starts for each in self.stretches])
+        return np.concatenate([stretch.starts for stretch in self.stretches])
 
     @cached_property
     def lengths(self) -> Floats:
         """(steps,) their lengths (s)."""
-        return np.concatenate([each.lengths for each in self.stretches])
+        return np.concatenate([stretch.lengths for stretch in self.stretches])
 
     @cached_property
     def _firsts(self) -> Floats:
-        return np.array([each.starts[0] for each in self.stretches])
+        return np.array([stretch.starts[0] for stretch in self.stretches])
 
     def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Return states, their rates (n, states) and whole turns (n, variables).
@@ -156,9 +156,9 @@ def _evaluate(
     series = stretch.series[step]
     h = t - stretch.starts[step]
     value, rate = _powers(series, h)
-    for each in (value, rate):
-        each[:, layout.momenta] *= stretch.unit
-        each[:, layout.works] *= stretch.unit**2
+    for array in (value, rate):
+        array[:, layout.momenta] *= stretch.unit
+        array[:, layout.works] *= stretch.unit**2
     value[:, layout.works] += stretch.work
     return value, rate
 
@@ -338,14 +338,14 @@ class _Integration:
                 end = "too_fast"
             if not looks or not (limited or end is not None or len(starts) == STRETCH):
                 continue
-            steps = [np.array(each[right:]) for each in (starts, lengths, series)]
+            steps = [np.array(column[right:]) for column in (starts, lengths, series)]
             agree, self.longest = self._agree(integrator, steps, marks[right:])
             right += agree
             if right < len(starts):
                 end = None if self.longest > shortest else "too_fast"
                 self._go_back(integrator, starts[right], series[right], marks[right])
-                for each in (starts, lengths, series, marks):
-                    del each[right:]  # type: ignore[attr-defined]
+                for records in (starts, lengths, series, marks):
+                    del records[right:]  # type: ignore[attr-defined]
             elif limited and outcome is StepEnd.LIMIT:
                 self.longest = GROWN * length
         if starts:
@@ -357,10 +357,10 @@ class _Integration:
 
     def _constants(self, integrator: Integrator) -> Floats:
         """Return the parameters, 0 for those beyond the last that occurs."""
-        found = np.zeros(self.equation.layout.side + len(self.sides))
-        known = integrator.parameters
-        found[: len(known)] = known
-        return found
+        parameters = np.zeros(self.equation.layout.side + len(self.sides))
+        given = integrator.parameters
+        parameters[: len(given)] = given
+        return parameters
 
     def _sides(self, integrator: Integrator) -> Floats:
         return self._constants(integrator)[self.equation.layout.side :]
@@ -399,10 +399,10 @@ class _Integration:
             rows[:width], rows[width] = states.T, starts[step] + h
             rows[width + 1 :] = constants[:, None]
             rows[len(rows) - sides.shape[1] :] = sides[step].T
-            found = np.asarray(steep(rows))
-            missed = np.abs(rates[:, momenta] - found[:freedoms].T)
+            values = np.asarray(steep(rows))
+            missed = np.abs(rates[:, momenta] - values[:freedoms].T)
             missed = np.max(missed, axis=1) * lengths[step]
-            return missed / (MISSED * self.equation.tolerance), found[freedoms:].T
+            return missed / (MISSED * self.equation.tolerance), values[freedoms:].T
 
         good = good_until(look, len(starts))
         wrong = np.flatnonzero(good < 1.0)
@@ -438,31 +438,31 @@ class _Integration:
             self.unit *= size
             for k in range(self.momenta.start, self.momenta.stop):
                 state[k] /= size
-        layout, known = self.equation.layout, integrator.parameters
+        layout, parameters = self.equation.layout, integrator.parameters
         for place, value in (
             *enumerate(self.turns),
             (layout.unit, self.unit),
             (layout.unit + 1, 1.0 / self.unit),
             (layout.least, self.least),
         ):
-            if place < len(known):
-                known[place] = value
+            if place < len(parameters):
+                parameters[place] = value
 
     def _pass_parameters(self, integrator: Integrator, t: float, target: float) -> None:
         """Set the lines along which tables run until the next knot."""
-        layout, known = self.equation.layout, integrator.parameters
+        layout, parameters = self.equation.layout, integrator.parameters
         if self.tables:
-            known[layout.table : layout.side] = self._lines(t, target)
+            parameters[layout.table : layout.side] = self._lines(t, target)
 
     def _lines(self, t: float, target: float) -> list[float]:
         # Within the interval, for at its ends a periodic table may jump.
         inside = np.array([0.75 * t + 0.25 * target, 0.25 * t + 0.75 * target])
-        found = [t]
+        parameters = [t]
         for table in self.tables:
             one, other = table.at(inside)
             slope = (other - one) / (inside[1] - inside[0])
-            found += [one - slope * (inside[0] - t), slope]
-        return found
+            parameters += [one - slope * (inside[0] - t), slope]
+        return parameters
 
     def _parameters(self, t: float, target: float) -> Floats:
         units = (self.unit, 1.0 / self.unit)
@@ -477,13 +477,15 @@ class _Integration:
         count = len(self.sides)
         if self.equation.conditions is None:
             return
-        known = np.concatenate([self.first, [self.time], parameters])
+        arguments = np.concatenate([self.first, [self.time], parameters])
         for k in range(count):
-            known[len(known) - count :] = self.sides
-            found = np.asarray(self.equation.conditions(known[:, None]))[:, 0]
-            both = found.reshape(2, count)[:, k]
+            arguments[len(arguments) - count :] = self.sides
+            values = np.asarray(self.equation.conditions(arguments[:, None]))[:, 0]
+            both = values.reshape(2, count)[:, k]
             self.sides[k] = np.sign(both[0]) or np.sign(both[1]) or 1.0
 
     def _passages(self) -> tuple[Passage, ...]:
         seen = self.equation.integrator.seen
-        return tuple(Passage(*self.equation.events[each.event], each.time) for each in seen)
+        return tuple(
+            Passage(*self.equation.events[passed.event], passed.time) for passed in seen
+        )

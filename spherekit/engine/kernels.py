@@ -111,8 +111,8 @@ class Kernel:
         tangent = last + (1 + self.derivatives if self.with_inertia else 0)
 
         def rate(order: int) -> dict[Pole, Floats]:
-            known = order <= self.derivatives
-            return {pole: rows[k + 3 + order] for pole, k in at.items() if known}
+            has_order = order <= self.derivatives
+            return {pole: rows[k + 3 + order] for pole, k in at.items() if has_order}
 
         def inertia(order: int) -> Floats | None:
             return rows[last + order] if last + order < tangent else None
@@ -294,7 +294,7 @@ def _scale(flow: RateExpressions, coordinate: Coordinate) -> SeriesExpressions:
             f'{flow.structure.mechanism.name}: coordinate "{coordinate}" is not known; it '
             "is input or arc"
         )
-    return 1.0 / length([vector(each) for each in flow.tau])[1]
+    return 1.0 / length([vector(rates) for rates in flow.tau])[1]
 
 
 def _outputs(
@@ -321,7 +321,7 @@ def _outputs(
 
 def _turning(flow: RateExpressions, link: int) -> list[SeriesExpressions]:
     """Return the components of a link's angular velocity per unit of p."""
-    return [SeriesExpressions(tuple(each[link][k] for each in flow.w)) for k in range(3)]
+    return [SeriesExpressions(tuple(rates[link][k] for rates in flow.w)) for k in range(3)]
 
 
 _TURNING = (

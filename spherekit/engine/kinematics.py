@@ -23,7 +23,6 @@ from spherekit.engine.algebra import (
     vector,
 )
 from spherekit.engine.expression_graph import Expr
-from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.pose import LinkOrientation, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
 from spherekit.engine.turns import AxisTerm, TurningPairs, turning_pairs
@@ -32,7 +31,7 @@ from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.assembly import Assembly, plan_assembly
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole
@@ -88,11 +87,13 @@ class Structure:
     def of(
         mechanism: Mechanism,
         input_pairs: str | Sequence[str],
-        design: DesignGeometry | None = None,
+        pairs: TurningPairs | None = None,
+        closed: Motion | None = None,
     ) -> "Structure":
         """Return the structure of a mechanism with these pairs as inputs.
 
-        Sizes are those of a design where it has them.
+        Its `pairs` may be those of a design, in terms; a motion that is known saves
+        looking for a `closed` configuration where equations repeat.
 
         Raises
         ------
@@ -102,17 +103,17 @@ class Structure:
             If the mechanism does not have a freedom for each input.
         """
         assembly = plan_assembly(driven_at(mechanism, input_pairs))
-        pairs = turning_pairs(mechanism, design)
+        pairs = pairs or turning_pairs(mechanism)
 
         def vectors() -> Floats:
-            motion = Tracer(mechanism, input_pairs, search=False).sparse(9)
-            closed = np.flatnonzero(~motion.failed)
-            if not len(closed):
+            motion = closed or Tracer(mechanism, input_pairs, search=False).sparse(9)
+            held = np.flatnonzero(~motion.failed)
+            if not len(held):
                 raise EngineError(
                     f"{mechanism.name}: no configuration was found at which to choose "
                     "independent equations; give a range of the input where it closes"
                 )
-            first = int(closed[0])
+            first = int(held[0])
             return np.asarray(motion.vectors[first])
 
         groups = group_rows(mechanism, assembly, vectors)
@@ -167,7 +168,7 @@ class RateExpressions:
             spin_vectors(structure.pairs, placed, v)
             for v in range(len(mechanism.variable_owners))
         ]
-        axes = [[[axis for _, _, axis in each] for each in spins]]
+        axes = [[[axis for _, _, axis in spin] for spin in spins]]
         for k in range(order + 1):
             if k:
                 axes.append(
@@ -196,21 +197,21 @@ class RateExpressions:
     def _solve(self) -> list[Expr]:
         """Return the next coefficients of the variables' rates."""
         structure, k = self.structure, len(self.tau)
-        moving = [series(list(each)) for each in zip(*self.vectors, strict=True)]
+        moving = [series(list(orders)) for orders in zip(*self.vectors, strict=True)]
         inputs = structure.assembly.inputs
         solver = HomogeneousRates(
             structure.mechanism, inputs, inputs[0], moving, structure.span
         )
         for rows in structure.groups:
             solver.close(rows)
-        found = [solver.rates[v] for v in range(len(moving))]
+        rates = [solver.rates[v] for v in range(len(moving))]
         return [
-            each.coefficients[k]
-            if isinstance(each, SeriesExpressions)
+            rate.coefficients[k]
+            if isinstance(rate, SeriesExpressions)
             else 0.0
             if k
-            else each
-            for each in found
+            else rate
+            for rate in rates
         ]
 
     def relative(self, link: int, other: int, order: int = 0) -> Exprs:
@@ -227,7 +228,7 @@ class RateExpressions:
 
     def rate_of(self, variable: int) -> SeriesExpressions:
         """Return the rate of a variable per unit of p."""
-        return SeriesExpressions(tuple(each[variable] for each in self.tau))
+        return SeriesExpressions(tuple(rates[variable] for rates in self.tau))
 
     def pole(self, pole: Pole) -> tuple[Exprs, SeriesExpressions]:
         """Return a unit vector (3,) along a pole axis, and the rate along it per p."""
@@ -252,7 +253,7 @@ class RateExpressions:
                     float(sense) * self.tau[0][v]
                 )
         made = [first]
-        turning = series([each[link] for each in self.w])
+        turning = series([rates[link] for rates in self.w])
         change, factorial = turning, 1.0
         for k in range(1, self.order + 1):
             change = vector([x.derivative() for x in change]) - cross(turning, change)

@@ -71,7 +71,7 @@ class LoadState:
             [flow.w[0]],
             variables,
             turns,
-            [each * speed for each in flow.tau[0]],
+            [rate * speed for rate in flow.tau[0]],
             time,
             switch,
             table,
@@ -133,7 +133,7 @@ def forces_of(parts: Sequence[Component], moving: LoadState) -> list[Expr]:
             ]
         for moment in part.moments:
             key = moment.link, moment.axes, moment.arm
-            along = vector([magnitude * each for each in moment.direction])
+            along = vector([magnitude * component for component in moment.direction])
             on_links[key] = on_links[key] + along if key in on_links else along
     for (link, axes, arm), along in on_links.items():
         number = moving.mechanism.link_number[link]
@@ -150,10 +150,10 @@ def steep_arguments(load: Load, moving: LoadState) -> list[Expr]:
     """Return what the load's `Expression.steep_and_smooth` are; kinks have switches."""
     laws = [part.magnitude for part in load.components(moving.mechanism)]
     return [
-        expression_value(each, moving)
+        expression_value(argument, moving)
         for law in laws
         if isinstance(law, Expression)
-        for each in law.steep_and_smooth
+        for argument in law.steep_and_smooth
     ]
 
 
@@ -162,12 +162,12 @@ def _moment(placed: LinkOrientation, axes: str, arm: Vector | None, along: Exprs
     if axes == "ground":
         if arm is None:
             return along
-        if not all(isinstance(each, float) for each in arm):
+        if not all(isinstance(component, float) for component in arm):
             return cross(placed.direction(vector(list(arm))), along)
         size = float(np.linalg.norm(arm))
         return cross(placed.direction(np.array(arm) / size) * size, along)
-    own = along if arm is None else cross(vector(list(arm)), along)
-    return np.asarray(placed.basis @ (constants(placed.within) @ own))
+    moment = along if arm is None else cross(vector(list(arm)), along)
+    return np.asarray(placed.basis @ (constants(placed.within) @ moment))
 
 
 def _magnitude(law: Expression | Called | TorqueTable, moving: LoadState) -> Expr:
@@ -187,23 +187,23 @@ def expression_value(law: Expression, moving: LoadState) -> Expr:
         kind, _, pair = name.partition("_")
         if kind == "theta":
             return moving.angle(pair), moving.direction(pair)
-        found = moving.time if name == "t" else moving.rate(pair)
-        return found, found
+        value = moving.time if name == "t" else moving.rate(pair)
+        return value, value
 
     def apply(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
         whole, reduced = zip(*parts, strict=True)
         if name in _PERIODIC:
             whole = reduced
         if name in BY_OPERATOR:
-            found = BY_OPERATOR[name](*whole)
+            value = BY_OPERATOR[name](*whole)
             if name in _COUNTS_TURNS or (name == "*" and any(map(_is_whole, whole))):
-                return found, BY_OPERATOR[name](*reduced)
-            return found, found
+                return value, BY_OPERATOR[name](*reduced)
+            return value, value
         if name in _BY_SWITCH:
-            found = _BY_SWITCH[name](moving, *whole)
+            value = _BY_SWITCH[name](moving, *whole)
         else:
-            found = function(name, *whole)
-        return found, found
+            value = function(name, *whole)
+        return value, value
 
     return fold(law.root, lambda value: (value, value), named, apply)[0]
 

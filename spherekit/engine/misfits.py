@@ -54,8 +54,8 @@ def misfits(
     """Return by how much (3,) each pair that closes a loop is off, to first order (rad)."""
     made = {}
     for pair in LoopTree.of(structure.mechanism).chords:
-        own, there = _rotations(structure, links, variables, pair)
-        made[pair] = _half_turn(there, own)
+        here, there = _rotations(structure, links, variables, pair)
+        made[pair] = _half_turn(there, here)
     return made
 
 
@@ -65,9 +65,9 @@ def openness(
     """Return the square of by how much loops are open (rad2), half turns included."""
     total: Expr = 0.0
     for pair in LoopTree.of(structure.mechanism).chords:
-        own, there = _rotations(structure, links, variables, pair)
-        for each in (own - there).ravel():
-            total = total + 0.5 * (each * each)
+        here, there = _rotations(structure, links, variables, pair)
+        for entry in (here - there).ravel():
+            total = total + 0.5 * (entry * entry)
     return total
 
 

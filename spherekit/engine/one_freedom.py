@@ -23,18 +23,24 @@ from spherekit.model.mechanism import Mechanism
 
 def one_freedom(mechanism: Mechanism) -> System:
     """Return the equation of a mechanism whose first input is the input."""
-    own = Symbols.of(mechanism)
+    symbols = Symbols.of(mechanism)
     structure = Structure.of(mechanism, mechanism.inputs[0].pair)
     flow = RateExpressions(
-        structure, place_by_variables(mechanism, structure.pairs, own.variables)
+        structure, place_by_variables(mechanism, structure.pairs, symbols.variables)
     )
-    (momentum,) = own.momenta
+    (momentum,) = symbols.momenta
     share = power(inertia(flow, tensors(mechanism)).coefficients[0], -0.5)
-    speed = constant(own.layout.unit) * momentum * share
+    speed = constant(symbols.layout.unit) * momentum * share
     moving = LoadState.along(
-        flow, own.variables, own.turns, speed, MOMENT, own.switches, own.table
+        flow,
+        symbols.variables,
+        symbols.turns,
+        speed,
+        MOMENT,
+        symbols.switches,
+        symbols.table,
     )
-    push = constant(own.layout.unit + 1) * share
+    push = constant(symbols.layout.unit + 1) * share
     forces = [generalised_forces(load, moving)[0] * push for load in mechanism.loads]
     tau = vector(flow.tau[0])
     square = dot(tau, tau)
@@ -43,14 +49,14 @@ def one_freedom(mechanism: Mechanism) -> System:
     if varies(tau[driven]):
         events.append((EventFunction(tau[driven]), "dead_centre", driven))
     if varies(square):
-        crossed = square - constant(own.layout.least)
+        crossed = square - constant(symbols.layout.least)
         events.append((EventFunction(crossed, stops=True, sense=-1), "singularity", -1))
     return System(
         structure,
-        own,
-        [each * speed for each in flow.tau[0]],
+        symbols,
+        [rate * speed for rate in flow.tau[0]],
         [sum(forces, 0.0)],
-        [each * momentum for each in forces],
+        [force * momentum for force in forces],
         [flow.tau[0]],
         square,
         events,

@@ -63,7 +63,7 @@ class PathKernel:
         columns = [next(signs) if g == "+" else None for g in self.groups]
         width = values.shape[1]
         return [
-            "".join("~" if own is None else str(own[k]) for own in columns)
+            "".join("~" if column is None else str(column[k]) for column in columns)
             for k in range(width)
         ]
 
@@ -73,10 +73,10 @@ class PathKernel:
         rows = np.empty((len(values) + len(prepared), values.shape[1]), dtype=number)
         rows[: len(values)] = values
         rows[len(values) :] = prepared
-        found = (self.complex if number is complex else self.real)(rows)
+        columns = (self.complex if number is complex else self.real)(rows)
         v, k = self.variables, len(self.driven)
-        rates = found[v : (k + 1) * v].reshape(k, v, -1)
-        return At(found[:v], rates, found[-2], found[-1])
+        rates = columns[v : (k + 1) * v].reshape(k, v, -1)
+        return At(columns[:v], rates, columns[-2], columns[-1])
 
 
 def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
@@ -84,7 +84,7 @@ def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
     structure, links, places = terms.structure, terms.links, terms.places
     change = answers(structure, links, misfits(structure, links, places))
     rates, determinant = rates_by_inputs(structure, links)
-    outputs = [*change, *(each for own in rates for each in own), determinant]
+    outputs = [*change, *(rate for row in rates for rate in row), determinant]
     outputs.append(openness(structure, links, places))
     dyads = [group for group in structure.assembly.groups if group.is_dyad]
     turning = []

@@ -116,6 +116,6 @@ def spin_vectors(
         if placed[other.link].depth < placed[spins[0].link].depth:
             spins = (other,)
     return tuple(
-        (each.size, each.link, vector(list(placed[each.link].direction(each.axis))))
-        for each in spins
+        (spin.size, spin.link, vector(list(placed[spin.link].direction(spin.axis))))
+        for spin in spins
     )

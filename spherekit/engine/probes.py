@@ -42,16 +42,16 @@ def good_until(look: Look, steps: int) -> Floats:
     missed, arguments = look(owner, x)
     shaped = arguments.reshape(steps, len(even), arguments.shape[1])
     more = (_turns(look, even, shaped), _zeros(look, even, shaped))
-    own, places = (np.concatenate(each) for each in zip(*more, strict=True))
-    if len(own):
-        order = np.lexsort((places, own))
-        own, places = own[order], places[order]
+    which, places = (np.concatenate(parts) for parts in zip(*more, strict=True))
+    if len(which):
+        order = np.lexsort((places, which))
+        which, places = which[order], places[order]
         # Between two jumps, which need not be on either side of a place found.
-        pairs = np.flatnonzero(own[1:] == own[:-1])
-        own = np.append(own, own[pairs])
+        pairs = np.flatnonzero(which[1:] == which[:-1])
+        which = np.append(which, which[pairs])
         places = np.append(places, 0.5 * (places[pairs] + places[pairs + 1]))
-        owner, x = np.append(owner, own), np.append(x, places)
-        missed = np.append(missed, look(own, places)[0])
+        owner, x = np.append(owner, which), np.append(x, places)
+        missed = np.append(missed, look(which, places)[0])
     wrong = ~(missed <= 1.0)
     first = np.full(steps, np.inf)
     np.minimum.at(first, owner[wrong], x[wrong])

@@ -57,10 +57,10 @@ def with_columns(values: Floats, profiles: Sequence[ProfileColumns]) -> Floats:
     """Return variables (variables, n) with the columns of profiles below them."""
     if not profiles:
         return np.ascontiguousarray(values)
-    count, own = len(values), len(PARTS)
-    made = np.empty((count + own * len(profiles), values.shape[1]))
+    count, width = len(values), len(PARTS)
+    made = np.empty((count + width * len(profiles), values.shape[1]))
     made[:count] = values
-    for k, each in enumerate(profiles):
-        rows = slice(count + own * k, count + own * (k + 1))
-        made[rows] = each.series.at(values[each.variable] + each.start)
+    for k, profile in enumerate(profiles):
+        rows = slice(count + width * k, count + width * (k + 1))
+        made[rows] = profile.series.at(values[profile.variable] + profile.start)
     return made

@@ -68,7 +68,7 @@ def group_rows(
         else:
             loops = eliminate(group, owned).loops
             plain = Elimination(
-                tuple(Loop(each.passes, ()) for each in loops),
+                tuple(Loop(loop.passes, ()) for loop in loops),
                 tuple(v for pair in group.pairs for v in owned[pair]),
             )
             rows = GroupRows(
@@ -208,20 +208,20 @@ class HomogeneousRates:
     def _loop(self, group: Group, loop: Loop) -> tuple[dict[int, Exprs], Exprs]:
         """Return the columns of a loop's equation by variable, and what is known of it."""
         columns: dict[int, Exprs] = {}
-        known: Exprs = vector([0.0, 0.0, 0.0])
+        rest: Exprs = vector([0.0, 0.0, 0.0])
         onward = (*loop.passes[1:], loop.passes[0])
         for (pair, sense), (after, next_sense) in zip(loop.passes, onward, strict=True):
             number = group.pairs[pair]
             for variable in self.owned[number]:
                 columns[variable] = self.vectors[variable] * float(sense)
             if number in self.misfits:
-                known = known - self.misfits[number] * (self.scale * float(sense))
+                rest = rest - self.misfits[number] * (self.scale * float(sense))
             enters = self.mechanism.ends[number][1 if sense > 0 else 0]
             leaves = self.mechanism.ends[group.pairs[after]][0 if next_sense > 0 else 1]
             part = self._between(enters, leaves)
             if part is not None:
-                known = known + part
-        return columns, known
+                rest = rest + part
+        return columns, rest
 
     def close(self, rows: GroupRows) -> None:
         """Find the rates of a group's variables; those found before are scaled."""
@@ -230,23 +230,23 @@ class HomogeneousRates:
         matrix: list[list[Expr]] = []
         right: list[Expr] = []
         for number, directions in self._directions(rows, loops):
-            columns, known = loops[number]
+            columns, rest = loops[number]
             for direction in directions:
                 matrix.append(
                     [dot(direction, columns[v]) if v in columns else 0.0 for v in unknowns]
                 )
-                right.append(dot(direction, known))
+                right.append(dot(direction, rest))
         scale = determinant(matrix)
         shares = cofactors(matrix)
-        found: dict[int, Expr] = {
+        rates: dict[int, Expr] = {
             variable: -1.0 * dot(vector(right), vector([row[k] for row in shares]))
             for k, variable in enumerate(unknowns)
         }
-        for loop, (columns, known) in zip(rows.elimination.loops, loops, strict=True):
+        for loop, (columns, rest) in zip(rows.elimination.loops, loops, strict=True):
             if loop.private:
                 self._check_span(*loop.private)
-                self._private(loop.private, columns, known, scale, found)
-        self.rates = {v: rate * scale for v, rate in self.rates.items()} | found
+                self._private(loop.private, columns, rest, scale, rates)
+        self.rates = {v: rate * scale for v, rate in self.rates.items()} | rates
         self.scale = self.scale * scale
         self.closed += group.pairs
 
@@ -281,25 +281,25 @@ class HomogeneousRates:
         self,
         private: tuple[int, ...],
         columns: dict[int, Exprs],
-        known: Exprs,
+        given: Exprs,
         scale: Expr,
-        found: dict[int, Expr],
+        rates: dict[int, Expr],
     ) -> None:
         """Find the two variables that were eliminated from a loop: S + x A + y B = 0."""
         a, b = private
         others = [v for v in columns if v not in private]
-        if len(found) == 1 and len(others) == 1:
+        if len(rates) == 1 and len(others) == 1:
             # The bac-cab rule: no division, and no cancellation of S.
-            turned = cross(known, columns[others[0]])
-            found[a] = dot(columns[b], turned)
-            found[b] = -1.0 * dot(columns[a], turned)
+            turned = cross(given, columns[others[0]])
+            rates[a] = dot(columns[b], turned)
+            rates[b] = -1.0 * dot(columns[a], turned)
             return
-        rest = known * scale
+        rest = given * scale
         for variable in others:
-            rest = rest + columns[variable] * found[variable]
+            rest = rest + columns[variable] * rates[variable]
         normal = cross(columns[a], columns[b])
         square = self.span(a, b)
         share = 1.0 / (dot(normal, normal) if square is None else square)
         # In this order what multiplies the rest is the same for all right-hand sides.
-        found[a] = dot(cross(normal, columns[b]) * share, rest)
-        found[b] = dot(cross(columns[a], normal) * share, rest)
+        rates[a] = dot(cross(normal, columns[b]) * share, rest)
+        rates[b] = dot(cross(columns[a], normal) * share, rest)

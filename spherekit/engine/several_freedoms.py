@@ -48,8 +48,8 @@ others have to be taken."""
 
 def mass_size(mechanism: Mechanism) -> float:
     """Return the sum of the links' largest moments of inertia, kg m2."""
-    each = [tensor for link, tensor in tensors(mechanism).items() if link]
-    return float(np.sum(np.linalg.norm(each, 2, axis=(1, 2))))
+    by_link = [tensor for link, tensor in tensors(mechanism).items() if link]
+    return float(np.sum(np.linalg.norm(by_link, 2, axis=(1, 2))))
 
 
 def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) -> System:
@@ -63,15 +63,15 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     held
         The variables of the mechanism's own inputs, for the event "type_2".
     """
-    own = Symbols.of(mechanism)
-    layout = own.layout
+    symbols = Symbols.of(mechanism)
+    layout = symbols.layout
     structure = Structure.at(mechanism, values)
-    placed = place_by_variables(mechanism, structure.pairs, own.variables)
+    placed = place_by_variables(mechanism, structure.pairs, symbols.variables)
     flow = CoordinateRates(structure, placed)
     size = mass_size(mechanism)
     root = float(np.sqrt(size))
     share = 1.0 / flow.scale
-    speeds = [constant(layout.unit) * y * (1.0 / root) for y in own.momenta]
+    speeds = [constant(layout.unit) * y * (1.0 / root) for y in symbols.momenta]
     slow = [speed * share for speed in speeds]
     rates = [
         sum((tau[v] * s for tau, s in zip(flow.tau, slow, strict=True)), 0.0)
@@ -79,30 +79,30 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     ]
     for pair, speed in zip(structure.assembly.inputs, speeds, strict=True):
         rates[mechanism.variables_of(pair)[0]] = speed
-    w = [_along(each, slow) for each in zip(*flow.w, strict=True)]
+    w = [_along(by_input, slow) for by_input in zip(*flow.w, strict=True)]
     moving = LoadState(
         mechanism,
         placed,
         flow.tau,
         flow.w,
-        own.variables,
-        own.turns,
+        symbols.variables,
+        symbols.turns,
         rates,
         MOMENT,
-        own.switches,
-        own.table,
+        symbols.switches,
+        symbols.table,
     )
     forces = [generalised_forces(load, moving) for load in mechanism.loads]
     masses = _Masses(mechanism, placed, flow, size)
     pull = masses.pull(flow.bias(rates, w), slow)
-    total = [sum(each, 0.0) * (1.0 / size) for each in zip(*forces, strict=True)]
+    total = [sum(of_loads, 0.0) * (1.0 / size) for of_loads in zip(*forces, strict=True)]
     total = total or [0.0] * layout.freedoms
     right = vector([a - b for a, b in zip(total, pull, strict=True)])
     matrix = masses.matrix
-    found = _solved(matrix, right)
+    changes = _solved(matrix, right)
     back = constant(layout.unit + 1) * root * flow.scale
     square = constant(layout.unit + 1) * constant(layout.unit + 1)
-    powers = [dot(vector(each), vector(slow)) * square for each in forces]
+    powers = [dot(vector(of_load), vector(slow)) * square for of_load in forces]
     gram = [[dot(vector(a), vector(b)) for b in flow.tau] for a in flow.tau]
     spread = sum((gram[k][k] for k in range(layout.freedoms)), 0.0) * share * share
     measure = determinant(gram)
@@ -110,17 +110,17 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
         measure = measure * share
     if varies(measure):
         # heyoka's tolerance is relative to the largest of the state and of all events.
-        begun = array_function([measure], own.variables)(values[:, None])
+        begun = array_function([measure], symbols.variables)(values[:, None])
         measure = measure * (1.0 / float(begun[0, 0]))
     return System(
         structure,
-        own,
+        symbols,
         rates,
-        [each * back for each in found],
+        [change * back for change in changes],
         powers,
         flow.tau,
         measure,
-        _events(own, flow, measure, spread, held),
+        _events(symbols, flow, measure, spread, held),
         moving,
     )
 
@@ -139,7 +139,11 @@ def _solved(matrix: Sequence[Sequence[Expr]], right: Exprs) -> list[Expr]:
 
 
 def _events(
-    own: Symbols, flow: CoordinateRates, measure: Expr, spread: Expr, held: Sequence[int]
+    symbols: Symbols,
+    flow: CoordinateRates,
+    measure: Expr,
+    spread: Expr,
+    held: Sequence[int],
 ) -> list[SystemEvent]:
     mechanism = flow.structure.mechanism
     events: list[SystemEvent] = []
@@ -151,7 +155,9 @@ def _events(
                 part = part / flow.scale
             events.append((EventFunction(part * (1.0 / STEEPEST)), "type_2", -1))
     if varies(measure):
-        crossed = EventFunction(measure - constant(own.layout.least), stops=True, sense=-1)
+        crossed = EventFunction(
+            measure - constant(symbols.layout.least), stops=True, sense=-1
+        )
         events.append((crossed, "singularity", -1))
     if varies(spread):
         room = 1.0 - spread * (1.0 / STEEPEST)
@@ -179,23 +185,23 @@ class _Masses:
             [placed.seen(w[link]) for w in flow.w] for link, placed, _ in self._links
         ]
         self._momenta = [
-            [constants(tensor) @ y for y in own]
-            for (_, _, tensor), own in zip(self._links, self._seen, strict=True)
+            [constants(tensor) @ y for y in seen]
+            for (_, _, tensor), seen in zip(self._links, self._seen, strict=True)
         ]
 
     @property
     def matrix(self) -> list[list[Expr]]:
         """The inertia matrix by tau."""
         count = len(self._seen[0])
-        found: list[list[Expr]] = [[0.0] * count for _ in range(count)]
-        for own, momenta in zip(self._seen, self._momenta, strict=True):
+        matrix: list[list[Expr]] = [[0.0] * count for _ in range(count)]
+        for seen, momenta in zip(self._seen, self._momenta, strict=True):
             for i in range(count):
                 for k in range(i + 1):
-                    found[i][k] = found[i][k] + dot(own[i], momenta[k])
+                    matrix[i][k] = matrix[i][k] + dot(seen[i], momenta[k])
         for i in range(count):
             for k in range(i):
-                found[k][i] = found[i][k]
-        return found
+                matrix[k][i] = matrix[i][k]
+        return matrix
 
     def pull(self, bias: Sequence[Exprs], slow: Sequence[Expr]) -> list[Expr]:
         """Return what the links resist by at no acceleration of the inputs, by tau.
@@ -204,18 +210,18 @@ class _Masses:
         and y_i . (w x h) = sum of s_k h . (y_i x y_k), of which one sign is enough.
         """
         count = len(slow)
-        found: list[Expr] = [0.0] * count
+        pulls: list[Expr] = [0.0] * count
         turned: list[list[Expr]] = [[0.0] * count for _ in range(count)]
-        for (link, placed, _), own, momenta in zip(
+        for (link, placed, _), seen, momenta in zip(
             self._links, self._seen, self._momenta, strict=True
         ):
             acceleration, momentum = placed.seen(bias[link]), _along(momenta, slow)
             for i in range(count):
-                found[i] = found[i] + dot(momenta[i], acceleration)
+                pulls[i] = pulls[i] + dot(momenta[i], acceleration)
                 for k in range(i):
-                    turned[i][k] = turned[i][k] + dot(cross(own[i], own[k]), momentum)
+                    turned[i][k] = turned[i][k] + dot(cross(seen[i], seen[k]), momentum)
         for i in range(count):
             for k in range(i):
-                found[i] = found[i] + slow[k] * turned[i][k]
-                found[k] = found[k] - slow[i] * turned[i][k]
-        return found
+                pulls[i] = pulls[i] + slow[k] * turned[i][k]
+                pulls[k] = pulls[k] - slow[i] * turned[i][k]
+        return pulls

@@ -151,23 +151,23 @@ class System:
     @property
     def equations(self) -> list[tuple[ExpressionNode, Expr]]:
         """Each variable of the state with its rate by time."""
-        own = self.symbols
+        state = self.symbols
         return [
-            *zip(own.variables, self.rates, strict=True),
-            *zip(own.momenta, self.push, strict=True),
-            *zip(own.works, self.powers, strict=True),
+            *zip(state.variables, self.rates, strict=True),
+            *zip(state.momenta, self.push, strict=True),
+            *zip(state.works, self.powers, strict=True),
         ]
 
 
-def stop_events(mechanism: Mechanism, own: Symbols) -> list[SystemEvent]:
+def stop_events(mechanism: Mechanism, state: Symbols) -> list[SystemEvent]:
     """Return the events at which pairs reach their stops."""
     events: list[SystemEvent] = []
     for number, stop in enumerate(mechanism.stops):
         (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
-        value = own.variables[place] + FULL_TURN * constant(place)
+        value = state.variables[place] + FULL_TURN * constant(place)
         limits: tuple[tuple[int, Literal[-1, 1]], ...] = ((0, -1), (1, 1))
         for side, sense in limits:
-            level = constant(own.layout.stop + 2 * number + side)
+            level = constant(state.layout.stop + 2 * number + side)
             passed = EventFunction(value - level, stops=True, sense=sense)
             events.append((passed, "stop", place))
     return events

@@ -61,7 +61,7 @@ class Chain:
     def reversed(self) -> "Chain":
         """Return the chain from the second link to the first."""
         return Chain(
-            tuple(each.T for each in reversed(self.constants)),
+            tuple(frame.T for frame in reversed(self.constants)),
             tuple(_back(turn) for turn in reversed(self.turns)),
         )
 
@@ -125,7 +125,7 @@ class TurningPairs:
     def columns(self) -> tuple[ProfileColumns, ...]:
         """What is handed in of profiles, in its order."""
         both = (side.columns for pair in self.sides.values() for side in pair)
-        return tuple(each for each in both if each is not None)
+        return tuple(side for side in both if side is not None)
 
 
 def turning_pairs(

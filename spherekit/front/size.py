@@ -117,6 +117,8 @@ def _missed(
             miss = f"{2.0 / unit!r}*sin(0.5*({quantity} - ({value * unit!r})))"
         else:
             miss = f"{quantity} - ({value!r})"
-        own = place if isinstance(place, list) else [place]
-        made[name] = f"{name}=at({miss}, {', '.join(repr(float(each)) for each in own)})"
+        points = place if isinstance(place, list) else [place]
+        made[name] = (
+            f"{name}=at({miss}, {', '.join(repr(float(point)) for point in points)})"
+        )
     return made

@@ -88,7 +88,7 @@ class Called:
         """What it depends on, as an expression would say it."""
         return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
 
-    def evaluate(self, known: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    def evaluate(self, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return the torque (n,) N m at the values of its names, each (n,).
 
         Raises
@@ -96,19 +96,19 @@ class Called:
         ModelError
             If the function returns what is not a number.
         """
-        states = (known["t"], known[f"theta_{self.pair}"], known[f"dtheta_{self.pair}"])
-        found = []
+        states = (values["t"], values[f"theta_{self.pair}"], values[f"dtheta_{self.pair}"])
+        torques = []
         for state in zip(*(x.tolist() for x in np.broadcast_arrays(*states)), strict=True):
             torque = self.function(*state)
             try:
-                found.append(float(torque))
+                torques.append(float(torque))
             except (TypeError, ValueError):
                 t, q, dq = state
                 raise ModelError(
                     f"the torque at pair {self.pair}: the function returned {torque!r} at "
                     f"t = {t:g}, q = {q:g}, dq = {dq:g}; it has to return a number (N m)"
                 ) from None
-        return np.array(found)
+        return np.array(torques)
 
 
 def expression_of(magnitude: "Expression | Called") -> Expression:
@@ -241,7 +241,7 @@ class Gravity(Load):
             if mass.link == mechanism.ground:
                 continue
             assert mass.mass is not None and mass.centre is not None
-            x, y, z = (mass.mass * float(each) for each in mass.centre)
+            x, y, z = (mass.mass * float(coordinate) for coordinate in mass.centre)
             down = _floats(self.acceleration)
             weights.append(LinkMoment(mass.link, down, "ground", (x, y, z)))
         return (Component(_law(mechanism, "1"), moments=tuple(weights)),)
@@ -544,8 +544,8 @@ class TorqueTable(Load):
 
 LOADS: Mapping[str, type[Load]] = MappingProxyType(
     {
-        each.kind: each
-        for each in (
+        load.kind: load
+        for load in (
             PairTorque,
             Gravity,
             PointForce,

@@ -105,15 +105,15 @@ class PiecewiseChebyshev:
         cuts = np.flatnonzero(np.diff(cell)) + 1
         if len(cuts) * SHORTEST_RUN > len(x):
             order = np.argsort(cell, kind="stable")
-            found = np.empty((self.coefficients.shape[2], len(x)))
-            found[:, order] = self._in_runs(x[order], cell[order])
-            return found
+            sums = np.empty((self.coefficients.shape[2], len(x)))
+            sums[:, order] = self._in_runs(x[order], cell[order])
+            return sums
         return self._in_runs(x, cell)
 
     def _in_runs(self, x: Floats, cell: NDArray[np.intp]) -> Floats:
         """Return the functions (m, n) at x (n,) in cells (n,), run by run."""
         series = self._by_function
-        found = np.empty((series.shape[1], len(x)))
+        sums = np.empty((series.shape[1], len(x)))
         cuts = np.flatnonzero(np.diff(cell)) + 1
         edges = [0, *cuts.tolist(), len(x)]
         for start, stop in pairwise(edges):
@@ -127,8 +127,8 @@ class PiecewiseChebyshev:
                 for order in range(2, len(powers)):
                     np.multiply(twice, powers[order - 1], out=powers[order])
                     powers[order] -= powers[order - 2]
-                np.matmul(series[cell[start]], powers, out=found[:, rows])
-        return found
+                np.matmul(series[cell[start]], powers, out=sums[:, rows])
+        return sums
 
     @cached_property
     def _by_function(self) -> Floats:

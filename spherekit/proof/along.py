@@ -93,15 +93,15 @@ class Stop:
 
 def stops(equations: Equations, chain: Chain, variable: int) -> tuple[list[Stop], int]:
     """Return where a variable stops along a chain, and how many parts are undecided."""
-    found: list[Stop] = []
+    places: list[Stop] = []
     undecided = 0
     for number, (piece, centre, off) in enumerate(_parts(chain)):
-        for each in _within(equations, piece, centre, off, variable, 0):
-            if each is None:
+        for stop in _within(equations, piece, centre, off, variable, 0):
+            if stop is None:
                 undecided += 1
             else:
-                found.append(replace(each, after=number))
-    return found, undecided
+                places.append(replace(stop, after=number))
+    return places, undecided
 
 
 def _parts(chain: Chain) -> Iterator[tuple[Piece, Floats, float]]:
@@ -156,11 +156,11 @@ def _middle(equations: Equations, piece: Piece, goal: Floats, part: float) -> Pi
         return None
     reach = float(piece.coordinates(goal[None])[0, 0])
     there = float(piece.coordinates(place[None])[0, 0])
-    found = piece_at(equations, place, piece.tangent, 2.0 * reach)
-    if found is None or not 0.0 < there < reach or not piece.holds(place, found.miss):
+    halfway = piece_at(equations, place, piece.tangent, 2.0 * reach)
+    if halfway is None or not 0.0 < there < reach or not piece.holds(place, halfway.miss):
         return None
-    forward = found.coordinates(goal[None])[0, 0] > 0.0
-    return found if forward and found.tangent @ piece.tangent > 1e-3 else None
+    forward = halfway.coordinates(goal[None])[0, 0] > 0.0
+    return halfway if forward and halfway.tangent @ piece.tangent > 1e-3 else None
 
 
 def _place(

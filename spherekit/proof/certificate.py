@@ -119,16 +119,16 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     }
 
 
-def map_certificate(found: InputMap) -> dict[str, Any]:
+def map_certificate(boxes: InputMap) -> dict[str, Any]:
     """Return the certificate of boxes of several inputs: what was proven of each."""
-    written, made = found.written, found.construction
+    written, made = boxes.written, boxes.construction
     driven = [written.structure.pairs[pair] for pair in made.driven]
     kinds = {REGULAR: "regular", CONTAINS: "contains type II", UNDECIDED: "undecided"}
     return {
         **heading("modes over boxes", written.document.text or "", written.tolerance),
-        "inputs": dict(zip(driven, map(list, found.range_texts), strict=True)),
+        "inputs": dict(zip(driven, map(list, boxes.range_texts), strict=True)),
         "construction": construction_table(written, made),
-        "shares": {words: found.share(kind) for kind, words in kinds.items()},
+        "shares": {words: boxes.share(kind) for kind, words in kinds.items()},
         "boxes": [
             {
                 "centre_rad": centre.tolist(),
@@ -137,7 +137,7 @@ def map_certificate(found: InputMap) -> dict[str, Any]:
                 "modes": int(modes) if kind == REGULAR else None,
             }
             for centre, half, kind, modes in zip(
-                found.centres, found.radii, found.kind, found.modes, strict=True
+                boxes.centres, boxes.radii, boxes.kind, boxes.modes, strict=True
             )
         ],
     }
@@ -189,20 +189,20 @@ def pole_table(
     return table
 
 
-def singular_table(found: CertifiedSingularities) -> dict[str, Any]:
+def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
     """Return the singularities of a range."""
     return {
-        "undecided_parts": found.undecided,
-        "outputs_without_pair": list(found.skipped),
+        "undecided_parts": located.undecided,
+        "outputs_without_pair": list(located.skipped),
         "found": [
             {
-                "output": each.output,
-                "type": each.kind,
-                "curve": each.curve,
-                "place": each.stop.place.tolist(),
-                "off": each.stop.off,
+                "output": point.output,
+                "type": point.kind,
+                "curve": point.curve,
+                "place": point.stop.place.tolist(),
+                "off": point.stop.off,
             }
-            for each in found.found
+            for point in located.found
         ],
     }
 
@@ -210,7 +210,7 @@ def singular_table(found: CertifiedSingularities) -> dict[str, Any]:
 def _root(root: Root) -> dict[str, Any]:
     return {
         "real": root.real,
-        "centre": [[_exact(each.real), _exact(each.imag)] for each in root.centre],
+        "centre": [[_exact(number.real), _exact(number.imag)] for number in root.centre],
         "radius": root.radius,
         "alone_within": root.unique,
     }

@@ -201,32 +201,89 @@ def inverses(first: Complexes) -> tuple[Complexes, Bools]:
 
 @final
 @dataclass(frozen=True)
+class Given:
+    """Boxes of the inputs, and how what is given to a system moves with them.
+
+    `half` (m, inputs) are the half widths (rad). A given angle moves by `rates` (m, given,
+    inputs) times the inputs, and by at most `off` (m, given) rad more.
+    """
+
+    half: Floats
+    rates: Floats
+    off: Floats
+
+    def take(self, rows: NDArray[np.intp]) -> "Given":
+        """Return those of some boxes."""
+        return Given(self.half[rows], self.rates[rows], self.off[rows])
+
+
+@final
+@dataclass(frozen=True)
 class Tubes:
     """What is proven of points over boxes: `good` (n,) and what else.
 
     At the centre of the box a root is within `radius` (n,), and alone within `unique`;
-    over the box it is within `reach` (n, k) of its place at the centre. `rates`
-    (n, k, inputs) are the slopes of the tubes' axes.
+    over the box it is within `width` (n,) of the axis of its tube, whose slopes are `rates`
+    (n, k, inputs), and within `reach` (n, k) of its place at the centre.
     """
 
     good: Bools
     radius: Floats
     unique: Floats
+    width: Floats
     reach: Floats
     rates: Complexes
 
 
-def tubes(made: Polynomials, roots: ChartRoots, radii: Floats) -> Tubes:
-    """Return where points have one root for every input of boxes of `radii` (m, inputs)."""
+def tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
+    """Return where points have one root for every input of boxes."""
     with np.errstate(all="ignore"):
-        return _tubes(made, roots, radii[roots.row])
+        return _tubes(made, roots, given.take(roots.row))
 
 
-def _tubes(made: Polynomials, roots: ChartRoots, half: Floats) -> Tubes:
+def _second(coefficients: Sequence[Complexes], roots: ChartRoots) -> Complexes:
+    """Return the second derivatives (n, k, k, k) by z of polynomials at points."""
     n, count = roots.z.shape
-    values, first, by_input = values_at(made, roots)
+    out = np.zeros((n, len(coefficients), count, count), dtype=complex)
+    for row, own in enumerate(coefficients):
+        sizes = own.shape[1:]
+        here = own[roots.row]
+        held = [j for j in range(count) if sizes[j] > 1]
+        for j in held:
+            for other in (each for each in held if each >= j):
+                powers = [
+                    _powers(roots, c, s, int(c == j) + int(c == other))
+                    for c, s in enumerate(sizes)
+                ]
+                out[:, row, j, other] = out[:, row, other, j] = _contracted(here, powers)
+    return out
+
+
+def _mixed(made: Polynomials, roots: ChartRoots) -> Complexes:
+    """Return the derivatives (n, k, k, given) by z and by what is given."""
+    n, count = roots.z.shape
+    out = np.zeros((n, count, count, made.slopes[0].shape[1]), dtype=complex)
+    for row, own in enumerate(made.slopes):
+        sizes = own.shape[2:]
+        here = own[roots.row]
+        for j in (each for each in range(count) if sizes[each] > 1):
+            powers = [_powers(roots, c, s, int(c == j)) for c, s in enumerate(sizes)]
+            for column in np.flatnonzero(made.degrees[row, count:]):
+                out[:, row, j, column] = _contracted(here[:, column], powers)
+    return out
+
+
+def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
+    """Return what is proven: to second order along the axes of tubes, bounded beyond.
+
+    All derivatives by z where |z| <= `disk` are bounded by `own`, on the axis by `axis`,
+    times powers of `steps`, those by what is given by powers of `turned` (S. Bernstein).
+    """
+    count, half = roots.z.shape[1], given.half
+    values, first, by_given = values_at(made, roots)
     inverse, regular = inverses(first)
     size = np.abs(inverse)
+    by_input = by_given @ given.rates
     rates = -inverse @ by_input
     moved = np.einsum("njg,ng->nj", np.abs(rates), half) * UP
     reach = np.abs(roots.z) + moved + WIDEST
@@ -235,55 +292,48 @@ def _tubes(made: Polynomials, roots: ChartRoots, half: Floats) -> Tubes:
     turned = made.degrees[:, count:].astype(float)
     growth = np.exp(np.log(disk) @ steps.T) * UP
     own = made.constant * growth
-    travel = half @ turned.T
-    # second derivatives in a tube: by z and z, by z and an input, by two inputs
-    bent = np.zeros((n, count, count, count))
-    mixed = np.zeros((n, count, count, half.shape[1]))
-    for row in range(count):
-        largest = np.abs(made.values[row])[roots.row]
-        slopes = np.abs(made.slopes[row])[roots.row]
-        around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
-        sizes = largest.shape[1:]
-        held = [j for j in range(count) if sizes[j] > 1]
-        for j in held:
-            for other in held:
-                powers = [
-                    np.abs(_powers(around, c, s, int(c == j) + int(c == other)))
-                    for c, s in enumerate(sizes)
-                ]
-                bent[:, row, j, other] = _contracted(largest, powers)
-            powers = [
-                np.abs(_powers(around, c, s, int(c == j))) for c, s in enumerate(sizes)
-            ]
-            for driven in range(half.shape[1]):
-                mixed[:, row, j, driven] = _contracted(slopes[:, driven], powers)
+    near = np.maximum(np.abs(roots.z) + moved, 1.0)
+    axis = made.constant * np.exp(np.log(near) @ steps.T) * UP
+    # by how much the angles, in all, change at most in each equation
+    across = moved @ steps.T
+    spread = np.einsum("ngd,nd->ng", np.abs(given.rates), half) @ turned.T
+    stray = given.off @ turned.T
+    way = (across + spread + stray) * UP
+    around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
+    bent = np.abs(_second([np.abs(each) for each in made.values], around))
+    bend_here, mixed = _second(made.values, roots), _mixed(made, roots)
     count_of = np.array([each[0].size for each in made.values], dtype=float)
     off = made.error * count_of
-    spare = (own * travel + off * growth) * UP
+    spare = (own * (spread + stray) + off * growth) * UP
     bent = bent + spare[:, :, None, None] * steps[:, :, None] * steps[:, None, :]
-    mixed = (
-        mixed
-        + spare[:, :, None, None] * steps[:, :, None] * np.maximum(turned, 1e-3)[:, None, :]
-    )
-    far = 0.5 * (
-        np.einsum("nijl,nj,nl->ni", bent, moved, moved)
-        + 2.0 * np.einsum("nijg,nj,ng->ni", mixed, moved, half)
-        + own * travel**2
-    )
     # rounding: of the coefficients, and of the sums over them
     sums = np.stack([np.sum(np.abs(v.reshape(len(v), -1)), axis=1) for v in made.values], 1)
     blur = (off + 4 * ROUNDING * count_of * sums[roots.row]) * growth
-    rest = first @ rates + by_input
-    along = np.einsum("nig,ng->ni", np.abs(rest), half)
-    along += blur * (1.0 + np.sum(moved, axis=1) + np.sum(half, axis=1))[:, None]
+    # how the derivative changes along the axis: that of each input
+    along = np.einsum("nijl,nld->nijd", bend_here, rates)
+    along += np.einsum("nijg,ngd->nijd", mixed, given.rates)
+    twice = np.einsum("nijd,nje->nide", along, rates)
+    twice += np.einsum("nijg,nje,ngd->nide", mixed, rates, given.rates)
+    curved = 0.5 * np.einsum(
+        "nide,nd,ne->ni", np.abs(np.einsum("nij,njde->nide", inverse, twice)), half, half
+    )
+    curved += ROUNDING * np.einsum("nij,njde,nd,ne->ni", size, np.abs(twice), half, half)
+    far = axis * (0.5 * (spread + stray) ** 2 + across * stray + way**3 / 6.0)
+    far += np.einsum("nig,ng->ni", np.abs(by_given), given.off)
+    rest = np.einsum("nig,ng->ni", np.abs(first @ rates + by_input), half)
+    far += rest + blur * (1.0 + way + 0.5 * way**2) + ROUNDING * np.abs(values)
     start = np.abs(np.einsum("nij,nj->ni", inverse, values))
-    miss = np.einsum("nij,nj->ni", size, far + along + blur + ROUNDING * np.abs(values))
-    still = (start + np.einsum("nij,nj->ni", size, blur + ROUNDING * np.abs(values))) * UP
-    miss = np.max((start + miss) * UP, axis=1, initial=0.0)
-    change = np.einsum("nijl,nl->nij", bent, moved) + np.einsum("nijg,ng->nij", mixed, half)
-    change += blur[:, :, None] * np.maximum(steps, 1.0)
-    part = np.abs(np.eye(count) - inverse @ first) + size @ change
-    part += ROUNDING * (size @ np.abs(first) + 1.0)
+    still = start + np.einsum("nij,nj->ni", size, blur + ROUNDING * np.abs(values))
+    miss = start + curved + np.einsum("nij,nj->ni", size, far)
+    miss = np.max(miss * UP, axis=1, initial=0.0)
+    turning = np.einsum("nij,njld->nild", inverse, along)
+    part = np.abs(np.eye(count) - inverse @ first)
+    part += np.einsum("nild,nd->nil", np.abs(turning), half)
+    change = np.einsum("nijg,ng->nij", np.abs(mixed), given.off)
+    change += (0.5 * axis * way**2)[:, :, None] * steps
+    change += (blur * (1.0 + way))[:, :, None] * np.maximum(steps, 1.0)
+    change += ROUNDING * np.einsum("nijd,nd->nij", np.abs(along), half)
+    part += size @ change + ROUNDING * (size @ np.abs(first) + 1.0)
     slack = np.max(np.sum(part, axis=2), axis=1, initial=0.0) * UP
     bend = np.einsum("nij,nj->ni", size, np.sum(bent, axis=(2, 3)))
     bend = np.max(bend, axis=1, initial=0.0) * UP
@@ -291,11 +341,10 @@ def _tubes(made: Polynomials, roots: ChartRoots, half: Floats) -> Tubes:
     slope = (slack + bend * unique) * UP
     good = regular & (slack < 1.0) & np.isfinite(bend) & np.isfinite(miss)
     good &= (slope < 1.0) & (miss * UP < unique * (1.0 - slope))
-    radius = MARGIN * np.max(still, axis=1, initial=0.0) / (1.0 - slope)
+    radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)
     width = np.minimum(miss / (1.0 - slope) * UP, unique)
-    return Tubes(
-        good, np.minimum(radius, unique), unique, (moved + width[:, None]) * UP, rates
-    )
+    reach = (moved + width[:, None]) * UP
+    return Tubes(good, np.minimum(radius, unique), unique, width, reach, rates)
 
 
 def roots_of_one(made: Polynomials) -> ChartRoots:

@@ -69,7 +69,7 @@ class Touching:
         ahead = [(b - cosine * a) / sine for a, b in zip(first, second, strict=True)]
         back = [(a - cosine * b) / sine for a, b in zip(first, second, strict=True)]
         if self.sense > 0:
-            back = [-each for each in back]
+            back = [-entry for entry in back]
         return (ahead[0], ahead[1], ahead[2]), (back[0], back[1], back[2])
 
 
@@ -117,7 +117,7 @@ def _cones(
     normal = cross(one, other)
     between = angle_of(dot(one, other), dot(normal, normal).sqrt())
     if "teeth" in item:
-        teeth = [exact(float(each)) for each in item["teeth"]]
+        teeth = [exact(float(count)) for count in item["teeth"]]
         s, c = between.sin_cos()
         first = angle_of(teeth[1] / teeth[0] - sense * c, s)
         second = between - first if sense < 0 else between + first
@@ -135,13 +135,13 @@ def _given(
 ) -> tuple[Vector, Ball]:
     """Return centre and radius of the circle of one link."""
     follower = item.get("follower")
-    own = follower if follower and follower["link"] == link else item["profiles"][link]
-    if "axis" in own:
-        centre = _axis(sizes.mechanism, frames, own["axis"], link)
+    profile = follower if follower and follower["link"] == link else item["profiles"][link]
+    if "axis" in profile:
+        centre = _axis(sizes.mechanism, frames, profile["axis"], link)
     else:
-        key = next(key for key in own if key.split("_")[0] in ("centre", "pole"))
-        centre = sizes.direction(own[key], key.endswith("xyz"))
-    number = own.get("roller", own.get("radius"))
+        key = next(key for key in profile if key.split("_")[0] in ("centre", "pole"))
+        centre = sizes.direction(profile[key], key.endswith("xyz"))
+    number = profile.get("roller", profile.get("radius"))
     return centre, pi() / 2 if number is None else sizes.angle(number)
 
 

@@ -138,10 +138,10 @@ class Ranks:
 
     def way(self, link: int) -> list[int]:
         """Return a link and all that it is placed in, up to the root."""
-        found = [link]
-        while (above := self.parent[found[-1]]) is not None:
-            found.append(above)
-        return found
+        way = [link]
+        while (above := self.parent[way[-1]]) is not None:
+            way.append(above)
+        return way
 
     def apart(self, one: int, other: int) -> tuple[int, list[int], list[int]]:
         """Return the last link that two ways share, and the links of each before it."""
@@ -175,12 +175,12 @@ def construct(structure: Structure, wanted: Collection[int] = ()) -> Constructio
     PlanError
         If there is none, since the pairs do not leave one freedom for each input.
     """
-    known = (*structure.inputs, *structure.followers)
-    key = structure.ends, len(structure.links), known, frozenset(wanted)
+    given = (*structure.inputs, *structure.followers)
+    key = structure.ends, len(structure.links), given, frozenset(wanted)
     if key not in _FOUND:
         if len(_FOUND) >= MOST_KEPT:
             _FOUND.clear()
-        _FOUND[key] = _searched(structure, known, wanted)
+        _FOUND[key] = _searched(structure, given, wanted)
     best = _FOUND[key]
     if best is None:
         raise PlanError(
@@ -196,16 +196,16 @@ def construct(structure: Structure, wanted: Collection[int] = ()) -> Constructio
 
 
 def _searched(
-    structure: Structure, known: tuple[int, ...], wanted: Collection[int]
+    structure: Structure, given: tuple[int, ...], wanted: Collection[int]
 ) -> Construction | None:
     """Return the order with the lowest bound of all, None if there is none."""
     best: tuple[tuple[float, ...], Construction] | None = None
-    bodies = merged(structure, known)
+    bodies = merged(structure, given)
     roots = sorted(
-        set(bodies), key=lambda body: body != bodies[structure.ends[known[0]][0]]
+        set(bodies), key=lambda body: body != bodies[structure.ends[given[0]][0]]
     )
-    found = chain.from_iterable(_orders(structure, known, root) for root in roots)
-    for number, made in enumerate(found):
+    orders = chain.from_iterable(_orders(structure, given, root) for root in roots)
+    for number, made in enumerate(orders):
         if made.bound:
             missing = len(set(wanted) - set(made.pairs))
             weight = float(missing), float(made.bound), float(np.sum(made.degrees))
@@ -217,14 +217,14 @@ def _searched(
 
 
 def _orders(
-    structure: Structure, known: tuple[int, ...], first: int
+    structure: Structure, given: tuple[int, ...], first: int
 ) -> Iterator[Construction]:
     """Yield constructions from a body on, no two that differ only in what comes when."""
-    bodies = merged(structure, known)
+    bodies = merged(structure, given)
     members: dict[int, list[int]] = {}
     for link, body in enumerate(bodies):
         members.setdefault(body, []).append(link)
-    free = [pair for pair in range(len(structure.pairs)) if pair not in known]
+    free = [pair for pair in range(len(structure.pairs)) if pair not in given]
     if any(len(set(structure.ends[p])) < 2 for p in free):
         return
     joins = {p: (bodies[structure.ends[p][0]], bodies[structure.ends[p][1]]) for p in free}
@@ -240,29 +240,31 @@ def _orders(
             key = tuple(sorted((frozenset((-1 - b[0], *b[1:])) for b in last), key=sorted))
             if key not in seen:
                 seen.add(key)
-                made = _constructed(structure, known, members, first, last)
+                made = _constructed(structure, given, members, first, last)
                 if made is not None:
                     yield made
             return
         for body in sorted(left - {first}):
-            own = tuple(p for p, two in joins.items() if body in two and set(two) <= left)
-            if 1 <= len(own) <= 2:
-                yield from removed(left - {body}, ((body, *own), *last))
+            joining = tuple(
+                p for p, two in joins.items() if body in two and set(two) <= left
+            )
+            if 1 <= len(joining) <= 2:
+                yield from removed(left - {body}, ((body, *joining), *last))
 
     yield from removed(frozenset(members), ())
 
 
 def _constructed(
     structure: Structure,
-    known: tuple[int, ...],
+    given: tuple[int, ...],
     members: dict[int, list[int]],
     first: int,
     order: tuple[tuple[int, ...], ...],
 ) -> Construction | None:
     """Return the construction in which bodies come in an order, None if it is none."""
     ends = structure.ends
-    unknown = [own[0] for _, *own in order if len(own) == 1]
-    pairs = (*unknown, *known)
+    unknown = [joined[0] for _, *joined in order if len(joined) == 1]
+    pairs = (*unknown, *given)
     steps: list[Step] = []
     placed: set[int] = set()
 
@@ -271,7 +273,7 @@ def _constructed(
         waiting = True
         while waiting:
             waiting = False
-            for pair in known:
+            for pair in given:
                 for a, b in (ends[pair], ends[pair][::-1]):
                     if a in placed and b not in placed:
                         steps.append(Across(b, a, pair, pairs.index(pair)))
@@ -281,15 +283,15 @@ def _constructed(
     root = members[first][0]
     placed.add(root)
     spread(first)
-    for body, *own in order:
-        links = [next(link for link in ends[p] if link in members[body]) for p in own]
-        parents = [sum(ends[p]) - link for p, link in zip(own, links, strict=True)]
+    for body, *joining in order:
+        links = [next(link for link in ends[p] if link in members[body]) for p in joining]
+        parents = [sum(ends[p]) - link for p, link in zip(joining, links, strict=True)]
         if len(set(links)) != 1 or (len(parents) == 2 and parents[0] == parents[1]):
             return None
-        if len(own) == 1:
-            steps.append(Across(links[0], parents[0], own[0], pairs.index(own[0])))
+        if len(joining) == 1:
+            steps.append(Across(links[0], parents[0], joining[0], pairs.index(joining[0])))
         else:
-            steps.append(Onto(links[0], (own[0], own[1]), (parents[0], parents[1])))
+            steps.append(Onto(links[0], (joining[0], joining[1]), (parents[0], parents[1])))
         placed.add(links[0])
         spread(body)
     equations = sum(isinstance(step, Onto) for step in steps)

@@ -27,7 +27,7 @@ class Cover:
         from scipy.spatial import cKDTree
 
         self.chains.append(chain)
-        pieces = [piece for each in self.chains for piece in each.pieces]
+        pieces = [piece for member in self.chains for piece in member.pieces]
         self.count = len(pieces)
         self._centres = np.array([piece.centre for piece in pieces])
         self._frames = np.array([piece.frame for piece in pieces])

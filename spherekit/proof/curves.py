@@ -95,15 +95,17 @@ class CertifiedCurves:
     def inside(self, q: float) -> float | None:
         """Return an input less whole turns if it is in the range, else None."""
         turned = self.low + np.remainder(q - self.low, TURN)
-        for each in (turned, turned - TURN):
-            if self.low - 1e-9 <= each <= self.high + 1e-9:
-                return float(each)
+        for candidate in (turned, turned - TURN):
+            if self.low - 1e-9 <= candidate <= self.high + 1e-9:
+                return float(candidate)
         return None
 
     @cached_property
     def turning_points(self) -> list[float]:
         """Inputs (rad) in the range at which two modes meet, in order."""
-        places = [stop.place[self.driven] for found, _ in self.stopping for stop in found]
+        places = [
+            stop.place[self.driven] for stopped, _ in self.stopping for stop in stopped
+        ]
         return sorted(q for q in (self.inside(float(p)) for p in places) if q is not None)
 
     def modes_at(self, q: float) -> int:
@@ -113,17 +115,19 @@ class CertifiedCurves:
     @cached_property
     def segments(self) -> list[tuple[float, float]]:
         """The inputs (rad, turns counted) that each part of a chain without stops spans."""
-        found = []
+        segments = []
         for chain, (stopped, _) in zip(self.chains, self.stopping, strict=True):
-            found += _segments(chain, stopped, self.driven)
-        return found
+            segments += _segments(chain, stopped, self.driven)
+        return segments
 
     @cached_property
     def intervals(self) -> list[tuple[float, float, int]]:
         """The range cut at turning points (rad), with the number of modes of each part."""
         edges = [self.low, *self.turning_points, self.high]
         # places that are not told apart have no part of the range between them
-        off = max((stop.off for found, _ in self.stopping for stop in found), default=0.0)
+        off = max(
+            (stop.off for stopped, _ in self.stopping for stop in stopped), default=0.0
+        )
         return [
             (low, high, self.modes_at(0.5 * (low + high)))
             for low, high in pairwise(edges)
@@ -303,9 +307,9 @@ class _Search:
 
     def problems(self) -> list[str]:
         """Return why chains are not whole curves, or not known to be different."""
-        found = [chain.problem for chain in self.cover.chains if chain.problem]
+        problems = [chain.problem for chain in self.cover.chains if chain.problem]
         if self.overlapping:
-            found.append("two curves may be parts of one beyond the range")
+            problems.append("two curves may be parts of one beyond the range")
         if any(laps(chain) for chain in self.cover.chains):
-            found.append("a curve may have been gone round twice")
-        return found
+            problems.append("a curve may have been gone round twice")
+        return problems

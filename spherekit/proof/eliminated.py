@@ -37,15 +37,15 @@ def eliminated(equations: FloatEquations, driven: Floats) -> Complexes | None:
     with np.errstate(all="ignore"):
         for number, (rows, unknowns) in enumerate(systems):
             grown = []
-            for known in angles:
-                points = solved(equations, driven, known, rows, unknowns, number > 0)
+            for before in angles:
+                points = solved(equations, driven, before, rows, unknowns, number > 0)
                 if points is None:
                     return None
                 size = np.abs(points)
                 finite = np.all((size < FARTHEST) & (size > 1.0 / FARTHEST), axis=1)
-                found = -1j * np.log(points[finite])
-                further = np.repeat(known[None], len(found), axis=0)
-                further[:, unknowns] = found
+                solutions = -1j * np.log(points[finite])
+                further = np.repeat(before[None], len(solutions), axis=0)
+                further[:, unknowns] = solutions
                 grown.append(further)
             angles = np.concatenate(grown)
     return angles[np.all(np.isfinite(angles), axis=1)]
@@ -55,26 +55,28 @@ def systems_of(made: Construction) -> list[tuple[list[int], list[int]]] | None:
     """Return equations and unknowns of systems to be solved one after the other."""
     used = made.degrees[:, : made.unknowns] > 0
     left = set(range(len(used)))
-    known: set[int] = set()
+    determined: set[int] = set()
     systems = []
     while left:
         for size in range(1, len(left) + 1):
-            found = _system(used, sorted(left), known, size)
-            if found is not None:
+            system = _system(used, sorted(left), determined, size)
+            if system is not None:
                 break
         else:
             return None
-        systems.append(found)
-        left -= set(found[0])
-        known |= set(found[1])
+        systems.append(system)
+        left -= set(system[0])
+        determined |= set(system[1])
     return systems
 
 
 def _system(
-    used: NDArray[np.bool_], left: list[int], known: set[int], size: int
+    used: NDArray[np.bool_], left: list[int], determined: set[int], size: int
 ) -> tuple[list[int], list[int]] | None:
     for rows in combinations(left, size):
-        unknowns = set(np.flatnonzero(np.any(used[list(rows)], axis=0)).tolist()) - known
+        unknowns = (
+            set(np.flatnonzero(np.any(used[list(rows)], axis=0)).tolist()) - determined
+        )
         if len(unknowns) == size:
             return list(rows), sorted(unknowns)
     return None
@@ -83,20 +85,20 @@ def _system(
 def solved(
     equations: FloatEquations,
     driven: NDArray[Any],
-    known: Complexes,
+    before: Complexes,
     rows: list[int],
     unknowns: list[int],
     may_be_complex: bool,
 ) -> Complexes | None:
     """Return e^(i angle) (n, unknowns) of the solutions of one system, infinite ones too.
 
-    `known` (unknowns,) are the angles of systems before; None if this one is too hard.
+    `before` (unknowns,) are the angles of systems before; None if this one is too hard.
     """
     degrees = equations.equations.construction.degrees[np.ix_(rows, unknowns)]
     largest = np.max(degrees, axis=0)
     if len(rows) > MOST_AT_ONCE:
         return None
-    spectra = _spectra(equations, driven, known, rows, unknowns, largest)
+    spectra = _spectra(equations, driven, before, rows, unknowns, largest)
     if len(rows) == 1:
         points = np.roots(_cut(spectra[0], degrees[0])[::-1])
         infinite = np.full(2 * int(degrees[0, 0]) - len(points), np.inf)
@@ -112,7 +114,7 @@ def solved(
 def _spectra(
     equations: FloatEquations,
     driven: Floats,
-    known: Complexes,
+    before: Complexes,
     rows: list[int],
     unknowns: list[int],
     largest: NDArray[np.intp],
@@ -120,7 +122,7 @@ def _spectra(
     """Return the coefficients (rows, ...) of e^(i angles) from -`largest` to it."""
     counts = 2 * largest + 1
     grids = np.meshgrid(*(2 * np.pi * np.arange(n) / n for n in counts), indexing="ij")
-    angles = np.repeat(known[None], grids[0].size, axis=0)
+    angles = np.repeat(before[None], grids[0].size, axis=0)
     for column, grid in zip(unknowns, grids, strict=True):
         angles[:, column] = grid.ravel()
     turns = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -147,8 +149,8 @@ def _two(spectra: Complexes, degrees: NDArray[np.intp]) -> Complexes:
 
     power = 2 * int(np.max(degrees[:, 0]))
     f, g = (
-        _cut(each, np.array([power // 2, own]))
-        for each, own in zip(spectra, degrees[:, 1], strict=True)
+        _cut(spectrum, np.array([power // 2, degree]))
+        for spectrum, degree in zip(spectra, degrees[:, 1], strict=True)
     )
     m, n = f.shape[1] - 1, g.shape[1] - 1
     size = m + n
@@ -190,7 +192,7 @@ def _three(spectra: Complexes, involves: NDArray[np.bool_]) -> Complexes | None:
         return None
     _, rows, columns = best
     ordered = np.transpose(forms[list(rows)].real, [0, *(1 + c for c in columns)])
-    found = common_angles(ordered, involves[np.ix_(rows, columns)], np.inf).angles
-    out = np.empty_like(found)
-    out[:, list(columns)] = found
+    angles = common_angles(ordered, involves[np.ix_(rows, columns)], np.inf).angles
+    out = np.empty_like(angles)
+    out[:, list(columns)] = angles
     return out

@@ -165,7 +165,7 @@ class Equations:
         """
         factors = np.ones(self.variables) if stretch is None else stretch
         constants: dict[int, Floats] = {}
-        found = []
+        products = []
         for step in self.construction.steps:
             if isinstance(step, Across):
                 constants[step.link] = factors[..., step.variable]
@@ -174,8 +174,8 @@ class Equations:
             both = one * other
             sine = self._part(step.link).sine
             constants[step.link] = (one + other + both) / sine * (1 + 16 * UNIT)
-            found.append(both)
-        constant = np.stack(found, axis=-1) * (1 + 64 * UNIT)
+            products.append(both)
+        constant = np.stack(products, axis=-1) * (1 + 64 * UNIT)
         degrees = self.construction.degrees.astype(float)
         return Bounds(constant, np.zeros_like(constant), degrees)
 
@@ -239,12 +239,12 @@ class _Placing:
         placed: dict[int, Jet] = {}
         for step in construction.steps:
             above = ranks.parent[step.link]
-            own = self.local[step.link]
+            local = self.local[step.link]
             if above == construction.root:
-                placed[step.link] = own
+                placed[step.link] = local
             else:
                 assert above is not None
-                placed[step.link] = product(placed[above], own, times, self.order)
+                placed[step.link] = product(placed[above], local, times, self.order)
         return placed
 
     def _turned(self, step: Across) -> Jet:
@@ -311,7 +311,7 @@ class FloatEquations:
         self._put: dict[int, _Off] = {}
         for link, part in equations.parts.items():
             if isinstance(part, Turning):
-                made = [_floats(each) for each in part.parts]
+                made = [_floats(jet) for jet in part.parts]
                 still, even, odd = (array for array, _ in made)
                 self.parts[link] = Turning(part.variable, (still, even, odd))
                 self._turned[link] = 3.0 * sum(miss for _, miss in made)

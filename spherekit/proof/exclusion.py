@@ -33,7 +33,7 @@ class RealModes:
     def excluded(self, smallest: float = SMALLEST, most: int = MOST_BOXES) -> Paved:
         """Return the boxes left of the space of the unknowns."""
         axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(self.equations.unknowns)]
-        axes += [Axis(each, exact(0.0)) for each in self.driven]
+        axes += [Axis(angle, exact(0.0)) for angle in self.driven]
         return paved(self.equations, axes, self._covers, self._look, smallest, most)
 
     def add(self, near: Sequence[complex]) -> bool:
@@ -50,7 +50,7 @@ class RealModes:
         out = np.zeros(len(centres), dtype=bool)
         count = self.equations.unknowns
         for root in self.roots:
-            middle = np.array([middle_of(each).real for each in root.centre])
+            middle = np.array([middle_of(ball).real for ball in root.centre])
             apart = np.remainder(centres[:, :count] - middle + np.pi, TURN) - np.pi
             reach = np.abs(apart) + radii[:, :count] * UP + 1e-13
             out |= np.all(reach <= root.unique, axis=1)
@@ -63,7 +63,7 @@ class RealModes:
             place = self._newton(centres[row], count)
             near = place is not None and not self._covers(place[None], 0.0 * place[None])[0]
             if place is not None and near:
-                self.add([complex(each) for each in place[:count]])
+                self.add([complex(angle) for angle in place[:count]])
 
     def _newton(self, place: Floats, count: int) -> Floats | None:
         place = place.copy()

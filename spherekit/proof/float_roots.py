@@ -90,18 +90,18 @@ def roots_at(
         real = np.max(np.abs(centres.imag), axis=1, initial=0.0) < NEAR_REAL
         snapped = centres[real].real.astype(complex)
         snapped, _ = _polished(equations, driven[row[real]], snapped)
-        found = _proven(equations, driven, snapped, row[real], True)
+        proven = _proven(equations, driven, snapped, row[real], True)
         # what is not proven as a real root may be one beside the real axis
         missed = real.copy()
-        missed[np.flatnonzero(real)] = ~_are_in(centres[real], row[real], found)
+        missed[np.flatnonzero(real)] = ~_are_in(centres[real], row[real], proven)
         other = missed | ~real
         beside = _proven(equations, driven, centres[other], row[other], False)
         joined = FloatRoots(
-            np.concatenate([found.centres, beside.centres]),
-            np.concatenate([found.radius, beside.radius]),
-            np.concatenate([found.unique, beside.unique]),
-            np.concatenate([found.real, beside.real]),
-            np.concatenate([found.row, beside.row]),
+            np.concatenate([proven.centres, beside.centres]),
+            np.concatenate([proven.radius, beside.radius]),
+            np.concatenate([proven.unique, beside.unique]),
+            np.concatenate([proven.real, beside.real]),
+            np.concatenate([proven.row, beside.row]),
         )
         return joined.take(_different(joined))
 
@@ -152,18 +152,18 @@ def _first_of_each(angles: Complexes, row: NDArray[np.intp]) -> NDArray[np.intp]
     kept = []
     points = np.exp(1j * angles)
     for number in np.unique(row):
-        own = np.flatnonzero(row == number)
-        apart = np.max(np.abs(points[own][:, None] / points[own] - 1.0), axis=2)
+        rows = np.flatnonzero(row == number)
+        apart = np.max(np.abs(points[rows][:, None] / points[rows] - 1.0), axis=2)
         copies = np.any(np.tril(apart < SAME, -1), axis=1)
-        kept.append(own[~copies])
+        kept.append(rows[~copies])
     return np.concatenate(kept) if kept else np.empty(0, dtype=np.intp)
 
 
-def _are_in(angles: Complexes, row: NDArray[np.intp], found: FloatRoots) -> Bools:
+def _are_in(angles: Complexes, row: NDArray[np.intp], roots: FloatRoots) -> Bools:
     """Return which approximations (n, k) lead to one of the roots found."""
-    apart = np.abs(np.exp(1j * (angles[:, None] - found.centres)) - 1.0)
+    apart = np.abs(np.exp(1j * (angles[:, None] - roots.centres)) - 1.0)
     near = np.all(apart < 10.0 * NEAR_REAL, axis=2)
-    return np.asarray(np.any(near & (row[:, None] == found.row), axis=1))
+    return np.asarray(np.any(near & (row[:, None] == roots.row), axis=1))
 
 
 def _proven(
@@ -188,8 +188,8 @@ def _proven(
     around = equations.bounds(stretch)
     sums = np.sum(degrees, axis=1)
 
-    def spread(each: Floats) -> Floats:
-        return np.asarray(np.einsum("nij,nj->ni", size, each) * UP)
+    def spread(terms: Floats) -> Floats:
+        return np.asarray(np.einsum("nij,nj->ni", size, terms) * UP)
 
     miss = np.abs(np.einsum("nij,nj->ni", inverse, values))
     miss = miss + spread(here.error + ROUNDING * np.abs(values))
@@ -197,7 +197,7 @@ def _proven(
     rest = rest + ROUNDING * (size @ np.abs(first) + 1.0)
     rows = np.sum(rest, axis=2) + spread(here.error * sums)
     bend = np.max(spread(around.constant * sums**2), axis=1, initial=0.0) * UP
-    miss, contraction = (np.max(each, axis=1, initial=0.0) * UP for each in (miss, rows))
+    miss, contraction = (np.max(part, axis=1, initial=0.0) * UP for part in (miss, rows))
     unique = np.minimum(WIDEST, 0.5 * (1.0 - contraction) / bend)
     slope = (contraction + bend * unique) * UP
     radius = np.maximum(MARGIN * miss / (1.0 - slope), 1e-300)
@@ -206,22 +206,22 @@ def _proven(
     radius = np.minimum(radius, unique)
     if not real:
         good &= np.max(away, axis=1, initial=0.0) > radius
-    found = FloatRoots(centres, radius, unique, np.full(len(centres), real), row)
-    return found.take(good)
+    roots = FloatRoots(centres, radius, unique, np.full(len(centres), real), row)
+    return roots.take(good)
 
 
-def _different(found: FloatRoots) -> NDArray[np.intp]:
+def _different(roots: FloatRoots) -> NDArray[np.intp]:
     """Return the places of roots that are proven different from all kept before them."""
-    points = np.exp(1j * found.centres)
-    reach = np.abs(points) * (1.1 * found.radius[:, None] + 1e-14)
+    points = np.exp(1j * roots.centres)
+    reach = np.abs(points) * (1.1 * roots.radius[:, None] + 1e-14)
     kept: list[NDArray[np.intp]] = []
-    for number in np.unique(found.row):
-        own = np.flatnonzero(found.row == number)
-        gap = np.abs(points[own][:, None] - points[own])
-        apart = np.any(gap > (reach[own][:, None] + reach[own]) * UP, axis=2)
+    for number in np.unique(roots.row):
+        rows = np.flatnonzero(roots.row == number)
+        gap = np.abs(points[rows][:, None] - points[rows])
+        apart = np.any(gap > (reach[rows][:, None] + reach[rows]) * UP, axis=2)
         doubtful = np.tril(~apart, -1)
-        taken = np.ones(len(own), dtype=bool)
-        for place in range(len(own)):
+        taken = np.ones(len(rows), dtype=bool)
+        for place in range(len(rows)):
             taken[place] = not np.any(doubtful[place] & taken)
-        kept.append(own[taken])
+        kept.append(rows[taken])
     return np.concatenate(kept) if kept else np.empty(0, dtype=np.intp)

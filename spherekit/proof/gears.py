@@ -66,15 +66,15 @@ def mesh_of(
     frames: Frames,
 ) -> Mesh | None:
     """Return how a carrier holds the wheels of a contact, None if none does."""
-    found = [
+    turning = [
         _turning(structure, wheel, circle.centre, frames)
         for wheel, circle in zip(wheels, touching.circles, strict=True)
     ]
-    shared = set(found[0]) & set(found[1])
+    shared = set(turning[0]) & set(turning[1])
     cosine = np.cos(middle(touching.arc))
     best = None
     for link in sorted(shared):
-        (one, terms, way), (other, turned, back) = (each[link] for each in found)
+        (one, terms, way), (other, turned, back) = (table[link] for table in turning)
         apart = abs(float(one @ other) - cosine)
         fits = apart < REPEATED and np.linalg.norm(np.cross(one, other)) > REPEATED
         if fits and (best is None or len(way) + len(back) < len(best.pairs)):
@@ -90,33 +90,33 @@ def _turning(structure: Structure, wheel: int, centre: Vector, frames: Frames) -
 
     By link: the centre in it, the angle as factors of pairs, and the pairs on the way.
     """
-    found: _Turning = {wheel: (_near(centre), {}, ())}
+    reached: _Turning = {wheel: (_near(centre), {}, ())}
     waiting = [wheel]
     while waiting:
         link = waiting.pop(0)
-        line, terms, way = found[link]
+        line, terms, way = reached[link]
         for pair, ends in enumerate(structure.ends):
             if link not in ends:
                 continue
             side = ends.index(link)
             further = ends[1 - side]
             axis, beyond = _near(frames[pair][side][2]), _near(frames[pair][1 - side][2])
-            if further in found or not np.linalg.norm(np.cross(axis, line)) < REPEATED:
+            if further in reached or not np.linalg.norm(np.cross(axis, line)) < REPEATED:
                 continue
             sense = float(np.sign(axis @ line))
             # the angle moves the second link of a pair
             factor = sense if side else -sense
-            found[further] = (
+            reached[further] = (
                 sense * beyond,
                 {**terms, pair: factor},
                 (*way, (pair, side)),
             )
             waiting.append(further)
-    return found
+    return reached
 
 
 def _near(vector: Vector) -> Floats:
-    return np.array([middle(each) for each in vector])
+    return np.array([middle(ball) for ball in vector])
 
 
 @final
@@ -146,7 +146,7 @@ class Train:
             self._solved(rows, [-_of(row, pair) for row in rows])
             for pair in self.structure.inputs
         ]
-        return [list(each) for each in zip(*columns, strict=True)]
+        return [list(column) for column in zip(*columns, strict=True)]
 
     def angles(
         self,
@@ -164,8 +164,8 @@ class Train:
             ]
         else:
             rolled = (
-                _rolled(mesh, each, start, frames, turn)
-                for mesh, each, start, turn in zip(
+                _rolled(mesh, contact, start, frames, turn)
+                for mesh, contact, start, turn in zip(
                     self.meshes, touching, starts, self.turns, strict=True
                 )
             )
@@ -179,14 +179,15 @@ class Train:
 
     def _rows(self, touching: Sequence[Touching]) -> list[dict[int, Ball]]:
         return [
-            _relation(mesh, each) for mesh, each in zip(self.meshes, touching, strict=True)
+            _relation(mesh, contact)
+            for mesh, contact in zip(self.meshes, touching, strict=True)
         ]
 
     def _solved(
         self, rows: Sequence[Mapping[int, Ball]], right: Sequence[Ball]
     ) -> list[Ball]:
         square = matrix([[_of(row, pair) for pair in self.followers] for row in rows])
-        column = matrix([[complex_ball(each)] for each in right])
+        column = matrix([[complex_ball(ball)] for ball in right])
         return [entry.real for entry in solved(square, column).entries()]
 
 
@@ -220,15 +221,15 @@ def _rolled(
         _carried(circle.centre, way, frames)
         for circle, way in zip(touching.circles, mesh.ways, strict=True)
     ]
-    found = []
+    lengths = []
     for side, direction in enumerate(touching.towards(lines[0], lines[1])):
         circle = touching.circles[side]
         back = tuple((pair, 1 - end) for pair, end in reversed(mesh.ways[side]))
         azimuth = circle.azimuth(_carried(direction, back, frames))
         length = circle.sine * (azimuth + 2 * pi() * turns[side])
         length = length * touching.sense if side else length
-        found.append(length - start[side] * circle.sine / circle.radius.sin())
-    return found[0], found[1]
+        lengths.append(length - start[side] * circle.sine / circle.radius.sin())
+    return lengths[0], lengths[1]
 
 
 def _carried(vector: Vector, way: Way, frames: Frames) -> Vector:
@@ -296,7 +297,7 @@ def _least_rolled(
     count = len(train.meshes)
     rolled = np.array(
         [
-            [middle(each) for each in _rolled(mesh, two, start, frames, (0, 0))]
+            [middle(ball) for ball in _rolled(mesh, two, start, frames, (0, 0))]
             for mesh, two, start in zip(train.meshes, touching, starts, strict=True)
         ]
     )
@@ -312,8 +313,8 @@ def _least_rolled(
         ]
     )
     most = MOST_TURNS[count - 1]
-    each = range(-most, most + 1)
-    turns: NDArray[np.int64] = np.array(list(product(each, repeat=2 * count)))
+    whole_turns = range(-most, most + 1)
+    turns: NDArray[np.int64] = np.array(list(product(whole_turns, repeat=2 * count)))
     turns = turns.reshape(-1, count, 2)
     grown = rolled + 2.0 * np.pi * sizes * turns
     angles = np.linalg.solve(square, (grown[..., 0] - grown[..., 1]).T).T

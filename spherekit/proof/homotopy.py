@@ -83,8 +83,8 @@ class _Way:
 
     def starts(self) -> Complexes:
         """Return the solutions at t = 0."""
-        found = list(self._choices(0, {}))
-        return np.array(found, dtype=complex).reshape(len(found), self.count)
+        solutions = list(self._choices(0, {}))
+        return np.array(solutions, dtype=complex).reshape(len(solutions), self.count)
 
     def _choices(self, row: int, taken: dict[int, complex]) -> Iterator[list[complex]]:
         if row == self.count:
@@ -122,7 +122,7 @@ class _Way:
         logs = (self.line.a * bottom + self.line.c * top) / both
         values = np.empty((len(w), self.count), dtype=complex)
         first = np.zeros((len(w), self.count, self.count), dtype=complex)
-        for row, jet in enumerate(jets[each] for each in self.rows):
+        for row, jet in enumerate(jets[equation] for equation in self.rows):
             weight = np.prod(both ** self.degrees[row], axis=1)
             values[:, row] = jet[()] * weight
             for column, variable in enumerate(self.unknowns):

@@ -143,8 +143,8 @@ def input_map(
         for low, high in range_texts:
             start = written.input_angle(low)
             axes.append(Axis(start, written.input_angle(high) - start))
-        found = _Map(equations, axes, cell, finer).judged()
-    return InputMap(written, made, tuple(range_texts), *found)
+        boxes = _Map(equations, axes, cell, finer).judged()
+    return InputMap(written, made, tuple(range_texts), *boxes)
 
 
 @final
@@ -165,18 +165,18 @@ class _Map:
         """Return centres, radii, kinds and numbers of modes of all boxes."""
         zero = np.zeros((1, len(self.axes)), dtype=np.int64)
         boxes = Boxes(zero, zero)
-        known: list[Guide] = [{}]
+        guides: list[Guide] = [{}]
         working = Working("proving boxes of the inputs regular")
-        waiting = [(boxes, known)]
+        waiting = [(boxes, guides)]
         fine: dict[tuple[int, ...], list[int]] = {}
         while waiting:
-            boxes, known = waiting.pop()
+            boxes, guides = waiting.pop()
             most = max(1, AT_ONCE // sum(self.systems.bounds))
             if len(boxes) > most:
-                waiting.append((boxes.take(slice(most, None)), known[most:]))
-                boxes, known = boxes.take(slice(0, most)), known[:most]
+                waiting.append((boxes.take(slice(most, None)), guides[most:]))
+                boxes, guides = boxes.take(slice(0, most)), guides[:most]
             working.tell(lambda: f"{sum(len(d[0]) for d in self.done)} boxes")
-            good, modes, known = self._tried(boxes, known)
+            good, modes, guides = self._tried(boxes, guides)
             small = np.all(boxes.levels >= self.cell, axis=1)
             inside = np.any(boxes.levels > self.cell, axis=1) & small
             last = np.all(boxes.levels >= self.finest, axis=1)
@@ -189,7 +189,7 @@ class _Map:
                 )
             left = np.flatnonzero(~good & ~last)
             if len(left):
-                waiting.append(self._split(boxes, known, left))
+                waiting.append(self._split(boxes, guides, left))
         for place, counts in fine.items():
             every = set(counts)
             kind, count = UNDECIDED, -1
@@ -222,7 +222,7 @@ class _Map:
         return np.stack(columns, axis=1)
 
     def _split(
-        self, boxes: Boxes, known: list[Guide], left: NDArray[np.intp]
+        self, boxes: Boxes, guides: list[Guide], left: NDArray[np.intp]
     ) -> tuple[Boxes, list[Guide]]:
         """Return the halves of boxes across the side that has farthest to go."""
         chosen = np.zeros(len(boxes), dtype=bool)
@@ -233,11 +233,11 @@ class _Map:
         radii = self._radii(taken) * (spare > 0)
         radii = np.where(coarse[:, None] & (taken.levels >= self.cell), 0.0, radii)
         halves = taken.halved(np.argmax(radii, axis=1))
-        own = [known[row] for row in left]
-        return halves, own + own
+        kept = [guides[row] for row in left]
+        return halves, kept + kept
 
     def _tried(
-        self, boxes: Boxes, known: list[Guide]
+        self, boxes: Boxes, guides: list[Guide]
     ) -> tuple[NDArray[np.bool_], NDArray[np.intp], list[Guide]]:
         """Return which boxes are proven regular, their modes, and the roots they have."""
         turns = np.stack(
@@ -248,7 +248,7 @@ class _Map:
             axis=1,
         )
         hard = np.all(boxes.levels >= self.finest - 1, axis=1)
-        found = self.systems.counted(
-            self._centres(boxes), turns, self._radii(boxes), known, hard
+        counted = self.systems.counted(
+            self._centres(boxes), turns, self._radii(boxes), guides, hard
         )
-        return found.good, found.modes, found.guides
+        return counted.good, counted.modes, counted.guides

@@ -1,5 +1,6 @@
 """All assembly modes at inputs, certified: every complex root, counted."""
 
+import operator
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -183,21 +184,26 @@ def certified_modes(
         only = (Root((), 0.0, 0.0, True),)
         return CertifiedModes(written, made, tuple(inputs), only, PRECISIONS[0])
     near: list[Complexes] = []
-    with bits(PRECISIONS[0]):
-        search = _Search(written, made, inputs)
-        found, by_systems = search.in_floats(near)
-    precision = FLOAT
-    for further in PRECISIONS if len(found) < made.bound and not by_systems else ():
-        precision = further
-        with bits(precision):
+    seeds = iter(range(-1, SEEDS))
+    while True:
+        with bits(PRECISIONS[0]):
             search = _Search(written, made, inputs)
-            search.prove_again(found)
-            for starts in near:
-                search.try_all(starts)
-            if precision > PRECISIONS[0]:
-                search.try_beside()
-            found = search.found
-        if len(found) >= made.bound or not search.doubtful:
+            found, by_systems = search.in_floats(near, seeds)
+        precision = FLOAT
+        for further in PRECISIONS if len(found) < made.bound and not by_systems else ():
+            precision = further
+            with bits(precision):
+                search = _Search(written, made, inputs)
+                search.prove_again(found)
+                for starts in near:
+                    search.try_all(starts)
+                if precision > PRECISIONS[0]:
+                    search.try_beside()
+                found = search.found
+            if len(found) >= made.bound or not search.doubtful:
+                break
+        proven = len(found) >= made.bound or by_systems
+        if proven or search.doubtful or operator.length_hint(seeds) == 0:
             break
     assert len(found) <= made.bound, "more roots were proven than there can be"
     left = None
@@ -258,14 +264,17 @@ class _Search:
         self.found: list[Root] = []
         self.lost = False
 
-    def in_floats(self, near: list[Complexes]) -> tuple[list[Root], bool]:
+    def in_floats(
+        self, near: list[Complexes], seeds: Iterator[int]
+    ) -> tuple[list[Root], bool]:
         """Return roots proven in float64, and whether the real ones are all by systems.
 
-        All approximations tried are put in `near`.
+        All approximations tried are put in `near`. It ends when they are as many as roots
+        can be: if some are not proven, they are too near each other for float64.
         """
         floats, bound = self.equations.floats, self.equations.construction.bound
         found: list[Root] = []
-        for seed in range(-1, SEEDS):
+        for seed in seeds:
             made = (
                 eliminated(floats, self.turns)
                 if seed < 0
@@ -275,7 +284,7 @@ class _Search:
                 continue
             near.append(made)
             found = float_roots(self.equations, self.driven, np.concatenate(near))
-            if len(found) >= bound:
+            if max(len(found), len(made)) >= bound:
                 return found, False
             if self.real_by_systems == sum(root.real for root in found):
                 return found, True

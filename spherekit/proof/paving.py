@@ -50,21 +50,21 @@ class Axis:
         for level in np.unique(levels):
             rows = levels == level
             wanted = np.unique(places[rows])
-            known, values = self._known.get(
+            numbers, values = self._known.get(
                 int(level), (np.empty(0, dtype=np.int64), np.empty((0, 2)))
             )
-            fresh = np.setdiff1d(wanted, known, assume_unique=True)
+            fresh = np.setdiff1d(wanted, numbers, assume_unique=True)
             if len(fresh):
                 step = self.width * exact(2.0 ** -(int(level) + 1))
                 made = circle([self.low + step * (2 * int(place) + 1) for place in fresh])
-                known, values = (
-                    np.concatenate([known, fresh]),
+                numbers, values = (
+                    np.concatenate([numbers, fresh]),
                     np.concatenate([values, made]),
                 )
-                order = np.argsort(known)
-                known, values = known[order], values[order]
-                self._known[int(level)] = known, values
-            out[rows] = values[np.searchsorted(known, places[rows])]
+                order = np.argsort(numbers)
+                numbers, values = numbers[order], values[order]
+                self._known[int(level)] = numbers, values
+            out[rows] = values[np.searchsorted(numbers, places[rows])]
         return out
 
 
@@ -139,15 +139,15 @@ def paved(
     zero = np.zeros((1, count), dtype=np.int64)
     waiting = [Boxes(zero, zero)]
     left: list[tuple[Floats, Floats]] = []
-    found = Paved()
+    paving = Paved()
     working = Working("proving that nothing else is there")
     while waiting:
         boxes = waiting.pop()
         if len(boxes) > CHUNK:
             waiting.append(boxes.take(slice(CHUNK, None)))
             boxes = boxes.take(slice(0, CHUNK))
-        found.looked_at += len(boxes)
-        working.tell(lambda: f"{found.looked_at} boxes")
+        paving.looked_at += len(boxes)
+        working.tell(lambda: f"{paving.looked_at} boxes")
         radii = np.stack([a.radii(boxes.levels[:, j]) for j, a in enumerate(axes)], axis=1)
         sides = [boxes.levels[:, j] for j in range(count)]
         turns = np.stack(
@@ -171,7 +171,7 @@ def paved(
             looked(centres[kept], radii[kept])
             kept[kept] = ~covered(centres[kept], radii[kept])
         ended = kept & (largest < smallest)
-        if found.looked_at > most:
+        if paving.looked_at > most:
             ended = kept
         if np.any(ended):
             left.append((centres[ended], radii[ended]))
@@ -179,9 +179,9 @@ def paved(
         if np.any(kept):
             weight = _weights(slopes[kept], bounds.degrees, radii[kept])
             waiting.append(boxes.take(kept).halved(np.argmax(weight, axis=1)))
-    found.centres = np.concatenate([c for c, _ in left]) if left else np.empty((0, count))
-    found.radii = np.concatenate([r for _, r in left]) if left else np.empty((0, count))
-    return found
+    paving.centres = np.concatenate([c for c, _ in left]) if left else np.empty((0, count))
+    paving.radii = np.concatenate([r for _, r in left]) if left else np.empty((0, count))
+    return paving
 
 
 def _weights(slopes: Floats, degrees: Floats, radii: Floats) -> Floats:

@@ -44,8 +44,8 @@ def certified_poles(modes: CertifiedModes) -> list[CertifiedPole]:
     with modes.sharp() as (equations, places):
         return [
             pole
-            for number, each in enumerate(places)
-            for pole in enclosed_poles(equations, each, number)
+            for number, place in enumerate(places)
+            for pole in enclosed_poles(equations, place, number)
         ]
 
 
@@ -74,7 +74,7 @@ def _angular_velocities(
     square = matrix(
         [[slope(row, column) for column in range(count)] for row in range(count)]
     )
-    ratios = [each[driven - count] for each in equations.written.ratios()]
+    ratios = [ratio_row[driven - count] for ratio_row in equations.written.ratios()]
     following = {
         count + equations.construction.inputs + number: complex_ball(ratio)
         for number, ratio in enumerate(ratios)
@@ -82,7 +82,7 @@ def _angular_velocities(
     given = {driven: complex_ball(exact(1.0)), **following}
     right = matrix(
         [
-            [-sum((slope(row, each) * rate for each, rate in given.items()), zero)]
+            [-sum((slope(row, column) * rate for column, rate in given.items()), zero)]
             for row in range(count)
         ]
     )
@@ -91,7 +91,7 @@ def _angular_velocities(
     placed = equations.orientations(places, 1)
     root = equations.construction.root
     ground: BallMatrix | None = placed[0][()].transpose() if root != 0 else None
-    found = []
+    velocities = []
     for link in range(equations.written.structure.bodies):
         velocity = [zero, zero, zero]
         if link != root:
@@ -105,9 +105,11 @@ def _angular_velocities(
                 spin = moved * jet[()].transpose()
                 velocity = [spin[2, 1], spin[0, 2], spin[1, 0]]
         if ground is not None:
-            velocity = list((ground * matrix([[each] for each in velocity])).entries())
-        found.append([each.real for each in velocity])
-    return found
+            velocity = list(
+                (ground * matrix([[component] for component in velocity])).entries()
+            )
+        velocities.append([component.real for component in velocity])
+    return velocities
 
 
 def _poles(
@@ -117,6 +119,6 @@ def _poles(
         pairs = zip(turning[first], turning[second], strict=True)
         x, y, z = (a - b for a, b in pairs)
         size = (x * x + y * y + z * z).sqrt()
-        known = lower(size) > 0.0
-        direction = (x / size, y / size, z / size) if known else None
+        turns = lower(size) > 0.0
+        direction = (x / size, y / size, z / size) if turns else None
         yield CertifiedPole(mode, driven, first, second, direction, size)

@@ -54,8 +54,8 @@ class Root:
     def balls(self) -> list[Ball]:
         """Return balls of the angles that contain the solution."""
         if self.real:
-            return [wide(each.real, self.radius) for each in self.centre]
-        both = [(each.real, each.imag) for each in self.centre]
+            return [wide(ball.real, self.radius) for ball in self.centre]
+        both = [(ball.real, ball.imag) for ball in self.centre]
         return [
             complex_ball(wide(x, self.radius)) + _i() * wide(y, self.radius)
             for x, y in both
@@ -73,7 +73,7 @@ class Root:
 
     def points(self) -> list[Ball]:
         """Return balls of e^(i angle)."""
-        return [(_i() * complex_ball(each)).exp() for each in self.balls()]
+        return [(_i() * complex_ball(angle)).exp() for angle in self.balls()]
 
 
 def _i() -> Ball:
@@ -87,22 +87,24 @@ def root_near(
 
     `driven` are balls of the inputs.
     """
-    x = [complex_ball(complex(each)) for each in near]
+    x = [complex_ball(complex(angle)) for angle in near]
     for _ in range(STEPS):
         values, first = _at(equations, x, driven)
         change = _step(values, first)
         if change is None:
             return None
-        x = [(each - d).mid() for each, d in zip(x, change, strict=True)]
+        x = [(angle - d).mid() for angle, d in zip(x, change, strict=True)]
         size = max(upper(d) for d in change)
         if size < _unit():
             break
         if not size < 10.0:
             return None
-    if max(upper(each.imag) for each in x) < NEAR_REAL:
-        found = _certified(equations, driven, [complex_ball(each.real) for each in x], True)
-        if found is not None:
-            return found
+    if max(upper(angle.imag) for angle in x) < NEAR_REAL:
+        root = _certified(
+            equations, driven, [complex_ball(angle.real) for angle in x], True
+        )
+        if root is not None:
+            return root
     return _certified(equations, driven, x, False)
 
 
@@ -139,24 +141,27 @@ def _certified(
     if inverse is None:
         return None
     count = equations.unknowns
-    miss = np.array([upper(each) for each in (inverse * values).entries()])
+    miss = np.array([upper(ball) for ball in (inverse * values).entries()])
     rest = (inverse * first).tolist()
     contraction = [
-        sum(upper(entry - (1 if row == column else 0)) for column, entry in enumerate(each))
-        for row, each in enumerate(rest)
+        sum(
+            upper(entry - (1 if row == column else 0))
+            for column, entry in enumerate(entries)
+        )
+        for row, entries in enumerate(rest)
     ]
-    away = np.array([upper(each.imag) for each in x])
+    away = np.array([upper(ball.imag) for ball in x])
     stretch = np.ones(equations.variables)
     stretch[:count] = np.exp(away + 2 * WIDEST)
     bounds = equations.bounds(stretch)
     sums = np.sum(bounds.degrees[:, :count], axis=1)
-    rows = [[upper(entry) for entry in each] for each in inverse.tolist()]
+    rows = [[upper(entry) for entry in entries] for entries in inverse.tolist()]
     bend = np.array(rows) @ (bounds.constant * sums * sums)
-    found = radii(float(np.max(miss)), max(contraction), float(np.max(bend)))
-    if found is None:
+    reach = radii(float(np.max(miss)), max(contraction), float(np.max(bend)))
+    if reach is None:
         return None
-    radius, unique = found
-    if not real and not any(lower(each.imag) > radius for each in x):
+    radius, unique = reach
+    if not real and not any(lower(ball.imag) > radius for ball in x):
         return None
     return Root(tuple(x), radius, unique, real)
 

@@ -67,7 +67,7 @@ class CertifiedSingularities:
         ends = [] if self.whole else [q - self.low, self.high - q]
         gaps = [
             abs(float(np.remainder(stop.place[-1] - q + np.pi, TURN)) - np.pi) - stop.off
-            for stop in (*self.dead_centres, *(each.stop for each in self.found))
+            for stop in (*self.dead_centres, *(point.stop for point in self.found))
         ]
         return max(min([*gaps, *ends, np.pi]) - ROUNDING, 0.0)
 
@@ -75,7 +75,7 @@ class CertifiedSingularities:
 def pair_of_output(written: Written, name: str) -> int | None:
     """Return the pair that joins an output to what it is seen from, None without one."""
     mechanism = written.mechanism
-    output = next(each for each in mechanism.outputs if each.name == name)
+    output = next(declared for declared in mechanism.outputs if declared.name == name)
     two = {mechanism.link(output.link), mechanism.link(output.relative_to)}
     for number, ends in enumerate(written.structure.ends):
         if set(ends) == two:
@@ -85,26 +85,26 @@ def pair_of_output(written: Written, name: str) -> int | None:
 
 def output_pairs(written: Written) -> list[int]:
     """Return the pairs that join outputs to what they are seen from."""
-    pairs = (pair_of_output(written, each.name) for each in written.mechanism.outputs)
+    pairs = (pair_of_output(written, output.name) for output in written.mechanism.outputs)
     return [pair for pair in pairs if pair is not None]
 
 
 def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     """Return the singularities of all declared outputs but the input itself."""
     mechanism, made = curves.written.mechanism, curves.construction
-    found: list[CertifiedSingularity] = []
+    points: list[CertifiedSingularity] = []
     undecided = sum(count for _, count in curves.stopping)
     skipped = []
     for output in mechanism.outputs:
         pair = pair_of_output(curves.written, output.name)
         if pair == made.pairs[curves.driven]:
             continue
-        known = pair is not None and pair in made.pairs
-        own = curves.stops_of(made.pairs.index(pair)) if known else None  # type: ignore[arg-type]
-        if own is None:
+        has_angle = pair is not None and pair in made.pairs
+        stops = curves.stops_of(made.pairs.index(pair)) if has_angle else None  # type: ignore[arg-type]
+        if stops is None:
             skipped.append(output.name)
         for curve, (driven, _) in enumerate(curves.stopping):
-            resting, doubtful = own[curve] if own is not None else ([], 0)
+            resting, doubtful = stops[curve] if stops is not None else ([], 0)
             undecided += doubtful
             for kind, one, others in (("I", resting, driven), ("II", driven, resting)):
                 for stop in one:
@@ -112,15 +112,15 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
                     words = f"{kind} or III" if near else kind
                     inside = curves.inside(float(stop.place[curves.driven]))
                     q = float(stop.place[curves.driven]) if inside is None else inside
-                    found.append(
+                    points.append(
                         CertifiedSingularity(
                             output.name, words, curve, stop, q, inside is not None
                         )
                     )
-    found.sort(key=lambda each: (each.output, each.kind, each.q))
+    points.sort(key=lambda point: (point.output, point.kind, point.q))
     complete = curves.claim.guarantee is Guarantee.CERTIFIED
     return CertifiedSingularities(
-        tuple(found),
+        tuple(points),
         undecided,
         tuple(skipped),
         curves.low,

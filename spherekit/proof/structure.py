@@ -89,12 +89,12 @@ def structure_of(mechanism: Mechanism) -> Structure:
             rolling.append(number)
             continue
         links.append(_new(pair.name, links))
-        own = []
+        halves = []
         for link, end in zip(pair.links, two, strict=True):
-            own.append(len(pairs))
+            halves.append(len(pairs))
             pairs.append(_new(f"{pair.name}_{link}", pairs))
             ends.append((end, len(links) - 1))
-        couplers.append(Coupler(number, len(links) - 1, (own[0], own[1])))
+        couplers.append(Coupler(number, len(links) - 1, (halves[0], halves[1])))
     names = [mechanism.pairs[number].name for number in driven_pairs(mechanism)]
     return Structure(
         mechanism.name,

@@ -8,7 +8,7 @@ proven to be different at its centre and regular everywhere never meet.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spherekit.proof.balls import circle
 from spherekit.proof.charts import (
     ChartRoots,
+    Given,
     Polynomials,
     Tubes,
     are_apart,
@@ -50,9 +51,14 @@ class Known:
     points: ChartRoots
 
 
+SAME = 1e-9
+"""Angles (rad) that differ by less are taken for one and widened by what they differ."""
+BORROWED = 1.0
+"""How far away (rad) roots are known that are followed to where none are."""
+MOST_KNOWN = 64
+TURN = 2.0 * np.pi
 DETOUR = 16
 """Steps of ways round through complex inputs, for roots that a straight one loses."""
-_Waiting = tuple[int, Path, Floats, Floats, Floats]
 Guide = dict[Path, Known]
 """Roots known near a box, of each system and of each mode of those before."""
 
@@ -68,15 +74,33 @@ class Counted:
 
 
 @final
-@dataclass
-class _Part:
-    """One system at several boxes: which box, what is given, and by how much it varies."""
+@dataclass(frozen=True)
+class _Mode:
+    """A mode of the systems so far over the box of a number.
 
-    row: list[int] = field(default_factory=list)
-    path: list[Path] = field(default_factory=list)
-    given: list[Floats] = field(default_factory=list)
-    turns: list[Floats] = field(default_factory=list)
-    half: list[Floats] = field(default_factory=list)
+    `angle`, `turn`, `rates` and `off` are of all unknowns, zero where not known yet: angles
+    (rad) at the centre, their cosines and sines, how they move with the inputs, and by how
+    much more at most. It stands for `times` modes, whose angles are all within.
+    """
+
+    row: int
+    path: Path
+    angle: Floats
+    turn: Floats
+    rates: Floats
+    off: Floats
+    times: int = 1
+
+    def with_root(
+        self, root: int, unknowns: Sequence[int], found: tuple[Floats, ...]
+    ) -> "_Mode":
+        """Return the mode that goes on with a root: its angles, turns, rates and off."""
+        angle, turn, rates, off = (
+            each.copy() for each in (self.angle, self.turn, self.rates, self.off)
+        )
+        for own, new in zip((angle, turn, rates, off), found, strict=True):
+            own[unknowns] = new
+        return _Mode(self.row, (*self.path, root), angle, turn, rates, off, self.times)
 
 
 @final
@@ -89,6 +113,7 @@ class Systems:
         parts = systems_of(made)
         every = list(range(made.unknowns))
         self.parts = parts if parts is not None else [(every, every)]
+        self.known: list[list[Known]] = [[] for _ in self.parts]
         self.bounds = [permanent(2 * made.degrees[np.ix_(*part)]) for part in self.parts]
 
     def given_to(self, number: int) -> list[int]:
@@ -130,81 +155,126 @@ class Systems:
         good = np.ones(m, dtype=bool)
         modes = np.zeros(m, dtype=np.intp)
         following: list[Guide] = [{} for _ in range(m)]
-        count = self.equations.construction.unknowns
-        waiting: list[_Waiting] = [
-            (row, (), np.zeros(count), np.zeros((count, 2)), np.zeros(count))
+        count, inputs = self.equations.construction.unknowns, centres.shape[1]
+        nothing = np.zeros(count)
+        waiting = [
+            _Mode(
+                row, (), nothing, np.zeros((count, 2)), np.zeros((count, inputs)), nothing
+            )
             for row in range(m)
         ]
         for number, (_, unknowns) in enumerate(self.parts):
-            part, own = _Part(), []
-            for row, path, angle, turn, off in waiting:
-                if not good[row]:
-                    continue
-                others = self.given_to(number)
-                part.row.append(row)
-                part.path.append(path)
-                part.given.append(np.concatenate([angle, centres[row]])[others])
-                part.turns.append(np.concatenate([turn, turns[row]])[others])
-                part.half.append(np.concatenate([off, half[row]])[others])
-                own.append((angle, turn, off))
+            part = [mode for mode in waiting if good[mode.row]]
             waiting = []
-            if not part.row:
+            if not part:
                 break
-            roots, proven, distinct = self._proven(number, part, guides, hard)
+            rows = [mode.row for mode in part]
+            others = self.given_to(number)
+            given = [
+                np.concatenate([mode.angle, centres[mode.row]])[others] for mode in part
+            ]
+            whole = [np.concatenate([mode.turn, turns[mode.row]])[others] for mode in part]
+            rates = [np.concatenate([mode.rates, np.eye(inputs)])[others] for mode in part]
+            off = [np.concatenate([mode.off, np.zeros(inputs)])[others] for mode in part]
+            moving = Given(half[rows], np.stack(rates), np.stack(off))
+            roots, proven, distinct = self._proven(
+                number, part, np.stack(given), np.stack(whole), moving, guides, hard
+            )
             bound = self.bounds[number]
             apart = are_apart(roots, proven.radius, proven.good, bound)
             real, off_circle = are_real(roots, proven)
-            for place, (row, path) in enumerate(zip(part.row, part.path, strict=True)):
+            decided = np.all((real | off_circle).reshape(-1, bound), axis=1)
+            angles = _angles(roots, proven, half[np.repeat(rows, bound)])
+            for place, mode in enumerate(part):
+                row, path = mode.row, mode.path
                 mine = slice(place * bound, (place + 1) * bound)
                 if distinct[place]:
                     at = ChartRoots(
                         roots.z[mine], roots.inverse[mine], np.zeros(bound, np.intp)
                     )
-                    following[row][path] = Known(part.given[place], at)
+                    following[row][path] = Known(given[place], at)
                 elif path in guides[row]:
                     following[row][path] = guides[row][path]
-                good[row] &= apart[place] and bool(np.all((real | off_circle)[mine]))
+                good[row] &= apart[place] and decided[place]
                 for root in np.flatnonzero(real[mine]) if good[row] else ():
                     if number + 1 == len(self.parts):
-                        modes[row] += 1
+                        modes[row] += mode.times
                         continue
-                    angle, turn, off = own[place]
-                    angle, turn, off = angle.copy(), turn.copy(), off.copy()
                     where = place * bound + int(root)
-                    reach = 1.05 * proven.reach[where]
-                    good[row] &= bool(np.all(reach < WIDEST_ANGLE))
-                    z = roots.z[where]
-                    angle[unknowns] = np.where(roots.inverse[where], -1, 1) * np.angle(z)
-                    turn[unknowns] = circle(angle[unknowns])
-                    off[unknowns] = reach + np.abs(np.abs(z) - 1.0) + 1e-13
-                    waiting.append((row, (*path, int(root)), angle, turn, off))
+                    own = mode.with_root(int(root), unknowns, angles.of(where))
+                    good[row] &= bool(np.all(proven.reach[where] < WIDEST_ANGLE))
+                    waiting.append(own)
+            waiting = self._joined(number + 1, waiting, half)
         return Counted(good, modes, following)
+
+    def _joined(self, number: int, modes: list[_Mode], half: Floats) -> list[_Mode]:
+        """Return modes of which those that systems from a number on cannot tell are one.
+
+        They differ in angles that no such system has, as where a link is turned over.
+        """
+        degrees = self.equations.construction.degrees
+        left = [row for rows, _ in self.parts[number:] for row in rows]
+        used = np.any(degrees[left] > 0, axis=0)[: self.equations.unknowns]
+        joined: dict[int, list[_Mode]] = {}
+        for mode in modes:
+            own = joined.setdefault(mode.row, [])
+            for place, other in enumerate(own):
+                apart = np.abs(np.remainder(mode.angle - other.angle + np.pi, TURN) - np.pi)
+                drift = np.abs(mode.rates - other.rates) @ half[mode.row]
+                spare = 1.05 * (apart + drift)
+                if np.all(spare[used] < SAME):
+                    off = np.maximum(mode.off + spare, other.off)
+                    own[place] = replace(other, off=off, times=other.times + mode.times)
+                    break
+            else:
+                own.append(mode)
+        return [mode for own in joined.values() for mode in own]
+
+    def _add(self, number: int, known: Known | None) -> None:
+        """Keep roots of a system to start from elsewhere."""
+        if known is not None:
+            self.known[number] = [known, *self.known[number][: MOST_KNOWN - 1]]
+
+    def _borrowed(self, number: int, given: Floats) -> Known | None:
+        """Return the roots known for what is nearest to what is given to a system."""
+        best, nearest = None, BORROWED
+        for known in self.known[number]:
+            apart = np.abs(np.remainder(known.at - given + np.pi, TURN) - np.pi)
+            if (gap := float(np.max(apart, initial=0.0))) < nearest:
+                best, nearest = known, gap
+        return best
 
     def _proven(
         self,
         number: int,
-        part: _Part,
+        part: Sequence[_Mode],
+        given: Floats,
+        turns: Floats,
+        moving: Given,
         guides: Sequence[Guide],
         hard: NDArray[np.bool_],
     ) -> tuple[ChartRoots, Tubes, NDArray[np.bool_]]:
         """Return the roots at all boxes, what is proven, and where none were lost."""
         system, bound = self.parts[number], self.bounds[number]
-        given, half = np.stack(part.given), np.stack(part.half)
-        made = Polynomials.at(self.equations, *system, np.stack(part.turns))
+        made = Polynomials.at(self.equations, *system, turns)
         if len(system[1]) == 1:
             tried, ended = polished(made, roots_of_one(made))
-            proven = tubes(made, tried, half)
+            proven = tubes(made, tried, moving)
             return tried, proven, are_apart(tried, proven.radius, ended, bound)
         nothing = ChartRoots(
             np.zeros((bound, len(system[1])), dtype=complex),
             np.zeros((bound, len(system[1])), dtype=bool),
             np.zeros(bound, dtype=np.intp),
         )
-        known = []
-        for row, path, here in zip(part.row, part.path, given, strict=True):
-            near = guides[row].get(path)
+        known, strange = [], np.zeros(len(part), dtype=bool)
+        for place, (mode, here) in enumerate(zip(part, given, strict=True)):
+            near = guides[mode.row].get(mode.path)
+            if near is None:
+                near = self._borrowed(number, here)
+                strange[place] = near is not None
             if near is None:
                 near = self._found(number, here)
+                self._add(number, near)
             known.append(near or Known(here, nothing))
         roots = ChartRoots(
             np.concatenate([each.points.z for each in known]),
@@ -212,22 +282,68 @@ class Systems:
             np.repeat(np.arange(len(known)), bound),
         )
         rough = _stepped(self.equations, system, roots, known, given)
-        tried, ended = polished(made, rough)
-        proven = tubes(made, tried, half)
-        distinct = are_apart(tried, proven.radius, ended, bound)
-        lost = np.flatnonzero(~distinct & hard[part.row])
+        found = _judged(made, rough, moving, bound)
+        lost = np.flatnonzero(~found[2] & (strange | hard[[mode.row for mode in part]]))
         if len(lost):
             rows = (lost[:, None] * bound + np.arange(bound)).ravel()
             at = roots.take(rows)
             at = ChartRoots(at.z, at.inverse, np.repeat(np.arange(len(lost)), bound))
             start = np.stack([known[row].at for row in lost])
             again = continued(self.equations, system, at, start, given[lost], DETOUR)
-            z, inverse = tried.z.copy(), tried.inverse.copy()
-            z[rows], inverse[rows] = again.z, again.inverse
-            tried, ended = polished(made, ChartRoots(z, inverse, tried.row))
-            proven = tubes(made, tried, half)
-            distinct = are_apart(tried, proven.radius, ended, bound)
-        return tried, proven, distinct
+            found = _judged(made, _replaced(found[0], rows, again), moving, bound)
+        for missing in np.flatnonzero(~found[2] & strange):
+            anew = self._found(number, given[missing])
+            self._add(number, anew)
+            if anew is not None:
+                rows = missing * bound + np.arange(bound)
+                tried = _replaced(found[0], rows, anew.points)
+                found = _judged(made, tried, moving, bound)
+        return found
+
+
+def _judged(
+    made: Polynomials, roots: ChartRoots, moving: Given, bound: int
+) -> tuple[ChartRoots, Tubes, NDArray[np.bool_]]:
+    """Return roots polished, what is proven of them, and where all are different."""
+    tried, ended = polished(made, roots)
+    proven = tubes(made, tried, moving)
+    return tried, proven, are_apart(tried, proven.radius, ended, bound)
+
+
+def _replaced(roots: ChartRoots, rows: NDArray[np.intp], other: ChartRoots) -> ChartRoots:
+    """Return roots with others in some of their rows."""
+    z, inverse = roots.z.copy(), roots.inverse.copy()
+    z[rows], inverse[rows] = other.z, other.inverse
+    return ChartRoots(z, inverse, roots.row)
+
+
+@final
+@dataclass(frozen=True)
+class _Angles:
+    """Angles of real roots over boxes (n, k): at the centre, rates, and what is over."""
+
+    angle: Floats
+    rates: Floats
+    off: Floats
+
+    def of(self, row: int) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return those of one root, with cosines and sines."""
+        angle = self.angle[row]
+        return angle, circle(angle), self.rates[row], self.off[row]
+
+
+def _angles(roots: ChartRoots, proven: Tubes, half: Floats) -> _Angles:
+    """Return the angles of roots, of which the real ones are of use."""
+    size = np.abs(roots.z)
+    sense = np.where(roots.inverse, -1, 1)
+    with np.errstate(all="ignore"):
+        rates = proven.rates / (1j * sense * roots.z)[:, :, None]
+        # log(1 + w) is off from w by at most this
+        w = proven.reach / size
+        off = 0.5 * w**2 / (1.0 - w) + proven.width[:, None] / size
+        lost = 1e-15 * np.einsum("nkd,nd->nk", np.abs(rates), half)
+    off = np.where(w < 0.5, 1.05 * off + np.abs(size - 1.0) + lost + 1e-13, np.inf)
+    return _Angles(sense * np.angle(roots.z), rates.real, off)
 
 
 def _stepped(

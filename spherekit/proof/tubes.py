@@ -154,9 +154,9 @@ def piece_at(
     half = longest
     while half >= shortest:
         for width in WIDTHS:
-            found = test.inside(half, width * half)
-            if found is not None:
-                tight, miss = found
+            inside = test.inside(half, width * half)
+            if inside is not None:
+                tight, miss = inside
                 return Piece(centre, frame, half, width * half, tight, miss, inverse, at)
         half *= SHRINK
     return None

@@ -33,8 +33,8 @@ def carried(vector: Vector, start: Frame, goal: Frame) -> Vector:
     `vector` is in the axes in which `start` is given, the result in those of `goal`.
     """
     parts = [dot(axis, vector) for axis in start]
-    found = [
+    coordinates = [
         sum((part * axis[k] for part, axis in zip(parts, goal, strict=True)), 0 * parts[0])
         for k in range(3)
     ]
-    return found[0], found[1], found[2]
+    return coordinates[0], coordinates[1], coordinates[2]

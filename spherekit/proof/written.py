@@ -68,11 +68,11 @@ class Written:
             made = self._pose_frames(given)
         else:
             made = self._size_frames()
-        found = [made[name] for name in self.structure.pairs if name in made]
+        frames = [made[name] for name in self.structure.pairs if name in made]
         for coupler in self.structure.couplers:
             pair = self.mechanism.pairs[coupler.contact]
-            found += _coupler_frames(touching(self, pair, made))
-        return found
+            frames += _coupler_frames(touching(self, pair, made))
+        return frames
 
     def given(self, inputs: Sequence[Ball]) -> list[Ball]:
         """Return the angles (rad) of the inputs and of all pairs that follow from them."""
@@ -94,7 +94,7 @@ class Written:
 
         The angles of couplers are lengths over the sines of radii there.
         """
-        found = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
+        columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
         frames = dict(zip(self.structure.pairs, self.frames(), strict=True))
         for coupler in self.structure.couplers:
             pair = self.mechanism.pairs[coupler.contact]
@@ -102,8 +102,8 @@ class Written:
             names = pair.kind.variable_names(pair.name, pair.links)
             for side, sense in ((0, 1), (1, contact.sense)):
                 sine = middle(contact.circles[side].radius.sin())
-                found[coupler.pairs[side]] = names[side], sense / sine
-        return found
+                columns[coupler.pairs[side]] = names[side], sense / sine
+        return columns
 
     def item(self, pair: str) -> Mapping[str, Any]:
         """Return the table of a pair in the file."""
@@ -117,7 +117,7 @@ class Written:
     def _starts(self, contact: int) -> tuple[Ball, Ball]:
         """Return the lengths (rad) along both circles at which a contact starts."""
         item = self.item(self.mechanism.pairs[contact].name)
-        one, other = (self.angle(each, False) for each in item.get("start", (0.0, 0.0)))
+        one, other = (self.angle(length, False) for length in item.get("start", (0.0, 0.0)))
         return one, other
 
     def _in_mesh(self) -> "Written":
@@ -140,7 +140,7 @@ class Written:
         reference = None
         if isinstance(given, PoseGeometry):
             names = structure.pairs
-            values = (self.item(each).get("value") for each in given.axes)
+            values = (self.item(axis).get("value") for axis in given.axes)
             reference = {
                 names.index(name): exact(0.0) if value is None else self.angle(value)
                 for name, value in zip(given.axes, values, strict=True)
@@ -148,8 +148,8 @@ class Written:
         touches = [self._touching(contact) for contact in structure.wheels]
         starts = [self._starts(contact) for contact in structure.wheels]
         train = train_of(structure, meshes, touches, starts, frames, reference)
-        known = replace(structure, followers=train.followers)
-        return replace(self, structure=known, train=train)
+        meshed = replace(structure, followers=train.followers)
+        return replace(self, structure=meshed, train=train)
 
     def angle(self, number: float, tolerance: bool = True) -> Ball:
         """Return an angle of the file in rad."""
@@ -184,17 +184,17 @@ class Written:
     def _axes(self, item: Mapping[str, Any]) -> dict[str, Vector]:
         """Return the unit axes of a link in its own frame, in the order listed."""
         names = item.get("axes", [])
-        found: dict[str, Vector] = {}
+        axes: dict[str, Vector] = {}
         angles = [None, *item.get("angles", [])]
         for name in names[:1]:
-            found[name] = (exact(0.0), exact(0.0), exact(1.0))
+            axes[name] = (exact(0.0), exact(0.0), exact(1.0))
         for name, length, turn in zip(
             names[1:], item.get("arcs", []), angles, strict=False
         ):
             across, up = self.angle(length).sin_cos()
             s, c = exact(0.0).sin_cos() if turn is None else self.angle(turn).sin_cos()
-            found[name] = (-across * s, across * c, up)
-        return found
+            axes[name] = (-across * s, across * c, up)
+        return axes
 
     def _pose_frames(self, given: PoseGeometry) -> dict[str, tuple[Frame, Frame]]:
         made = {}

@@ -59,9 +59,9 @@ class ProfileSeries:
         """Return (8, n) at arc lengths s (n,); NaN beyond the ends of an open curve."""
         if self.closed:
             return self.series.along(np.mod(s, self.length))
-        found = self.series.along(s)
-        found[:, ~((s >= 0.0) & (s <= self.length))] = np.nan
-        return found
+        values = self.series.along(s)
+        values[:, ~((s >= 0.0) & (s <= self.length))] = np.nan
+        return values
 
 
 def _columns(curve: Curve, s: Floats) -> Floats:

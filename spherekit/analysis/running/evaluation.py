@@ -81,10 +81,10 @@ class Evaluation:
                 "functions of the input do not apply"
             )
         q = course.inputs[:, 0]
-        found = InterpolatedMotion(
+        interpolated = InterpolatedMotion(
             course.tracer, requests[0], self.needs, all_links, q, setting
         )
-        return found
+        return interpolated
 
     @cached_property
     def _kernel(self) -> Kernel:
@@ -176,14 +176,14 @@ class Evaluation:
         """
         made = self._kernel
         number = np.longdouble if self.setting.engine == "extended" else float
-        found = made.values(motion.values.T.astype(number))
+        rates = made.values(motion.values.T.astype(number))
         n, links = len(motion), len(motion.mechanism.links)
         w, dw = np.zeros((n, links, 3)), np.zeros((n, links, 3))
         for link in made.links:
-            w[:, link] = found.w[link]
-            dw[:, link] = found.dw.get(link, np.nan)
-        assert found.tangent is not None
-        size = np.sqrt(np.sum(found.tangent**2, axis=1)).astype(float)
+            w[:, link] = rates.w[link]
+            dw[:, link] = rates.dw.get(link, np.nan)
+        assert rates.tangent is not None
+        size = np.sqrt(np.sum(rates.tangent**2, axis=1)).astype(float)
         ok = motion.status == Status.OK
         with np.errstate(divide="ignore", invalid="ignore"):
             return LinkRates(w, dw, np.where(ok, 1.0 / size, np.nan))

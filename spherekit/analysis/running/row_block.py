@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.running.in_turn import each_at_once
+from spherekit.analysis.running.lent_memory import LentMemory
 from spherekit.conventions import Status
 from spherekit.engine.columns import RowKernel
 from spherekit.sphere.rotation import Floats
@@ -66,7 +67,12 @@ class Rows:
 
     @classmethod
     def of(
-        cls, kernel: RowKernel, values: Floats, lost: NDArray[np.bool_], rooms: "Rooms"
+        cls,
+        kernel: RowKernel,
+        values: Floats,
+        lost: NDArray[np.bool_],
+        rooms: "Rooms",
+        memory: LentMemory,
     ) -> "Rows":
         """Return the rows of values (variables, n), NaN where none is known.
 
@@ -76,7 +82,7 @@ class Rows:
         return cls(
             kernel,
             values,
-            np.empty((kernel.kept, n)),
+            memory.array(kernel.kept, n),
             np.empty(n, dtype=bool),
             np.empty(n),
             np.where(lost, Status.OUT_OF_REACH, Status.OK).astype(np.int8),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.running.in_turn import in_turn
+from spherekit.analysis.running.lent_memory import LentMemory
 from spherekit.analysis.running.positions import Positions
 from spherekit.analysis.running.row_block import SLICE, Rooms, Rows
 from spherekit.analysis.running.sampling import Sampling
@@ -62,6 +63,7 @@ class RowsAtOnce:
         modes = len(self.course.tracer.assembly_modes)
         rates = self.kernel.rates
         self._rooms = Rooms(self.kernel.width * SLICE)
+        self._memory = LentMemory()
         # Expected from the block before: then nothing has to be turned round later.
         self._senses = [np.ones((modes, len(places.signed))) for places in rates]
 
@@ -148,6 +150,7 @@ class RowsAtOnce:
             values.reshape(len(values), modes * count),
             lost.reshape(modes * count),
             self._rooms,
+            self._memory,
         )
         parts = [
             (mode, slice(start, min(start + SLICE, (mode + 1) * count)))

@@ -1,0 +1,159 @@
+"""Numbers of a kernel that are read from the file of each design, with its checks."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.design.variables import ACTIONS, DesignVariable, designed, with_actions
+from spherekit.engine.actions import Actions
+from spherekit.engine.hinges import Hinged, hinged
+from spherekit.errors import SpherekitError
+from spherekit.files.document import Document
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
+
+OK = "OK"
+UNLIKE = "its loads have another form"
+"""What sends a design to the analysis of the single one."""
+TRIED = (0.0173, -0.0311)
+"""Parts by which variables are changed to see which numbers follow them."""
+EIGHTH = (4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0)
+"""Weights of central differences of the eighth order, from the nearest on."""
+PARTS = (1e-2, 1e-4, 1e-6)
+"""Their steps, as parts of a number: shorter ones where no design is that far."""
+SAME = 1e-14
+"""Numbers that differ by less are the same but for rounding."""
+STEADY = 1e-10
+"""Derivatives that differ by less, relative, are the same."""
+
+
+@final
+class FileNumbers:
+    """What the file of a design says of masses and loads, and of contacts of circles.
+
+    `with_contacts` is the mechanism with links for its contacts, if it has some; `whole`
+    says that masses follow sizes, so that the whole file is read. `own` are all numbers of
+    the file as it is, those of contacts first, and `differing` which of them follow the
+    variables.
+    """
+
+    def __init__(
+        self,
+        document: Document,
+        mechanism: Mechanism,
+        variables: Sequence[DesignVariable],
+        with_contacts: Hinged | None,
+        whole: bool,
+    ) -> None:
+        self.document, self.mechanism = document, mechanism
+        self.variables = tuple(variables)
+        self.hinged = with_contacts
+        self.whole = whole or with_contacts is not None
+        self._form = Actions.of(mechanism).form
+        contacts = with_contacts.numbers if with_contacts else []
+        self._contacts = len(contacts)
+        self.own = [*contacts, *Actions.of(mechanism).numbers]
+        self.differing = self._differing()
+
+    @property
+    def of_contacts(self) -> list[int]:
+        """Those of the contacts that differ."""
+        return [k for k in self.differing if k < self._contacts]
+
+    @property
+    def of_actions(self) -> list[int]:
+        """Those of the masses and loads that differ, as `Actions` counts them."""
+        return [k - self._contacts for k in self.differing if k >= self._contacts]
+
+    def _differing(self) -> tuple[int, ...]:
+        values = np.array([variable.value for variable in self.variables])
+        found: set[int] = set()
+        for share in TRIED:
+            tried = self._read(values * (1.0 + share) + share)
+            if isinstance(tried, list):
+                both = zip(tried, self.own, strict=True)
+                found |= {k for k, (new, old) in enumerate(both) if new != old}
+        return tuple(sorted(found))
+
+    def _read(self, values: Floats) -> list[float] | str:
+        """Return all numbers of a design (variables,), or why there are none."""
+        numbers, contacts = list(values), []
+        try:
+            if self.whole:
+                made = designed(self.document, self.variables, numbers)
+            else:
+                made = with_actions(self.document, self.mechanism, self.variables, numbers)
+            actions = Actions.of(made)
+            if self.hinged is not None:
+                own = hinged(made)
+                contacts = own.numbers if own else []
+        except SpherekitError as problem:
+            return first_line(problem)
+        if actions.form != self._form or len(contacts) != self._contacts:
+            return UNLIKE
+        return [*contacts, *actions.numbers]
+
+    def at(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
+        """Return the numbers (k, n) that differ, and why designs (variables, n) are none.
+
+        Of a design whose laws have another form, or other numbers than these, `UNLIKE`.
+        """
+        made = np.full((len(self.differing), values.shape[1]), np.nan)
+        why = np.full(values.shape[1], OK, dtype=object)
+        rest = np.setdiff1d(np.arange(len(self.own)), self.differing)
+        same = np.array(self.own)[rest]
+        for k, design in enumerate(values.T):
+            found = self._read(design)
+            if isinstance(found, str):
+                why[k] = found
+            elif not np.allclose(np.array(found)[rest], same, rtol=0.0, atol=SAME):
+                why[k] = UNLIKE
+            else:
+                made[:, k] = np.array(found)[list(self.differing)]
+        return made, why
+
+    def slopes(self, values: Floats) -> Floats:
+        """Return the derivatives (k, variables) of the numbers by values (variables,).
+
+        Differences of the eighth order, which of polynomials are exact.
+        """
+        columns = [
+            self._slope(values, k) if steady is None else steady
+            for k, steady in enumerate(self._steady)
+        ]
+        return np.stack(columns, axis=1)
+
+    @cached_property
+    def _steady(self) -> list[Floats | None]:
+        """The derivatives (k,) by each variable that are the same everywhere."""
+        values = np.array([variable.value for variable in self.variables])
+        made: list[Floats | None] = []
+        for k in range(len(values)):
+            tried = [self._slope(values * (1.0 + each) + each, k) for each in (0.0, *TRIED)]
+            same = all(np.allclose(tried[0], each, rtol=STEADY, atol=0.0) for each in tried)
+            made.append(tried[0] if same else None)
+        return made
+
+    def _slope(self, values: Floats, k: int) -> Floats:
+        """Return the derivatives of the numbers by one of the values (variables,)."""
+        if not self.whole and self.variables[k].path[0] not in ACTIONS:
+            return np.zeros(len(self.differing))
+        for part in PARTS:
+            step = part * (abs(values[k]) or 1.0)
+            beside = np.repeat(values[:, None], 2 * len(EIGHTH), axis=1)
+            away = step * np.arange(1, len(EIGHTH) + 1)
+            beside[k] += np.concatenate([away, -away])
+            found, reasons = self.at(beside)
+            if np.all(reasons == OK):
+                more, less = np.split(found, 2, axis=1)
+                return np.asarray((more - less) @ np.array(EIGHTH) / step)
+        return np.full(len(self.differing), np.nan)
+
+
+def first_line(problem: SpherekitError) -> str:
+    """Return the first line of what is wrong with a design, without the file's name."""
+    line, *_ = str(problem).splitlines()
+    return line

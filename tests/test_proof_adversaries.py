@@ -1,0 +1,157 @@
+"""Geometries made so that modes, or dead centres, are as near as one likes."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+from proof_checker import check
+
+from spherekit.files.document import parse
+from spherekit.files.read import read
+from spherekit.guarantee import Guarantee
+from spherekit.proof.balls import bits, exact, middle, pi
+from spherekit.proof.certificate import modes_certificate
+from spherekit.proof.curves import certified_curves
+from spherekit.proof.modes import certified_modes
+from spherekit.proof.written import Written
+
+BASE, TIP = 40, 75
+"""Angles (deg) from the axis of symmetry to the base's axes and to those of the cranks."""
+
+
+def tripod(plate):
+    """A platform on three equal legs, all in line at inputs of zero.
+
+    Turning it about the axis of symmetry by D takes cos(link) = cos(tip) cos(plate) +
+    sin(tip) sin(plate) cos(D): at zero D is a double root.
+    """
+    text = 'format = 1\nname = "tripod"\nangle_unit = "deg"\nground = "base"\n'
+    links = [
+        "base",
+        "plate",
+        *(f"{part}{leg}" for leg in "abc" for part in ("crank", "bar")),
+    ]
+    text += "".join(f"[links.{link}]\n" for link in links)
+    for leg, longitude in zip("abc", (0, 120, 240), strict=True):
+        for name, one, other, angle in (
+            (f"base_{leg}", "base", f"crank{leg}", BASE),
+            (f"tip_{leg}", f"crank{leg}", f"bar{leg}", TIP),
+            (f"plate_{leg}", f"bar{leg}", "plate", plate),
+        ):
+            text += f'[pairs.{name}]\ntype = "R"\nlinks = ["{one}", "{other}"]\n'
+            text += f"lonlat = [{longitude}, {90 - angle}]\n"
+    text += "".join(f"[inputs.base_{leg}]\nfrom = 0\nto = 360\n" for leg in "abc")
+    document = parse(text, "tripod")
+    return Written.of(read(document), document)
+
+
+def turned(plate, digits):
+    """Half the angle between both modes next to the double one, in 200 bits.
+
+    The cosine is one less its square over two; below zero there are none.
+    """
+    with bits(200):
+        degree = pi() / 180
+        base, tip, top = (degree * exact(float(a)) for a in (BASE, TIP, plate))
+        step = degree * exact(10.0) ** -digits
+        near = (
+            base.cos() * (tip - base).cos() - base.sin() * (tip - base).sin() * step.cos()
+        )
+        far = (1 - near * near).sqrt()
+        cosine = ((tip - top).cos() - near * top.cos()) / (far * top.sin())
+        square = 2 * (1 - cosine)
+        return float(abs(square).sqrt().mid()), bool(square > 0)
+
+
+def modes_beside(plate, digits):
+    step = "0." + "0" * (digits - 1) + "1"
+    return certified_modes(tripod(plate), (step, step, step))
+
+
+@pytest.mark.parametrize("digits", range(4, 13))
+def test_modes_of_a_triad_from_a_millionth_to_1e_14_apart_are_told_apart(digits):
+    gap, real = turned(50, digits)
+    assert real and 0.5 < gap * 10.0 ** (digits + 2) < 1.0
+    modes = modes_beside(50, digits)
+    assert modes.counted and modes.bound == 8
+    rows = np.array([[middle(angle) for angle in row] for row in modes.angles()])
+    first, second = sorted(rows, key=lambda row: np.sum(1 - np.cos(row)))[:2]
+    apart = np.max(np.abs(first - second))
+    assert 0.1 * gap < apart < 10 * gap
+    if digits == 12:
+        check(json.loads(json.dumps(modes_certificate(modes))))
+
+
+@pytest.mark.parametrize("digits", (5, 12))
+def test_modes_of_a_triad_that_just_miss_each_other_are_none(digits):
+    _, real = turned(100, digits)
+    assert not real
+    none = modes_beside(100, digits)
+    assert none.counted and len(none.real) == 0
+
+
+@pytest.mark.long
+def test_a_double_mode_of_a_triad_is_a_cluster():
+    double = certified_modes(tripod(50), ("0", "0", "0"))
+    assert not double.complete and double.claim.guarantee is not Guarantee.CERTIFIED
+    near = [centre for centre, half in double.clusters if np.all(np.abs(centre) <= half)]
+    assert len(near) == 1
+
+
+TWO_DYADS = """
+format = 1
+name = "two_dyads"
+angle_unit = "deg"
+ground = "1"
+[links.1]
+axes = ["a", "b", "c"]
+arcs = [60, {ground}]
+angles = [140]
+[links.2]
+axes = ["a", "d", "e"]
+arcs = [50, {crank}]
+angles = [{turn}]
+[links.3]
+axes = ["d", "f"]
+arcs = [40]
+[links.4]
+axes = ["b", "f"]
+arcs = [35]
+[links.5]
+axes = ["e", "h"]
+arcs = [{coupler}]
+[links.6]
+axes = ["c", "h"]
+arcs = [{rocker}]
+"""
+JOINTS = {"a": "12", "b": "14", "c": "16", "d": "23", "e": "25", "f": "34", "h": "56"}
+
+
+def two_dyads(ground, crank, turn, coupler, rocker):
+    """Two four-bars side by side on one crank."""
+    text = TWO_DYADS.format(
+        ground=ground, crank=crank, turn=turn, coupler=coupler, rocker=rocker
+    )
+    for name, (one, other) in JOINTS.items():
+        text += f'[pairs.{name}]\ntype = "R"\nlinks = ["{one}", "{other}"]\n'
+    document = parse(text + "[inputs.a]\nfrom = 0\nto = 360\n", "two_dyads")
+    return Written.of(read(document), document)
+
+
+DEAD = np.arccos(
+    (np.cos(np.radians(75.0)) - np.cos(np.radians(60.0)) * np.cos(np.radians(50.0)))
+    / (np.sin(np.radians(60.0)) * np.sin(np.radians(50.0)))
+)
+"""The input at which the first dyad, of 40 and 35 degrees, is in line."""
+
+
+def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
+    curves = certified_curves(two_dyads(50, 20, 70, 60, 55), ("80", "110"))
+    assert curves.claim.guarantee is Guarantee.CERTIFIED
+    # the second dyad closes in two modes, so that the first one's dead centre comes twice
+    found = np.array(curves.turning_points)
+    assert len(found) == 2 and np.max(np.abs(found - DEAD)) < 1e-7
+    assert [count for _, _, count in curves.intervals] == [4, 0]
