@@ -130,7 +130,7 @@ class SingularityAnalysis(AbstractAnalysis):
                 Column("angle_II", "rad", "by which axes or planes miss type II"),
                 Column("output_rate", "", "of y by the arc length of all variables"),
                 Column("input_rate", "", "of q by the arc length of all variables"),
-                Column("transmission", "rad", "transmission angle"),
+                Column("transmission", "rad", "transmission angle of the output's dyad"),
                 Column("to_I", "rad", "change of the input to the nearest type I"),
                 Column("to_II", "rad", "change of the input to the nearest type II"),
                 Column("sigma", "", "least singular value of the passive equations"),

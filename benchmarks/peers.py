@@ -163,8 +163,9 @@ def _section(case: Case, kind: str, quick: bool) -> Section:
     absent = []
     if available():
         for tolerance in (1e-9, 1e-13) if quick else (1e-6, 1e-8, 1e-10, 1e-12, 1e-15):
-            # The machine code of several freedoms takes minutes where it is not compact.
-            for compact in (True, False) if single else (True,):
+            # That of several freedoms takes more than a minute where it is not compact.
+            full = single or tolerance == 1e-6
+            for compact in (True, False) if full else (True,):
                 mode = "compact" if compact else "full"
                 jobs.append(
                     (

@@ -4,7 +4,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Literal
 from unittest.mock import patch
 
 import numpy as np
@@ -17,16 +17,29 @@ from benchmarks.same_rows import both_ways, differences
 from benchmarks.special import special_mechanism
 from benchmarks.timing import median, rounds
 from spherekit.analysis.running import rows_at_once
+from spherekit.analysis.running.row_block import SLICE
+from spherekit.analysis.running.rows_at_once import REFERENCES
+from spherekit.engine.columns import pole_kernel
 from spherekit.engine.compiler import available, heyoka
-from spherekit.engine.kernels import Engine, Kernel, kernel
-from spherekit.errors import SpherekitError
+from spherekit.engine.kernels import kernel
+from spherekit.errors import EngineError, SpherekitError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import all_poles
+from spherekit.rates.request import request
+from spherekit.sphere.rotation import Floats
 
 MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_bar")
 
 NEVER = 1 << 60
-
+GRIDS = {
+    "five_bar": (40, 30),
+    "two_dof_spm": (7, 5),
+    "bevel_differential": (5, 4),
+    "three_rrr": (4, 3, 3),
+    "agile_eye": (3, 3, 3),
+}
+"""Mechanisms with several inputs, and samples of each in a grid."""
 
 COUNT = 1000
 """Random mechanisms whose rows are compared, unless told."""
@@ -40,6 +53,10 @@ def run(quick: bool, count: int | None = None) -> list[Section]:
 def _same_rows(count: int) -> Section:
     """Return what differs between the two ways, over many mechanisms."""
     every = ((name, sk.load(name), {"samples": 9}) for name in own_mechanisms())
+    grids = (
+        (name, sk.load(name), {"samples": samples, "grid": True})
+        for name, samples in GRIDS.items()
+    )
     random = ((str(k), random_mechanism(k)[1], {"samples": 9}) for k in range(count))
     shaped = ((str(k), shaped_mechanism(k), {"samples": 9}) for k in range(count))
     special = (special_mechanism(k) for k in range(count))
@@ -69,6 +86,7 @@ def _same_rows(count: int) -> Section:
             _compared("random", random),
             _compared("contacts of any profile", shaped),
             _compared("folding flat", special_ones, same_signs=False),
+            _compared("shipped, input grids", grids),
         ],
         "Mechanisms without a kernel, and those that cannot move, have no rows to compare.",
         keys=1,
@@ -134,12 +152,16 @@ def _times(quick: bool) -> list[Section]:
                 "of which careful, ns",
             ),
             rows,
-            "All of it is processor time of one thread. Of profiles other than circles "
-            "there is no kernel, with several inputs none of one of them: no ratio then.",
+            "All of it is processor time of one thread. The batch kernel takes neither "
+            "profiles other than circles nor several inputs; the kernel is then of the "
+            "terms of rows, poles and derivatives alone, with the columns of profiles.",
             ratios=("run / kernel", "careful / run"),
             keys=2,
         )
     ]
+
+
+Engine = Literal["numpy", "compiled"]
 
 
 def _engines() -> tuple[Engine, ...]:
@@ -178,42 +200,57 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
         "careful": carefully,
         "search": lambda: Tracer(made, samples=samples),
     }
-    alone = _alone(tracer, engine)
-    if alone is not None:
-        own, inputs = alone
-        inputs = np.ascontiguousarray(
-            np.tile(inputs, (1, -(-wanted // inputs.shape[1])))[:, :wanted]
-        )
-        out = np.empty((len(own.columns), wanted))
-        jobs["kernel"] = lambda: own(inputs, out)
+    alone, width, inputs = _alone(tracer, engine)
+    inputs = np.ascontiguousarray(
+        np.repeat(inputs, -(-wanted // inputs.shape[1]), axis=1)[:, :wanted]
+    )
+    out = np.empty((width, wanted))
+    jobs["kernel"] = lambda: alone(inputs, out)
     times = rounds(jobs, 3 if quick else 5, now=time.process_time)
     rows, some = samples * modes, few * modes
     each = (median(times, "run") - median(times, "search")) / rows
     careful = (median(times, "careful") - median(times, "search")) / some
-    unit = median(times, "kernel") / wanted if alone is not None else None
+    unit = median(times, "kernel") / wanted
     return (
         name,
         engine,
         rows,
-        None if unit is None else each / unit,
+        each / unit,
         careful / each,
         shares[-1],
         1e9 * each,
-        None if unit is None else 1e9 * unit,
+        1e9 * unit,
         1e9 * careful,
     )
 
 
 def _alone(
     tracer: Tracer, engine: Engine
-) -> tuple[Kernel, np.ndarray[tuple[int, ...], np.dtype[np.float64]]] | None:
-    """Return the kernel of all poles, and variables to call it with."""
+) -> tuple[Callable[[Floats, Floats], object], int, Floats]:
+    """Return a kernel of all poles, how many columns it has, and variables to call it with.
+
+    Where there is no batch kernel, the row kernel's terms of them, without bounds.
+    """
     made: Mechanism = tracer.mechanism
-    if len(made.inputs) > 1:
-        return None
-    try:
-        own = kernel(made, made.inputs[0].pair, engine=engine)
-    except SpherekitError:
-        return None
     motion = tracer.motion()
-    return own, motion.values[~motion.failed].T
+    values = motion.values[~motion.failed].T
+    try:
+        if len(made.inputs) > 1:
+            raise EngineError(f"{made.name} has several inputs")
+        batch = kernel(made, made.inputs[0].pair, engine=engine)
+        return batch, len(batch.columns), values
+    except EngineError:
+        every = all_poles(len(made.links))
+        requests = [
+            request(made, pair, every, every, by_rank=tracer.by_rank)
+            for pair in tracer.inputs
+        ]
+        terms = pole_kernel(tracer.sparse(REFERENCES), requests, engine)
+        assert terms is not None
+
+        def sliced(inputs: Floats, out: Floats) -> None:
+            for start in range(0, inputs.shape[1], SLICE):
+                rows = slice(start, start + SLICE)
+                out[:, rows] = terms(inputs[:, rows])
+
+        return sliced, terms.width, values

@@ -221,6 +221,10 @@ class System:
 
     def bound(self):
         """The permanent of the degrees in the half tangents, counted anew."""
+        return permanent_of(self.degrees())
+
+    def degrees(self):
+        """The degrees of each equation in the half tangents of the unknowns."""
         ways = {self.made["root"]: []}
         table = []
         for step in self.made["steps"]:
@@ -235,13 +239,7 @@ class System:
             angles = [angle for _, names in one + other for angle in names.split("|")]
             table.append([2 * angles.count(name) for name in self.unknowns])
             ways[step["link"]] = [*shared, (step["link"], "|".join(angles))]
-        total = 0
-        for order in permutations(range(len(table))):
-            term = 1
-            for row, column in enumerate(order):
-                term *= table[row][column]
-            total += term
-        return total
+        return table
 
     def values(self, unknown, driven):
         """F and F' at balls of the unknowns."""
@@ -305,6 +303,16 @@ class System:
         return Dual(of(one.value, other.value), slopes)
 
 
+def permanent_of(table):
+    total = 0
+    for order in permutations(range(len(table))):
+        term = 1
+        for row, column in enumerate(order):
+            term *= table[row][column]
+        total += term
+    return total
+
+
 def dyadic(parts):
     mantissa, exponent = parts
     return arb(fmpz(mantissa)) * arb(2) ** exponent
@@ -357,7 +365,11 @@ def check_modes(certificate):
     need(certificate["counted"] == counted, "not counted")
     left = certificate["undecided_rad"]
     need(certificate["complete"] == (counted or not left), "not complete")
-    if not counted:
+    if certificate["systems"]:
+        from proof_checker_systems import check_systems
+
+        check_systems(system, certificate, driven)
+    elif not counted:
         exclude(system, driven, [root for root in found if root["real"]], left)
 
 
@@ -706,6 +718,10 @@ def check(certificate):
         need(certificate["certificate"] == 1, "another format")
         if certificate["statement"] == "curves over a range":
             check_curves(certificate)
+        elif certificate["statement"] == "modes over boxes":
+            from proof_checker_systems import check_map
+
+            check_map(certificate)
         else:
             check_modes(certificate)
     except (KeyError, ValueError, TypeError, ZeroDivisionError, StopIteration) as fault:

@@ -486,7 +486,7 @@ def test_a_crossing_of_curves_ends_the_simulation_with_the_reason(four_bar):
     assert "cross" in found.end.message
     assert abs(found.at([found.end.t]).q[0]) < 1e-5
     assert np.all(np.diff(found.at(np.linspace(0.0, found.end.t, 20)).q) < 0.0)
-    on = simulate(flat, Start(1.0, -1.0), 2.0 * found.end.t, crossings="pass")
+    on = forward.simulate(flat, Start(1.0, -1.0), 2.0 * found.end.t, crossings="pass")
     assert on.end.kind == "time" and on.checks.energy < 1e-12
     assert [event.kind for event in on.events if event.kind == "crossing"] == ["crossing"]
     # Of arcs alike in pairs one product or ratio of half tangents stays the same.
@@ -495,9 +495,9 @@ def test_a_crossing_of_curves_ends_the_simulation_with_the_reason(four_bar):
     assert moved[0, 0] * moved[-1, 0] < 0.0
     assert min(np.ptp(crank / rocker), np.ptp(crank * rocker)) < 1e-8
     with pytest.raises(EngineError, match="only NumPy's engine passes crossings"):
-        simulate(flat, Start(1.0, -1.0), 1.0, crossings="pass", engine="compiled")
-    with pytest.raises(SolveError, match='allowed: "end" or "pass"'):
-        simulate(flat, Start(1.0, -1.0), 1.0, crossings="through")
+        forward.simulate(flat, Start(1.0, -1.0), 1.0, crossings="pass", engine="compiled")
+    with pytest.raises(SolveError, match='allowed: "end", "pass"'):
+        forward.simulate(flat, Start(1.0, -1.0), 1.0, crossings="through")
 
 
 @pytest.mark.parametrize(

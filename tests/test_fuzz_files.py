@@ -96,7 +96,7 @@ def check_expression(text):
         at = {name: 0.3 + 0.1 * k for k, name in enumerate(names)}
         array = made.evaluate(at)
         assert array.shape == () and array.dtype == np.float64
-        read = {name: lambda row, k=k: row[k] for k, name in enumerate(names)}
+        read = {name: k for k, name in enumerate(names)}
         number = made.scalar(read)([at[name] for name in names])
         assert np.isclose(number, float(array), rtol=1e-9, atol=1e-12, equal_nan=True)
 

@@ -9,12 +9,7 @@ pytest.importorskip("flint")
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.proof.balls import bits, circle
-from spherekit.proof.construction import construct
-from spherekit.proof.equations import Equations
 from spherekit.proof.input_map import CONTAINS, REGULAR, input_map
-from spherekit.proof.modes import certified_modes
-from spherekit.proof.systems import Systems
 from spherekit.proof.written import Written
 
 
@@ -79,18 +74,6 @@ def test_no_singularity_of_a_run_is_in_a_regular_box(five_bar):
     assert len(kinds) > 30 and np.all(kinds > REGULAR)
 
 
-def test_solutions_at_infinity_are_counted_and_do_not_count_as_modes():
-    # arcs of 90 degrees send 32 of the 64 complex modes to infinity
-    written = Written.of(sk.load("two_dof_spm"))
-    with bits(80):
-        equations = Equations(written, construct(written.structure))
-        systems = Systems(equations)
-        turns = circle([written.input_angle(text) for text in ("20.5", "17.3")])
-    place = np.radians([[20.5, 17.3]])
-    found = systems.counted(place, turns[None], 0.0 * place, [{}], np.ones(1, dtype=bool))
-    assert systems.bounds == [8, 8] and found.good[0] and found.modes[0] == 16
-
-
 @pytest.mark.parametrize(
     "ends",
     [
@@ -103,12 +86,6 @@ def test_inputs_of_the_two_dof_mechanism_are_free_of_type_ii(ends):
     whole = [written.input_range(item.pair) for item in written.mechanism.inputs]
     found = input_map(written, ends or whole)
     assert np.all(found.kind == REGULAR) and found.counts == {16: 1.0}
-
-
-@pytest.mark.long
-def test_modes_beside_solutions_at_infinity_are_certified_without_boxes():
-    modes = certified_modes(Written.of(sk.load("two_dof_spm")), ("20.5", "17.3"))
-    assert modes.complete and len(modes.real) == 16 and modes.left is None
 
 
 def test_the_command_proves_and_draws_a_map_of_two_inputs(tmp_path, capsys):

@@ -74,6 +74,8 @@ def test_a_torque_given_later_is_one_more_load(model):
     driven = model.with_torque({"21": "2*sin(3*t) - dtheta_21"})
     gap = driven.torque(q, dq, ddq, 0.7) - model.torque(q, dq, ddq, 0.7)
     assert gap == pytest.approx([0.4 - 2.0 * np.sin(2.1), 0.0], abs=1e-12)
+    endless = model.with_torque({"21": "exp(1000*t)"})
+    assert endless.torque(q, dq, ddq, 1.0)[0] == -np.inf
     with pytest.raises(ModelError, match='"32" is not an input'):
         model.with_torque({"32": "1"})
 

@@ -63,6 +63,32 @@ def test_contacts_of_any_profile(seed):
     assert compared(shaped_mechanism(seed), samples=5) > 0.4
 
 
+@pytest.mark.parametrize(
+    ("name", "samples"), [("five_bar", (40, 20)), ("bevel_differential", (4, 3))]
+)
+def test_input_grids(name, samples):
+    """Of several inputs, reached and not."""
+    ways = both_ways(sk.load(name), samples=samples, grid=True)
+    found = differences(ways)
+    assert found.none, found
+    assert found.share == np.mean(ways.careful.status == Status.OK)
+
+
+def test_inputs_out_of_reach_are_passed():
+    """Directions go on across samples that no configuration has, block after block."""
+    options = {"samples": 3000, "assembly_mode": 0}
+    whole = sk.run("five_bar", **options)
+    parts = sk.run("five_bar", block=400, **options)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(rows_at_once, "FEWEST", 1 << 60)
+        careful = sk.run("five_bar", **options)
+    one, two, three = (r.results["poles"].data["poles"] for r in (whole, parts, careful))
+    for axis in ("ux", "uy", "uz", "velocity_coefficient"):
+        assert np.allclose(one[axis], two[axis], rtol=0.0, atol=1e-9, equal_nan=True)
+        assert np.allclose(one[axis], three[axis], rtol=0.0, atol=1e-9, equal_nan=True)
+    assert 0.4 < np.mean(np.isnan(one["ux"])) < 0.6
+
+
 def test_special_geometry():
     """Four-bars and more that fold flat, at and beside where they do."""
     count = 0

@@ -160,6 +160,35 @@ def test_transmission_angles_are_the_same_from_variables_and_in_closed_form():
                 assert np.radians(row[f"low_{k}"]) == pytest.approx(near, abs=1e-10)
 
 
+def test_derivatives_by_profiles_of_a_cam_are_those_of_differences():
+    mechanism = sk.load("roller_cam")
+    keys = ["pairs.contact.profiles.cam.radius", "links.frame.arc"]
+    quantities = ["theta_follower_pivot", "rate_follower_pivot"]
+    sensitivity = Sensitivity(mechanism, keys, quantities)
+    motion = sk.trace(mechanism, samples=5)
+    _, gradients = sensitivity.at(samples_of(motion), motion.values)
+    _, by_arc = Sensitivity(mechanism, keys[1:], quantities).at(
+        samples_of(motion), motion.values
+    )
+    assert gradients[1] == pytest.approx(by_arc[0], rel=1e-9, abs=1e-9)
+    document, h = document_of("roller_cam"), 1e-3
+    ends = []
+    for step in (h, -h):
+        made = read(with_numbers(document, {number_path(document, keys[0]): 25.0 + step}))
+        here = sk.evaluate(made, motion.q[:5])
+        pair = "follower_pivot"
+        ends.append(np.stack([here.variable(pair), here.variable_coefficient(pair)]))
+    slope = (ends[0] - ends[1]) / (2.0 * np.radians(h))
+    assert gradients[0] == pytest.approx(slope, rel=1e-6, abs=1e-7)
+    drawn = sensitivity.scattered(
+        samples_of(motion), motion.values, np.radians([[1e-4, -1e-4], [0.0, 0.0]])
+    )
+    first_order = gradients[0] * 2.0 * np.radians(1e-4)
+    assert drawn[:, :, 0] - drawn[:, :, 1] == pytest.approx(
+        first_order, rel=1e-5, abs=1e-12
+    )
+
+
 def test_defaults_and_mistakes():
     assert sizes_of(sk.load("stephenson"))[:2] == ("links.1.arcs.14", "links.1.arcs.16")
     assert len(sizes_of(sk.load("double_butterfly"))) == 20

@@ -132,6 +132,18 @@ def test_torques_and_transmission_angles_are_those_of_the_analyses():
         assert row["grashof"] == sk_grashof(other)
 
 
+def test_the_transmission_angle_of_an_output_is_that_of_its_dyad():
+    """The plane of the fourth link of form ii gave another angle in six-bars."""
+    found = sk.sweep(
+        "stephenson", {"links.2.arc": [15.0]}, "least=min(transmission_angle_56)"
+    )
+    near = sk.run("stephenson", "singularities").frame("singularities", "relation")
+    least = np.degrees(near.groupby("assembly_mode")["transmission"].min())
+    assert sorted(found.frame()["least"]) == pytest.approx(sorted(least), abs=1e-9)
+    near = sk.run("double_butterfly", "singularities", samples=31)
+    assert near.frame("singularities", "relation")["transmission"].isna().all()
+
+
 def sk_grashof(mechanism):
     from spherekit.plugin.singularities import grashof
 

@@ -56,6 +56,31 @@ def five_bar(folder, teeth, span):
     return sk.load(path)
 
 
+def test_what_follows_wheels_is_grouped_as_ever(tmp_path):
+    """Without its mesh the five-bar has both cranks as inputs, and dyads in closed form."""
+    geared = five_bar(tmp_path, (20, 40), (0.0, 720.0))
+    tracer = Tracer(geared, samples=25)
+    kinds = [group.kind for group in tracer.solver.assembly.groups]
+    assert kinds == ["over-constrained group of 2 bodies", "dyad"]
+    motion = tracer.motion()
+    assert np.sum(motion.status == Status.OK) > 24
+    angles = geared.angles
+    cranks = [angles["left"], angles["right"]]
+    free = replace(
+        geared,
+        pairs=geared.pairs[:5],
+        inputs=tuple(Input(name, 0.0, 1.0) for name in ("left", "right")),
+    )
+    for mode in tracer.assembly_modes:
+        rows = (motion.assembly_mode == mode.number) & (motion.status == Status.OK)
+        path = motion.values[rows][:, cranks]
+        other = Tracer(free, path=path).motion()
+        modes = Tracer(free, path=path).assembly_modes
+        (alike,) = (each.number for each in modes if each.signs[0] == mode.signs[1])
+        same = other.assembly_mode == alike
+        assert np.max(np.abs(other.rotations[same] - motion.rotations[rows])) < 1e-13
+
+
 def right_crank(q, teeth):
     """Return the right crank's angle (deg) at the left one's: both read 90 unrolled.
 

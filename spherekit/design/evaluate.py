@@ -549,7 +549,9 @@ def _at_modes(
 ) -> Sampled:
     """Yield modes at samples (k, w) where they have these values (variables, k, n)."""
     n, width = prepared.shape[1], samples.shape[1]
-    together = max(1, BLOCK // max(n, 1))
+    if not n:
+        return
+    together = max(1, BLOCK // n)
     fixed = width + len(values)
     for start in range(0, len(samples), together):
         some = samples[start : start + together]

@@ -37,7 +37,7 @@ class FileNumbers:
     `with_contacts` is the mechanism with links for its contacts, if it has some; `whole`
     says that masses follow sizes, so that the whole file is read. `own` are all numbers of
     the file as it is, those of contacts first, and `differing` which of them follow the
-    variables.
+    variables, as far as these could be `varied`.
     """
 
     def __init__(
@@ -56,6 +56,7 @@ class FileNumbers:
         contacts = with_contacts.numbers if with_contacts else []
         self._contacts = len(contacts)
         self.own = [*contacts, *Actions.of(mechanism).numbers]
+        self.varied = False
         self.differing = self._differing()
 
     @property
@@ -74,6 +75,7 @@ class FileNumbers:
         for share in TRIED:
             tried = self._read(values * (1.0 + share) + share)
             if isinstance(tried, list):
+                self.varied = True
                 both = zip(tried, self.own, strict=True)
                 found |= {k for k, (new, old) in enumerate(both) if new != old}
         return tuple(sorted(found))

@@ -289,16 +289,35 @@ class _Following:
     ) -> NDArray[np.intp]:
         """Return `links` to a sample that was come to from another one.
 
-        Rows are compared with those that the rates lead to.
+        Rows that the rates at both ends lead to each other are tried first.
         """
-        there_to = np.arange(len(at.real))
-        guess = (at.values + at.along(there - before)).real
-        real = np.flatnonzero(at.real)
-        real_values = sample.values.real.reshape(len(guess), -1, self.m)
-        gaps = apart(real_values[:, real // self.m], guess[:, real, None])
-        gaps[~sample.real.reshape(-1, self.m)[real // self.m]] = np.inf
-        there_to[real] = real // self.m * self.m + np.argmin(gaps, axis=1)
-        return self.links(at, sample, before, there, there_to)
+        h = there - before
+        onto = self._nearest(at.real, at.values + at.along(h), sample)
+        back = self._nearest(sample.real, sample.values - sample.along(h), at)
+        mutual = (onto >= 0) & (back[onto] == np.arange(len(onto)))
+        likely = np.where(mutual, onto, -1)
+        known = self.lost.copy()
+        made = self.links(at, sample, before, there, likely)
+        doubtful = self.lost & ~known
+        if np.any(doubtful):
+            # What two rows led to is decided by walking all of them.
+            self.lost[doubtful] = False
+            likely[np.repeat(doubtful, self.m)] = -1
+            made = self.links(at, sample, before, there, likely)
+        return made
+
+    def _nearest(self, rows: Flags, guess: Numbers, sample: _Sample) -> NDArray[np.intp]:
+        """Return the real rows (n,) of a sample that guesses are nearest to, or -1."""
+        found = np.full(len(rows), -1)
+        chosen = np.flatnonzero(rows)
+        design = chosen // self.m
+        own = sample.values.real.reshape(len(guess), -1, self.m)
+        gaps = apart(own[:, design], guess.real[:, chosen, None])
+        real = sample.real.reshape(-1, self.m)[design]
+        gaps[~real] = np.inf
+        some = np.any(real, axis=1)
+        found[chosen[some]] = (design * self.m + np.argmin(gaps, axis=1))[some]
+        return found
 
     def links(
         self,
@@ -310,15 +329,14 @@ class _Following:
     ) -> NDArray[np.intp]:
         """Return in which row (n,) of a sample the mode of a row before goes on, or -1.
 
-        `likely` (n,) are the rows that are tried first, by default the same. Where no row
-        is left over on one side, those on the other end, or begin, between.
+        `likely` (n,) are the rows that are tried first, each once, or -1; by default the
+        same. Where no row is left over on one side, those on the other end, or begin,
+        between.
         """
         same = np.arange(len(at.real)) if likely is None else likely
-        both = np.flatnonzero(at.real & sample.real[same])
+        both = np.flatnonzero(at.real & (same >= 0) & sample.real[same])
         links = np.full(len(at.real), -1)
         sure = both[_smooth(at, sample, both, same[both], there - before)]
-        _, once = np.unique(same[sure], return_index=True)
-        sure = sure[once]
         links[sure] = same[sure]
         taken = np.zeros(len(links), dtype=bool)
         taken[same[sure]] = True

@@ -8,7 +8,8 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import nearest
+from spherekit.conventions import listing, nearest
+from spherekit.design.file_numbers import FileNumbers
 from spherekit.design.variables import (
     DesignVariable,
     check_variables,
@@ -25,6 +26,7 @@ from spherekit.engine.design_kernel import (
     row_quantities,
     sample_names,
 )
+from spherekit.engine.hinges import Hinged, hinged
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
 from spherekit.model.geometry import COLLINEAR
@@ -106,8 +108,8 @@ class Sensitivity:
     Raises
     ------
     DesignError
-        If a key is no size of an R pair, a quantity is not known, or a profile is no
-        circle.
+        If a key is no size of an R pair and no number of circles that slide, a quantity is
+        not known, or a profile is no circle.
     """
 
     def __init__(
@@ -132,12 +134,33 @@ class Sensitivity:
 
     def _variable(self, key: str) -> DesignVariable:
         variable = design_variable(self.document, key)
-        if variable.slot is None:
+        of_contact = variable.path[0] == "pairs" and self._hinged is not None
+        if variable.slot is None and not of_contact:
             raise DesignError(
                 f"{self.mechanism.name}: {key} is no size: derivatives are by arcs, "
-                "angles, zeros and axes of R pairs"
+                "angles, zeros and axes of R pairs, and by numbers of circles that slide"
             )
         return variable
+
+    @cached_property
+    def _hinged(self) -> Hinged | None:
+        return hinged(self.mechanism)
+
+    @cached_property
+    def _numbers(self) -> FileNumbers | None:
+        """The numbers of contacts that follow the sizes, where some are of contacts."""
+        if all(variable.slot is not None for variable in self.variables):
+            return None
+        made = FileNumbers(
+            self.document, self.mechanism, self.variables, self._hinged, False
+        )
+        if not made.varied:
+            raise DesignError(
+                f"{self.mechanism.name}: with other {listing(self.keys)} there is no such "
+                "mechanism: its profiles would not touch in the reference pose; vary "
+                "sizes of links"
+            )
+        return made
 
     @property
     def timed(self) -> bool:
@@ -152,6 +175,16 @@ class Sensitivity:
 
     @cached_property
     def _terms(self) -> DesignTerms:
+        if self._numbers is not None and self._hinged is not None:
+            contacts = self._hinged
+            names = {k: f"turned_{k}" for k in self._numbers.of_contacts}
+            return DesignTerms.of(
+                contacts.mechanism,
+                self.inputs,
+                tuple(names.values()),
+                lambda numbers: contacts.pairs({k: numbers[n] for k, n in names.items()}),
+                closed_form=False,
+            )
         return DesignTerms.of(
             self.mechanism,
             self.inputs,
@@ -174,7 +207,31 @@ class Sensitivity:
 
     @cached_property
     def _nominal(self) -> Floats:
+        if self._numbers is not None:
+            return np.array(self._numbers.own)[self._numbers.of_contacts][:, None]
         return np.array([[variable.value] for variable in self.variables])
+
+    def _by_sizes(self, gradients: Floats) -> Floats:
+        """Return derivatives (sizes, c, n) from those by what the kernel has as inputs."""
+        if self._numbers is None:
+            return gradients
+        values = np.array([variable.value for variable in self.variables])
+        count = len(self._numbers.of_contacts)
+        return np.tensordot(self._numbers.slopes(values)[:count].T, gradients, 1)
+
+    def _deviating(self, deviations: Floats) -> Floats:
+        """Return what the kernel has as inputs (k, draws); NaN where nothing is."""
+        if self._numbers is None:
+            return self._nominal + deviations
+        values = np.array([[variable.value] for variable in self.variables])
+        found, _ = self._numbers.at(values + deviations)
+        return found[: len(self._numbers.of_contacts)]
+
+    def _placed(self, values: Floats) -> Floats:
+        """Return the variables (n, v) that the kernel has, from those of a motion."""
+        if self._numbers is None or self._hinged is None:
+            return values
+        return self._hinged.values(values)
 
     def at(self, samples: Floats, values: Floats) -> tuple[Floats, Floats]:
         """Return quantities (c, n) and their derivatives (sizes, c, n).
@@ -193,10 +250,10 @@ class Sensitivity:
         """
         kernel = self._gradient
         prepared = kernel.prepare(np.repeat(self._nominal, len(samples), axis=1))
-        rows = np.concatenate([samples.T, values.T, prepared])
+        rows = np.concatenate([samples.T, self._placed(values).T, prepared])
         columns = kernel.evaluate(np.ascontiguousarray(rows))
-        made = columns.reshape(1 + len(self.variables), len(self.quantities), -1)
-        return made[0], made[1:]
+        made = columns.reshape(1 + len(self._nominal), len(self.quantities), -1)
+        return made[0], self._by_sizes(made[1:])
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
         """Return the quantities (c, n, draws) of deviating mechanisms.
@@ -222,9 +279,9 @@ class Sensitivity:
 
     def _drawn(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
         newton, n, draws = self._newton, len(samples), deviations.shape[1]
-        sizes = np.tile(self._nominal + deviations, n)
+        sizes = np.tile(self._deviating(deviations), n)
         prepared = newton.prepare(sizes)
-        now = np.repeat(values.T, draws, axis=1)
+        now = np.repeat(self._placed(values).T, draws, axis=1)
         closed: NDArray[np.bool_] = np.zeros(n * draws, dtype=bool)
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):

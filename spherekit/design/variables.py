@@ -6,7 +6,7 @@ from typing import Any, final
 
 from spherekit.conventions import listing
 from spherekit.engine.frames import DesignGeometry
-from spherekit.engine.turns import ROUND, TurningPairs, turning_pairs
+from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError
 from spherekit.files.change import number_at, number_path, with_numbers
 from spherekit.files.document import Document
@@ -142,7 +142,7 @@ def need_circles(mechanism: Mechanism, what: str) -> None:
     """Raise `DesignError` where a profile is no circle, which `what` are not known of."""
     for pair in mechanism.pairs:
         for link, profile in zip(pair.links, pair.profiles or (), strict=False):
-            if profile.kind not in ROUND:
+            if profile.round_axis is None:
                 raise DesignError(
                     f"{mechanism.name}: pairs.{pair.name}.profiles.{link} is of kind "
                     f'"{profile.kind}": {what} are known of mechanisms whose profiles are '

@@ -115,10 +115,6 @@ def simulate(
     """
     mechanism = mechanism_of(mechanism)
     _need_allowed(mechanism, engine, tolerance)
-    if crossings not in ("end", "pass"):
-        raise SolveError(
-            f'{mechanism.name}: crossings is "{crossings}", allowed: "end" or "pass"'
-        )
     passes = crossings == "pass"
     problem = prepare(
         mechanism, start, until, torque, input_pair, assembly_mode, switches, passes

@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from operator import itemgetter, mul
 from typing import Any, final
 
 import numpy as np
@@ -20,7 +19,7 @@ from spherekit.dynamics.model_archive import stored_loads, write_archive
 from spherekit.dynamics.model_metadata import StoredFunction, StoredLoad, magnitudes
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.dynamics import DRIVE, TorqueTable
-from spherekit.model.expression import Expression, load_names, parse
+from spherekit.model.expression import Expression, load_names, made_of, parse
 from spherekit.numeric.cells import TensorCells, TensorChebyshev
 
 Floats = NDArray[np.float64]
@@ -130,7 +129,11 @@ class GridModel:
             return np.asarray((M @ ddq[..., None])[..., 0] + pull - force)
         state = self._dynamics
         row = state.at(self._cell(q), q)
-        return state.torque(row, dq, ddq, t)
+        try:
+            return state.torque(row, dq, ddq, t)
+        except (ValueError, ArithmeticError):
+            once = [np.array([given], dtype=float) for given in (q, dq, ddq, t)]
+            return np.asarray(self.torque(*once)[0])
 
     def accelerations(
         self, q: ArrayLike, dq: ArrayLike, torques: ArrayLike, t: float = 0.0
@@ -376,17 +379,11 @@ class _State:
             places = [heading.place(part) for part in heading.by_inputs(name[1:])]
             self._rates.append(slice(len(factors), len(factors) + m))
             factors += [unit[place] for place in places]
-        read: dict[str, Callable[[Sequence[float]], float]] = {}
+        written = {"t": "t"} | {name: f"rate_{k}" for k, name in enumerate(turning)}
         for name in sorted(used - {"t", *turning}):
-            read[name] = itemgetter(len(factors))
+            written[name] = f"row[{len(factors)}]"
             factors.append(unit[heading.place(name)])
-        read["t"] = itemgetter(len(factors))
-        for k, name in enumerate(turning):
-            read[name] = itemgetter(len(factors) + 1 + k)
-        self._laws = [
-            law.scalar(read) if isinstance(law, Expression) else _table(law, read["t"])
-            for law, _ in changing
-        ]
+        self._call = self._written([law for law, _ in changing], written)
         self._at = series.mixed(np.stack(factors, axis=1))
         names = [*heading.inertia, *(x for symbol in heading.christoffel for x in symbol)]
         self._all = [heading.place(name) for name in names]
@@ -397,18 +394,38 @@ class _State:
 
     def torque(self, row: Floats, dq: Any, ddq: Any, t: Any) -> Floats:
         """Return the torques (m,) in a state."""
-        m, width = self._m, self._width
-        factors = [*ddq, *[dq[i] * dq[k] for i, k in self._products], -1.0]
-        torques: Floats = row[: m * width].reshape(m, width).dot(np.array(factors))
-        if not self._laws:
-            return torques
-        entries = row.tolist()
-        speeds = [sum(map(mul, entries[part], dq)) for part in self._rates]
-        entries.append(t)
-        entries += speeds
-        sizes = np.array([law(entries) for law in self._laws])
-        torques -= sizes.dot(row[self._works].reshape(-1, m))
-        return torques
+        found: Floats = self._call(row.tolist(), dq, ddq, t)
+        return found
+
+    def _written(
+        self, laws: Sequence[Expression | TorqueTable], names: Mapping[str, str]
+    ) -> Callable[..., Any]:
+        """Return the torques as one function of what `at` gives, dq, ddq and t."""
+        m, width, works = self._m, self._width, self._works.start
+        tables = {
+            f"table_{k}": law.one
+            for k, law in enumerate(laws)
+            if isinstance(law, TorqueTable)
+        }
+        sizes = {
+            f"size_{k}": law.code(names) if isinstance(law, Expression) else f"table_{k}(t)"
+            for k, law in enumerate(laws)
+        }
+        rates = {
+            f"rate_{k}": " + ".join(f"row[{part.start + i}]*dq[{i}]" for i in range(m))
+            for k, part in enumerate(self._rates)
+        }
+        products = {f"product_{i}_{k}": f"dq[{i}]*dq[{k}]" for i, k in self._products}
+        known = [*(f"ddq[{i}]" for i in range(m)), *products, "-1.0"]
+        torques = []
+        for i in range(m):
+            terms = [f"row[{i * width + k}]*{factor}" for k, factor in enumerate(known)]
+            terms += [f"-{size}*row[{works + k * m + i}]" for k, size in enumerate(sizes)]
+            torques.append(" + ".join(terms))
+        body = f"array([{', '.join(torques)}])"
+        for given in (sizes, rates | products):
+            body = f"(lambda {', '.join(given)}: {body})({', '.join(given.values())})"
+        return made_of(f"lambda row, dq, ddq, t: {body}", {"array": np.array, **tables})
 
     def of_rows(self, rows: Floats, dq: Floats) -> tuple[Floats, Floats]:
         """Return M (n, m, m) and C q' (n, m) of all functions in rows."""
@@ -428,9 +445,3 @@ class _State:
 def _triangle(i: int, k: int) -> int:
     i, k = max(i, k), min(i, k)
     return i * (i + 1) // 2 + k
-
-
-def _table(
-    law: TorqueTable, time: Callable[[Sequence[float]], float]
-) -> Callable[[Sequence[float]], float]:
-    return lambda row: law.one(time(row))

@@ -1,7 +1,6 @@
 """Stored functions at one place, and inertia and loads in one state: the quick way."""
 
 from collections.abc import Callable, Sequence
-from operator import itemgetter
 from typing import final
 
 import numpy as np
@@ -68,19 +67,19 @@ class ScalarEvaluation:
         used = {
             name for law in magnitudes if isinstance(law, Expression) for name in law.names
         }
-        read: dict[str, RowMagnitude] = {}
+        read: dict[str, int] = {}
         rates = []
         for name in sorted(used - {"t"}):
             function, is_rate = stands_for[name]
             if is_rate:
                 rates.append((name, column(function)))
             else:
-                read[name] = itemgetter(column(function))
+                read[name] = column(function)
         self._functions = ScalarFunctions(heading, groups, names)
         self._rates = tuple(place for _, place in rates)
         for k, (name, _) in enumerate(rates):
-            read[name] = itemgetter(len(names) + 1 + k)
-        read["t"] = itemgetter(len(names))
+            read[name] = len(names) + 1 + k
+        read["t"] = len(names)
         self._parts = tuple(
             (_of_row(law, read), place)
             for law, place in zip(magnitudes, works_on, strict=True)
@@ -101,8 +100,8 @@ class ScalarEvaluation:
         return force
 
 
-def _of_row(law: Expression | TorqueTable, read: dict[str, RowMagnitude]) -> RowMagnitude:
+def _of_row(law: Expression | TorqueTable, read: dict[str, int]) -> RowMagnitude:
     if isinstance(law, Expression):
         return law.scalar(read)
     time, one = read["t"], law.one
-    return lambda row: one(time(row))
+    return lambda row: one(row[time])

@@ -211,55 +211,125 @@ def row_kernel(
     None where the terms do not hold: without loops, where axes of pairs coincide but for
     rounding, and where links that have a pole rest.
     """
-    mechanism, tree = motion.mechanism, LoopTree.of(motion.mechanism)
+    pivots = _pivots(motion, requests)
+    if pivots is None:
+        return None
+
+    def make() -> RowKernel | None:
+        terms = _Terms.of(motion, requests, pivots)
+        if terms is None:
+            return None
+        rows, outputs = terms.rows, terms.outputs
+        residual = outputs.place(rows.residual)
+        made = [moving.placed(outputs) for moving in terms.moving]
+        kept = len(outputs.columns)
+        rates = [
+            places(outputs.place(moving.worst))
+            for places, moving in zip(made, terms.moving, strict=True)
+        ]
+        closer = rows.closer(terms.variables)
+        by = compile_function if engine == "compiled" else array_function
+        return RowKernel(
+            tuple(rates),
+            (residual, outputs.place(rows.flatness), outputs.place(rows.moved_by)),
+            tuple(outputs.place(curved) for curved in rows.curved),
+            kept,
+            len(outputs.columns),
+            motion.free,
+            rows.pairs.columns,
+            rows.open_by_rounding,
+            by(outputs.columns, terms.given),
+            by(closer, terms.given),
+        )
+
+    return COMPILED.get(motion.mechanism, _key("rows", requests, pivots, engine), make)
+
+
+@final
+@dataclass(frozen=True)
+class PoleKernel:
+    """Directions, rates and derivatives of rates of poles, of all pair variables."""
+
+    width: int
+    profiles: tuple[ProfileColumns, ...]
+    function: CompiledFunction | ArrayFunction
+
+    def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
+        """Return (5 for each pole and input, n) of variables (variables, n)."""
+        return np.asarray(self.function(with_columns(values, self.profiles), out))
+
+
+def pole_kernel(
+    motion: Motion, requests: Sequence[Request], engine: Literal["numpy", "compiled"]
+) -> PoleKernel | None:
+    """Return what is the least of `row_kernel`: poles and rates, without any bounds."""
+    pivots = _pivots(motion, requests)
+    if pivots is None:
+        return None
+
+    def make() -> PoleKernel | None:
+        terms = _Terms.of(motion, requests, pivots)
+        if terms is None:
+            return None
+        items = [item for moving in terms.moving for item in moving.poles(terms.outputs)]
+        by = compile_function if engine == "compiled" else array_function
+        return PoleKernel(len(items), terms.rows.pairs.columns, by(items, terms.given))
+
+    return COMPILED.get(motion.mechanism, _key("poles", requests, pivots, engine), make)
+
+
+def _key(
+    name: str, requests: Sequence[Request], pivots: Sequence[Pivot], engine: str
+) -> str:
+    wanted = tuple(
+        (item.plan.input, item.poles, item.derivatives, tuple(sorted(item.links)))
+        for item in requests
+    )
+    return repr((name, wanted, pivots, engine))
+
+
+def _pivots(motion: Motion, requests: Sequence[Request]) -> tuple[Pivot, ...] | None:
+    """Return the order in which variables are eliminated, None where terms do not hold."""
     free = motion.free
     good = np.flatnonzero(~motion.failed & (motion.configuration_error < 1e-6))
-    if not free or not tree.chords:
+    if not free or not motion.linearisation.tree.chords or not len(good):
         return None
-    if not len(good) or any(item.plan.rounded_axes for item in requests):
+    if any(item.plan.rounded_axes for item in requests):
         return None
     chosen = good[np.unique(np.linspace(0, len(good) - 1, REFERENCES).astype(int))]
     pivots = pivots_of(motion.free_jacobian[chosen])
     if pivots is None:
         return None
-    pivots = tuple((loop, tuple(free[k] for k in three)) for loop, three in pivots)
-    wanted = tuple(
-        (item.plan.input, item.poles, item.derivatives, tuple(sorted(item.links)))
-        for item in requests
-    )
+    return tuple((loop, tuple(free[k] for k in columns)) for loop, columns in pivots)
 
-    def make() -> RowKernel | None:
-        variables = symbols(mechanism.variable_names)
-        terms = _Rows(mechanism, variables, pivots, motion.assembly.inputs)
-        outputs = _Outputs()
-        moving = [_Moving(terms, item) for item in requests]
+
+@final
+@dataclass(frozen=True)
+class _Terms:
+    """The terms of rows, by `variables`, and by what else is `given`."""
+
+    variables: list[ExpressionNode]
+    rows: "_Rows"
+    moving: list["_Moving"]
+    outputs: _Outputs
+
+    @staticmethod
+    def of(
+        motion: Motion, requests: Sequence[Request], pivots: Sequence[Pivot]
+    ) -> "_Terms | None":
+        """Return them, None where links that have a pole rest."""
+        variables = symbols(motion.mechanism.variable_names)
+        rows = _Rows(motion.mechanism, variables, pivots, motion.assembly.inputs)
+        moving = [_Moving(rows, item) for item in requests]
         if any(item.rests for item in moving):
             return None
-        residual = outputs.place(terms.residual)
-        made = [one.placed(outputs) for one in moving]
-        kept = len(outputs.columns)
-        rates = [
-            places(outputs.place(one.worst))
-            for places, one in zip(made, moving, strict=True)
-        ]
-        closer = terms.closer(variables)
-        profiles = terms.pairs.columns
-        given = [*variables, *(term for profile in profiles for term in profile.terms)]
-        by = compile_function if engine == "compiled" else array_function
-        return RowKernel(
-            tuple(rates),
-            (residual, outputs.place(terms.flatness), outputs.place(terms.moved_by)),
-            tuple(outputs.place(term) for term in terms.curved),
-            kept,
-            len(outputs.columns),
-            free,
-            profiles,
-            terms.open_by_rounding,
-            by(outputs.columns, given),
-            by(closer, given),
-        )
+        return _Terms(variables, rows, moving, _Outputs())
 
-    return COMPILED.get(mechanism, repr(("rows", wanted, pivots, engine)), make)
+    @property
+    def given(self) -> list[ExpressionNode]:
+        """What functions of the terms are given, in this order."""
+        columns = (term for profile in self.rows.pairs.columns for term in profile.terms)
+        return [*self.variables, *columns]
 
 
 def _moves(item: Exprs) -> bool:
@@ -512,6 +582,30 @@ class _Moving:
         w = {link: outputs.place(*self._w[link]) for link in links}
         dw = {link: outputs.place(*self._dw[link]) for link in links}
         return lambda worst: _RatePlaces(tuple(signed), block, poles, w, dw, worst)
+
+    def poles(self, outputs: _Outputs) -> list[Expr]:
+        """Return the direction, the rate and its derivative of each pole that is known."""
+        plan, pairs = self._wanted.plan, axis_pairs(self._wanted.plan)
+        items: list[Expr] = []
+        for pole in self._wanted.poles:
+            body_pole = plan.pole(*pole)
+            if body_pole is None:
+                continue
+            if body_pole not in pairs:
+                columns, _, _ = self._across(*pole)
+                items += [*columns[:3], *columns[6:]]
+                continue
+            places = self._of_pair(pole, pairs[body_pole], outputs).axis
+            assert places is not None
+            items += [
+                item
+                for place in (places[0], *places[2:])
+                for item in (
+                    place.numbers
+                    or outputs.columns[place.first : place.first + place.count]
+                )
+            ]
+        return items
 
     @property
     def rests(self) -> bool:

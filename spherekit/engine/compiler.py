@@ -328,6 +328,9 @@ def compile_integrator(
         np.zeros(len(stated), dtype=number),
         tol=number(tolerance),
         compact_mode=compact,
+        # What optimises more of long code takes most of the time of compiling it and gains
+        # little; compact code is short.
+        opt_level=3 if compact else 1,
         t_events=ending,
         nt_events=passing,
         fp_type=number,

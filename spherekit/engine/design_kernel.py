@@ -25,7 +25,7 @@ from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
 from spherekit.engine.coordinate_rates import CoordinateRates
 from spherekit.engine.derivatives import derivatives
-from spherekit.engine.dyads import ClosedDyad, dyad_pairs, middle_of, place_by_inputs
+from spherekit.engine.dyads import ClosedDyad, place_by_inputs
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -461,11 +461,12 @@ class RowQuantities:
     def _transmission_angle(self, pair: str) -> Expr:
         mechanism = self.structure.mechanism
         number = mechanism.pair_number[pair]
-        groups = {middle_of(g): g for g in self.structure.assembly.groups if g.is_dyad}
+        groups = {g.middle: g for g in self.structure.assembly.groups if g.is_dyad}
         closed = {dyad.middle: dyad.transmission_angle for dyad in self.dyads}
         if number in closed:
             return closed[number]
-        near, middle, far = (self._axis(each) for each in dyad_pairs(groups[number]))
+        group = groups[number]
+        near, middle, far = (self._axis(group.pairs[k]) for k in group.dyad_places)
         one, other = cross(near, middle), cross(middle, far)
         normal, level = cross(one, other), dot(one, other)
         sine, cosine = dot(normal, normal), level * level
@@ -562,4 +563,4 @@ def arc_function(
 def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the pairs with a ``transmission_angle``: those in the middle of dyads."""
     groups = (group for group in plan_assembly(mechanism).groups if group.is_dyad)
-    return tuple(mechanism.pairs[middle_of(group)].name for group in groups)
+    return tuple(mechanism.pairs[group.middle].name for group in groups)

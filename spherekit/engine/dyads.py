@@ -87,21 +87,6 @@ def place_by_inputs(
     return ClosedPlacements(within, dyads)
 
 
-def dyad_pairs(group: Group) -> tuple[int, int, int]:
-    """Return the numbers of a dyad's pairs: one outer, the middle, the other outer."""
-    near, middle, far = (_joint(group, *ends) for ends in ((0, 1), (1, 2), (0, 2)))
-    return group.pairs[near], group.pairs[middle], group.pairs[far]
-
-
-def middle_of(group: Group) -> int:
-    """Return the number of the pair in the middle of a dyad."""
-    return dyad_pairs(group)[1]
-
-
-def _joint(group: Group, a: int, b: int) -> int:
-    return next(k for k, pair in enumerate(group.ends) if set(pair) == {a, b})
-
-
 def _turned(basis: Exprs, placed: LinkOrientation) -> LinkOrientation:
     return LinkOrientation(
         np.asarray(basis @ placed.basis), placed.within, placed.metric, placed.depth + 1
@@ -113,8 +98,7 @@ def _close(
 ) -> ClosedDyad:
     """Place the two free bodies of a dyad in the first one."""
     mechanism = structure.mechanism
-
-    near, middle, far = (_joint(group, *ends) for ends in ((0, 1), (1, 2), (0, 2)))
+    near, middle, far = group.dyad_places
 
     def held(which: int, body: int) -> tuple[int, Entries]:
         pair = group.pairs[which]
@@ -127,14 +111,12 @@ def _close(
         link, direction = held(which, body)
         return within[link].direction(direction)
 
-    order = (middle, near, far)
-    even = order in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
     first, second = axis(near, 0), axis(far, 0)
     bodies = [(near, 1), (far, 2)]
     own = [(held(outer, body), held(middle, body)) for outer, body in bodies]
     sides = [_side(within, *both) for both in own]
     reached, square, angle = _third_axis(
-        first, second, sides, sign if even else -1.0 * sign
+        first, second, sides, sign if group.dyad_parity > 0 else -1.0 * sign
     )
     depth = 1 + max(each.depth for each in within)
     for (_, body), ((one, outer), (other, mid)) in zip(bodies, own, strict=True):
@@ -150,7 +132,7 @@ def _close(
             within[link] = LinkOrientation(
                 np.asarray(onto @ old.basis), old.within, old.metric, depth
             )
-    return ClosedDyad(middle_of(group), square, angle)
+    return ClosedDyad(group.middle, square, angle)
 
 
 def _frame(a: Exprs, b: Exprs) -> Exprs:

@@ -36,8 +36,8 @@ from spherekit.engine.system import (
     stop_events,
 )
 from spherekit.engine.turns import turning_pairs
-from spherekit.errors import EngineError, ModelError
-from spherekit.model.dynamics import Stop, TorqueTable, need_no_rubbing
+from spherekit.errors import EngineError
+from spherekit.model.dynamics import Bearings, Stop, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -191,15 +191,19 @@ def compiling_time(
     if compact:
         more = 0.0 if coordinates is None else 0.5
         return more + max(0.22 * variables - 0.55, 0.3) + 0.07 * on_links + 0.02 * at_pairs
-    return 0.06 * variables**2 * (1.0 + 0.25 * on_links + 0.03 * at_pairs)
+    plain = 0.06 if coordinates is None else 0.36
+    return plain * variables**2 * (1.0 + 0.25 * on_links + 0.03 * at_pairs)
 
 
 def _need_written(mechanism: Mechanism) -> None:
     """Raise `EngineError` where a load is no expression of the state."""
-    try:
-        need_no_rubbing(mechanism, "Taylor series do not solve for")
-    except ModelError as fault:
-        raise EngineError(f"{fault}, or NumPy's engine") from None
+    for load in mechanism.loads:
+        if isinstance(load, Bearings) and load.grip > 0.0:
+            raise EngineError(
+                f"{mechanism.name}: the friction of loads.{load.name} follows from the "
+                f"reaction of pair {load.pair}, which Taylor series do not solve for; "
+                "NumPy's engine does"
+            )
 
 
 def _request(

@@ -35,18 +35,27 @@ class Hinged:
     """A mechanism whose contacts are links, and the rotations between its turns.
 
     `constants` are those of the pairs of the given mechanism (`turning_pairs`), two of an R
-    pair and three of a contact; `contacts` are the numbers of these.
+    pair and three of a contact; `contacts` are the numbers of these. `turns` say how its
+    variables follow from those of the given one.
     """
 
     mechanism: Mechanism
     contacts: tuple[int, ...]
     constants: tuple[tuple[Floats, ...], ...]
+    turns: tuple[AxisRotation, ...]
 
     @property
     def numbers(self) -> list[float]:
         """The angles of all rotations (rad), in order."""
         every = [each for own in self.constants for each in own]
         return [angle for each in every for angle in _angles(each)]
+
+    def values(self, given: Floats) -> Floats:
+        """Return its variables (n, v) from those of the given mechanism (n, w)."""
+        columns = [
+            turn.scale * given[:, turn.variable] + turn.offset for turn in self.turns
+        ]
+        return np.stack(columns, axis=1)
 
     def pairs(self, given: Mapping[int, Expr]) -> TurningPairs:
         """Return the pairs of the mechanism with terms for some of the `numbers`."""
@@ -125,7 +134,9 @@ def hinged(mechanism: Mechanism) -> Hinged | None:
         geometry=SizeGeometry(sizes),
         stops=(),
     )
-    return Hinged(made, tuple(contacts), constants)
+    turns = [turn for chain in chains for turn in chain.turns]
+    round_ones = tuple(turn for turn in turns if isinstance(turn, AxisRotation))
+    return Hinged(made, tuple(contacts), constants, round_ones)
 
 
 def _ends(pair: Pair, bar: str) -> tuple[tuple[str, tuple[str, str]], ...]:

@@ -23,8 +23,6 @@ from spherekit.motion.pairs import contact_tracks, numbered
 from spherekit.sphere.profile import Curve
 from spherekit.sphere.rotation import Floats, frame_from, transpose
 
-ROUND = ("circle", "great_circle")
-
 Entries = Floats | Exprs
 """Numbers, or terms of the sizes of a design."""
 
@@ -200,13 +198,13 @@ def _side(mechanism: Mechanism, number: int, link: int, track: Track) -> Profile
 
 def _is_round(mechanism: Mechanism, number: int, link: int) -> bool:
     profiles = mechanism.pairs[number].profiles or ()
-    return not profiles or profiles[link].kind in ROUND
+    return not profiles or profiles[link].round_axis is not None
 
 
 def _need_circles(mechanism: Mechanism, number: int) -> None:
     pair = mechanism.pairs[number]
     for link, profile in zip(pair.links, pair.profiles or (), strict=False):
-        if profile.kind not in ROUND:
+        if profile.round_axis is None:
             raise EngineError(
                 f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: expressions are "
                 f'written for circles and great circles, not "{profile.kind}"; use '

@@ -78,10 +78,10 @@ def _centres(mechanism: Mechanism, at: Linearisation, pair: Pair) -> list[Floats
         raise _no_ratio(mechanism, pair, f"a {pair.kind.words} has none")
     centres = []
     for link, profile in zip(pair.links, pair.profiles, strict=True):
-        if profile.kind not in ("circle", "great_circle") or profile.centre is None:
+        if profile.round_axis is None:
             raise _no_ratio(mechanism, pair, f"the profile of link {link} is no circle")
         turn = at.placed[0, mechanism.link_number[link]]
-        centres.append(turn @ np.array(profile.centre))
+        centres.append(turn @ np.array(profile.round_axis))
     return centres
 
 

@@ -201,9 +201,7 @@ class Expression:
             )
             return np.array(np.broadcast_to(value, shape), dtype=np.float64)
 
-    def scalar(
-        self, read: Mapping[str, Callable[[Sequence[float]], float]]
-    ) -> Callable[[Sequence[float]], float]:
+    def scalar(self, places: Mapping[str, int]) -> Callable[[Sequence[float]], float]:
         """Return a function of a row of floats, for loops that evaluate single samples.
 
         The same values as `evaluate` to rounding, NaN and infinity included, in a
@@ -211,18 +209,29 @@ class Expression:
 
         Parameters
         ----------
-        read
-            How to read each name used from a row.
+        places
+            Where in a row each name used stands.
         """
-        call = _reader(fold(self.root, float, read.__getitem__, _of_row))
+        code = self.code({name: f"row[{place}]" for name, place in places.items()})
+        call = made_of(f"lambda row: {code}")
 
         def value(row: Sequence[float]) -> float:
             try:
-                return call(row)
+                return float(call(row))
             except (ValueError, ArithmeticError):
-                return float(self.evaluate({name: read[name](row) for name in self.names}))
+                return float(
+                    self.evaluate({name: row[places[name]] for name in self.names})
+                )
 
         return value
+
+    def code(self, names: Mapping[str, str]) -> str:
+        """Return it as Python for `made_of`, of floats for which its names are written so.
+
+        Where `evaluate` gives NaN or infinity it may raise ValueError or ArithmeticError.
+        """
+        found = fold(self.root, float, names.__getitem__, _written)
+        return found if isinstance(found, str) else _literal(found)
 
     def _arrays(
         self, values: Mapping[str, ArrayLike]
@@ -370,38 +379,47 @@ _SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
 """Functions of floats; those that are not here are those of `math`."""
 
 
-_Reader = Callable[[Sequence[float]], float]
+def made_of(code: str, more: Mapping[str, Any] | None = None) -> Callable[..., Any]:
+    """Return the function that a lambda of `Expression.code` is, which may call more."""
+    named = {"__builtins__": {}, **_NAMED, **(more or {})}
+    made: Callable[..., Any] = eval(code, named)
+    return made
 
 
-def _of_row(function: str, parts: list[_Reader | float]) -> _Reader | float:
-    """Return a call as a quick function of a row, or as the number that it always is."""
-    numbers = [np.float64(part) for part in parts if not callable(part)]
+_INFIX = ("+", "-", "*", "/")
+
+_NAMED: Mapping[str, Any] = MappingProxyType(
+    {
+        "inf": math.inf,
+        "nan": math.nan,
+        "power": _SCALAR["**"],
+        **{
+            name: _SCALAR.get(name) or getattr(math, name)
+            for name in ON_ARRAYS
+            if name.isalnum() and name != "negative"
+        },
+    }
+)
+"""What code of expressions calls."""
+
+
+def _written(function: str, parts: list[str | float]) -> str | float:
+    """Return a call as code, or as the number that it always is."""
+    numbers = [np.float64(part) for part in parts if not isinstance(part, str)]
     if len(numbers) == len(parts):
         with np.errstate(all="ignore"):
             return float(ON_ARRAYS[function](*numbers))
-    if function == "*" and not callable(parts[0]):
-        factor, of_row = parts[0], _reader(parts[1])
-        return lambda row: factor * of_row(row)
-    if len(parts) == 1:
-        (one,) = map(_reader, parts)
-        call = _SCALAR.get(function) or getattr(math, function)
-        return lambda row: call(one(row))
-    readers = [_reader(part) for part in parts]
-    first, second = readers[:2]
-    if function == "+":
-        return lambda row: first(row) + second(row)
-    if function == "-":
-        return lambda row: first(row) - second(row)
-    if function == "*":
-        return lambda row: first(row) * second(row)
-    if function == "/":
-        return lambda row: first(row) / second(row)
-    call = _SCALAR.get(function) or getattr(math, function)
-    return lambda row: call(*(reader(row) for reader in readers))
+    items = [part if isinstance(part, str) else _literal(part) for part in parts]
+    if function in _INFIX:
+        return f"({f' {function} '.join(items)})"
+    if function == "negative":
+        return f"(-{items[0]})"
+    name = "power" if function == "**" else function
+    return f"{name}({', '.join(items)})"
 
 
-def _reader(part: _Reader | float) -> _Reader:
-    return part if callable(part) else lambda row: part
+def _literal(number: float) -> str:
+    return repr(number) if number >= 0.0 else f"({number!r})"
 
 
 def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:

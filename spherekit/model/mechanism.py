@@ -49,6 +49,11 @@ class Profile:
     cosines: tuple[float, ...] = ()
     sines: tuple[float, ...] = ()
 
+    @property
+    def round_axis(self) -> tuple[float, float, float] | None:
+        """What a circle, a great circle too, is round about; None for other curves."""
+        return self.centre if self.kind in ("circle", "great_circle") else None
+
 
 @final
 @dataclass(frozen=True)

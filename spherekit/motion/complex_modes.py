@@ -231,14 +231,9 @@ _Axes = dict[tuple[int, int], Complexes]
 """Axes (n, modes, 3) of pairs in bodies, by the places of both in the group."""
 
 
-def _joining(group: Group, one: int, other: int) -> int:
-    """Return the place of the pair between two bodies of a group."""
-    return next(k for k, pair in enumerate(group.ends) if set(pair) == {one, other})
-
-
 def _dyad(group: Group, axes: _Axes) -> tuple[dict[int, Complexes], Complexes]:
     """Return rotations (n, 2 modes, 3, 3) of the bodies of a dyad, and determinants."""
-    near, middle, far = (_joining(group, *two) for two in ((0, 1), (1, 2), (0, 2)))
+    near, middle, far = group.dyad_places
     first, second = axes[near, 0], axes[far, 0]
     at = at_arcs(
         first,

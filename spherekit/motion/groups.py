@@ -100,25 +100,19 @@ def place_dyad(
     The mode's `sign` is that of u_1 . (u_2 x u_3), the axes of the group's pairs in
     file order. Samples whose arcs cannot close are marked in `state.lost`.
     """
-
-    def joint(a: int, b: int) -> int:
-        return next(k for k, pair in enumerate(group.ends) if set(pair) == {a, b})
-
-    near, middle, far = joint(0, 1), joint(1, 2), joint(0, 2)
+    near, middle, far = group.dyad_places
 
     def axis(which: int, body: int) -> Floats:
         pair = group.pairs[which]
         is_first = group.ends[which][0] == body
         return state.axis(pair, ends[pair][0 if is_first else 1], is_first)
 
-    order = (middle, near, far)
-    even = order in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
     near_turn, far_turn, sine, closes = close_dyad(
         axis(near, 0),
         axis(far, 0),
         (axis(near, 1), axis(middle, 1)),
         (axis(far, 2), axis(middle, 2)),
-        sign if even else -sign,
+        group.dyad_parity * sign,
         state.slack,
     )
     grown = state.slack / np.maximum(sine, np.sqrt(REACH_SLACK))

@@ -162,13 +162,8 @@ class Dyads:
         )
 
     def _stand(self, group: Group) -> DyadPlacement:
-        def joint(a: int, b: int) -> int:
-            return next(k for k, pair in enumerate(group.ends) if set(pair) == {a, b})
-
-        places = joint(0, 1), joint(1, 2), joint(0, 2)
-        near, middle, far = (group.pairs[place] for place in places)
+        near, middle, far = (group.pairs[place] for place in group.dyad_places)
         first, second = group.bodies[1][0], group.bodies[2][0]
-        even = (places[1], places[0], places[2]) in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
         return DyadPlacement(
             near,
             middle,
@@ -177,7 +172,7 @@ class Dyads:
             first,
             second,
             sum(self.ends[far]) - second,
-            1 if even else -1,
+            group.dyad_parity,
             DyadArcs(self._arc(first, near, middle), self._arc(second, far, middle)),
         )
 

@@ -6,12 +6,13 @@ so on until one body is left. No frame is singled out (theory of Assur groups), 
 input between two floating links needs no special treatment.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import final
 
 from spherekit.errors import CountError, PlanError
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.held_meshes import held_meshes
 from spherekit.planning.inputs import driven_pairs, merged
 from spherekit.planning.rigidity import FREEDOMS, Pebbles, counted_freedom
 
@@ -37,6 +38,30 @@ class Group:
     def is_dyad(self) -> bool:
         """Whether the group has the closed form of a spherical triangle."""
         return self.revolute and len(self.bodies) == 3
+
+    @property
+    def dyad_places(self) -> tuple[int, int, int]:
+        """Positions in `pairs` of a dyad's: one outer, the middle, the other outer."""
+        near, middle, far = (
+            next(k for k, pair in enumerate(self.ends) if set(pair) == joined)
+            for joined in ({0, 1}, {1, 2}, {0, 2})
+        )
+        return near, middle, far
+
+    @property
+    def dyad_parity(self) -> int:
+        """1 if the middle, one and the other outer pair are in the order of `pairs`, or -1.
+
+        A dyad's sign, that of u_1 . (u_2 x u_3) of its axes in the order of `pairs`, is
+        this times that of the axes in the order named.
+        """
+        near, middle, far = self.dyad_places
+        return 1 if (middle, near, far) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
+
+    @property
+    def middle(self) -> int:
+        """The number of the pair in the middle of a dyad."""
+        return self.pairs[self.dyad_places[1]]
 
     @property
     def loops(self) -> int:
@@ -100,19 +125,27 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     counted = counted_freedom(mechanism, inputs, inputs[1:], by_rank)
     merged_links = merged(mechanism, inputs)
     open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
-    if counted.game is None:
-        whole = _whole(mechanism, list(merged_links), open_pairs)
-        return Assembly(inputs, merged_links, (whole,))
-    return Assembly(inputs, merged_links, split(mechanism, merged_links, open_pairs))
+    if counted.game is not None:
+        return Assembly(inputs, merged_links, split(mechanism, merged_links, open_pairs))
+    meshes = held_meshes(mechanism)
+    try:
+        groups = split(mechanism, merged_links, open_pairs, meshes)
+    except CountError:
+        groups = (_whole(mechanism, list(merged_links), open_pairs),)
+    return Assembly(inputs, merged_links, groups)
 
 
 def split(
-    mechanism: Mechanism, bodies: tuple[int, ...], pairs: Iterable[int]
+    mechanism: Mechanism,
+    bodies: tuple[int, ...],
+    pairs: Iterable[int],
+    meshes: Collection[int] = (),
 ) -> tuple[Group, ...]:
     """Return the groups of a structure without freedom, in solving order.
 
     `bodies[link]` is the smallest link of its body, `pairs` are the numbers of the pairs
-    that join bodies; links that none of them reaches are left out.
+    that join bodies; links that none of them reaches are left out. Of `meshes` one
+    constraint counts, the other repeats what else holds their wheels.
 
     Raises
     ------
@@ -121,7 +154,9 @@ def split(
     """
     body_of = list(bodies)
     open_pairs = {n: mechanism.ends[n] for n in pairs}
-    taken = [pair.constraints for pair in mechanism.pairs]
+    taken = [
+        1 if n in meshes else pair.constraints for n, pair in enumerate(mechanism.pairs)
+    ]
     game = Pebbles(len(mechanism.links))
     covered = True
     for n, ends in open_pairs.items():
@@ -159,6 +194,7 @@ def split(
                     for n in inside
                 ),
                 revolute=all(mechanism.pairs[n].kind.has_axis for n in inside),
+                redundant=any(n in meshes for n in inside),
             )
         )
         game.gather(base, 3)

@@ -12,6 +12,7 @@ from spherekit.proof.modes import CertifiedModes
 from spherekit.proof.poles import CertifiedPole
 from spherekit.proof.roots import Root
 from spherekit.proof.singular import CertifiedSingularities
+from spherekit.proof.systems import SolvedSystem
 from spherekit.proof.written import Written
 from spherekit.version import __version__
 
@@ -49,6 +50,7 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
         ],
         "modes": len(modes.real),
         "precision_bits": modes.precision,
+        "systems": _systems(written, modes.construction, modes.systems),
         "roots": [_root(root) for root in modes.roots],
     }
 
@@ -128,6 +130,7 @@ def map_certificate(boxes: InputMap) -> dict[str, Any]:
         **heading("modes over boxes", written.document.text or "", written.tolerance),
         "inputs": dict(zip(driven, map(list, boxes.range_texts), strict=True)),
         "construction": construction_table(written, made),
+        "systems": _systems(written, made, boxes.systems),
         "shares": {words: boxes.share(kind) for kind, words in kinds.items()},
         "boxes": [
             {
@@ -205,6 +208,41 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
             for point in located.found
         ],
     }
+
+
+def _systems(
+    written: Written, made: Construction, systems: Sequence[SolvedSystem]
+) -> list[dict[str, Any]]:
+    """Return systems with the approximations of all their solutions for each mode.
+
+    A solution has e^(i angle) of each unknown, or its inverse where that says so.
+    """
+    structure = written.structure
+    names = [structure.pairs[pair] for pair in made.pairs]
+    return [
+        {
+            "equations": [structure.links[made.equations[k].link] for k in each.equations],
+            "unknowns": [names[k] for k in each.unknowns],
+            "solved": [
+                {
+                    "given": dict(
+                        zip((names[k] for k in each.given), known.at.tolist(), strict=True)
+                    ),
+                    "solutions": [
+                        {
+                            "inverse": inverse.tolist(),
+                            "z": [[float(e.real), float(e.imag)] for e in z],
+                        }
+                        for inverse, z in zip(
+                            known.points.inverse, known.points.z, strict=True
+                        )
+                    ],
+                }
+                for known in each.solved
+            ],
+        }
+        for each in systems
+    ]
 
 
 def _root(root: Root) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from spherekit.proof.balls import bits
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.paving import Axis, Boxes
-from spherekit.proof.systems import Guide, Systems
+from spherekit.proof.systems import Guide, SolvedSystem, Systems
 from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
@@ -43,6 +43,7 @@ class InputMap:
 
     `kind` (n,) is `REGULAR`, `CONTAINS` for boxes with a configuration of type II in them,
     or `UNDECIDED`; `modes` (n,) are the numbers of modes of regular ones, else -1.
+    `systems` are those by which they were counted.
     """
 
     written: Written
@@ -52,6 +53,7 @@ class InputMap:
     radii: Floats
     kind: NDArray[np.intp]
     modes: NDArray[np.intp]
+    systems: tuple[SolvedSystem, ...]
 
     def share(self, kind: int) -> float:
         """Return the share of the whole area that boxes of a kind have."""
@@ -143,8 +145,10 @@ def input_map(
         for low, high in range_texts:
             start = written.input_angle(low)
             axes.append(Axis(start, written.input_angle(high) - start))
-        boxes = _Map(equations, axes, cell, finer).judged()
-    return InputMap(written, made, tuple(range_texts), *boxes)
+        search = _Map(equations, axes, cell, finer)
+        boxes = search.judged()
+    systems = search.systems.solved({})
+    return InputMap(written, made, tuple(range_texts), *boxes, systems)
 
 
 @final

@@ -30,7 +30,7 @@ from spherekit.proof.homotopy import SEEDS, Complexes, modes_near
 from spherekit.proof.jets import Jet
 from spherekit.proof.paving import Paved
 from spherekit.proof.roots import Root, root_near
-from spherekit.proof.systems import Systems
+from spherekit.proof.systems import SolvedSystem, Systems
 from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
@@ -42,6 +42,8 @@ CLOSE = 1e-7
 """Roots that are alone in a smaller ball (rad) only have neighbours that may be lost."""
 FAR = 12.0
 """Imaginary part (rad) beyond which an approximation is taken for a root at infinity."""
+CENTRAL = 6.0
+"""Imaginary part (rad) below which an approximation surely is of no root at infinity."""
 MOST_APART = 3000
 """Boxes left over, beyond which they are one cluster."""
 NUDGES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-11, 1e-14)
@@ -56,8 +58,9 @@ class CertifiedModes:
     `inputs` are the texts of the inputs in the unit of the file. `roots` are proven
     different from each other. They are all complex modes if there are `bound` of them.
     Else `left` has the boxes of all variables in which real modes may be that are not
-    among them, or `by_systems` says that the real ones were counted system by system,
-    those at infinity included. `precision` is the number of bits that they were proven in.
+    among them, or `systems` has all solutions of the systems by which the real ones were
+    counted, those at infinity included. `precision` is the number of bits that they were
+    proven in.
     """
 
     written: Written
@@ -66,7 +69,7 @@ class CertifiedModes:
     roots: tuple[Root, ...]
     precision: int
     left: Paved | None = None
-    by_systems: bool = False
+    systems: tuple[SolvedSystem, ...] = ()
 
     @property
     def counted(self) -> bool:
@@ -87,7 +90,7 @@ class CertifiedModes:
     def complete(self) -> bool:
         """Whether it is proven that no real mode is missing."""
         excluded = self.left is not None and not len(self.left.centres)
-        return self.counted or self.by_systems or excluded
+        return self.counted or bool(self.systems) or excluded
 
     @property
     def boxes(self) -> int:
@@ -115,7 +118,7 @@ class CertifiedModes:
                 f"bound, each alone in its ball; {rests}",
             )
         found = f"{len(self.real)} real modes, each alone in its ball"
-        if self.by_systems:
+        if self.systems:
             return Claim(
                 Guarantee.CERTIFIED,
                 f"{found}; all solutions of each system of equations proven, "
@@ -188,9 +191,9 @@ def certified_modes(
     while True:
         with bits(PRECISIONS[0]):
             search = _Search(written, made, inputs)
-            found, by_systems = search.in_floats(near, seeds)
+            found, systems = search.in_floats(near, seeds)
         precision = FLOAT
-        for further in PRECISIONS if len(found) < made.bound and not by_systems else ():
+        for further in PRECISIONS if len(found) < made.bound and not systems else ():
             precision = further
             with bits(precision):
                 search = _Search(written, made, inputs)
@@ -202,12 +205,12 @@ def certified_modes(
                 found = search.found
             if len(found) >= made.bound or not search.doubtful:
                 break
-        proven = len(found) >= made.bound or by_systems
+        proven = len(found) >= made.bound or bool(systems)
         if proven or search.doubtful or operator.length_hint(seeds) == 0:
             break
     assert len(found) <= made.bound, "more roots were proven than there can be"
     left = None
-    if len(found) < made.bound and not by_systems:
+    if len(found) < made.bound and not systems:
         with bits(precision):
             equations = Equations(written, made)
             driven = given_at(written, inputs)
@@ -216,7 +219,7 @@ def certified_modes(
             found = [*(root for root in found if not root.real), *real.roots]
     order = sorted(found, key=_place)
     return CertifiedModes(
-        written, made, tuple(inputs), tuple(order), precision, left, by_systems
+        written, made, tuple(inputs), tuple(order), precision, left, systems
     )
 
 
@@ -266,11 +269,11 @@ class _Search:
 
     def in_floats(
         self, near: list[Complexes], seeds: Iterator[int]
-    ) -> tuple[list[Root], bool]:
-        """Return roots proven in float64, and whether the real ones are all by systems.
+    ) -> tuple[list[Root], tuple[SolvedSystem, ...]]:
+        """Return roots proven in float64, and the systems if these show all real ones.
 
         All approximations tried are put in `near`. It ends when they are as many as roots
-        can be: if some are not proven, they are too near each other for float64.
+        can be, none near infinity: if some are not proven, they are too near each other.
         """
         floats, bound = self.equations.floats, self.equations.construction.bound
         found: list[Root] = []
@@ -284,20 +287,23 @@ class _Search:
                 continue
             near.append(made)
             found = float_roots(self.equations, self.driven, np.concatenate(near))
-            if max(len(found), len(made)) >= bound:
-                return found, False
-            if self.real_by_systems == sum(root.real for root in found):
-                return found, True
-        return found, False
+            finite = np.sum(np.all(np.abs(made.imag) < CENTRAL, axis=1))
+            if max(len(found), finite) >= bound:
+                return found, ()
+            if self.real_by_systems[0] == sum(root.real for root in found):
+                return found, self.real_by_systems[1]
+        return found, ()
 
     @cached_property
-    def real_by_systems(self) -> int:
-        """The number of real roots, counted with those at infinity; -1 if not proven."""
+    def real_by_systems(self) -> tuple[int, tuple[SolvedSystem, ...]]:
+        """The number of real roots, -1 if not proven, and the systems that show it."""
         place = np.array([[middle(each) for each in self.driven]])
         none = np.zeros_like(place)
         hard = np.zeros(1, dtype=bool)
-        counted = Systems(self.equations).counted(place, self.turns[None], none, [{}], hard)
-        return int(counted.modes[0]) if counted.good[0] else -1
+        systems = Systems(self.equations)
+        counted = systems.counted(place, self.turns[None], none, [{}], hard)
+        solved = systems.solved(counted.guides[0])
+        return int(counted.modes[0]) if counted.good[0] else -1, solved
 
     def prove_again(self, roots: Sequence[Root]) -> None:
         """Prove roots once more, so that all are of this precision."""

@@ -104,6 +104,20 @@ class _Mode:
 
 
 @final
+@dataclass(frozen=True)
+class SolvedSystem:
+    """One system: its equations and unknowns by number, and all its solutions for modes.
+
+    `given` are the variables that are angles of each of `solved`.
+    """
+
+    equations: tuple[int, ...]
+    unknowns: tuple[int, ...]
+    given: tuple[int, ...]
+    solved: tuple[Known, ...] = ()
+
+
+@final
 class Systems:
     """The systems of a mechanism's equations, and how many roots each can have."""
 
@@ -115,6 +129,18 @@ class Systems:
         self.parts = parts if parts is not None else [(every, every)]
         self.known: list[list[Known]] = [[] for _ in self.parts]
         self.bounds = [permanent(2 * made.degrees[np.ix_(*part)]) for part in self.parts]
+
+    def solved(self, guide: Guide) -> tuple[SolvedSystem, ...]:
+        """Return the systems with the solutions that a guide has of each."""
+        return tuple(
+            SolvedSystem(
+                tuple(rows),
+                tuple(unknowns),
+                tuple(self.given_to(number)),
+                tuple(known for path, known in guide.items() if len(path) == number),
+            )
+            for number, (rows, unknowns) in enumerate(self.parts)
+        )
 
     def given_to(self, number: int) -> list[int]:
         """Return the variables that are given to a system: all but its unknowns."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.planning.poles import Pole
 from spherekit.sphere.rotation import Floats
@@ -42,6 +43,20 @@ class PoleColumns:
         unit, rate = self.direction[:, rows], self.rate[rows]
         return rate * unit, self.change[rows] * unit + rate * self.turn[:, rows]
 
+    def without(self, gaps: "_Gaps") -> "PoleColumns":
+        """Return columns where those that are numbers throughout have gaps."""
+        return PoleColumns(
+            gaps.of(self.direction),
+            gaps.of(self.turn),
+            gaps.of(self.rate),
+            gaps.of(self.change),
+            gaps.of(self.angle),
+            gaps.of(self.direction_error),
+            gaps.of(self.rate_error),
+            gaps.of(self.change_error),
+            self.is_signed,
+        )
+
     def parted(self) -> "PoleColumns":
         """Return a copy all of whose rows can be written to."""
         return PoleColumns(
@@ -70,6 +85,15 @@ class RateColumns:
     w: Mapping[int, Floats]
     dw: Mapping[int, Floats]
 
+    def without(self, rows: NDArray[np.intp]) -> "RateColumns":
+        """Return columns where those that are numbers throughout are NaN at some rows."""
+        gaps = _Gaps(rows)
+        return RateColumns(
+            {pole: columns.without(gaps) for pole, columns in self.poles.items()},
+            {link: gaps.of(vectors) for link, vectors in self.w.items()},
+            {link: gaps.of(vectors) for link, vectors in self.dw.items()},
+        )
+
     def parted(self) -> "RateColumns":
         """Return a copy all of whose rows can be written to."""
         return RateColumns(
@@ -77,3 +101,22 @@ class RateColumns:
             {link: np.array(vectors) for link, vectors in self.w.items()},
             {link: np.array(vectors) for link, vectors in self.dw.items()},
         )
+
+
+@final
+class _Gaps:
+    """Columns that are numbers throughout, NaN at some rows; the same ones made once."""
+
+    def __init__(self, rows: NDArray[np.intp]) -> None:
+        self._rows = rows
+        self._made: dict[bytes, Floats] = {}
+
+    def of(self, column: Floats) -> Floats:
+        """Return a column of any kind (..., n)."""
+        if column.strides[-1]:
+            return column
+        key = column[..., 0].tobytes()
+        if key not in self._made:
+            self._made[key] = np.array(column)
+            self._made[key][..., self._rows] = np.nan
+        return self._made[key]

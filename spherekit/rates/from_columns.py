@@ -13,7 +13,14 @@ from spherekit.rates.field import add_locked, by_lines
 from spherekit.rates.lines import evaluate_lines
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
-from spherekit.rates.signs import SignMemory, continuous_signs, steady_signs, turn_round
+from spherekit.rates.signs import (
+    SignMemory,
+    continuous_signs,
+    sided_signs,
+    steady_signs,
+    turn_each,
+    turn_round,
+)
 from spherekit.sphere.rotation import Floats
 
 
@@ -29,19 +36,25 @@ def field_of_columns(
     """Return the requested poles of a motion from what a kernel found of its rows.
 
     Rows that it does not vouch for (n,) are found by `evaluate`'s ``best``, and put in
-    their place; `columns` are written to. Great circles are drawn when they are read, or at
-    once, `with_planes`. `steady` says that all rows are vouched for, and no direction
-    reverses within an assembly mode.
+    their place; `columns` are written to, and hold nothing where the motion has nothing.
+    Great circles are drawn when they are read, or at once, `with_planes`. `steady` says
+    that all other rows are vouched for, and no direction reverses within an assembly mode.
     """
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        if not np.all(vouched):
+        nothing = np.flatnonzero(motion.failed)
+        rest = np.flatnonzero(~vouched & ~motion.failed)
+        if len(nothing):
+            columns = columns.without(nothing)
+        if len(rest):
             columns = columns.parted()
-        field = _field(motion, wanted, columns, vouched)
-        careful = None if np.all(vouched) else _with_care(field, motion, wanted, vouched)
+        field = _field(motion, wanted, columns, vouched, nothing)
+        careful = _with_care(field, motion, wanted, rest) if len(rest) else None
         for pole, pole_columns in columns.poles.items():
             if not pole_columns.is_signed:
                 continue
-            if steady:
+            if not motion.is_path:
+                turn_each(pole_columns, sided_signs(motion, pole_columns.direction, memory))
+            elif steady:
                 turn_round(pole_columns, steady_signs(motion, pole, pole_columns, memory))
             else:
                 _go_on(motion, pole, pole_columns, careful, memory)
@@ -51,10 +64,18 @@ def field_of_columns(
 
 
 def _field(
-    motion: Motion, wanted: Request, columns: RateColumns, vouched: NDArray[np.bool_]
+    motion: Motion,
+    wanted: Request,
+    columns: RateColumns,
+    vouched: NDArray[np.bool_],
+    nothing: NDArray[np.intp],
 ) -> PoleField:
-    """Return what columns say, with their signs, as views."""
+    """Return what columns say, with their signs, as views; `nothing` is known of some."""
     n, items = len(motion), columns.poles.items()
+    loss = np.broadcast_to(0.0, n)
+    if len(nothing):
+        loss = np.zeros(n)
+        loss[nothing] = np.nan
     field = PoleField(
         direction={pole: part.direction.T for pole, part in items},
         velocity_coefficient={pole: part.rate for pole, part in items},
@@ -70,7 +91,7 @@ def _field(
         pole_status=dict.fromkeys(columns.poles, motion.status),
         by_equations=np.broadcast_to(False, n),
         by_kernel=vouched,
-        loss=np.broadcast_to(0.0, n),
+        loss=loss,
         direction_dq={pole: part.turn.T for pole, part in items},
     )
     for pole in wanted.poles:
@@ -81,22 +102,15 @@ def _field(
 
 
 def _with_care(
-    field: PoleField, motion: Motion, wanted: Request, vouched: NDArray[np.bool_]
+    field: PoleField, motion: Motion, wanted: Request, rest: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], PoleField]:
-    """Put rows in that are not vouched for, found with care; return them, and which.
-
-    Rows of which nothing is known become NaN.
-    """
-    nothing = np.flatnonzero(motion.failed)
-    rest = np.flatnonzero(~vouched & ~motion.failed)
+    """Put rows in by their numbers, found with care; return them, and which."""
     careful = by_lines(motion.rows(rest), replace(wanted, planes=frozenset()), "best")
     turned = {pole: careful.turned(wanted.plan, pole) for pole in field.direction_dq}
     given = replace(careful, direction_dq=turned)
     for name in ("status", "by_equations", "loss"):
         column = getattr(field, name).copy()
         column[rest] = getattr(given, name)
-        if name == "loss":
-            column[nothing] = np.nan
         object.__setattr__(field, name, column)
     for pole, status in field.pole_status.items():
         field.pole_status[pole] = status.copy()
@@ -104,8 +118,6 @@ def _with_care(
         new = getattr(given, name)
         for key, values in getattr(field, name).items():
             values[rest] = new[key]
-            if name != "pole_status":
-                values[nothing] = np.nan
     return rest, careful
 
 

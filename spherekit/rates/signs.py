@@ -93,17 +93,22 @@ def signed(
 def steady_signs(
     motion: Motion, pole: Pole, columns: PoleColumns, memory: SignMemory
 ) -> list[float]:
-    """Return one sign for each assembly mode of whole ones in which none changes.
+    """Return one sign for each assembly mode in which a direction does not reverse.
 
-    A direction is turned by that to go on from the block before.
+    It is turned by that to go on from the block before. Rows that hold nothing do not
+    count.
     """
     signs = []
-    samples = motion.samples
+    samples, good = motion.samples, ~motion.failed
     for number, mode in enumerate(motion.assembly_modes):
-        first, last = number * samples, (number + 1) * samples - 1
-        v, dv = columns.relative(slice(first, first + 1))
+        held = np.flatnonzero(good[number * samples : (number + 1) * samples])
+        if not len(held):
+            signs.append(1.0)
+            continue
+        first, last = (int(row) + number * samples for row in (held[0], held[-1]))
+        v, dv = _relative(motion, columns, first)
         key = mode.number, pole
-        way, sense = motion.q[[first]], np.ones(1)
+        way, sense = _way(motion, first), np.ones(1)
         if key in memory.last:
             before = memory.last[key]
             flip = _flips(
@@ -117,9 +122,21 @@ def steady_signs(
             home = _home(motion, mode.number, first, memory)
             going = -1.0 if v[:, 0] @ home < 0.0 else 1.0
         signs.append(-going if columns.rate[first] < 0.0 else going)
-        v, dv = columns.relative(slice(last, last + 1))
-        memory.last[key] = _Last(motion.q[[last]], sense, v, dv, going)
+        v, dv = _relative(motion, columns, last)
+        memory.last[key] = _Last(_way(motion, last), sense, v, dv, going)
     return signs
+
+
+def _way(motion: Motion, row: int) -> Floats:
+    """Return (1,) how far a row is: its input, or of several the number of its sample."""
+    single = motion.inputs.shape[1] == 1
+    return motion.q[[row]] if single else motion.sample[[row]].astype(float)
+
+
+def _relative(motion: Motion, columns: PoleColumns, row: int) -> tuple[Floats, Floats]:
+    """Return (3, 1) the relative angular velocity, and its derivative by the way."""
+    v, dv = columns.relative(slice(row, row + 1))
+    return v, dv if motion.inputs.shape[1] == 1 else np.zeros_like(v)
 
 
 def turn_round(columns: PoleColumns, signs: Sequence[float]) -> None:
@@ -130,6 +147,24 @@ def turn_round(columns: PoleColumns, signs: Sequence[float]) -> None:
             rows = slice(number * samples, (number + 1) * samples)
             for values in columns.with_sign:
                 np.negative(values[..., rows], out=values[..., rows])
+
+
+def turn_each(columns: PoleColumns, signs: Floats) -> None:
+    """Give a pole's direction a sign (n,) in each row, in place."""
+    for values in columns.with_sign:
+        values *= signs
+
+
+def sided_signs(motion: Motion, unit: Floats, memory: SignMemory) -> Floats:
+    """Return (n,) the signs that turn directions (3, n) to the side that modes start on."""
+    signs, known = np.ones(unit.shape[1]), np.isfinite(unit[0])
+    for number, mode in enumerate(motion.assembly_modes):
+        rows = slice(number * motion.samples, (number + 1) * motion.samples)
+        if np.any(known[rows]):
+            first = rows.start + int(np.argmax(known[rows]))
+            home = _home(motion, mode.number, first, memory)
+            signs[rows] = np.where(home @ unit[:, rows] < 0.0, -1.0, 1.0)
+    return signs
 
 
 def _home(motion: Motion, mode: int, row: int, memory: SignMemory) -> Floats:

@@ -15,12 +15,13 @@ from spherekit.conventions import Status
 from spherekit.motion.configuration import Configurations
 from spherekit.motion.motion import Tracer
 from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_periods
+from spherekit.planning.assembly import Assembly, Group
 from spherekit.rates.transmission import hold
 from spherekit.singular.nearness import nearness
 from spherekit.singular.record import AlongOutput, Singularities, Type
 from spherekit.singular.relation import Form
 from spherekit.singular.single import SingleFreedom
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, cross
 
 NEAR_CROSSING = 1e-4
 """Configurations (rad) that near to a crossing may lie where no curve is followed."""
@@ -43,8 +44,12 @@ class RelationMeasures:
         (n,) its coefficients.
     input_rate, output_rate
         (n,) of q and y by the arc length of all variables.
-    type_i, type_ii, transmission
-        (n,) rad, see `spherekit.singular.nearness.Nearness`.
+    type_i, type_ii
+        (n,) rad, see `spherekit.singular.nearness.SingularityAngles`.
+    transmission
+        (n,) rad, the transmission angle of the dyad that places the output: in [0, pi/2],
+        between the great circles of its arcs at the pair in its middle. NaN where another
+        group places it.
     to_i, to_ii
         (n,) rad: change of the input along the curve to the nearest singularity.
     """
@@ -190,6 +195,7 @@ class SampledSingularities:
             if not len(rows):
                 continue
             s = self.s[rows]
+            angles = self._transmission_angles(number, s)
             for output in range(len(self.report.outputs)):
                 at = self.at(number, s, output)
                 rates = {
@@ -208,13 +214,29 @@ class SampledSingularities:
                         "d": relation.d,
                         "type_i": near.type_i,
                         "type_ii": near.type_ii,
-                        "transmission": near.transmission,
+                        "transmission": angles[output],
                     }.items():
                         columns.setdefault(name, np.full(n, np.nan))[rows] = part
         return [
             RelationMeasures(output, form, **columns)
             for (output, form), columns in sorted(measured.items())
         ]
+
+    def _transmission_angles(self, curve: int, s: Floats) -> list[Floats]:
+        """Return the transmission angle (n,) of each output at places on a curve."""
+        followed = self.curves[curve]
+        axes = followed.segments.closure.at(followed.at(s).values).axes
+        angles = []
+        for output in self.report.outputs:
+            dyad = _dyad_of(output, self.tracer.solver.assembly)
+            if dyad is None:
+                angles.append(np.full(len(s), np.nan))
+                continue
+            near, middle, far = (axes[:, dyad.pairs[place]] for place in dyad.dyad_places)
+            one, other = cross(near, middle), cross(middle, far)
+            sine = np.linalg.norm(cross(one, other), axis=1)
+            angles.append(np.arctan2(sine, np.abs(np.sum(one * other, axis=1))))
+        return angles
 
     def singular_values(self) -> tuple[Floats, Floats]:
         """Return (n,) how surely the locked input holds all links, and that of the best.
@@ -286,3 +308,16 @@ class SampledSingularities:
             way = np.abs(there[np.clip(beside, 0, len(at) - 1)] - here)
             ways.append(np.where(inside, way, np.inf))
         return np.asarray(np.minimum(*ways))
+
+
+def _dyad_of(output: tuple[int, int], assembly: Assembly) -> Group | None:
+    """Return the dyad that joins the two links of an output, None if it is no dyad."""
+    for group in assembly.groups:
+        places = {
+            place
+            for place, links in enumerate(group.bodies)
+            if any(link in links for link in output)
+        }
+        if len(places) > 1:
+            return group if group.is_dyad else None
+    return None

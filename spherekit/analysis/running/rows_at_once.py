@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.running.in_turn import in_turn
+from spherekit.analysis.running.lent_memory import LentMemory
+from spherekit.analysis.running.positions import Positions
 from spherekit.analysis.running.row_block import SLICE, Rooms, Rows
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.columns import RowKernel, row_kernel
 from spherekit.engine.compiler import available
 from spherekit.motion.motion import Motion
-from spherekit.motion.predicted import Predictor
 from spherekit.rates.columns import RateColumns
 from spherekit.rates.from_columns import field_of_columns
 from spherekit.rates.pole_field import PoleField
@@ -46,14 +47,13 @@ _Found = tuple[Sequence[RateColumns], NDArray[np.bool_], Sequence[bool]]
 class RowsAtOnce:
     """The rows of a course by a kernel, run by `engine`.
 
-    Without a `predictor`, where samples lie far apart, configurations are those of the
-    tracer.
+    Configurations that `positions` does not know are those of the tracer.
     """
 
     course: Sampling
     requests: tuple[Request, ...]
     kernel: RowKernel
-    predictor: Predictor | None
+    positions: Positions
     engine: Literal["numpy", "compiled"]
     with_planes: bool
     looks_ahead: bool
@@ -63,6 +63,7 @@ class RowsAtOnce:
         modes = len(self.course.tracer.assembly_modes)
         rates = self.kernel.rates
         self._rooms = Rooms(self.kernel.width * SLICE)
+        self._memory = LentMemory()
         # Expected from the block before: then nothing has to be turned round later.
         self._senses = [np.ones((modes, len(places.signed))) for places in rates]
 
@@ -88,9 +89,9 @@ class RowsAtOnce:
         made = row_kernel(tracer.sparse(REFERENCES), requests, engine)
         if made is None:
             return None
-        predictor = Predictor.of(tracer)
+        positions = Positions.of(tracer, engine)
         wanted = tuple(requests)
-        return cls(course, wanted, made, predictor, engine, with_planes, looks_ahead)
+        return cls(course, wanted, made, positions, engine, with_planes, looks_ahead)
 
     @property
     def block(self) -> int:
@@ -107,14 +108,15 @@ class RowsAtOnce:
 
         def block(start: int) -> Motion:
             samples = np.arange(start, min(start + size, whole))
-            return self._motion(samples, self._predicted(start, start + len(samples)))
+            return self._motion(samples, *self.positions.at(start, start + len(samples)))
 
         yield from in_turn(block, range(first, whole, size), self.looks_ahead)
 
     def motion_at(self, samples: NDArray[np.intp]) -> Motion:
         """Return the motion at some samples, by their numbers."""
-        predicted = [self._predicted(sample, sample + 1) for sample in samples.tolist()]
-        return self._motion(samples, np.concatenate(predicted, axis=2))
+        positions = [self.positions.at(sample, sample + 1) for sample in samples.tolist()]
+        values, lost = zip(*positions, strict=True)
+        return self._motion(samples, np.concatenate(values, 2), np.concatenate(lost, 1))
 
     def has_found(self, motion: Motion) -> bool:
         """Return whether a motion is one that was found, whose poles were not asked."""
@@ -137,32 +139,35 @@ class RowsAtOnce:
             fields.append(field)
         return tuple(fields)
 
-    def _predicted(self, start: int, stop: int) -> Floats:
-        """Return variables (variables, modes, samples), NaN where none is predicted."""
-        if self.predictor is not None:
-            return self.predictor.at(start, stop)
-        tracer = self.course.tracer
-        variables = len(tracer.mechanism.variable_owners)
-        return np.full((variables, len(tracer.assembly_modes), stop - start), np.nan)
-
-    def _motion(self, samples: NDArray[np.intp], predicted: Floats) -> Motion:
+    def _motion(
+        self, samples: NDArray[np.intp], values: Floats, lost: NDArray[np.bool_]
+    ) -> Motion:
+        """Return the motion at samples, from what is known (variables, modes, samples)."""
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
-        values = predicted.reshape(len(predicted), modes * count)
-        rows = Rows.of(self.kernel, values, self._rooms)
+        rows = Rows.of(
+            self.kernel,
+            values.reshape(len(values), modes * count),
+            lost.reshape(modes * count),
+            self._rooms,
+            self._memory,
+        )
         parts = [
             (mode, slice(start, min(start + SLICE, (mode + 1) * count)))
             for mode in range(modes)
             for start in range(mode * count, (mode + 1) * count, SLICE)
         ]
-        steady = rows.fill(parts, [senses.copy() for senses in self._senses])
-        rest = np.flatnonzero(~rows.closed)
+        flags = rows.fill(parts, [senses.copy() for senses in self._senses])
+        rest = np.flatnonzero(~rows.vouched & (rows.status == Status.OK))
         if len(rest):
             self._with_care(rows, samples, rest)
+        failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
+        rows.leave_out(failed)
         vouched = rows.vouched & (rows.status == Status.OK)
-        is_path = tracer.input_grid.is_path and len(tracer.inputs) == 1
-        if not (is_path and np.all(vouched)):
-            steady = [False] * len(steady)
+        is_steady = tracer.input_grid.is_path and bool(np.all(vouched | failed))
+        steady = [False] * len(self.requests)
+        if is_steady:
+            steady = rows.steady(flags, parts, ~failed)
         timing = course.timing
         if timing is not None:
             timing = timing.rows(samples).repeated(modes)
@@ -176,13 +181,13 @@ class RowsAtOnce:
             sample=np.tile(samples, modes),
             assembly_mode=np.repeat(numbers, count),
             inputs=np.tile(course.inputs[samples], (modes, 1)),
-            values=values.T,
+            values=rows.values.T,
             status=rows.status,
             residual=rows.residual,
             is_path=tracer.input_grid.is_path,
             timing=timing,
         )
-        doubtful = np.flatnonzero(~vouched)
+        doubtful = np.flatnonzero(~(vouched | failed))
         if len(doubtful):
             rows.off[doubtful] = motion.rows(doubtful).configuration_error
         vars(motion)["configuration_error"] = rows.off
@@ -204,7 +209,7 @@ class RowsAtOnce:
             evaluated = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
             rows.values[:, at] = evaluated.values.T
             rows.status[at], residual[of_mode] = evaluated.status, evaluated.residual
-        rows.put(rest)
+        rows.put(rest[np.isfinite(residual)])
         rows.residual[rest] = residual
 
 

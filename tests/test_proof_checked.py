@@ -1,0 +1,122 @@
+"""What the checker repeats of counts by systems and of maps of two inputs."""
+
+import copy
+import json
+import random
+
+import pytest
+
+pytest.importorskip("flint")
+
+from proof_checker import Refused, check
+
+import spherekit as sk
+from spherekit.files.document import parse
+from spherekit.files.read import read
+from spherekit.proof.certificate import map_certificate, modes_certificate
+from spherekit.proof.input_map import input_map
+from spherekit.proof.modes import certified_modes
+from spherekit.proof.written import Written
+
+
+@pytest.fixture(scope="module")
+def by_systems():
+    """Arcs of 90 degrees send 32 of the 64 complex modes of this mechanism to infinity."""
+    modes = certified_modes(Written.of(sk.load("two_dof_spm")), ("20.5", "17.3"))
+    assert modes.systems and modes.complete and not modes.counted
+    assert len(modes.real) == 16 and modes.left is None
+    return json.loads(json.dumps(modes_certificate(modes)))
+
+
+@pytest.fixture(scope="module")
+def over_boxes():
+    """A part of the inputs of a 5R that its type II curve goes through."""
+    text = Written.of(sk.load("five_bar")).document.text
+    text = text.replace("from = 40.0\nto = 140.0", "from = 78.0\nto = 96.0")
+    document = parse(text, "five_bar")
+    written = Written.of(read(document), document)
+    ends = [written.input_range(item.pair) for item in written.mechanism.inputs]
+    found = input_map(written, ends, 0.08, 3)
+    assert {0, 1, 2} >= set(found.kind.tolist()) >= {0, 1}
+    return json.loads(json.dumps(map_certificate(found)))
+
+
+def test_modes_counted_by_systems_are_repeated(by_systems):
+    check(by_systems)
+
+
+def test_a_map_of_two_inputs_is_repeated(over_boxes):
+    check(over_boxes)
+
+
+def nudged(number, moves):
+    return number + moves.choice((-1, 1)) * 10.0 ** -moves.uniform(1, 3)
+
+
+def tampered_systems(certificate, moves):
+    changed = copy.deepcopy(certificate)
+    parts = changed["systems"]
+    part = moves.choice(parts)
+    entry = moves.choice(part["solved"])
+    solutions = entry["solutions"]
+    solution = moves.choice(solutions)
+    kind = moves.randrange(8)
+    if kind == 0:
+        moves.choice(solution["z"])[moves.randrange(2)] += moves.choice((-1, 1)) * 0.03
+    elif kind == 1:
+        solutions.remove(solution)
+    elif kind == 2:
+        other = moves.choice([each for each in solutions if each is not solution])
+        solutions[solutions.index(solution)] = copy.deepcopy(other)
+    elif kind == 3:
+        parts.remove(part)
+    elif kind == 4:
+        part["equations"].append(part["equations"][0])
+    elif kind == 5:
+        changed["modes"] += moves.choice((-1, 1))
+    elif kind == 6:
+        real = moves.choice([each for each in changed["roots"] if each["real"]])
+        changed["roots"].remove(real)
+        changed["modes"] -= 1
+    else:
+        parts.reverse()
+    return changed
+
+
+def tampered_map(certificate, moves):
+    changed = copy.deepcopy(certificate)
+    boxes = changed["boxes"]
+    regular = [box for box in boxes if box["is"] == "regular"]
+    contains = [box for box in boxes if box["is"] == "contains type II"]
+    kind = moves.randrange(7)
+    if kind == 0:
+        moves.choice(regular)["modes"] += moves.choice((-2, 2))
+    elif kind == 1:
+        box = moves.choice(contains)
+        box["is"], box["modes"] = "regular", moves.choice((0, 2))
+    elif kind == 2:
+        moves.choice(regular)["is"] = "contains type II"
+    elif kind == 3:
+        boxes.remove(moves.choice(boxes))
+    elif kind == 4:
+        half = moves.choice(boxes)["half_rad"]
+        half[moves.randrange(2)] *= moves.choice((0.9, 1.2))
+    elif kind == 5:
+        centre = moves.choice(boxes)["centre_rad"]
+        centre[moves.randrange(2)] = nudged(centre[moves.randrange(2)], moves)
+    else:
+        changed["shares"]["regular"] = nudged(changed["shares"]["regular"], moves)
+    return changed
+
+
+@pytest.mark.parametrize("count", [10, pytest.param(100, marks=pytest.mark.long)])
+def test_the_checker_refuses_tampered_certificates(by_systems, over_boxes, count):
+    moves = random.Random(4)
+    for number in range(count):
+        whole, change = (
+            (by_systems, tampered_systems) if number % 2 else (over_boxes, tampered_map)
+        )
+        changed = change(whole, moves)
+        assert changed != whole
+        with pytest.raises(Refused):
+            check(changed)
