@@ -81,6 +81,22 @@ def test_what_follows_wheels_is_grouped_as_ever(tmp_path):
         assert np.max(np.abs(other.rotations[same] - motion.rotations[rows])) < 1e-13
 
 
+def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
+    """They were taken to be back after a turn, so that a run had modes a turn apart too."""
+    path = tmp_path / "irrational.toml"
+    text = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
+    path.write_text(text.format(0, 0, 0.0, 720.0))
+    geared = sk.load(path)
+    tracer = Tracer(geared, samples=25)
+    assert np.isinf(tracer.solver.periods[0])
+    motion = tracer.motion()
+    ok = motion.status == Status.OK
+    (mesh,) = geared.variables_of(geared.pair_number["mesh"])
+    unrolled = motion.values[ok, mesh] + np.sin(57.0 * DEGREE) * motion.q[ok]
+    assert np.ptp(unrolled) < 1e-9
+    assert np.max(np.unique(motion.sample[ok], return_counts=True)[1]) == 2
+
+
 def right_crank(q, teeth):
     """Return the right crank's angle (deg) at the left one's: both read 90 unrolled.
 

@@ -333,7 +333,10 @@ def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
 def _period(closure: Closure, determined: list[int], ratios: Floats) -> float:
     """Return the growth (rad) of an input, in whole turns, that all wheels return with."""
     turns = 1
-    for laps in TURN * ratios / periods_of(closure)[determined]:
+    periods = periods_of(closure)[determined]
+    if np.any(np.isinf(periods) & (np.abs(ratios) > SAME_RATIO)):
+        return float(np.inf)
+    for laps in TURN * ratios / periods:
         whole = Fraction(float(laps)).limit_denominator(MOST_TEETH)
         if abs(float(whole) - laps) > SAME_RATIO:
             return float(np.inf)
