@@ -22,7 +22,13 @@ from spherekit.dynamics.start import PoseStart
 from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulated_motion import online_motion
 from spherekit.engine.compiler import available
-from spherekit.errors import EngineError, ModelError, SolveError, SpherekitError
+from spherekit.errors import (
+    AnalysisError,
+    EngineError,
+    ModelError,
+    SolveError,
+    SpherekitError,
+)
 from spherekit.model.dynamics import (
     Friction,
     Gravity,
@@ -494,6 +500,11 @@ def test_a_crossing_of_curves_ends_the_simulation_with_the_reason(four_bar):
     crank, rocker = np.tan(0.5 * moved).T
     assert moved[0, 0] * moved[-1, 0] < 0.0
     assert min(np.ptp(crank / rocker), np.ptp(crank * rocker)) < 1e-8
+    times = {"start": Start(1.0, -1.0), "duration": on.end.t, "samples": 12}
+    table = sk.run(flat, "poles", crossings="pass", **times).frame("motion")
+    assert table["theta_21"].to_numpy() == pytest.approx(moved[:, 0], abs=1e-9)
+    with pytest.raises(AnalysisError, match="crossings does nothing without a simulation"):
+        sk.run(flat, "poles", crossings="pass")
     with pytest.raises(EngineError, match="only NumPy's engine passes crossings"):
         forward.simulate(flat, Start(1.0, -1.0), 1.0, crossings="pass", engine="compiled")
     with pytest.raises(SolveError, match='allowed: "end", "pass"'):

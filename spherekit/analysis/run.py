@@ -58,7 +58,8 @@ def run(
     options
         `input_pair`, names of the driven pairs, and fields of
         `spherekit.model.study.Study` (what the run goes through: samples, grid, path,
-        assembly_mode, search, laws, duration, start, torque, tolerance, verify, degrees)
+        assembly_mode, search, laws, duration, start, torque, tolerance, crossings,
+        verify, degrees)
         and of `spherekit.analysis.execution.Execution` (how it is done: folder, unfinished,
         formats, tables, engine, only_needed, recorder, log_every, progress, block, setting,
         accuracy). Those that are given replace what a study says.
@@ -89,8 +90,14 @@ def executed(
     study: Study, analyses: Sequence[AbstractAnalysis], execution: Execution
 ) -> RunResult:
     """Return what a run of a study finds; see `run`."""
-    if study.start is None and execution.engine != "auto":
-        raise AnalysisError("run: engine does nothing without a simulation: give start")
+    for name, value, default in (
+        ("engine", execution.engine, "auto"),
+        ("crossings", study.crossings, "end"),
+    ):
+        if study.start is None and value != default:
+            raise AnalysisError(
+                f"run: {name} does nothing without a simulation: give start"
+            )
     ledger, whole = Timer(), study.mechanism
     if execution.only_needed:
         study = replace(study, mechanism=needed_part(study, analyses))

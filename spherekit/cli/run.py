@@ -343,6 +343,7 @@ def _check_effect(study: "Study", options: argparse.Namespace) -> None:
             "a folder: give that of the run with -o",
         ),
         (study.start, options.engine != "auto", "--engine", "a simulation: give --start"),
+        (study.start, options.crossings, "--crossings", "a simulation: give --start"),
         (
             recorded,
             options.log_every is not None,

@@ -63,6 +63,12 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         "the input turns at 1 rad/s",
     )
     parser.add_argument(
+        "--crossings",
+        choices=("end", "pass"),
+        help="with --start: end where sets of configurations cross (default), or go "
+        "straight on",
+    )
+    parser.add_argument(
         "--assembly-mode", type=int, metavar="N", help="only this assembly mode"
     )
     parser.add_argument(
@@ -178,6 +184,7 @@ def _timed(study: "Study", options: argparse.Namespace) -> "Study":
     given = {
         "torque": None if options.torque is None else torque_of(options.torque, study),
         "duration": options.duration,
+        "crossings": options.crossings,
         "assembly_mode": options.assembly_mode,
         "search": False if options.no_search else None,
     }

@@ -20,7 +20,7 @@ from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import EngineError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.actions import smooth
-from spherekit.model.laws import Start
+from spherekit.model.laws import Crossings, Start
 from spherekit.model.mechanism import Mechanism
 from spherekit.progress import tell
 
@@ -44,7 +44,7 @@ def simulate(
     assembly_mode: int = 0,
     tolerance: float = 1e-9,
     switches: Iterable[float] = (),
-    crossings: Literal["end", "pass"] = "end",
+    crossings: Crossings = "end",
     check: bool = False,
     engine: Engine = "auto",
     compact: bool = True,
@@ -115,15 +115,10 @@ def simulate(
     """
     mechanism = mechanism_of(mechanism)
     _need_allowed(mechanism, engine, tolerance)
-    passes = crossings == "pass"
+    passes = _passes(mechanism, crossings, "compiled" if scheme == "paper" else engine)
     problem = prepare(
         mechanism, start, until, torque, input_pair, assembly_mode, switches, passes
     )
-    if passes and (engine == "compiled" or scheme == "paper"):
-        raise EngineError(
-            f"{mechanism.name}: only NumPy's engine passes crossings; leave engine and "
-            "scheme out, or crossings"
-        )
     if scheme != "paper" and step is not None:
         raise SolveError('simulate: step does nothing without scheme = "paper"')
     if scheme == "paper":
@@ -146,13 +141,15 @@ def solving(
     assembly_mode: int,
     tolerance: float,
     engine: Engine,
+    crossings: Crossings,
 ) -> Solving:
     """Return the motion piece by piece while it is solved, checked in the end.
 
     See `simulate` for the parameters and errors.
     """
     _need_allowed(mechanism, engine, tolerance)
-    problem = prepare(mechanism, start, until, torque, None, assembly_mode, ())
+    passes = _passes(mechanism, crossings, engine)
+    problem = prepare(mechanism, start, until, torque, None, assembly_mode, (), passes)
     pieces = _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
     if not any(pair.one_sided for pair in mechanism.pairs):
         return pieces
@@ -164,6 +161,17 @@ def _lifting_off(pieces: Solving) -> Solving:
     yield from ()
     piece = last(pieces)
     return whole(piece.run, until_lift_off(piece.motion))
+
+
+def _passes(mechanism: Mechanism, crossings: Crossings, engine: str) -> bool:
+    """Return whether crossings are passed, if the engine that is asked for can."""
+    passes = crossings == "pass"
+    if passes and engine == "compiled":
+        raise EngineError(
+            f"{mechanism.name}: only NumPy's engine passes crossings; leave engine and "
+            "scheme out, or crossings"
+        )
+    return passes
 
 
 def _need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:

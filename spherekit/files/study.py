@@ -58,6 +58,7 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
         start=read_start(document),
         torque=data.get("start", {}).get("torque"),
         tolerance=float(data.get("tolerance", DEFAULT_TOLERANCE)),
+        crossings=data.get("crossings", "end"),
         verify=int(data["verify"]) if "verify" in data else None,
         locate=document.fault,
     )

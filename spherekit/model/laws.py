@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol, final
+from typing import Any, Literal, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,9 @@ from spherekit.errors import ModelError
 Floats = NDArray[np.float64]
 States = tuple[Floats, Floats, Floats]
 """The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
+
+Crossings = Literal["end", "pass"]
+"""What a simulation does where sets of configurations cross."""
 
 SPLINE_DEGREE = 5
 """A quintic spline has a continuous fourth derivative, so a torque without kinks."""

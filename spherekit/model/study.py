@@ -11,7 +11,7 @@ import numpy as np
 from spherekit.checked import check_fields
 from spherekit.conventions import DEFAULT_SAMPLES
 from spherekit.errors import AnalysisError, SpherekitError
-from spherekit.model.laws import Floats, Law, Start
+from spherekit.model.laws import Crossings, Floats, Law, Start
 from spherekit.model.mechanism import Mechanism
 
 DEFAULT_TOLERANCE = 1e-9
@@ -53,6 +53,8 @@ class Study:
         loads and the `torque` (N m, a number or an expression) at the input, or that of
         each of several inputs that has one, by its name; each step within the tolerance
         (rad), from the `assembly_mode` (default 0) of all that there are.
+    crossings
+        Whether a simulation ends where sets of configurations cross, or goes straight on.
     verify
         How many rows are computed once more in 50 digits.
     degrees
@@ -77,6 +79,7 @@ class Study:
     start: Start | None = None
     torque: str | float | Mapping[str, str | float] | None = None
     tolerance: float = DEFAULT_TOLERANCE
+    crossings: Crossings = "end"
     verify: int | None = None
     degrees: bool = False
     folder: Path | None = None

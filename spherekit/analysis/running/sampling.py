@@ -244,6 +244,7 @@ def courses_of(
             assembly_mode or 0,
             study.tolerance,
             engine,
+            study.crossings,
         )
         yield from _simulated_courses(tracer, pieces, t, study.tolerance)
         return
