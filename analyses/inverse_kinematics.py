@@ -262,7 +262,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             )
         singular = int(np.sum(rows.status == Status.AT_SINGULARITY))
         if singular:
-            warnings.append(f"{singular} rows are at a singularity")
+            verb = "is" if singular == 1 else "are"
+            warnings.append(f"{counted(singular, 'row')} {verb} at a singularity")
         out = int(np.sum(~rows.solved))
         if result.offered < out and isinstance(result.solver, ClosedKinematics):
             warnings.append(

@@ -24,6 +24,7 @@ from spherekit.plugin import (
     Status,
     Table,
     TableData,
+    counted,
     input_columns,
     listing,
 )
@@ -183,7 +184,8 @@ def _more(one: float | None, other: float | None) -> float | None:
 
 def _said(pairs: Mapping[str, Any], unbalanced: float | None) -> Findings:
     warnings = [
-        f"contact {name} would have to pull in {facts['rows_that_lift_off']} rows: it "
+        f"contact {name} would have to pull in "
+        f"{counted(facts['rows_that_lift_off'], 'row')}: it "
         "lifts off there (LIFT_OFF)"
         for name, facts in pairs.items()
         if facts["rows_that_lift_off"]

@@ -131,7 +131,9 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _print_plans(facts: dict[str, Any], every: int) -> None:
-    print(f"asked: {len(facts['asked'])} of {every} poles: {', '.join(facts['asked'])}")
+    print(
+        f"asked: {len(facts['asked'])} of {counted(every, 'pole')}: {', '.join(facts['asked'])}"
+    )
     for entry in facts["plans"]:
         if entry["locked"]:
             print(f"while {entry['moving']} moves, {', '.join(entry['locked'])} locked:")

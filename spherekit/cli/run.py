@@ -499,7 +499,7 @@ def report(summary: Any) -> str:
         done, took = summary["simulation"], summary["cost"]["simulate"]
         lines.append(
             f"simulated {done['end']['t']:.6g} of {done['duration_s']:.6g} s "
-            f"({done['end']['reason']}), {done['events']} events, "
+            f"({done['end']['reason']}), {counted(done['events'], 'event')}, "
             f"engine {done['engine']['name']} ({took['reason']}); "
             f"error {done['achieved_error_rad']:.1e} rad at tolerance "
             f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "

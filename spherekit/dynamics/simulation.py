@@ -7,6 +7,7 @@ from typing import Literal, final
 
 import numpy as np
 
+from spherekit.conventions import counted
 from spherekit.dynamics.equation import coriolis
 from spherekit.dynamics.forces import rates_by_time
 from spherekit.dynamics.inertia import Inertia, inertia, inertia_matrix
@@ -242,7 +243,8 @@ class Simulation:
     def __repr__(self) -> str:
         return (
             f"<Simulation of {self.mechanism.name}: {self.start:g} to {self.end.t:.6g} s, "
-            f"{self.end.message}; {len(self.events)} events, {self.engine.steps} steps by "
+            f"{self.end.message}; {counted(len(self.events), 'event')}, "
+            f"{self.engine.steps} steps by "
             f"{self.engine.name}>"
         )
 
