@@ -131,9 +131,8 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _print_plans(facts: dict[str, Any], every: int) -> None:
-    print(
-        f"asked: {len(facts['asked'])} of {counted(every, 'pole')}: {', '.join(facts['asked'])}"
-    )
+    asked = facts["asked"]
+    print(f"asked: {len(asked)} of {counted(every, 'pole')}: {', '.join(asked)}")
     for entry in facts["plans"]:
         if entry["locked"]:
             print(f"while {entry['moving']} moves, {', '.join(entry['locked'])} locked:")
