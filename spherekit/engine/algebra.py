@@ -4,7 +4,7 @@ Arrays are NumPy object arrays of numbers and expressions. Terms drop products w
 1 and share what occurs twice, so nothing is simplified here.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -58,7 +58,7 @@ class SeriesExpressions:
             )
         pairs = self._with(other)
         made = [
-            _total([pairs[k - i][0] * pairs[i][1] for i in range(k + 1)])
+            sum_of([pairs[k - i][0] * pairs[i][1] for i in range(k + 1)])
             for k in range(len(pairs))
         ]
         return SeriesExpressions(tuple(made))
@@ -70,7 +70,7 @@ class SeriesExpressions:
         made: list[Expr] = []
         for k, (a, _) in enumerate(pairs):
             products = [made[k - i] * pairs[i][1] for i in range(1, k + 1)]
-            made.append((a - _total(products)) / pairs[0][1])
+            made.append((a - sum_of(products)) / pairs[0][1])
         return SeriesExpressions(tuple(made))
 
     def __rtruediv__(self, other: Any) -> "SeriesExpressions":
@@ -92,10 +92,11 @@ def by_coordinate(value: SeriesExpressions, scale: SeriesExpressions) -> list[Ex
     return made
 
 
-def _total(items: Sequence[Expr]) -> Expr:
+def sum_of(terms: Iterable[Expr]) -> Expr:
+    """Return the sum of expressions, added in their order."""
     total: Expr = 0.0
-    for item in items:
-        total = total + item
+    for term in terms:
+        total = total + term
     return total
 
 
@@ -104,6 +105,14 @@ def vector(items: Sequence[Expr]) -> Exprs:
     made = np.empty(len(items), dtype=object)
     made[:] = items
     return made
+
+
+def vector_sum(parts: Iterable[Exprs]) -> Exprs:
+    """Return the sum of vectors (3,), added in their order."""
+    total = vector([0.0, 0.0, 0.0])
+    for part in parts:
+        total = total + part
+    return total
 
 
 def series(orders: Sequence[Exprs]) -> Exprs:
@@ -142,7 +151,7 @@ def cross(a: Exprs, b: Exprs) -> Exprs:
 
 def dot(a: Exprs, b: Exprs) -> Expr:
     """Return a . b."""
-    return _total([x * y for x, y in zip(a, b, strict=True)])
+    return sum_of([x * y for x, y in zip(a, b, strict=True)])
 
 
 def length(orders: Sequence[Exprs]) -> tuple[Exprs, SeriesExpressions]:
@@ -155,7 +164,7 @@ def length(orders: Sequence[Exprs]) -> tuple[Exprs, SeriesExpressions]:
     unit = np.asarray(orders[0] * share)
     sizes = [size]
     for k in range(1, len(orders)):
-        middle = _total(
+        middle = sum_of(
             [dot(orders[i], orders[k - i]) - sizes[i] * sizes[k - i] for i in range(1, k)]
         )
         sizes.append(dot(unit, orders[k]) + 0.5 * (middle * share))

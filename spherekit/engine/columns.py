@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS, EQUAL_CURVATURE
-from spherekit.engine.algebra import Exprs, cross, dot, vector
+from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector, vector_sum
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.block_elimination import LoopInverse, Pivot, loop_inverse, pivots_of
 from spherekit.engine.cache import COMPILED
@@ -342,10 +342,6 @@ def _norm(item: Exprs) -> Expr:
     return root(dot(item, item))
 
 
-def _zero() -> Exprs:
-    return vector([0.0, 0.0, 0.0])
-
-
 @final
 class _Rows:
     """The terms of a row that do not depend on the input that moves."""
@@ -408,7 +404,7 @@ class _Rows:
             for v, row in blocks.items()
         }
         self.moved = {v: root(square) for v, square in squares.items()}
-        sensitivity = root(_added(squares.values()))
+        sensitivity = root(sum_of(squares.values()))
         turns = self.paths({v: self.moved.get(v, 0.0) for v in range(len(self.vectors))})
         paths = np.count_nonzero(tree.paths, axis=1)
         longest = int(np.max(np.count_nonzero(tree.signs, axis=1)))
@@ -428,7 +424,7 @@ class _Rows:
             self.axes.append(carried.size * turn + carried.slid * (moved * open_))
             self.slides.append(carried.slid * turn + carried.bent * (moved * open_))
         often = np.count_nonzero(tree.signs, axis=0)
-        entries = _added(
+        entries = sum_of(
             float(often[v]) * self.carried[v].size * self.carried[v].size for v in self.free
         )
         self.flatness = sensitivity * root(entries)
@@ -445,7 +441,7 @@ class _Rows:
         """Return for each link the sum of parts of the variables on the way to it."""
         sums: list[Expr] = [0.0] * self.tree.count
         for pair, parent, child in self.tree.placements:
-            sums[child] = sums[parent] + _added(parts[v] for v in self.owned[pair])
+            sums[child] = sums[parent] + sum_of(parts[v] for v in self.owned[pair])
         return sums
 
     def off_line(self, variable: int) -> Expr:
@@ -477,7 +473,7 @@ class _Moving:
         self._turned = [self._turning(v) for v in range(len(rows.vectors))]
         bias = {v: rate * self._turned[v] for v, rate in self._rates.items()}
         over = [
-            _summed([float(sign) * bias[v] for v, sign in enumerate(row) if sign])
+            vector_sum([float(sign) * bias[v] for v, sign in enumerate(row) if sign])
             for row in tree.signs
         ]
         change = self._solved([-1.0 * misfit for misfit in over])
@@ -502,10 +498,10 @@ class _Moving:
     def _links(self, parts: Mapping[int, Exprs]) -> list[Exprs]:
         """Return what links do where variables do so much (3,) of it."""
         rows = self._rows
-        vectors = [_zero()] * rows.tree.count
+        vectors = [vector_sum([])] * rows.tree.count
         for pair, parent, child in rows.tree.placements:
             ahead = rows.tree.ends[pair][0] == parent
-            part = _summed([parts[v] for v in rows.owned[pair]])
+            part = vector_sum([parts[v] for v in rows.owned[pair]])
             vectors[child] = vectors[parent] + part if ahead else vectors[parent] - part
         return vectors
 
@@ -514,7 +510,7 @@ class _Moving:
         rows, total = self._rows, 0.0
         for chord in rows.tree.chords:
             a, b = rows.tree.ends[chord]
-            part = _summed([parts[v] for v in rows.owned[chord]])
+            part = vector_sum([parts[v] for v in rows.owned[chord]])
             over = links[a] - links[b] + part
             total = total + dot(over, over)
         return root(total)
@@ -539,8 +535,8 @@ class _Moving:
         self._off_rates = {v: off_rates.get(v, 0.0) + slip for v, slip in slips.items()}
         self._off_change = {v: off_change.get(v, 0.0) + slip for v, slip in again.items()}
         self._swings = rows.added(spread)
-        bent = _added(dot(rate, rate) for rate in self._dw)
-        part = _added(off_dw) / root(1.0 + bent)
+        bent = sum_of(dot(rate, rate) for rate in self._dw)
+        part = sum_of(off_dw) / root(1.0 + bent)
         self.worst = part * (LARGEST_ERROR / LARGEST_PART)
 
     def _off(
@@ -553,7 +549,7 @@ class _Moving:
         """
         rows = self._rows
         often = np.count_nonzero(rows.tree.signs, axis=0)
-        whole = over + _added(float(often[v]) * slip for v, slip in slips.items())
+        whole = over + sum_of(float(often[v]) * slip for v, slip in slips.items())
         along = rows.added(slips)
         links = [turn * whole + path for turn, path in zip(rows.turns, along, strict=True)]
         return links, {v: moved * whole for v, moved in rows.moved.items()}
@@ -674,22 +670,8 @@ def _along(placed: LinkOrientation, axis: Floats) -> Exprs:
     return vector(list(placed.direction(axis)))
 
 
-def _summed(parts: Sequence[Exprs]) -> Exprs:
-    total = _zero()
-    for part in parts:
-        total = total + part
-    return total
-
-
-def _added(items: Iterable[Expr]) -> Expr:
-    total: Expr = 0.0
-    for item in items:
-        total = total + item
-    return total
-
-
 def _squares(items: Iterable[Expr]) -> Expr:
-    return _added(item * item for item in items)
+    return sum_of(item * item for item in items)
 
 
 def _sizes(items: Mapping[int, Expr]) -> dict[int, Expr]:

@@ -10,7 +10,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.engine.algebra import Exprs, cross, vector
+from spherekit.engine.algebra import Exprs, cross, vector_sum
 from spherekit.engine.expression_graph import Expr
 from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import LinkOrientation, spin_vectors
@@ -36,7 +36,7 @@ class CoordinateRates:
             for v in range(len(mechanism.variable_owners))
         ]
         self.vectors = [
-            _sum([axis * size for size, _, axis in spins]) for spins in self._spins
+            vector_sum([axis * size for size, _, axis in spins]) for spins in self._spins
         ]
         self.tau: list[list[Expr]] = []
         for moving in structure.assembly.inputs:
@@ -63,13 +63,13 @@ class CoordinateRates:
         """Return what pairs turn by (3,) at rates of their variables."""
         owned = self.structure.mechanism.variables_of
         return [
-            _sum([self.vectors[v] * rates[v] for v in owned(pair)])
+            vector_sum([self.vectors[v] * rates[v] for v in owned(pair)])
             for pair in range(len(self.tree.ends))
         ]
 
     def links(self, parts: Sequence[Exprs]) -> list[Exprs]:
         """Return the sums (3,) of what pairs turn by, on the way to each link."""
-        vectors = [_sum([])] * self.tree.count
+        vectors = [vector_sum([])] * self.tree.count
         for pair, parent, child in self.tree.placements:
             ahead = self.tree.ends[pair][0] == parent
             part = parts[pair]
@@ -102,11 +102,4 @@ class CoordinateRates:
             for v in variables
             for size, link, axis in self._spins[v]
         ]
-        return _sum(axes)
-
-
-def _sum(parts: Sequence[Exprs]) -> Exprs:
-    total = vector([0.0, 0.0, 0.0])
-    for part in parts:
-        total = total + part
-    return total
+        return vector_sum(axes)

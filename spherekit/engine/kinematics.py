@@ -21,6 +21,7 @@ from spherekit.engine.algebra import (
     length,
     series,
     vector,
+    vector_sum,
 )
 from spherekit.engine.expression_graph import Expr
 from spherekit.engine.pose import LinkOrientation, spin_vectors
@@ -179,7 +180,9 @@ class RateExpressions:
                 )
             self.vectors.append(
                 [
-                    _sum([axis * size for (size, _, _), axis in zip(*both, strict=True)])
+                    vector_sum(
+                        [axis * size for (size, _, _), axis in zip(*both, strict=True)]
+                    )
                     for both in zip(spins, axes[k], strict=True)
                 ]
             )
@@ -192,7 +195,7 @@ class RateExpressions:
         """Return the next coefficient of an axis u that turns with a link: u' = w x u."""
         k = len(axes)
         parts = [cross(self.w[i][link], axes[k - 1 - i][variable][spin]) for i in range(k)]
-        return np.asarray(_sum(parts) * (1.0 / k))
+        return np.asarray(vector_sum(parts) * (1.0 / k))
 
     def _solve(self) -> list[Expr]:
         """Return the next coefficients of the variables' rates."""
@@ -217,7 +220,7 @@ class RateExpressions:
     def relative(self, link: int, other: int, order: int = 0) -> Exprs:
         """Return (3,) the angular velocity of the other link relative to a link."""
         senses = self.tree.paths[other] - self.tree.paths[link]
-        return _sum(
+        return vector_sum(
             [
                 self.vectors[i][v] * (float(sense) * self.tau[order - i][v])
                 for i in range(order, -1, -1)
@@ -246,7 +249,7 @@ class RateExpressions:
         The k-th derivative of components is the components of D^k w, where D x is
         x' - w x x, the derivative as seen from the link.
         """
-        placed, first = self.placed[link], _sum([])
+        placed, first = self.placed[link], vector_sum([])
         for v, sense in enumerate(self.tree.paths[link]):
             if sense:
                 first = first + self._along_basis(v, placed, link) * (
@@ -272,10 +275,3 @@ class RateExpressions:
             if spin.link == link:
                 return np.asarray(self.placed[link].fixed(spin.axis) * spin.size)
         return None
-
-
-def _sum(parts: Sequence[Exprs]) -> Exprs:
-    total = vector([0.0, 0.0, 0.0])
-    for part in parts:
-        total = total + part
-    return total
