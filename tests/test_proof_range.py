@@ -87,10 +87,10 @@ def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     proven = singularities(curves)
     assert not proven.undecided and not proven.skipped
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
-    assert len(frame) == len(proven.found)
+    assert len(frame) == len(proven.points)
     for kind in ("I", "II"):
         inputs = np.sort(frame["q"][frame["kind"] == kind].to_numpy())
-        found = np.sort([each.q for each in proven.found if each.kind == kind])
+        found = np.sort([each.q for each in proven.points if each.kind == kind])
         assert len(inputs) == len(found)
         assert np.all(np.abs(inputs - found) < 1e-7)
 

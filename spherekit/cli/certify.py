@@ -329,7 +329,7 @@ def _curve_lines(curves: Any, located: Any) -> list[str]:
         )
     for low, high in curves.undecided[:8]:
         lines.append(f"  undecided: {np.degrees(low):.9f} to {np.degrees(high):.9f} deg")
-    for point in located.found:
+    for point in located.points:
         where = "" if point.inside else ", out of the range"
         lines.append(
             f"  output {point.output}: type {point.kind} at {np.degrees(point.q):.9f} deg, "

@@ -86,8 +86,8 @@ class Evaluated:
         design = np.concatenate([part.design for part in parts])
         order = np.argsort(design, kind="stable")
 
-        def of(each: Sequence[Any]) -> Any:
-            return np.concatenate(each)[order]
+        def of(arrays: Sequence[Any]) -> Any:
+            return np.concatenate(arrays)[order]
 
         return Evaluated(
             design[order],
@@ -127,7 +127,9 @@ class Evaluator:
         names = row_quantities(mechanism.with_inputs(*self.inputs))
         self._check_places()
         self.expressions = [merit.parsed(names) for merit in merits]
-        used = sorted({name for each in self.expressions for name in each.names})
+        used = sorted(
+            {name for expression in self.expressions for name in expression.names}
+        )
         self.sample = sample_names(self.inputs)
         self.columns = [name for name in used if name not in self.sample]
         self._paths: tuple[PathKernel, StartSet] | None = None
@@ -239,12 +241,12 @@ class Evaluator:
     def _masses_follow(self) -> bool:
         """Return whether the file states masses by sizes of links, which then follow."""
         masses: Mapping[str, Mapping[str, Any]] = self.document.data.get("mass", {})
-        return any("tensor" not in each for each in masses.values())
+        return any("tensor" not in mass for mass in masses.values())
 
     def radians(self, values: Floats) -> Floats:
         """Return values (variables, n) in the file's units in rad and SI."""
         unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
-        scale = [unit if each.is_angle else 1.0 for each in self.variables]
+        scale = [unit if variable.is_angle else 1.0 for variable in self.variables]
         return np.asarray(values * np.array(scale)[:, None])
 
     def classes(self, values: Floats) -> NDArray[np.str_] | None:
@@ -256,8 +258,8 @@ class Evaluator:
         links, arcs = arc_function(
             self.mechanism, names, lambda numbers: design_geometry(self.variables, numbers)
         )
-        found = dict(zip(links, arcs(self.radians(values)), strict=True))
-        return class_of(*(found[k] for k in places))
+        lengths = dict(zip(links, arcs(self.radians(values)), strict=True))
+        return class_of(*(lengths[k] for k in places))
 
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
@@ -266,8 +268,8 @@ class Evaluator:
         together = BLOCK if self._paths is None else self._followed_together
         for start in range(0, values.shape[1], together):
             some = values[:, start : start + together]
-            found = self._together(some) if self.kernel else self._one_by_one(some)
-            parts.append(replace(found, design=found.design + start))
+            evaluated = self._together(some) if self.kernel else self._one_by_one(some)
+            parts.append(replace(evaluated, design=evaluated.design + start))
         return self._joined(parts)
 
     def _joined(self, parts: Sequence[Evaluated]) -> Evaluated:
@@ -284,8 +286,8 @@ class Evaluator:
     def _followed_together(self) -> int:
         """How many designs are followed together: what they are on the way stays small."""
         assert self._paths is not None
-        each = self._paths[1].values.size * len(self.samples.rows)
-        return max(1, min(FOLLOWED, ON_THE_WAY // each))
+        per_design = self._paths[1].values.size * len(self.samples.rows)
+        return max(1, min(FOLLOWED, ON_THE_WAY // per_design))
 
     # All designs in one kernel.
 
@@ -299,31 +301,31 @@ class Evaluator:
             sizes = np.concatenate([sizes, numbers])
             refused = np.where(refused == OK, why, refused)
             unlike = np.flatnonzero(refused == UNLIKE)
-            found = self._one_by_one(values[:, unlike])
-            parts.append(replace(found, design=unlike[found.design]))
+            evaluated = self._one_by_one(values[:, unlike])
+            parts.append(replace(evaluated, design=unlike[evaluated.design]))
         possible = np.flatnonzero(refused == OK)
         lacking = np.flatnonzero((refused != OK) & (refused != UNLIKE))
         parts.append(without(lacking, refused, self.merits))
         if len(possible) and self._paths is None:
-            found = self._modes(self.kernel, sizes[:, possible])
-            parts.append(replace(found, design=possible[found.design]))
+            evaluated = self._modes(self.kernel, sizes[:, possible])
+            parts.append(replace(evaluated, design=possible[evaluated.design]))
         elif len(possible):
-            found, lost = self._followed(self.kernel, sizes[:, possible])
-            parts.append(replace(found, design=possible[found.design]))
-            found = self._one_by_one(values[:, possible[lost]])
-            parts.append(replace(found, design=possible[lost[found.design]]))
+            evaluated, lost = self._followed(self.kernel, sizes[:, possible])
+            parts.append(replace(evaluated, design=possible[evaluated.design]))
+            evaluated = self._one_by_one(values[:, possible[lost]])
+            parts.append(replace(evaluated, design=possible[lost[evaluated.design]]))
         return self._joined(parts)
 
     def _refused(self, values: Floats, sizes: Floats) -> NDArray[np.object_]:
         """Return why designs (n,) are impossible, OK where they are not."""
-        found = np.full(values.shape[1], OK, dtype=object)
+        status = np.full(values.shape[1], OK, dtype=object)
         for variable, row, given in zip(self.variables, sizes, values, strict=True):
             if variable.slot is None or variable.slot[0] != "arcs":
                 continue
             outside = ~((row > 0.0) & (row < np.pi)) & ~_signed(self.mechanism, variable)
-            for k in np.flatnonzero(outside & (found == OK)):
-                found[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
-        return found
+            for k in np.flatnonzero(outside & (status == OK)):
+                status[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
+        return status
 
     def _modes(self, kernel: DesignKernel, sizes: Floats) -> Evaluated:
         """Return designs (variables, n) of a kernel in all their modes."""
@@ -334,15 +336,15 @@ class Evaluator:
             reducing = [Reducing(merit, n) for merit in self.merits]
             closes = np.zeros(n)
             with np.errstate(all="ignore"):
-                for sample, found, closed in in_mode(
+                for sample, columns, closed in in_mode(
                     kernel, prepared, signs, self.samples.rows
                 ):
                     closes += closed
-                    self._take(reducing, sample, found, closed, ())
-                for sample, found, closed in in_mode(
+                    self._take(reducing, sample, columns, closed, ())
+                for sample, columns, closed in in_mode(
                     kernel, prepared, signs, self.points()
                 ):
-                    self._take(reducing, sample, found, closed, self._point(sample))
+                    self._take(reducing, sample, columns, closed, self._point(sample))
             label = "".join("+" if sign > 0 else "-" for sign in signs)
             rows = np.flatnonzero(closes > 0)
             parts.append(self._rows(rows, [label] * n, closes, reducing, COMPLETE))
@@ -366,11 +368,13 @@ class Evaluator:
         reducing = [Reducing(merit, count) for merit in self.merits]
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, found, closed in _at_modes(kernel, prepared, values, samples):
+            for sample, columns, closed in _at_modes(kernel, prepared, values, samples):
                 closes += closed
-                self._take(reducing, sample, found, closed, ())
-            for sample, found, closed in _at_modes(kernel, prepared, values[:, k:], points):
-                self._take(reducing, sample, found, closed, self._point(sample))
+                self._take(reducing, sample, columns, closed, ())
+            for sample, columns, closed in _at_modes(
+                kernel, prepared, values[:, k:], points
+            ):
+                self._take(reducing, sample, columns, closed, self._point(sample))
         rows = np.flatnonzero(closes > 0)
         claim = COMPLETE if start.counted else SAMPLED
         made = self._rows(rows, modes.labels, closes, reducing, claim)
@@ -388,14 +392,16 @@ class Evaluator:
         reducing: Sequence[Reducing],
         claim: str,
     ) -> Evaluated:
-        results = zip(self.merits, (each.result() for each in reducing), strict=True)
+        results = zip(
+            self.merits, (reduction.result() for reduction in reducing), strict=True
+        )
         return Evaluated(
             rows,
             np.array(labels, dtype=object)[rows],
             closes[rows] / len(self.samples.rows),
             np.full(len(rows), OK, dtype=object),
             np.full(len(rows), claim, dtype=object),
-            {merit.name: found[rows] for merit, found in results},
+            {merit.name: figures[rows] for merit, figures in results},
         )
 
     def _followed_inputs(self, points: Floats) -> tuple[InputGrid, NDArray[np.intp]]:
@@ -414,7 +420,7 @@ class Evaluator:
             away = np.max(np.abs(lattice.q - point), axis=1)
             rows.append(int(np.argmin(away)))
             if np.min(away) > SAME_INPUT:
-                inputs = ", ".join(f"{each:.6g}" for each in point)
+                inputs = ", ".join(f"{angle:.6g}" for angle in point)
                 raise DesignError(
                     f"{self.mechanism.name}: at inputs {inputs} rad: with several inputs "
                     "and groups beyond dyads figures are those at samples; choose one"
@@ -435,19 +441,19 @@ class Evaluator:
         self,
         reducing: Sequence[Reducing],
         sample: Floats,
-        found: Floats,
+        columns: Floats,
         closed: NDArray[np.bool_],
         point: tuple[float, ...],
     ) -> None:
-        known: dict[str, Any] = dict(zip(self.columns, found, strict=True))
-        known |= dict(zip(self.sample, sample, strict=True))
-        for merit, expression, each in zip(
+        quantities: dict[str, Any] = dict(zip(self.columns, columns, strict=True))
+        quantities |= dict(zip(self.sample, sample, strict=True))
+        for merit, expression, reduction in zip(
             self.merits, self.expressions, reducing, strict=True
         ):
             if merit.point == point:
-                values = _value(expression, known, len(closed))
+                values = _value(expression, quantities, len(closed))
                 place = self.inputs.index(merit.place) if merit.place else 0
-                each.take(float(sample[place]), np.where(closed, values, np.nan))
+                reduction.take(float(sample[place]), np.where(closed, values, np.nan))
 
     # One design after the other.
 
@@ -456,11 +462,11 @@ class Evaluator:
         parts = [without(nothing, np.empty(0, dtype=object), self.merits)]
         for k, design in enumerate(values.T):
             try:
-                found = self._single(designed(self.document, self.variables, design))
+                evaluated = self._single(designed(self.document, self.variables, design))
             except SpherekitError as problem:
                 why = np.array([first_line(problem)], dtype=object)
-                found = without(np.zeros(1, dtype=np.int64), why, self.merits)
-            parts.append(replace(found, design=found.design + k))
+                evaluated = without(np.zeros(1, dtype=np.int64), why, self.merits)
+            parts.append(replace(evaluated, design=evaluated.design + k))
         return self._joined(parts)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
@@ -479,9 +485,9 @@ class Evaluator:
         reducing = [Reducing(merit, count) for merit in self.merits]
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, found, closed in _at_variables(kernel, motion, rows):
+            for sample, columns, closed in _at_variables(kernel, motion, rows):
                 closes += closed
-                self._take(reducing, sample, found, closed, ())
+                self._take(reducing, sample, columns, closed, ())
             if len(points):
                 _, place = self._followed_inputs(points)
                 there = (
@@ -489,8 +495,8 @@ class Evaluator:
                     if len(self.inputs) == 1
                     else tracer.samples(place[len(rows) :])
                 )
-                for sample, found, closed in _at_variables(kernel, there, points):
-                    self._take(reducing, sample, found, closed, self._point(sample))
+                for sample, columns, closed in _at_variables(kernel, there, points):
+                    self._take(reducing, sample, columns, closed, self._point(sample))
         claim = tracer.claim.guarantee.value
         if not np.any(closes):
             why = np.array([NEVER], dtype=object)
@@ -523,8 +529,8 @@ def in_mode(
         rows[:width] = some.T[:, :, None]
         rows[width:fixed] = np.array(signs)[:, None, None]
         rows[fixed:] = prepared[:, None, :]
-        found = kernel.evaluate(rows.reshape(len(rows), -1))
-        shaped = np.reshape(found, (-1, len(some), n))
+        outputs = kernel.evaluate(rows.reshape(len(rows), -1))
+        shaped = np.reshape(outputs, (-1, len(some), n))
         for k, sample in enumerate(some):
             closed = np.all(shaped[: kernel.reaches, k] >= 0.0, axis=0)
             yield sample, shaped[kernel.reaches :, k], closed
@@ -538,8 +544,8 @@ def _at_variables(kernel: DesignKernel, motion: Motion, samples: Floats) -> Samp
     shape = modes, len(samples)
     closed = ~motion.failed.reshape(shape)
     every = np.tile(samples, (modes, 1)).T
-    found = kernel.evaluate(np.concatenate([every, motion.values.T]))
-    shaped = np.reshape(found, (-1, *shape))
+    outputs = kernel.evaluate(np.concatenate([every, motion.values.T]))
+    shaped = np.reshape(outputs, (-1, *shape))
     for k, sample in enumerate(samples):
         yield sample, shaped[:, :, k], closed[:, k]
 
@@ -559,16 +565,16 @@ def _at_modes(
         rows[:width] = some.T[:, :, None]
         rows[width:fixed] = values[:, start : start + len(some)]
         rows[fixed:] = prepared[:, None, :]
-        found = kernel.evaluate(rows.reshape(len(rows), -1))
-        shaped = np.reshape(found, (-1, len(some), n))
+        outputs = kernel.evaluate(rows.reshape(len(rows), -1))
+        shaped = np.reshape(outputs, (-1, len(some), n))
         closed = np.isfinite(rows[width])
         for k, sample in enumerate(some):
             yield sample, shaped[:, k], closed[k]
 
 
-def _value(expression: Expression, known: Mapping[str, Any], count: int) -> Floats:
-    found = expression.evaluate({name: known[name] for name in expression.names})
-    return np.broadcast_to(found, count)
+def _value(expression: Expression, quantities: Mapping[str, Any], count: int) -> Floats:
+    value = expression.evaluate({name: quantities[name] for name in expression.names})
+    return np.broadcast_to(value, count)
 
 
 def without(

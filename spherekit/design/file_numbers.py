@@ -35,8 +35,8 @@ class FileNumbers:
     """What the file of a design says of masses and loads, and of contacts of circles.
 
     `with_contacts` is the mechanism with links for its contacts, if it has some; `whole`
-    says that masses follow sizes, so that the whole file is read. `own` are all numbers of
-    the file as it is, those of contacts first, and `differing` which of them follow the
+    says that masses follow sizes, so that the whole file is read. `nominal` are all numbers
+    of the file as it is, those of contacts first, and `differing` which of them follow the
     variables, as far as these could be `varied`.
     """
 
@@ -55,7 +55,7 @@ class FileNumbers:
         self._form = Actions.of(mechanism).form
         contacts = with_contacts.numbers if with_contacts else []
         self._contacts = len(contacts)
-        self.own = [*contacts, *Actions.of(mechanism).numbers]
+        self.nominal = [*contacts, *Actions.of(mechanism).numbers]
         self.varied = False
         self.differing = self._differing()
 
@@ -71,14 +71,14 @@ class FileNumbers:
 
     def _differing(self) -> tuple[int, ...]:
         values = np.array([variable.value for variable in self.variables])
-        found: set[int] = set()
+        differing: set[int] = set()
         for share in TRIED:
             tried = self._read(values * (1.0 + share) + share)
             if isinstance(tried, list):
                 self.varied = True
-                both = zip(tried, self.own, strict=True)
-                found |= {k for k, (new, old) in enumerate(both) if new != old}
-        return tuple(sorted(found))
+                both = zip(tried, self.nominal, strict=True)
+                differing |= {k for k, (new, old) in enumerate(both) if new != old}
+        return tuple(sorted(differing))
 
     def _read(self, values: Floats) -> list[float] | str:
         """Return all numbers of a design (variables,), or why there are none."""
@@ -90,8 +90,8 @@ class FileNumbers:
                 made = with_actions(self.document, self.mechanism, self.variables, numbers)
             actions = Actions.of(made)
             if self.hinged is not None:
-                own = hinged(made)
-                contacts = own.numbers if own else []
+                with_contacts = hinged(made)
+                contacts = with_contacts.numbers if with_contacts else []
         except SpherekitError as problem:
             return first_line(problem)
         if actions.form != self._form or len(contacts) != self._contacts:
@@ -105,16 +105,16 @@ class FileNumbers:
         """
         made = np.full((len(self.differing), values.shape[1]), np.nan)
         why = np.full(values.shape[1], OK, dtype=object)
-        rest = np.setdiff1d(np.arange(len(self.own)), self.differing)
-        same = np.array(self.own)[rest]
+        rest = np.setdiff1d(np.arange(len(self.nominal)), self.differing)
+        same = np.array(self.nominal)[rest]
         for k, design in enumerate(values.T):
-            found = self._read(design)
-            if isinstance(found, str):
-                why[k] = found
-            elif not np.allclose(np.array(found)[rest], same, rtol=0.0, atol=SAME):
+            numbers = self._read(design)
+            if isinstance(numbers, str):
+                why[k] = numbers
+            elif not np.allclose(np.array(numbers)[rest], same, rtol=0.0, atol=SAME):
                 why[k] = UNLIKE
             else:
-                made[:, k] = np.array(found)[list(self.differing)]
+                made[:, k] = np.array(numbers)[list(self.differing)]
         return made, why
 
     def slopes(self, values: Floats) -> Floats:
@@ -134,8 +134,12 @@ class FileNumbers:
         values = np.array([variable.value for variable in self.variables])
         made: list[Floats | None] = []
         for k in range(len(values)):
-            tried = [self._slope(values * (1.0 + each) + each, k) for each in (0.0, *TRIED)]
-            same = all(np.allclose(tried[0], each, rtol=STEADY, atol=0.0) for each in tried)
+            tried = [
+                self._slope(values * (1.0 + share) + share, k) for share in (0.0, *TRIED)
+            ]
+            same = all(
+                np.allclose(tried[0], slope, rtol=STEADY, atol=0.0) for slope in tried
+            )
             made.append(tried[0] if same else None)
         return made
 
@@ -148,9 +152,9 @@ class FileNumbers:
             beside = np.repeat(values[:, None], 2 * len(EIGHTH), axis=1)
             away = step * np.arange(1, len(EIGHTH) + 1)
             beside[k] += np.concatenate([away, -away])
-            found, reasons = self.at(beside)
+            numbers, reasons = self.at(beside)
             if np.all(reasons == OK):
-                more, less = np.split(found, 2, axis=1)
+                more, less = np.split(numbers, 2, axis=1)
                 return np.asarray((more - less) @ np.array(EIGHTH) / step)
         return np.full(len(self.differing), np.nan)
 

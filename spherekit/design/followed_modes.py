@@ -296,9 +296,9 @@ class _Following:
         back = self._nearest(sample.real, sample.values - sample.along(h), at)
         mutual = (onto >= 0) & (back[onto] == np.arange(len(onto)))
         likely = np.where(mutual, onto, -1)
-        known = self.lost.copy()
+        lost_before = self.lost.copy()
         made = self.links(at, sample, before, there, likely)
-        doubtful = self.lost & ~known
+        doubtful = self.lost & ~lost_before
         if np.any(doubtful):
             # What two rows led to is decided by walking all of them.
             self.lost[doubtful] = False
@@ -308,16 +308,16 @@ class _Following:
 
     def _nearest(self, rows: Flags, guess: Numbers, sample: _Sample) -> NDArray[np.intp]:
         """Return the real rows (n,) of a sample that guesses are nearest to, or -1."""
-        found = np.full(len(rows), -1)
+        nearest = np.full(len(rows), -1)
         chosen = np.flatnonzero(rows)
         design = chosen // self.m
-        own = sample.values.real.reshape(len(guess), -1, self.m)
-        gaps = apart(own[:, design], guess.real[:, chosen, None])
+        values = sample.values.real.reshape(len(guess), -1, self.m)
+        gaps = apart(values[:, design], guess.real[:, chosen, None])
         real = sample.real.reshape(-1, self.m)[design]
         gaps[~real] = np.inf
         some = np.any(real, axis=1)
-        found[chosen[some]] = (design * self.m + np.argmin(gaps, axis=1))[some]
-        return found
+        nearest[chosen[some]] = (design * self.m + np.argmin(gaps, axis=1))[some]
+        return nearest
 
     def links(
         self,

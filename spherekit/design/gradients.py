@@ -67,12 +67,12 @@ class FigureGradients:
         """Return who closes (n,), quantities (c, n) and derivatives (sizes, c, n)."""
         columns, count = len(self._kernel.columns), len(sizes)
         prepared = self._kernel.prepare(sizes[:, None])
-        closed, found = [], []
+        closed, outputs = [], []
         with np.errstate(all="ignore"):
             for sample, rows, who in in_mode(self._kernel, prepared, signs, samples):
                 closed.append(bool(who[0]))
-                found.append(np.concatenate([sample, rows[:, 0]]))
-        whole = np.array(found).T
+                outputs.append(np.concatenate([sample, rows[:, 0]]))
+        whole = np.array(outputs).T
         fixed = len(self.evaluator.sample)
         changes = np.zeros((count, fixed + columns, len(samples)))
         changes[:, fixed:] = whole[fixed + columns :].reshape(count, columns, -1)
@@ -100,8 +100,8 @@ class FigureGradients:
                 size = float(np.sqrt(np.mean(value * value)))
                 return size, np.mean(value * slope, axis=1) / max(size, 1e-300)
         place = int(np.argmin(value if merit.reduction == "argmin" else -value))
-        own = self.evaluator.inputs.index(merit.place) if merit.place else 0
-        return float(quantities[own, place]), np.full(len(slope), np.nan)
+        number = self.evaluator.inputs.index(merit.place) if merit.place else 0
+        return float(quantities[number, place]), np.full(len(slope), np.nan)
 
 
 def with_derivatives(expression: Expression, names: Sequence[str]) -> ArrayFunction:

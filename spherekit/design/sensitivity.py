@@ -208,7 +208,7 @@ class Sensitivity:
     @cached_property
     def _nominal(self) -> Floats:
         if self._numbers is not None:
-            return np.array(self._numbers.own)[self._numbers.of_contacts][:, None]
+            return np.array(self._numbers.nominal)[self._numbers.of_contacts][:, None]
         return np.array([[variable.value] for variable in self.variables])
 
     def _by_sizes(self, gradients: Floats) -> Floats:
@@ -224,8 +224,8 @@ class Sensitivity:
         if self._numbers is None:
             return self._nominal + deviations
         values = np.array([[variable.value] for variable in self.variables])
-        found, _ = self._numbers.at(values + deviations)
-        return found[: len(self._numbers.of_contacts)]
+        numbers, _ = self._numbers.at(values + deviations)
+        return numbers[: len(self._numbers.of_contacts)]
 
     def _placed(self, values: Floats) -> Floats:
         """Return the variables (n, v) that the kernel has, from those of a motion."""

@@ -394,8 +394,8 @@ class _State:
 
     def torque(self, row: Floats, dq: Any, ddq: Any, t: Any) -> Floats:
         """Return the torques (m,) in a state."""
-        found: Floats = self._call(row.tolist(), dq, ddq, t)
-        return found
+        torques: Floats = self._call(row.tolist(), dq, ddq, t)
+        return torques
 
     def _written(
         self, laws: Sequence[Expression | TorqueTable], names: Mapping[str, str]
@@ -416,10 +416,10 @@ class _State:
             for k, part in enumerate(self._rates)
         }
         products = {f"product_{i}_{k}": f"dq[{i}]*dq[{k}]" for i, k in self._products}
-        known = [*(f"ddq[{i}]" for i in range(m)), *products, "-1.0"]
+        factors = [*(f"ddq[{i}]" for i in range(m)), *products, "-1.0"]
         torques = []
         for i in range(m):
-            terms = [f"row[{i * width + k}]*{factor}" for k, factor in enumerate(known)]
+            terms = [f"row[{i * width + k}]*{factor}" for k, factor in enumerate(factors)]
             terms += [f"-{size}*row[{works + k * m + i}]" for k, size in enumerate(sizes)]
             torques.append(" + ".join(terms))
         body = f"array([{', '.join(torques)}])"

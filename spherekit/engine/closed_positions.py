@@ -47,10 +47,10 @@ class ClosedPositions:
         given = np.empty((len(q) + len(signs), q.shape[1]))
         given[: len(q)] = q
         given[len(q) :] = np.array(signs, dtype=float)[:, None]
-        found = np.asarray(self.function(given))
+        positions = np.asarray(self.function(given))
         with np.errstate(invalid="ignore"):
-            lost = np.any(found[self.variables :] < OUT_OF_REACH, axis=0)
-        return found[: self.variables], lost
+            lost = np.any(positions[self.variables :] < OUT_OF_REACH, axis=0)
+        return positions[: self.variables], lost
 
 
 def closed_positions(

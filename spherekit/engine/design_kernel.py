@@ -4,7 +4,7 @@ What does not depend on the configuration is computed once a design (`prepare`),
 at every row (`evaluate`): a row is one sample of one design in one assembly mode.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -211,13 +211,13 @@ def design_kernel(
     quantities = RowQuantities(terms)
     outputs = [quantities.of(name) for name in columns]
     if gradients:
-        outputs += [each for own in terms.by_sizes(outputs) for each in own]
+        outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
     outputs = [dyad.square for dyad in terms.dyads] + outputs
     moving = [*terms.sample, *terms.places]
     row_terms, fixed = hoisted(outputs, moving, "design_")
     make = _made(compiled)
     return DesignKernel(
-        tuple(each.arguments[0] for each in terms.places),
+        tuple(place.arguments[0] for place in terms.places),
         terms.closed_form,
         tuple(columns),
         make(list(fixed.values()), terms.sizes),
@@ -259,8 +259,8 @@ def newton_kernel(terms: DesignTerms, compiled: bool = True) -> NewtonKernel:
     off = misfits(terms.structure, terms.links, terms.places)
     change = answers(terms.structure, terms.links, off)
     square: Expr = 0.0
-    for each in off.values():
-        square = square + dot(each, each)
+    for misfit in off.values():
+        square = square + dot(misfit, misfit)
     row_terms, fixed = hoisted([*change, square], terms.places, "design_")
     make = _made(compiled)
     return NewtonKernel(
@@ -286,16 +286,16 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     made = {name: units[k // len(inputs)] for k, name in enumerate(names[:-1])}
     made |= {"t": "s"} | {f"theta_{pair}": "rad" for pair in angles}
     by = [""] if len(inputs) == 1 else [f"_by_{pair}" for pair in inputs]
-    made |= {f"rate_{pair}{each}": "" for pair in angles for each in by}
+    made |= {f"rate_{pair}{ending}": "" for pair in angles for ending in by}
     made |= {f"transmission_angle_{pair}": "rad" for pair in middle_pairs(mechanism)}
     links = mechanism.links
     for kind, unit in (("velocity_coefficient", ""), ("acceleration_coefficient", "1/rad")):
         made |= {
-            f"{kind}_{a}_{b}{each}": unit
+            f"{kind}_{a}_{b}{ending}": unit
             for a in links
             for b in links
             if a != b
-            for each in by
+            for ending in by
         }
     if mechanism.masses and len(inputs) == 1:
         made |= {"B": "kg m2", "dB_dq": "kg m2/rad", "torque": "N m"}
@@ -323,12 +323,12 @@ class RowQuantities:
     def of(self, name: str) -> Expr:
         """Return a quantity by its name; `EngineError` if there is none of it."""
         mechanism = self.structure.mechanism
-        known = row_quantities(mechanism.with_inputs(*self.inputs))
-        if name not in known:
-            hint = nearest(name, known) or "."
+        quantities = row_quantities(mechanism.with_inputs(*self.inputs))
+        if name not in quantities:
+            hint = nearest(name, quantities) or "."
             raise EngineError(
                 f'{mechanism.name}: "{name}" is no quantity of a configuration{hint} '
-                f"Quantities: {listing(known)}"
+                f"Quantities: {listing(quantities)}"
             )
         if name in self.sample:
             return self.sample[name]
@@ -339,8 +339,8 @@ class RowQuantities:
             if name.startswith(prefix):
                 return make(name.removeprefix(prefix))
         if len(self.inputs) > 1:
-            own, moving = self._split(name, known)
-            return self._several(own, moving)
+            stem, moving = self._split(name)
+            return self._several(stem, moving)
         if name.startswith("rate_"):
             return self._rate(name.removeprefix("rate_"))
         if name in ("B", "dB_dq", "torque"):
@@ -350,7 +350,7 @@ class RowQuantities:
 
     # Several inputs: one moves while the others rest.
 
-    def _split(self, name: str, known: Collection[str]) -> tuple[str, int]:
+    def _split(self, name: str) -> tuple[str, int]:
         """Return a name without the input that moves, and the number of that."""
         ends = [f"_by_{pair}" for pair in self.inputs]
         fitting = [k for k, end in enumerate(ends) if name.endswith(end)]
@@ -367,21 +367,21 @@ class RowQuantities:
         tensors = self.actions.by_link(self.structure.mechanism)
         return InputMoments(self._rates, self.links, tensors)
 
-    def _several(self, own: str, moving: int) -> Expr:
+    def _several(self, stem: str, moving: int) -> Expr:
         flow = self._rates
-        if own == "torque":
+        if stem == "torque":
             return self._torque(moving)
-        if own.startswith("B_"):
-            return self._moments.inertia(self.inputs.index(own.removeprefix("B_")), moving)
-        if own.startswith("rate_"):
-            number = self._variable(own.removeprefix("rate_"))
+        if stem.startswith("B_"):
+            return self._moments.inertia(self.inputs.index(stem.removeprefix("B_")), moving)
+        if stem.startswith("rate_"):
+            number = self._variable(stem.removeprefix("rate_"))
             return flow.tau[moving][number] / flow.scale
-        kind, _, text = own.partition("_coefficient_")
+        kind, _, text = stem.partition("_coefficient_")
         mechanism = self.structure.mechanism
-        link, other = (mechanism.link(each) for each in self._two_links(text))
+        link, other = (mechanism.link(name) for name in self._two_links(text))
         share = 1.0 / flow.scale
-        rates = [each * share for each in flow.tau[moving]]
-        w = [each * share for each in flow.w[moving]]
+        rates = [rate * share for rate in flow.tau[moving]]
+        w = [spin * share for spin in flow.w[moving]]
         sense = 1.0 if pole_of(link, other) == (other, link) else -1.0
         variable = mechanism.angle_between(link, other)
         turning = np.asarray(w[link] - w[other])
@@ -487,8 +487,8 @@ class RowQuantities:
                 f'{mechanism.name}: "{text}" may be of links {both[0][0]} and {both[0][1]} '
                 f"or of {both[1][0]} and {both[1][1]}; give links other names"
             )
-        (found,) = both
-        return found
+        (links,) = both
+        return links
 
     def _coefficient(self, text: str, order: int) -> Expr:
         mechanism = self.structure.mechanism
@@ -551,7 +551,7 @@ def arc_function(
         if not rest and variable in pairs.twin:
             for end in (spin, pairs.twin[variable]):
                 axes[end.link].append(constants(end.axis))
-    links = tuple(link for link, own in axes.items() if len(own) == 2)
+    links = tuple(link for link, directions in axes.items() if len(directions) == 2)
     arcs = []
     for link in links:
         one, other = axes[link]

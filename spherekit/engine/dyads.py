@@ -82,7 +82,7 @@ def place_by_inputs(
     ground = within[0]
     if ground.depth:
         back = constants(ground.within.T) @ ground.basis.T
-        within = [_turned(back, each) for each in within]
+        within = [_turned(back, placement) for placement in within]
         within[0] = ground_placement()
     return ClosedPlacements(within, dyads)
 
@@ -113,13 +113,13 @@ def _close(
 
     first, second = axis(near, 0), axis(far, 0)
     bodies = [(near, 1), (far, 2)]
-    own = [(held(outer, body), held(middle, body)) for outer, body in bodies]
-    sides = [_side(within, *both) for both in own]
+    held_axes = [(held(outer, body), held(middle, body)) for outer, body in bodies]
+    sides = [_side(within, *both) for both in held_axes]
     reached, square, angle = _third_axis(
         first, second, sides, sign if group.dyad_parity > 0 else -1.0 * sign
     )
-    depth = 1 + max(each.depth for each in within)
-    for (_, body), ((one, outer), (other, mid)) in zip(bodies, own, strict=True):
+    depth = 1 + max(placement.depth for placement in within)
+    for (_, body), ((one, outer), (other, mid)) in zip(bodies, held_axes, strict=True):
         basis = _frame(first if body == 1 else second, reached)
         links = group.bodies[body]
         if len(links) == 1:
@@ -146,8 +146,8 @@ def _frame(a: Exprs, b: Exprs) -> Exprs:
 def _single(basis: Exprs, outer: Entries, middle: Entries, depth: int) -> LinkOrientation:
     """Return the placement of one link by the frame of two of its axes."""
     ends = constants(outer), constants(middle)
-    own = _frame(*ends)
-    return LinkOrientation(basis, _inverse(*ends), own.T @ own, depth)
+    frame = _frame(*ends)
+    return LinkOrientation(basis, _inverse(*ends), frame.T @ frame, depth)
 
 
 def _inverse(a: Exprs, b: Exprs) -> Exprs:

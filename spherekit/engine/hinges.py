@@ -47,8 +47,8 @@ class Hinged:
     @property
     def numbers(self) -> list[float]:
         """The angles of all rotations (rad), in order."""
-        every = [each for own in self.constants for each in own]
-        return [angle for each in every for angle in _angles(each)]
+        every = [rotation for rotations in self.constants for rotation in rotations]
+        return [angle for rotation in every for angle in _angles(rotation)]
 
     def values(self, given: Floats) -> Floats:
         """Return its variables (n, v) from those of the given mechanism (n, w)."""
@@ -63,9 +63,9 @@ class Hinged:
         twin: dict[int, AxisTerm] = {}
         spins: list[tuple[AxisTerm, ...]] = []
         at = 0
-        for number, own in enumerate(self.constants):
+        for number, rotations in enumerate(self.constants):
             made = []
-            for constant in own:
+            for constant in rotations:
                 made.append(_constant(constant, at, given))
                 at += 3
             parts: list[tuple[Entries, Entries]] = [(made[0], made[-1])]
@@ -91,7 +91,7 @@ def hinged(mechanism: Mechanism) -> Hinged | None:
     joints = geometry_of(mechanism).joints
     contacts = [n for n, joint in enumerate(joints) if joint.tracks]
     # Curves that slide have a variable each.
-    slide = all(len({each.variable for each in joints[n].tracks}) == 2 for n in contacts)
+    slide = all(len({track.variable for track in joints[n].tracks}) == 2 for n in contacts)
     if not contacts or not slide:
         return None
     try:
@@ -108,25 +108,27 @@ def hinged(mechanism: Mechanism) -> Hinged | None:
                 "into each other, or alike"
             )
     constants = tuple(
-        tuple(np.array(each, dtype=float) for each in chain.constants) for chain in chains
+        tuple(np.array(rotation, dtype=float) for rotation in chain.constants)
+        for chain in chains
     )
     pairs: list[Pair] = []
     axes: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
-    for n, (pair, own) in enumerate(zip(mechanism.pairs, constants, strict=True)):
+    for n, (pair, rotations) in enumerate(zip(mechanism.pairs, constants, strict=True)):
         one, other = pair.links
         if n not in contacts:
             pairs.append(pair)
-            axes[one][pair.name], axes[other][pair.name] = own[0][:, 2], own[1][2]
+            axes[one][pair.name] = rotations[0][:, 2]
+            axes[other][pair.name] = rotations[1][2]
             continue
         bar = f"centres_{pair.name}"
         while bar in mechanism.links:
             bar += "_"
         near, far = (Pair(f"{bar}_{link}", "R", ends) for link, ends in _ends(pair, bar))
         pairs += [near, far]
-        axes[one][near.name] = own[0][:, 2]
-        axes[bar] = {near.name: np.array([0.0, 0.0, 1.0]), far.name: own[1][:, 2]}
-        axes[other][far.name] = own[2][2]
-    sizes = {link: _sizes(own) for link, own in axes.items()}
+        axes[one][near.name] = rotations[0][:, 2]
+        axes[bar] = {near.name: np.array([0.0, 0.0, 1.0]), far.name: rotations[1][:, 2]}
+        axes[other][far.name] = rotations[2][2]
+    sizes = {link: _sizes(directions) for link, directions in axes.items()}
     made = replace(
         mechanism,
         links=tuple(axes),
@@ -147,9 +149,9 @@ def _ends(pair: Pair, bar: str) -> tuple[tuple[str, tuple[str, str]], ...]:
 def _sizes(axes: Mapping[str, Floats]) -> LinkSizes:
     """Return how axes (3,) of a link lie to each other; its frame is another one."""
     names, every = tuple(axes), list(axes.values())
-    arcs = tuple(float(arc(every[0], each)) for each in every[1:])
-    normals = [cross(every[0], each) for each in every[1:]]
-    angles = tuple(_turn(every[0], normals[0], each) for each in normals[1:])
+    arcs = tuple(float(arc(every[0], axis)) for axis in every[1:])
+    normals = [cross(every[0], axis) for axis in every[1:]]
+    angles = tuple(_turn(every[0], normals[0], normal) for normal in normals[1:])
     return LinkSizes(names, arcs, angles)
 
 
@@ -166,11 +168,11 @@ def _angles(rotation: Floats) -> tuple[float, float, float]:
     return a, b, float(np.arctan2(rest[1, 0], rest[0, 0]))
 
 
-def _constant(own: Floats, at: int, given: Mapping[int, Expr]) -> Entries:
+def _constant(rotation: Floats, at: int, given: Mapping[int, Expr]) -> Entries:
     """Return a rotation with terms for those of its three angles that are given."""
     if not any(at + k in given for k in range(3)):
-        return own
-    a, b, c = (given.get(at + k, angle) for k, angle in enumerate(_angles(own)))
+        return rotation
+    a, b, c = (given.get(at + k, angle) for k, angle in enumerate(_angles(rotation)))
     return np.asarray(_about_z(a) @ _about_y(b) @ _about_z(c))
 
 

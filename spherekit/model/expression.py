@@ -230,8 +230,8 @@ class Expression:
 
         Where `evaluate` gives NaN or infinity it may raise ValueError or ArithmeticError.
         """
-        found = fold(self.root, float, names.__getitem__, _written)
-        return found if isinstance(found, str) else _literal(found)
+        text = fold(self.root, float, names.__getitem__, _written)
+        return text if isinstance(text, str) else _literal(text)
 
     def _arrays(
         self, values: Mapping[str, ArrayLike]

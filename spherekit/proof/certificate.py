@@ -205,7 +205,7 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
                 "place": point.stop.place.tolist(),
                 "off": point.stop.off,
             }
-            for point in located.found
+            for point in located.points
         ],
     }
 
@@ -221,12 +221,16 @@ def _systems(
     names = [structure.pairs[pair] for pair in made.pairs]
     return [
         {
-            "equations": [structure.links[made.equations[k].link] for k in each.equations],
-            "unknowns": [names[k] for k in each.unknowns],
+            "equations": [
+                structure.links[made.equations[k].link] for k in system.equations
+            ],
+            "unknowns": [names[k] for k in system.unknowns],
             "solved": [
                 {
                     "given": dict(
-                        zip((names[k] for k in each.given), known.at.tolist(), strict=True)
+                        zip(
+                            (names[k] for k in system.given), roots.at.tolist(), strict=True
+                        )
                     ),
                     "solutions": [
                         {
@@ -234,14 +238,14 @@ def _systems(
                             "z": [[float(e.real), float(e.imag)] for e in z],
                         }
                         for inverse, z in zip(
-                            known.points.inverse, known.points.z, strict=True
+                            roots.points.inverse, roots.points.z, strict=True
                         )
                     ],
                 }
-                for known in each.solved
+                for roots in system.solved
             ],
         }
-        for each in systems
+        for system in systems
     ]
 
 

@@ -117,30 +117,31 @@ class CertifiedModes:
                 f"{len(self.real)} real of {self.bound} complex modes, as many as Bezout's "
                 f"bound, each alone in its ball; {rests}",
             )
-        found = f"{len(self.real)} real modes, each alone in its ball"
+        statement = f"{len(self.real)} real modes, each alone in its ball"
         if self.systems:
             return Claim(
                 Guarantee.CERTIFIED,
-                f"{found}; all solutions of each system of equations proven, "
+                f"{statement}; all solutions of each system of equations proven, "
                 f"with those at infinity of at most {self.bound}; {rests}",
             )
         if self.complete:
             return Claim(
                 Guarantee.CERTIFIED,
-                f"{found}, all others excluded in {self.boxes} boxes; {rests}; "
+                f"{statement}, all others excluded in {self.boxes} boxes; {rests}; "
                 f"{len(self.roots)} of at most {self.bound} complex modes found",
             )
         widths = [float(2.0 * np.max(radius)) for _, radius in self.clusters]
         return Claim(
             Guarantee.TO_BOX,
-            f"{found}; undecided in {len(widths)} clusters, nothing else outside; {rests}",
+            f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
+            f"{rests}",
             max(widths, default=TURN),
         )
 
     def angles(self) -> list[list[Ball]]:
         """Return balls (rad) of all pairs' angles, in the order of pairs, of real modes."""
         with self.sharp() as (equations, places):
-            return [pair_angles(equations, each) for each in places]
+            return [pair_angles(equations, balls) for balls in places]
 
     @contextmanager
     def sharp(self) -> Iterator[tuple[Equations, list[list[Ball]]]]:
@@ -191,33 +192,33 @@ def certified_modes(
     while True:
         with bits(PRECISIONS[0]):
             search = _Search(written, made, inputs)
-            found, systems = search.in_floats(near, seeds)
+            roots, systems = search.in_floats(near, seeds)
         precision = FLOAT
-        for further in PRECISIONS if len(found) < made.bound and not systems else ():
+        for further in PRECISIONS if len(roots) < made.bound and not systems else ():
             precision = further
             with bits(precision):
                 search = _Search(written, made, inputs)
-                search.prove_again(found)
+                search.prove_again(roots)
                 for starts in near:
                     search.try_all(starts)
                 if precision > PRECISIONS[0]:
                     search.try_beside()
-                found = search.found
-            if len(found) >= made.bound or not search.doubtful:
+                roots = search.roots
+            if len(roots) >= made.bound or not search.doubtful:
                 break
-        proven = len(found) >= made.bound or bool(systems)
+        proven = len(roots) >= made.bound or bool(systems)
         if proven or search.doubtful or operator.length_hint(seeds) == 0:
             break
-    assert len(found) <= made.bound, "more roots were proven than there can be"
+    assert len(roots) <= made.bound, "more roots were proven than there can be"
     left = None
-    if len(found) < made.bound and not systems:
+    if len(roots) < made.bound and not systems:
         with bits(precision):
             equations = Equations(written, made)
             driven = given_at(written, inputs)
-            real = RealModes(equations, driven, [root for root in found if root.real])
+            real = RealModes(equations, driven, [root for root in roots if root.real])
             left = real.excluded()
-            found = [*(root for root in found if not root.real), *real.roots]
-    order = sorted(found, key=_place)
+            roots = [*(root for root in roots if not root.real), *real.roots]
+    order = sorted(roots, key=_place)
     return CertifiedModes(
         written, made, tuple(inputs), tuple(order), precision, left, systems
     )
@@ -231,7 +232,7 @@ def given_at(written: Written, inputs: Sequence[str]) -> list[Ball]:
 def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     """Return the hulls, centres and half widths, of boxes (n, k) that touch each other."""
     left = list(range(len(centres)))
-    found = []
+    hulls = []
     if len(left) > MOST_APART:
         low, high = np.min(centres - radii, axis=0), np.max(centres + radii, axis=0)
         return [(0.5 * (low + high), 0.5 * (high - low))]
@@ -250,8 +251,8 @@ def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
             left = [row for row in left if row not in set(near)]
             low = np.minimum(low, np.min(centres[near] - radii[near], axis=0))
             high = np.maximum(high, np.max(centres[near] + radii[near], axis=0))
-        found.append((0.5 * (low + high), 0.5 * (high - low)))
-    return found
+        hulls.append((0.5 * (low + high), 0.5 * (high - low)))
+    return hulls
 
 
 @final
@@ -264,7 +265,7 @@ class _Search:
         self.equations = Equations(written, construction)
         self.driven = given_at(written, inputs)
         self.turns = circle(self.driven)
-        self.found: list[Root] = []
+        self.roots: list[Root] = []
         self.lost = False
 
     def in_floats(
@@ -276,7 +277,7 @@ class _Search:
         can be, none near infinity: if some are not proven, they are too near each other.
         """
         floats, bound = self.equations.floats, self.equations.construction.bound
-        found: list[Root] = []
+        roots: list[Root] = []
         for seed in seeds:
             made = (
                 eliminated(floats, self.turns)
@@ -286,18 +287,18 @@ class _Search:
             if made is None or not len(made):
                 continue
             near.append(made)
-            found = float_roots(self.equations, self.driven, np.concatenate(near))
+            roots = float_roots(self.equations, self.driven, np.concatenate(near))
             finite = np.sum(np.all(np.abs(made.imag) < CENTRAL, axis=1))
-            if max(len(found), finite) >= bound:
-                return found, ()
-            if self.real_by_systems[0] == sum(root.real for root in found):
-                return found, self.real_by_systems[1]
-        return found, ()
+            if max(len(roots), finite) >= bound:
+                return roots, ()
+            if self.real_by_systems[0] == sum(root.real for root in roots):
+                return roots, self.real_by_systems[1]
+        return roots, ()
 
     @cached_property
     def real_by_systems(self) -> tuple[int, tuple[SolvedSystem, ...]]:
         """The number of real roots, -1 if not proven, and the systems that show it."""
-        place = np.array([[middle(each) for each in self.driven]])
+        place = np.array([[middle(ball) for ball in self.driven]])
         none = np.zeros_like(place)
         hard = np.zeros(1, dtype=bool)
         systems = Systems(self.equations)
@@ -308,46 +309,46 @@ class _Search:
     def prove_again(self, roots: Sequence[Root]) -> None:
         """Prove roots once more, so that all are of this precision."""
         for root in roots:
-            self.take([middle_of(each) for each in root.centre])
+            self.take([middle_of(ball) for ball in root.centre])
 
     @property
     def doubtful(self) -> bool:
         """Whether roots may be missing since they were not told apart."""
-        return self.lost or any(root.unique < CLOSE for root in self.found)
+        return self.lost or any(root.unique < CLOSE for root in self.roots)
 
     def try_all(self, starts: Complexes) -> None:
         """Try approximations, and those of the complex conjugates."""
         for start in starts:
-            for each in (start, start.conj()):
-                self.take([complex(angle) for angle in each])
+            for approximation in (start, start.conj()):
+                self.take([complex(angle) for angle in approximation])
 
     def take(self, near: Sequence[complex]) -> None:
         """Try one approximation; keep what it leads to if that is new."""
         root = root_near(self.equations, self.driven, near)
         if root is None:
             # far from the unit circle it is on its way to a root at infinity
-            self.lost = self.lost or max(abs(each.imag) for each in near) < FAR
-        elif all(root.apart(other) for other in self.found):
-            self.found.append(root)
+            self.lost = self.lost or max(abs(angle.imag) for angle in near) < FAR
+        elif all(root.apart(other) for other in self.roots):
+            self.roots.append(root)
 
     def try_beside(self) -> None:
         """Look for roots next to those found, where some are missing."""
         bound = self.equations.construction.bound
-        if len(self.found) in (0, bound):
+        if len(self.roots) in (0, bound):
             return
-        closest = sorted(self.found, key=lambda root: root.unique)[:4]
+        closest = sorted(self.roots, key=lambda root: root.unique)[:4]
         for root in closest:
-            centre = np.array([middle_of(each) for each in root.centre])
+            centre = np.array([middle_of(ball) for ball in root.centre])
             for nudge in NUDGES:
                 for way in np.concatenate([np.eye(len(centre)), 1j * np.eye(len(centre))]):
                     for sense in (nudge, -nudge):
-                        if len(self.found) < bound:
+                        if len(self.roots) < bound:
                             self.take([complex(a) for a in centre + sense * way])
 
 
 def _place(root: Root) -> tuple[float, ...]:
     """Return where a root comes in the order: real ones first, by their angles."""
-    middles = [middle_of(each) for each in root.centre]
+    middles = [middle_of(ball) for ball in root.centre]
     wrapped = [float(np.round(np.remainder(m.real + np.pi, 2 * np.pi), 9)) for m in middles]
     return (float(not root.real), *wrapped, *(m.imag for m in middles))
 
@@ -356,10 +357,10 @@ def pair_angles(equations: Equations, places: Sequence[Ball]) -> list[Ball]:
     """Return balls of the angles of all pairs (rad) at real balls of all variables."""
     construction = equations.construction
     placed = equations.orientations(places)
-    found = []
+    angles = []
     for number, ends in enumerate(equations.written.structure.ends):
         if number in construction.pairs:
-            found.append(places[construction.pairs.index(number)])
+            angles.append(places[construction.pairs.index(number)])
             continue
         one, other = (equations.frames[number][side] for side in (0, 1))
         axes = []
@@ -369,8 +370,8 @@ def pair_angles(equations: Equations, places: Sequence[Ball]) -> list[Ball]:
         cosine, sine = (
             sum(a * b for a, b in zip(axes[k], axes[2], strict=True)) for k in (0, 1)
         )
-        found.append(angle_of(cosine, sine))
-    return found
+        angles.append(angle_of(cosine, sine))
+    return angles
 
 
 def _turned(jet: Jet | None, vector: Sequence[Ball]) -> list[Ball]:

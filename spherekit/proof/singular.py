@@ -48,7 +48,7 @@ class CertifiedSingularities:
     curves are known. At `dead_centres` the input stops.
     """
 
-    found: tuple[CertifiedSingularity, ...]
+    points: tuple[CertifiedSingularity, ...]
     undecided: int
     skipped: tuple[str, ...]
     low: float
@@ -67,7 +67,7 @@ class CertifiedSingularities:
         ends = [] if self.whole else [q - self.low, self.high - q]
         gaps = [
             abs(float(np.remainder(stop.place[-1] - q + np.pi, TURN)) - np.pi) - stop.off
-            for stop in (*self.dead_centres, *(point.stop for point in self.found))
+            for stop in (*self.dead_centres, *(point.stop for point in self.points))
         ]
         return max(min([*gaps, *ends, np.pi]) - ROUNDING, 0.0)
 

@@ -44,7 +44,7 @@ WIDEST_ANGLE = 0.3
 
 @final
 @dataclass(frozen=True)
-class Known:
+class KnownRoots:
     """All roots of a system at one choice of what is given to it, to start from."""
 
     at: NDArray[Any]
@@ -59,7 +59,7 @@ MOST_KNOWN = 64
 TURN = 2.0 * np.pi
 DETOUR = 16
 """Steps of ways round through complex inputs, for roots that a straight one loses."""
-Guide = dict[Path, Known]
+Guide = dict[Path, KnownRoots]
 """Roots known near a box, of each system and of each mode of those before."""
 
 
@@ -92,14 +92,14 @@ class _Mode:
     times: int = 1
 
     def with_root(
-        self, root: int, unknowns: Sequence[int], found: tuple[Floats, ...]
+        self, root: int, unknowns: Sequence[int], solution: tuple[Floats, ...]
     ) -> "_Mode":
         """Return the mode that goes on with a root: its angles, turns, rates and off."""
         angle, turn, rates, off = (
-            each.copy() for each in (self.angle, self.turn, self.rates, self.off)
+            values.copy() for values in (self.angle, self.turn, self.rates, self.off)
         )
-        for own, new in zip((angle, turn, rates, off), found, strict=True):
-            own[unknowns] = new
+        for values, new in zip((angle, turn, rates, off), solution, strict=True):
+            values[unknowns] = new
         return _Mode(self.row, (*self.path, root), angle, turn, rates, off, self.times)
 
 
@@ -114,7 +114,7 @@ class SolvedSystem:
     equations: tuple[int, ...]
     unknowns: tuple[int, ...]
     given: tuple[int, ...]
-    solved: tuple[Known, ...] = ()
+    solved: tuple[KnownRoots, ...] = ()
 
 
 @final
@@ -127,7 +127,7 @@ class Systems:
         parts = systems_of(made)
         every = list(range(made.unknowns))
         self.parts = parts if parts is not None else [(every, every)]
-        self.known: list[list[Known]] = [[] for _ in self.parts]
+        self.known_roots: list[list[KnownRoots]] = [[] for _ in self.parts]
         self.bounds = [permanent(2 * made.degrees[np.ix_(*part)]) for part in self.parts]
 
     def solved(self, guide: Guide) -> tuple[SolvedSystem, ...]:
@@ -137,7 +137,7 @@ class Systems:
                 tuple(rows),
                 tuple(unknowns),
                 tuple(self.given_to(number)),
-                tuple(known for path, known in guide.items() if len(path) == number),
+                tuple(roots for path, roots in guide.items() if len(path) == number),
             )
             for number, (rows, unknowns) in enumerate(self.parts)
         )
@@ -147,7 +147,7 @@ class Systems:
         unknowns = self.parts[number][1]
         return [v for v in range(self.equations.variables) if v not in unknowns]
 
-    def _found(self, number: int, given: Floats) -> Known | None:
+    def _found(self, number: int, given: Floats) -> KnownRoots | None:
         """Return all roots of a system at what is given to it, None if some are lost."""
         rows, unknowns = self.parts[number]
         turns = np.zeros((self.equations.variables, 2))
@@ -160,7 +160,7 @@ class Systems:
             roots = roots.take(good)
             roots = roots.take(_first_of_each(roots))
             if len(roots.z) == self.bounds[number]:
-                return Known(given, roots)
+                return KnownRoots(given, roots)
         return None
 
     def counted(
@@ -218,7 +218,7 @@ class Systems:
                     at = ChartRoots(
                         roots.z[mine], roots.inverse[mine], np.zeros(bound, np.intp)
                     )
-                    following[row][path] = Known(given[place], at)
+                    following[row][path] = KnownRoots(given[place], at)
                 elif path in guides[row]:
                     following[row][path] = guides[row][path]
                 good[row] &= apart[place] and decided[place]
@@ -227,9 +227,9 @@ class Systems:
                         modes[row] += mode.times
                         continue
                     where = place * bound + int(root)
-                    own = mode.with_root(int(root), unknowns, angles.of(where))
+                    successor = mode.with_root(int(root), unknowns, angles.of(where))
                     good[row] &= bool(np.all(proven.reach[where] < WIDEST_ANGLE))
-                    waiting.append(own)
+                    waiting.append(successor)
             waiting = self._joined(number + 1, waiting, half)
         return Counted(good, modes, following)
 
@@ -243,31 +243,33 @@ class Systems:
         used = np.any(degrees[left] > 0, axis=0)[: self.equations.unknowns]
         joined: dict[int, list[_Mode]] = {}
         for mode in modes:
-            own = joined.setdefault(mode.row, [])
-            for place, other in enumerate(own):
+            row_modes = joined.setdefault(mode.row, [])
+            for place, other in enumerate(row_modes):
                 apart = np.abs(np.remainder(mode.angle - other.angle + np.pi, TURN) - np.pi)
                 drift = np.abs(mode.rates - other.rates) @ half[mode.row]
                 spare = 1.05 * (apart + drift)
                 if np.all(spare[used] < SAME):
                     off = np.maximum(mode.off + spare, other.off)
-                    own[place] = replace(other, off=off, times=other.times + mode.times)
+                    row_modes[place] = replace(
+                        other, off=off, times=other.times + mode.times
+                    )
                     break
             else:
-                own.append(mode)
-        return [mode for own in joined.values() for mode in own]
+                row_modes.append(mode)
+        return [mode for row_modes in joined.values() for mode in row_modes]
 
-    def _add(self, number: int, known: Known | None) -> None:
+    def _add(self, number: int, roots: KnownRoots | None) -> None:
         """Keep roots of a system to start from elsewhere."""
-        if known is not None:
-            self.known[number] = [known, *self.known[number][: MOST_KNOWN - 1]]
+        if roots is not None:
+            self.known_roots[number] = [roots, *self.known_roots[number][: MOST_KNOWN - 1]]
 
-    def _borrowed(self, number: int, given: Floats) -> Known | None:
+    def _borrowed(self, number: int, given: Floats) -> KnownRoots | None:
         """Return the roots known for what is nearest to what is given to a system."""
         best, nearest = None, BORROWED
-        for known in self.known[number]:
-            apart = np.abs(np.remainder(known.at - given + np.pi, TURN) - np.pi)
+        for roots in self.known_roots[number]:
+            apart = np.abs(np.remainder(roots.at - given + np.pi, TURN) - np.pi)
             if (gap := float(np.max(apart, initial=0.0))) < nearest:
-                best, nearest = known, gap
+                best, nearest = roots, gap
         return best
 
     def _proven(
@@ -292,7 +294,7 @@ class Systems:
             np.zeros((bound, len(system[1])), dtype=bool),
             np.zeros(bound, dtype=np.intp),
         )
-        known, strange = [], np.zeros(len(part), dtype=bool)
+        origins, strange = [], np.zeros(len(part), dtype=bool)
         for place, (mode, here) in enumerate(zip(part, given, strict=True)):
             near = guides[mode.row].get(mode.path)
             if near is None:
@@ -301,30 +303,30 @@ class Systems:
             if near is None:
                 near = self._found(number, here)
                 self._add(number, near)
-            known.append(near or Known(here, nothing))
+            origins.append(near or KnownRoots(here, nothing))
         roots = ChartRoots(
-            np.concatenate([each.points.z for each in known]),
-            np.concatenate([each.points.inverse for each in known]),
-            np.repeat(np.arange(len(known)), bound),
+            np.concatenate([origin.points.z for origin in origins]),
+            np.concatenate([origin.points.inverse for origin in origins]),
+            np.repeat(np.arange(len(origins)), bound),
         )
-        rough = _stepped(self.equations, system, roots, known, given)
-        found = _judged(made, rough, moving, bound)
-        lost = np.flatnonzero(~found[2] & (strange | hard[[mode.row for mode in part]]))
+        rough = _stepped(self.equations, system, roots, origins, given)
+        verdict = _judged(made, rough, moving, bound)
+        lost = np.flatnonzero(~verdict[2] & (strange | hard[[mode.row for mode in part]]))
         if len(lost):
             rows = (lost[:, None] * bound + np.arange(bound)).ravel()
             at = roots.take(rows)
             at = ChartRoots(at.z, at.inverse, np.repeat(np.arange(len(lost)), bound))
-            start = np.stack([known[row].at for row in lost])
+            start = np.stack([origins[row].at for row in lost])
             again = continued(self.equations, system, at, start, given[lost], DETOUR)
-            found = _judged(made, _replaced(found[0], rows, again), moving, bound)
-        for missing in np.flatnonzero(~found[2] & strange):
+            verdict = _judged(made, _replaced(verdict[0], rows, again), moving, bound)
+        for missing in np.flatnonzero(~verdict[2] & strange):
             anew = self._found(number, given[missing])
             self._add(number, anew)
             if anew is not None:
                 rows = missing * bound + np.arange(bound)
-                tried = _replaced(found[0], rows, anew.points)
-                found = _judged(made, tried, moving, bound)
-        return found
+                tried = _replaced(verdict[0], rows, anew.points)
+                verdict = _judged(made, tried, moving, bound)
+        return verdict
 
 
 def _judged(
@@ -376,11 +378,11 @@ def _stepped(
     equations: Equations,
     system: tuple[Sequence[int], Sequence[int]],
     roots: ChartRoots,
-    known: Sequence[Known],
+    origins: Sequence[KnownRoots],
     goal: Floats,
 ) -> ChartRoots:
     """Return roots moved by their rates from where they are known to a goal."""
-    start = np.stack([each.at for each in known])
+    start = np.stack([origin.at for origin in origins])
     made = Polynomials.at(equations, *system, turns_of(start))
     with np.errstate(all="ignore"):
         _, first, by_input = values_at(made, roots)

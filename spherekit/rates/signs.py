@@ -157,11 +157,11 @@ def turn_each(columns: PoleColumns, signs: Floats) -> None:
 
 def sided_signs(motion: Motion, unit: Floats, memory: SignMemory) -> Floats:
     """Return (n,) the signs that turn directions (3, n) to the side that modes start on."""
-    signs, known = np.ones(unit.shape[1]), np.isfinite(unit[0])
+    signs, finite = np.ones(unit.shape[1]), np.isfinite(unit[0])
     for number, mode in enumerate(motion.assembly_modes):
         rows = slice(number * motion.samples, (number + 1) * motion.samples)
-        if np.any(known[rows]):
-            first = rows.start + int(np.argmax(known[rows]))
+        if np.any(finite[rows]):
+            first = rows.start + int(np.argmax(finite[rows]))
             home = _home(motion, mode.number, first, memory)
             signs[rows] = np.where(home @ unit[:, rows] < 0.0, -1.0, 1.0)
     return signs

@@ -54,6 +54,6 @@ class Positions:
             if len(open_) == count:
                 values[:, number], lost[number] = self.closed.at(q, mode.signs)
             elif len(open_):
-                found, out = self.closed.at(q[:, open_], mode.signs)
-                values[:, number, open_], lost[number, open_] = found, out
+                closed_values, out = self.closed.at(q[:, open_], mode.signs)
+                values[:, number, open_], lost[number, open_] = closed_values, out
         return values, lost
