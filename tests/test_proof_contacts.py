@@ -18,6 +18,7 @@ from spherekit.files.document import parse
 from spherekit.files.read import read
 from spherekit.proof.balls import middle
 from spherekit.proof.certificate import modes_certificate
+from spherekit.proof.construction import construct
 from spherekit.proof.modes import certified_modes
 from spherekit.proof.written import Written
 
@@ -259,5 +260,8 @@ def test_ranges_of_wheels_in_a_loop_are_refused_with_what_is_possible():
 
     document = parse(geared("teeth = [40, 20]"), "geared")
     written = Written.of(read(document), document)
+    # the same links with both cranks driven are placed alike, and are another construction
+    both = construct(Written.of(sk.load("five_bar")).structure)
+    assert (both.inputs, construct(written.structure).inputs) == (2, 1)
     with pytest.raises(PlanError, match=r"wheels turn 51 .* give values .* with --at"):
         certified_curves(written, ("40", "50"))

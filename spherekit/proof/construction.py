@@ -47,7 +47,8 @@ class Onto:
 
 
 Step = Across | Onto
-_Key = tuple[tuple[tuple[int, int], ...], int, tuple[int, ...], frozenset[int]]
+_Numbers = tuple[int, ...]
+_Key = tuple[tuple[tuple[int, int], ...], int, _Numbers, _Numbers, frozenset[int]]
 
 
 @final
@@ -175,12 +176,12 @@ def construct(structure: Structure, wanted: Collection[int] = ()) -> Constructio
     PlanError
         If there is none, since the pairs do not leave one freedom for each input.
     """
-    given = (*structure.inputs, *structure.followers)
-    key = structure.ends, len(structure.links), given, frozenset(wanted)
+    inputs, followers = structure.inputs, structure.followers
+    key = structure.ends, len(structure.links), inputs, followers, frozenset(wanted)
     if key not in _FOUND:
         if len(_FOUND) >= MOST_KEPT:
             _FOUND.clear()
-        _FOUND[key] = _searched(structure, given, wanted)
+        _FOUND[key] = _searched(structure, (*inputs, *followers), wanted)
     best = _FOUND[key]
     if best is None:
         raise PlanError(
