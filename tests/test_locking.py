@@ -31,7 +31,9 @@ def heavy(name):
     )
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", ["five_bar", "three_rrr", pytest.param("two_dof_spm", marks=pytest.mark.long)]
+)
 def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
     pair, value, others = CASES[name]
     made = heavy(name)

@@ -155,7 +155,7 @@ def test_searching_and_eliminating_find_the_same(links):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("made", [ten_bar, cams])
+@pytest.mark.parametrize("made", [pytest.param(ten_bar, marks=pytest.mark.long), cams])
 def test_runs_and_curves_have_every_mode(made):
     tally = Tally()
     for seed in range(3):

@@ -15,29 +15,32 @@ from numpy._core._multiarray_umath import __cpu_dispatch__ as DISPATCHED
 
 TESTS = Path(__file__).parent
 NUMERICAL = (
-    "test_assembly_modes",
     "test_bounds",
+    "test_engine_dyads",
+    "test_exact",
+    "test_poles",
+    "test_reduced",
+    "test_singular_single",
+    "test_special_dyads",
+    "test_transmission",
+    "test_units",
+)
+"""Files whose claims are close to rounding."""
+OTHERS = (
+    "test_assembly_modes",
     "test_change_points",
     "test_contact",
     "test_engine",
-    "test_engine_dyads",
     "test_equivalent_rotation",
-    "test_exact",
     "test_inverse",
-    "test_poles",
-    "test_reduced",
     "test_region",
     "test_singular_several",
-    "test_singular_single",
-    "test_special_dyads",
     "test_touching",
-    "test_transmission",
-    "test_units",
     "test_verify",
 )
-"""Files whose claims are close to rounding."""
+"""Files that are asked when there is time, as the whole suite may be by its settings."""
 
-PROCESSES = 6
+PROCESSES = 3
 """Of several files each, which is quicker than one for each file."""
 CORES = {"x86_64": "Prescott", "AMD64": "Prescott", "aarch64": "ARMV8"}
 """The least kernels of OpenBLAS by machine."""
@@ -65,7 +68,13 @@ def test_the_kernels_are_turned_down():
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("names", [NUMERICAL[k::PROCESSES] for k in range(PROCESSES)])
+@pytest.mark.parametrize(
+    "names",
+    [
+        *(NUMERICAL[k::PROCESSES] for k in range(PROCESSES)),
+        pytest.param(OTHERS, marks=pytest.mark.long),
+    ],
+)
 def test_numerical_tests_hold_there(names):
     words = ["-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-q"]
     chosen = ["-m", "not slow and not long", *(str(TESTS / f"{n}.py") for n in names)]

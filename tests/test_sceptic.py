@@ -44,12 +44,20 @@ def test_nothing_contradicts_in_mechanisms_that_agree(evidence_of, name):
     assert compared > 1000
 
 
+FEW = (0, 1, 4, 7)
+"""Seeds whose dynamics are asked in every run; a cam that turns wheels takes longest."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "seed",
     [
-        *range(len(KINDS) - 1),  # a cam that turns wheels takes as long as all others
-        pytest.param(len(KINDS) - 1, marks=pytest.mark.long),
+        *FEW,
+        *(
+            pytest.param(seed, marks=pytest.mark.long)
+            for seed in range(len(KINDS))
+            if seed not in FEW
+        ),
     ],
 )
 def test_the_dynamics_of_random_mechanisms_agree(tmp_path, seed):

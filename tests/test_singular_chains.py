@@ -109,7 +109,17 @@ def test_singularities_of_random_chains_are_exact_and_all(number):
     check(number)
 
 
+LENGTHY = (9, 14, 15)
+"""Chains with groups beyond dyads and many places."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(CHAINS)))
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(number, marks=pytest.mark.long) if number in LENGTHY else number
+        for number in range(len(CHAINS))
+    ],
+)
 def test_singularities_of_all_chains_are_exact_and_all(number):
     check(number)

@@ -82,7 +82,12 @@ def dead_inputs_of_geared(made, low, high):
 
 @pytest.mark.parametrize(
     ("low", "high"),
-    [(0.0, 720.0), (-360.0, 360.0), (400.0, 620.0), (-300.0, 1000.0)],
+    [
+        (400.0, 620.0),
+        pytest.param(0.0, 720.0, marks=pytest.mark.long),
+        (-360.0, 360.0),
+        pytest.param(-300.0, 1000.0, marks=pytest.mark.long),
+    ],
 )
 def test_places_of_a_geared_five_bar_are_at_their_turn(low, high, tmp_path):
     made = geared(tmp_path, low, high)
@@ -143,6 +148,7 @@ link = "rocker"
 does not grow with the input, but comes back with it."""
 
 
+@pytest.mark.long
 def test_what_rolls_with_a_cam_comes_back_with_the_input(tmp_path):
     """Reversals of the rocker, read off its angle along the motion, are the places."""
     path = tmp_path / "dwell.toml"
@@ -273,7 +279,7 @@ def check_points(tracer, points, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["I", "II"])
+@pytest.mark.parametrize("kind", ["I", pytest.param("II", marks=pytest.mark.long)])
 def test_surfaces_from_random_starts_are_at_the_inputs_given(kind):
     made = sk.load("three_rrr")
     mesh = singular_surface(made, kind, side=0.25, halved=1, slices_of_each=0)

@@ -120,7 +120,7 @@ def test_three_thousand_poses():
     check_all_kinds(3000, 3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_many_internal_contacts():
     check_internal(450, 4)
 
