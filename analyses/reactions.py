@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     ASSEMBLY_MODE,
@@ -17,22 +16,19 @@ from spherekit.plugin import (
     Batch,
     Column,
     Findings,
+    Floats,
     Mechanism,
     Needs,
     Scene,
-    Series,
     Status,
     Table,
     TableData,
     counted,
-    input_columns,
     listing,
 )
 from spherekit.plugin.dynamics import Reactions, need_terms, reactions, used_pairs
 
-from .load_motion import as_loads_see
-
-Floats = NDArray[np.float64]
+from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
 
 
 @final
@@ -92,22 +88,11 @@ class ReactionAnalysis(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table of reactions."""
         result = self._found(batch)
-        names = np.array([pair.name for pair in batch.mechanism.pairs], dtype=str)
-        count = len(names)
-        common = {
-            "sample": batch.sample,
-            "assembly_mode": batch.assembly_mode,
-            "t": batch.t,
-            **input_columns(batch.mechanism, batch.inputs),
-        }
-        repeated: dict[str, NDArray[Any]] = {
-            name: np.repeat(values, count) for name, values in common.items()
-        }
+        names = [pair.name for pair in batch.mechanism.pairs]
         moments = result.moments.reshape(-1, 3)
         return {
             "reactions": {
-                **repeated,
-                "pair": np.tile(names, len(batch)),
+                **repeated(row_columns(batch, timed=True), names, "pair"),
                 **{f"moment_{axis}": moments[:, k] for k, axis in enumerate("xyz")},
                 "across": result.across.ravel(),
                 "push": result.push.ravel(),
@@ -153,23 +138,14 @@ class ReactionAnalysis(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of the moments across all axes, and of what contacts press with."""
         result = self._found(batch)
-        curves: list[tuple[str, str, str, Floats]] = []
+        curves = []
         for k, pair in enumerate(batch.mechanism.pairs):
-            title = "moment across the axis"
-            curves.append(("across", pair.name, title, result.across[:, k]))
+            title, across = "moment across the axis", result.across[:, k]
+            curves.append(curve("across", pair.name, title, across, "N m"))
             if not pair.kind.has_axis:
-                title = "push of contacts, times the radius"
-                curves.append(("push", pair.name, title, result.push[:, k]))
-        return tuple(
-            Scene(
-                number,
-                tuple(
-                    Series(f"plots/{group}/{label}", label, title, values[rows], "N m")
-                    for group, label, title, values in curves
-                ),
-            )
-            for number, rows in batch.assembly_mode_rows().items()
-        )
+                title, push = "push of contacts, times the radius", result.push[:, k]
+                curves.append(curve("push", pair.name, title, push, "N m"))
+        return plotted(batch, curves)
 
 
 def _largest(values: Floats) -> float | None:
