@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked_class
 from spherekit.conventions import listing, nearest
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
@@ -178,6 +179,7 @@ class Load(ABC):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class PairTorque(Load):
     """A torque (N m) about an R pair's axis on its second link, its reaction on the first.
@@ -209,6 +211,7 @@ class PairTorque(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Gravity(Load):
     """The same acceleration (m/s2, ground axes) on every link with a mass."""
@@ -248,6 +251,7 @@ class Gravity(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class PointForce(Load):
     """A force (N) at a point (m, link axes) fixed in a link; its reaction on the ground.
@@ -277,6 +281,7 @@ class PointForce(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Moment(Load):
     """A moment (N m) on a link; its reaction on the ground.
@@ -301,6 +306,7 @@ class Moment(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Spring(Load):
     """A spring at an R pair: the torque -stiffness (v - rest) for the variable v (rad).
@@ -329,6 +335,7 @@ class Spring(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Damper(Load):
     """A viscous damper at an R pair: the torque -damping v' for the rate v' (rad/s).
@@ -354,6 +361,7 @@ class Damper(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Friction(Load):
     """Dry and viscous friction at an R pair: -(torque tanh(v' / speed) + viscous v').
@@ -388,6 +396,7 @@ class Friction(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Bearings(Load):
     """The bearings of an R pair, with Coulomb's friction that follows from its reaction.
@@ -459,6 +468,7 @@ def need_no_rubbing(mechanism: "Mechanism", what: str) -> None:
 
 
 @final
+@checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class TorqueTable(Load):
     """A torque (N m) at an R pair given at increasing times (s), linear in between.

@@ -24,7 +24,7 @@ SPLINE_DEGREE = 5
 """A quintic spline has a continuous fourth derivative, so a torque without kinks."""
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "at")
 @final
 @dataclass(frozen=True)
 class ConstantSpeed:
@@ -47,7 +47,7 @@ class ConstantSpeed:
         )
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "at")
 @final
 @dataclass(frozen=True)
 class Polynomial:
@@ -71,7 +71,7 @@ class Polynomial:
         return q, dq, 2 * half
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "at")
 @final
 @dataclass(frozen=True)
 class Cycloidal:
@@ -105,7 +105,7 @@ class Cycloidal:
         )
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "at")
 @final
 @dataclass(frozen=True)
 class Tabulated:
@@ -177,7 +177,7 @@ class TimeLaw(Protocol):
         """Return the input at times t (s)."""
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "each")
 @final
 @dataclass(frozen=True)
 class Start:
