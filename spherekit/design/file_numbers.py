@@ -73,12 +73,18 @@ class FileNumbers:
 
     def _differing(self) -> tuple[int, ...]:
         values = np.array([variable.value for variable in self.variables])
+        tried = [self._read(values * (1.0 + share) + share) for share in TRIED]
+        self.varied = any(isinstance(numbers, list) for numbers in tried)
+        if not self.varied:
+            # Some vary by whole numbers, and some only with others.
+            steps = np.concatenate([size * np.eye(len(values)) for size in (1.0, *TRIED)])
+            tried = [self._read(values * (1.0 + step)) for step in steps]
+            self.varied = any(isinstance(numbers, list) for numbers in tried)
+            return tuple(range(len(self.nominal)))
         differing: set[int] = set()
-        for share in TRIED:
-            tried = self._read(values * (1.0 + share) + share)
-            if isinstance(tried, list):
-                self.varied = True
-                both = zip(tried, self.nominal, strict=True)
+        for numbers in tried:
+            if isinstance(numbers, list):
+                both = zip(numbers, self.nominal, strict=True)
                 differing |= {k for k, (new, old) in enumerate(both) if new != old}
         return tuple(sorted(differing))
 

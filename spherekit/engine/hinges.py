@@ -9,6 +9,7 @@ between the turns of all pairs are numbers, three angles of Euler each.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -38,17 +39,32 @@ from spherekit.sphere.rotation import Floats, arc, cross, frame_toward
 class Hinged:
     """A mechanism of R pairs instead of contacts, and the rotations between its turns.
 
-    `constants` are those of the pairs of the given mechanism (`turning_pairs`) without the
-    contacts that roll: two of an R pair and three of a contact that slides; `contacts` are
-    the numbers of these. `turns` say how its variables follow from those of the given one,
-    `train` how pairs follow the inputs through wheels.
+    Attributes
+    ----------
+    given
+        The mechanism with contacts.
+    kept, contacts
+        The numbers of its pairs without the contacts that roll; the places of those that
+        slide among them.
+    constants
+        Of the pairs kept (`turning_pairs`): two of an R pair, three of a contact.
+    turns
+        How the variables follow from those of the given mechanism.
+    train
+        How pairs follow the inputs through wheels.
     """
 
-    mechanism: Mechanism
+    given: Mechanism
+    kept: tuple[int, ...]
     contacts: tuple[int, ...]
     constants: tuple[tuple[Floats, ...], ...]
     turns: tuple[AxisRotation, ...]
     train: WheelTrain | None
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The mechanism of R pairs."""
+        return _without_contacts(self.given, self.kept, self.contacts, self.constants)
 
     @property
     def numbers(self) -> list[float]:
@@ -137,17 +153,15 @@ def hinged(mechanism: Mechanism, driven: Sequence[str]) -> Hinged | None:
         tuple(np.array(rotation, dtype=float) for rotation in pairs.chains[n].constants)
         for n in kept
     )
-    made = _without_contacts(mechanism, kept, contacts, constants)
     turns = [turn for n in kept for turn in pairs.chains[n].turns]
     round_ones = tuple(turn for turn in turns if isinstance(turn, AxisRotation))
     if train is not None:
         # A contact that slides has two pairs in place of one.
-        number = {mechanism.pairs[n].name: n for n in train.followers}
-        train = replace(
-            train, followers=tuple(made.pair_number[name] for name in number)
-        )
-    places = tuple(kept.index(n) for n in contacts)
-    return Hinged(made, places, constants, round_ones, train)
+        before = [sum(n < follower for n in contacts) for follower in train.followers]
+        places = [kept.index(n) + more for n, more in zip(train.followers, before, strict=True)]
+        train = replace(train, followers=tuple(places))
+    slide = tuple(kept.index(n) for n in contacts)
+    return Hinged(mechanism, tuple(kept), slide, constants, round_ones, train)
 
 
 def _without_contacts(
@@ -159,10 +173,10 @@ def _without_contacts(
     """Return a mechanism with the pairs that are `kept`, its contacts links."""
     pairs: list[Pair] = []
     frames: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
-    for n, rotations in zip(kept, constants, strict=True):
+    for place, (n, rotations) in enumerate(zip(kept, constants, strict=True)):
         pair = mechanism.pairs[n]
         one, other = pair.links
-        if n not in contacts:
+        if place not in contacts:
             pairs.append(pair)
             frames[one][pair.name] = rotations[0]
             frames[other][pair.name] = rotations[1].T
