@@ -157,8 +157,7 @@ def hinged(mechanism: Mechanism, driven: Sequence[str]) -> Hinged | None:
     round_ones = tuple(turn for turn in turns if isinstance(turn, AxisRotation))
     if train is not None:
         # A contact that slides has two pairs in place of one.
-        before = [sum(n < follower for n in contacts) for follower in train.followers]
-        places = [kept.index(n) + more for n, more in zip(train.followers, before, strict=True)]
+        places = (kept.index(n) + sum(m < n for m in contacts) for n in train.followers)
         train = replace(train, followers=tuple(places))
     slide = tuple(kept.index(n) for n in contacts)
     return Hinged(mechanism, tuple(kept), slide, constants, round_ones, train)

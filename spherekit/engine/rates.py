@@ -164,9 +164,10 @@ def way(
 class HomogeneousRates:
     """The rates of variables found so far, from the vectors (3,) of all variables.
 
-    `driven` are the rates of the driven pairs. `span(a, b)` is the constant |A x B|^2 of two variables' vectors, or None where it is not constant. With
-    `misfits` (3,) of pairs all inputs rest, and the rates over `scale` are the answers
-    of the variables (`spherekit.engine.misfits`).
+    `driven` are the rates of the driven pairs. `span(a, b)` is the constant |A x B|^2 of
+    two variables' vectors, or None where it is not constant. With `misfits` (3,) of pairs,
+    all driven ones at rest, the rates over `scale` are the answers of the variables
+    (`spherekit.engine.misfits`).
     """
 
     def __init__(

@@ -107,7 +107,7 @@ def wheel_train(
 
 
 def _mesh(mechanism: Mechanism, pairs: TurningPairs, number: int) -> _Mesh | None:
-    """Return what a rolling contact says of pairs; None unless a link carries its wheels."""
+    """Return what a contact says of pairs; None unless a link carries its wheels."""
     chain = pairs.chains[number]
     turns = [turn for turn in chain.turns if isinstance(turn, AxisRotation)]
     way = _way(mechanism, pairs, number)
@@ -162,7 +162,10 @@ def _turning(
             ahead = ends[0] == link
             further = ends[1] if ahead else ends[0]
             constants = pairs.chains[pair].constants
-            axes = constants[0][:, 2], constants[1][2]
+            axes = [
+                np.asarray(axis, dtype=float)
+                for axis in (constants[0][:, 2], constants[1][2])
+            ]
             here, there = axes if ahead else axes[::-1]
             if further in ways or np.linalg.norm(cross(here, lines[link])) > ONE_LINE:
                 continue
@@ -225,7 +228,6 @@ def _least_rolled(
             step[k] += 0.0 if side else mesh.laps[0]
             if np.max(np.abs(step)) > SAME_LENGTH and not _repeats(step, steps):
                 steps.append((step, turned))
-    # What the first turns leave nearly whole is taken up first.
     counts = range(-MOST_TURNS, MOST_TURNS + 1)
     if len(counts) ** len(steps) > MOST_ASSEMBLIES:
         return None
