@@ -64,7 +64,9 @@ class Pair:
     external contact the two bodies lie on opposite sides of the common tangent, in an
     internal one on the same side, the first within the second. `start` are the arc
     lengths (rad) along both profiles at which the variable of a rolling contact is zero. A
-    `one_sided` contact can press and not pull: a simulation ends where it lifts off.
+    `one_sided` contact can press and not pull: a simulation ends where it lifts off. The
+    force of a contact acts at `distance` (m) from the centre of the sphere, where it is
+    said.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Pair:
     contact: Literal["external", "internal"] = "external"
     start: tuple[float, float] = (0.0, 0.0)
     one_sided: bool = False
+    distance: float | None = None
 
     @property
     def kind(self) -> Kind:
@@ -555,6 +558,11 @@ def _check(mechanism: Mechanism) -> None:
             raise ModelError(
                 f"{where}: pairs.{pair.name}: a contact pair (Cr, Cs) has a profile for "
                 "each of its links, an R pair has none"
+            )
+        if pair.distance is not None and not 0.0 < pair.distance < math.inf:
+            raise ModelError(
+                f"{where}: pairs.{pair.name}.distance: found {pair.distance}, needs more "
+                "than 0 m: how far from the centre the contact force acts"
             )
         if pair.links[0] == pair.links[1]:
             raise ModelError(
