@@ -219,7 +219,7 @@ class History(InputMotion):
 
     def __repr__(self) -> str:
         span = f" from {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else ""
-        return f"<History: {len(self.t)} times{span}>"
+        return f"<History: {counted(len(self.t), 'time')}{span}>"
 
 
 @final
@@ -324,7 +324,7 @@ class Simulation:
 
     @checked(SolveError)
     def moments(self, t: ArrayLike) -> Transmitted:
-        """Return what every pair transmits at times (n,), in pair axes."""
+        """Return the moments that every pair transmits at times (n,), in pair axes."""
         t = np.atleast_1d(np.asarray(t, dtype=float))
         traced, dynamics = self._at(t)
         motion, _, change = self._accelerated(traced, dynamics)
@@ -332,7 +332,7 @@ class Simulation:
         at = self.equation.closure.at(traced.states[:, : self.equation.variables])
         none = np.zeros((len(t), len(self.driven)))
         timing = Timing(np.asarray(t, dtype=float), dynamics.speed, change)
-        driven = Driven(self.mechanism, at, motion, timing, none, dynamics.across)
+        driven = Driven(self.mechanism, at, motion, timing, none, dynamics.carried)
         return transmitted(driven, self.equation.closure.joints)
 
     def _accelerated(
