@@ -174,6 +174,7 @@ COMPUTED = (
 )
 """Public classes whose objects functions of ours make."""
 INSIDE = {
+    "Bearings": "carried",
     "Digits": "cosine_sine exact floats function root zeros",
     "Mechanism": "angle_between variables_of",
     "Motion": "joined rows",

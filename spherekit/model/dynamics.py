@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked_class
-from spherekit.conventions import counted, listing, nearest
+from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
 from spherekit.model.laws import need_increasing
@@ -36,8 +36,6 @@ TorqueFunction = Callable[[float, float, float], float]
 
 Axes = Literal["ground", "link"]
 """Whether components are along the axes of the ground or of the link acted on."""
-
-AXES: tuple[Axes, ...] = ("ground", "link")
 
 DRIVE = "driving_torque"
 """Name of the load that a torque at the input becomes."""
@@ -274,7 +272,7 @@ class PointForce(Load):
 
     def check(self, key: str, mechanism: "Mechanism") -> None:
         need_finite(f"{key}.point", self.point)
-        _check_on_link(key, self.axes, "force", self.force, mechanism)
+        _check_on_link(key, "force", self.force, mechanism)
 
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
         return _on_link(mechanism, self, self.force, _floats(self.point))
@@ -299,7 +297,7 @@ class Moment(Load):
     axes: Axes = "ground"
 
     def check(self, key: str, mechanism: "Mechanism") -> None:
-        _check_on_link(key, self.axes, "moment", self.moment, mechanism)
+        _check_on_link(key, "moment", self.moment, mechanism)
 
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
         return _on_link(mechanism, self, self.moment, None)
@@ -655,13 +653,7 @@ def _on_link(
     )
 
 
-def _check_on_link(
-    key: str, axes: str, what: str, parts: Expressions, mechanism: "Mechanism"
-) -> None:
-    if axes not in AXES:
-        raise ModelError(
-            f'{key}.axes: found "{axes}", allowed: {listing(AXES)}{nearest(axes, AXES)}'
-        )
+def _check_on_link(key: str, what: str, parts: Expressions, mechanism: "Mechanism") -> None:
     for number, text in enumerate(parts):
         need_expression(f"{key}.{what}[{number}]", text, mechanism)
 
