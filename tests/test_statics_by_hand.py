@@ -53,14 +53,14 @@ torque = "178.01"
 def test_the_transmitted_load_of_bevel_gears(tmp_path):
     """The tooth force along the pitch circles is the power over the speed of these.
 
-    Both cones roll without sliding at the pitch point, so there it moves with V = r w of
-    either gear, r its pitch radius there, and the force W along the motion does P = W V: with
-    5 hp (745.7 W each), r = 32.84 mm and w = 62.83 rad/s of the pinion V = 2.063 m/s and
-    W = 1807 N. The gear turns at w 15/45 and has the radius 3 r, so W turns it by 3 r W =
-    178.0 N m, what the brake takes, and the pinion by P/w = 59.34 N m. The point is at r /
-    sin g from the centre with tan g = 15/45, the pinion's half angle between shafts at 90
-    degrees. What presses the cones together does no work and is left open: pitch cones have
-    no pressure angle.
+    Both cones roll without sliding at the pitch point, so there it moves with V = r w
+    of either gear, r its pitch radius there, and the force W along the motion does P =
+    W V: with 5 hp (745.7 W each), r = 32.84 mm and w = 62.83 rad/s of the pinion V =
+    2.063 m/s and W = 1807 N. The gear turns at w 15/45 and has the radius 3 r, so W
+    turns it by 3 r W = 178.0 N m, what the brake takes, and the pinion by P/w = 59.34 N
+    m. The point is at r / sin g from the centre with tan g = 15/45, the pinion's half
+    angle between shafts at 90 degrees. What presses the cones together does no work and
+    is left open: pitch cones have no pressure angle.
     """
     (tmp_path / "gears.toml").write_text(BEVEL_GEARS)
     made = sk.load(tmp_path / "gears.toml")
@@ -77,16 +77,16 @@ def test_the_transmitted_load_of_bevel_gears(tmp_path):
 def test_the_bearings_of_hookes_joint():
     """A cross without mass transmits a moment that has no part along either of its arms.
 
-    An arm turns freely in its bearings, so the moment T of the driving yoke on the cross has
-    no part along the yoke's arm a, and passed on to the driven yoke none along its arm b: T
-    is along a x b, of the size that has the part M = 100 N m along the driving shaft s. With
-    a normal to the plane of the shafts, b lies in that plane across the driven shaft, and so
-    a x b is along the driven shaft: T = M / cos 35 = 122.1 N m, all of it torque there, and
-    M tan 35 = 70.02 N m bends the driving shaft. With a in the plane, across s, b is normal
-    to the plane and a x b along s: T = M, of which M cos 35 = 81.92 N m turns the driven
-    shaft and M sin 35 = 57.36 N m bends it. Bearings 0.2 m apart carry the bending moment
-    as a couple: 350.1 N on the driving shaft and none on the driven one, then none and
-    286.8 N.
+    An arm turns freely in its bearings, so the moment T of the driving yoke on the
+    cross has no part along the yoke's arm a, and passed on to the driven yoke none
+    along its arm b: T is along a x b, of the size that has the part M = 100 N m along
+    the driving shaft s. With a normal to the plane of the shafts, b lies in that plane
+    across the driven shaft, and so a x b is along the driven shaft: T = M / cos 35 =
+    122.1 N m, all of it torque there, and M tan 35 = 70.02 N m bends the driving shaft.
+    With a in the plane, across s, b is normal to the plane and a x b along s: T = M, of
+    which M cos 35 = 81.92 N m turns the driven shaft and M sin 35 = 57.36 N m bends it.
+    Bearings 0.2 m apart carry the bending moment as a couple: 350.1 N on the driving
+    shaft and none on the driven one, then none and 286.8 N.
     """
     made = sk.load("universal_joint")
     for yoke, torque, driving, driven in (
