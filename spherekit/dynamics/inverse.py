@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import SINGULAR_RATIO, Status, listing
+from spherekit.conventions import SINGULAR_RATIO, Status, counted, listing
 from spherekit.dynamics.equation import driving_torques
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
@@ -75,9 +75,10 @@ class InverseSolution(InputMotion):
 
     def __repr__(self) -> str:
         failed = int(np.count_nonzero(self.status))
+        modes = len(set(self.assembly_mode.tolist()))
         return (
-            f"<InverseSolution of {self.mechanism.name}: {len(self.t)} rows in "
-            f"{len(set(self.assembly_mode.tolist()))} assembly modes, {failed} failed>"
+            f"<InverseSolution of {self.mechanism.name}: {counted(len(self.t), 'row')} in "
+            f"{counted(modes, 'assembly mode')}, {failed} failed>"
         )
 
     @property

@@ -218,7 +218,7 @@ class History(InputMotion):
 
     def __repr__(self) -> str:
         span = f" from {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else ""
-        return f"<History: {len(self.t)} times{span}>"
+        return f"<History: {counted(len(self.t), 'time')}{span}>"
 
 
 @final

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import counted, listing, nearest
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
 from spherekit.model.laws import need_increasing
@@ -577,11 +577,12 @@ class TorqueTable(Load):
         need_angle(f"{key}.pair", self.pair, mechanism)
         if len(self.times) != len(self.torques):
             raise ModelError(
-                f"{key}.torques: has {len(self.torques)} values, but times has "
+                f"{key}.torques: has {counted(len(self.torques), 'value')}, but times has "
                 f"{len(self.times)}"
             )
         if len(self.times) < 2:
-            raise ModelError(f"{key}.times: has {len(self.times)} values, needs at least 2")
+            has = counted(len(self.times), "value")
+            raise ModelError(f"{key}.times: has {has}, needs at least 2")
         need_finite(f"{key}.times", self.times)
         need_finite(f"{key}.torques", self.torques)
         need_increasing(f"{key}.times", self.times)

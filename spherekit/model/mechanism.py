@@ -10,7 +10,7 @@ from typing import Any, Literal, final
 from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
-from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
+from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, counted, listing, nearest
 from spherekit.errors import ModelError
 from spherekit.markup import html_table
 from spherekit.model.changes import (
@@ -317,7 +317,7 @@ class Mechanism:
     def __repr__(self) -> str:
         types = Counter(pair.type for pair in self.pairs)
         parts = [
-            f"{len(self.links)} links",
+            counted(len(self.links), "link"),
             f"pairs {', '.join(f'{count} {kind}' for kind, count in types.items())}",
             f"inputs {listing(item.pair for item in self.inputs) or 'none declared'}",
         ]
@@ -659,13 +659,13 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
         arcs, angles = max(count - 1, 0), max(count - 2, 0)
         if len(sizes.arcs) != arcs:
             raise ModelError(
-                f"{key}.arcs: has {len(sizes.arcs)} values, needs {arcs}: the arcs from "
-                "the first axis to each of the others"
+                f"{key}.arcs: has {counted(len(sizes.arcs), 'value')}, needs {arcs}: the "
+                "arcs from the first axis to each of the others"
             )
         if len(sizes.angles) != angles:
             raise ModelError(
-                f"{key}.angles: has {len(sizes.angles)} values, needs {angles}: at the "
-                "first axis, from the first arc to each further arc"
+                f"{key}.angles: has {counted(len(sizes.angles), 'value')}, needs {angles}: "
+                "at the first axis, from the first arc to each further arc"
             )
 
 

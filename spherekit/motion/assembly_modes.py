@@ -31,7 +31,7 @@ from spherekit.motion.loops import DEPENDENT, left_inverse, rank_mobility
 from spherekit.motion.meshes import TURN, Meshes, meshes_of
 from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.pairs import pair_states, penetrates
-from spherekit.motion.trains import Frames, WheelTrain, train_of
+from spherekit.motion.trains import Frames, WheelPlacement, train_of
 from spherekit.planning.assembly import Assembly
 from spherekit.sphere.rotation import Floats
 
@@ -121,7 +121,7 @@ class Solver:
         return np.where(returns, scale * wrap(q / scale), q)
 
     @cached_property
-    def trains(self) -> dict[int, WheelTrain]:
+    def trains(self) -> dict[int, WheelPlacement]:
         """The trains of wheels that follow from the inputs, by the numbers of groups."""
         if self.meshes is None:
             return {}
@@ -149,7 +149,7 @@ class Solver:
             values[:, list(self.meshes.variables)] = self.meshes.rolled(q)
         return values
 
-    def train_frames(self, train: WheelTrain, rolled: Floats) -> Frames:
+    def train_frames(self, train: WheelPlacement, rolled: Floats) -> Frames:
         """Return the frames (n, 3, 3) of a train's contacts from `rolled_values`."""
         frames = {}
         for pair in train.contacts:

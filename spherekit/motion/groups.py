@@ -17,7 +17,7 @@ from spherekit.motion.closure import Closure, NewtonResult
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import pair_states
-from spherekit.motion.trains import Frames, WheelTrain
+from spherekit.motion.trains import Frames, WheelPlacement
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.sphere.rotation import Floats, transpose
 from spherekit.sphere.triangle import Bools, close_dyad
@@ -170,7 +170,7 @@ def place_group(
 
 def place_train(
     state: State,
-    train: WheelTrain,
+    train: WheelPlacement,
     ends: tuple[tuple[int, int], ...],
     frames: Frames,
     rolled: Floats,

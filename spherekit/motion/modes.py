@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, Status, counted
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
@@ -224,7 +224,7 @@ def _guided_assembly_modes(
     claim = _limited(claim, len(assembly_modes))
     if gathering.is_spent:
         steps = gathering.nodes + gathering.in_vain
-        modes = "1 mode" if len(assembly_modes) == 1 else f"{len(assembly_modes)} modes"
+        modes = counted(len(assembly_modes), "mode")
         words = f"stopped after {steps} steps along {modes}"
         claim = Claim(Guarantee.SAMPLED, f"{words}; there may be more")
     return FoundModes(
@@ -350,7 +350,9 @@ class _Gathering:
                 self.probe(q[None])
         self.go_beyond()
         if self.probes:
-            return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
+            return Claim(
+                Guarantee.SAMPLED, f"modes found at {counted(self.probes, 'input')}"
+            )
         return AS_ASSEMBLED
 
     def _eliminated(self) -> Claim | None:
@@ -495,10 +497,6 @@ def _other_rank(solver: Solver, freedoms: int) -> PlanError:
         f"{graph_mobility(solver.mechanism)} by the graph, but the number of inputs is "
         f"{len(solver.driven)}; {inputs_to_declare(freedoms)}"
     )
-
-
-def _inputs(count: int) -> str:
-    return "1 input" if count == 1 else f"{count} inputs"
 
 
 def _guide(

@@ -27,7 +27,7 @@ Frames = Mapping[int, tuple[NDArray[Any], NDArray[Any]]]
 
 @final
 @dataclass(frozen=True)
-class WheelTrain:
+class WheelPlacement:
     """A group with the order in which its bodies are placed.
 
     Each step is a body's position in `group.bodies`, and those in `group.pairs` of the
@@ -86,7 +86,7 @@ def train_of(
     joints: Sequence[Joint],
     group: Group,
     rolled: Collection[int],
-) -> WheelTrain | None:
+) -> WheelPlacement | None:
     """Return a group as a train, None if it cannot be placed body by body.
 
     `rolled` are the numbers of the variables that follow from the inputs alone.
@@ -108,7 +108,7 @@ def train_of(
         steps.append(step)
         placed.add(step[0])
         left.remove(step[0])
-    train = WheelTrain(group, tuple(steps))
+    train = WheelPlacement(group, tuple(steps))
     return train if train.contacts else None
 
 
