@@ -335,6 +335,28 @@ def test_objects_show_themselves_in_a_line():
     assert "spherekit: agile_eye, bevel" in repr(sk.mechanisms())
 
 
+def test_the_help_of_the_package_leads_to_everything_at_the_first_attempt(
+    tmp_path, monkeypatch, capsys
+):
+    """Its lines run as they stand, and give what the closed form does."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(sk.__doc__[sk.__doc__.index("import numpy") :], names)
+    assert "1  ■  x  I  x" in capsys.readouterr().out
+    here, turn, arcs = names["here"], names["turn"], arcs_of(math.radians(25.0))
+    wanted = four_bar_coefficients(turn.q, arcs, mode_of(turn, arcs))[1]
+    assert len(turn.q) == 50
+    assert np.abs(turn.velocity_coefficient("4/1")) == pytest.approx(np.abs(wanted))
+    alone = four_bar_coefficients(here.q, arcs, mode_of(here, arcs))[1]
+    assert np.abs(here.velocity_coefficient("4/1")) == pytest.approx(np.abs(alone))
+    assert len(names["motion"]) == 2 * 361 and names["made"].name == "wrist"
+    figure = names["result"].plot("velocity coefficients")
+    assert any(len(line.get_xdata()) == 361 for line in figure.axes[0].lines)
+    assert (tmp_path / "four_bar.rrd").read_bytes()[:4] == RECORDING
+    assert names["falling"].at([5.0]).q.shape == (1,)
+
+
 def raising(*_):
     return None
 
