@@ -48,11 +48,12 @@ def rates(piece: Piece, half: float) -> Rates:
     """Return bounds of the rates where |s| <= half."""
     at, t, normals = piece.at, piece.frame[:, 0], piece.frame[:, 1:]
     test = Test(at, t, normals, piece.inverse)
-    rows = float(np.max(np.sum(test.contraction(half, piece.radius), axis=1))) * UP
-    tight = float(np.max(test.displacement(half))) / (1.0 - rows) * UP
-    rows = float(np.max(np.sum(test.contraction(half, tight), axis=1))) * UP
+    length = np.array(half)
+    rows = float(np.max(test.rows(length, np.array(piece.radius)))) * UP
+    tight = float(np.max(test.displacement(length))) / (1.0 - rows) * UP
+    rows = float(np.max(test.rows(length, np.array(tight)))) * UP
     spare = 1.0 - rows
-    change = test.sums(half, tight)
+    change = test.sums(length, np.array(tight))
     inverse = test.inverse
     along = test.along
     crossed = np.sum(np.abs(np.einsum("ijl,j,lc->ic", at.curvatures, t, normals)), axis=1)

@@ -12,7 +12,7 @@ from spherekit.proof.cover import TURN
 from spherekit.proof.equations import Equations
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.roots import Root, root_near
-from spherekit.proof.tubes import UP, values_and_slopes
+from spherekit.proof.tubes import UP
 from spherekit.sphere.rotation import Floats
 
 SMALLEST = 1e-6
@@ -69,9 +69,7 @@ class RealModes:
         place = place.copy()
         for _ in range(STEPS):
             turns = np.stack([np.cos(place), np.sin(place)], axis=-1)[None]
-            values, slopes = values_and_slopes(
-                self.equations.floats.at(turns, 1), len(place)
-            )
+            values, slopes = self.equations.real.first(turns)
             change, *_ = np.linalg.lstsq(slopes[0][:, :count], -values[0], rcond=1e-12)
             size = float(np.max(np.abs(change)))
             place[:count] += change * min(1.0, 0.3 / max(size, 1e-300))
