@@ -15,7 +15,7 @@ import numpy as np
 
 from spherekit.proof.chains import Chain
 from spherekit.proof.equations import Equations
-from spherekit.proof.tubes import UP, Piece, Test, corrected, frame_at, local, piece_at
+from spherekit.proof.tubes import UP, Piece, corrected, frame_at, local, piece_at
 from spherekit.sphere.rotation import Floats
 
 DEEPEST = 40
@@ -47,7 +47,7 @@ class Rates:
 def rates(piece: Piece, half: float) -> Rates:
     """Return bounds of the rates where |s| <= half."""
     at, t, normals = piece.at, piece.frame[:, 0], piece.frame[:, 1:]
-    test = Test(at, t, normals, piece.inverse)
+    test = piece.test
     length = np.array(half)
     rows = float(np.max(test.rows(length, np.array(piece.radius)))) * UP
     tight = float(np.max(test.displacement(length))) / (1.0 - rows) * UP

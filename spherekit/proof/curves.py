@@ -272,8 +272,9 @@ class _Search:
         self.overlapping = False
         self.vain = 0
 
-    def look(self, centres: Floats, radii: Floats) -> None:
-        """Look for curves that go through boxes."""
+    def look(self, centres: Floats, radii: Floats) -> bool:
+        """Look for curves that go through boxes; return whether there is a new one."""
+        before = len(self.cover.chains)
         small = np.flatnonzero(np.max(radii, axis=1) < SEEDING)
         for row in small[:: max(1, len(small) // TRIED)] if self.vain < MOST_VAIN else ():
             self.vain += 1
@@ -296,6 +297,7 @@ class _Search:
                     self.overlapping = True
             self.cover.add(chain)
             self.vain = 0
+        return len(self.cover.chains) > before
 
     def _known(self, start: Piece) -> bool:
         """Return whether a configuration found is on a curve known already."""

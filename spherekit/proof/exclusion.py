@@ -56,7 +56,8 @@ class RealModes:
             out |= np.all(reach <= root.unique, axis=1)
         return out
 
-    def _look(self, centres: Floats, radii: Floats) -> None:
+    def _look(self, centres: Floats, radii: Floats) -> bool:
+        before = len(self.roots)
         count = self.equations.unknowns
         small = np.flatnonzero(np.max(radii, axis=1) < 0.1)
         for row in small[:: max(1, len(small) // TRIED)]:
@@ -64,6 +65,7 @@ class RealModes:
             near = place is not None and not self._covers(place[None], 0.0 * place[None])[0]
             if place is not None and near:
                 self.add([complex(angle) for angle in place[:count]])
+        return len(self.roots) > before
 
     def _newton(self, place: Floats, count: int) -> Floats | None:
         place = place.copy()

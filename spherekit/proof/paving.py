@@ -118,8 +118,8 @@ class Paved:
 
 Covered = Callable[[Floats, Floats], Bools]
 """Says which boxes of centres and radii (n, variables) are inside a piece."""
-Looked = Callable[[Floats, Floats], None]
-"""Is told the centres and radii of boxes that are not decided, to find pieces there."""
+Looked = Callable[[Floats, Floats], bool]
+"""Is told the centres and radii of boxes that are not decided; whether it finds pieces."""
 
 
 def paved(
@@ -171,8 +171,8 @@ def paved(
         largest = np.max(radii, axis=1)
         kept = ~covered(centres, radii)
         if np.any(kept):
-            looked(centres[kept], radii[kept])
-            kept[kept] = ~covered(centres[kept], radii[kept])
+            if looked(centres[kept], radii[kept]):
+                kept[kept] = ~covered(centres[kept], radii[kept])
         ended = kept & (largest < smallest)
         if paving.looked_at > most:
             ended = kept

@@ -67,7 +67,7 @@ class Piece:
     """A part of space with one arc in it: `frame` (v, v) has the columns t and N.
 
     The arc is within `tight` of the axis, y = 0; at s = 0 within `miss`.
-    `inverse` is Y and `at` the equations at `centre`.
+    `inverse` is Y, `at` the equations at `centre`, `test` what proved it.
     """
 
     centre: Floats
@@ -78,6 +78,7 @@ class Piece:
     miss: float
     inverse: Floats
     at: Local
+    test: "Test"
 
     def coordinates(self, places: Floats) -> Floats:
         """Return (s, y) (n, v) of places (n, v), whole turns away or not."""
@@ -138,7 +139,7 @@ def piece_at(
         inside = test.first_inside(halves)
         if inside is not None:
             half, radius, tight, miss = inside
-            return Piece(centre, frame, half, radius, tight, miss, inverse, at)
+            return Piece(centre, frame, half, radius, tight, miss, inverse, at, test)
     return None
 
 
@@ -217,9 +218,9 @@ class Test:
 def corrected(equations: Equations, place: Floats, steps: int = 8) -> Floats | None:
     """Return the configuration next to a place by Newton's method, None without one."""
     for _ in range(steps):
-        angles = np.stack([np.cos(place), np.sin(place)], axis=-1)[None]
-        values, slopes = equations.real.first(angles)
-        change, *_ = np.linalg.lstsq(slopes[0], -values[0], rcond=1e-13)
+        turns = np.stack([np.cos(place), np.sin(place)], axis=-1)
+        values, slopes, _ = equations.real.second(turns)
+        change, *_ = np.linalg.lstsq(slopes, -values, rcond=1e-13)
         place = place + change
         size = float(np.max(np.abs(change)))
         if not size < 1.0:
