@@ -155,3 +155,12 @@ def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
     found = np.array(curves.turning_points)
     assert len(found) == 2 and np.max(np.abs(found - DEAD)) < 1e-7
     assert [count for _, _, count in curves.intervals] == [4, 0]
+
+
+def test_two_equal_dyads_that_fold_together_leave_one_small_part_undecided():
+    # both are in line in one configuration, where two curves cross
+    curves = certified_curves(two_dyads(60, 50, 140, 40, 35), ("80", "110"))
+    assert curves.claim.guarantee is Guarantee.TO_BOX and curves.claim.box < 1e-4
+    ((low, high),) = curves.undecided
+    assert low < DEAD < high
+    assert curves.modes_at(np.radians(85.0)) == 4 and curves.modes_at(np.radians(105)) == 0

@@ -20,6 +20,10 @@ from spherekit.sphere.rotation import Floats
 
 DEEPEST = 40
 """How often a part of a curve is cut in two at most."""
+SHORTEST_PART = 1e-6
+"""Shorter parts (rad) of a curve are not cut."""
+SHORTEST_STILL = 0.02
+"""Nor are these, if neither the rate nor its derivative has a sign at the centre."""
 NEAREST = 1e-9
 """Length (rad) of the part of a curve in which a zero is shown, about."""
 STEPS = 60
@@ -93,15 +97,13 @@ class Stop:
 
 
 def stops(equations: Equations, chain: Chain, variable: int) -> tuple[list[Stop], int]:
-    """Return where a variable stops along a chain, and how many parts are undecided."""
+    """Return where a variable stops along a chain, and how many pieces are undecided."""
     places: list[Stop] = []
     undecided = 0
     for number, (piece, centre, off) in enumerate(_parts(chain)):
-        for stop in _within(equations, piece, centre, off, variable, 0):
-            if stop is None:
-                undecided += 1
-            else:
-                places.append(replace(stop, after=number))
+        found = list(_within(equations, piece, centre, off, variable, 0))
+        places += [replace(stop, after=number) for stop in found if stop is not None]
+        undecided += None in found
     return places, undecided
 
 
@@ -133,12 +135,22 @@ def _within(
             if start != end:
                 yield _place(equations, piece, goal, variable, start)
             return
+    shortest = SHORTEST_PART if _decidable(piece, variable) else SHORTEST_STILL
+    if reach < shortest:
+        yield None
+        return
     middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
     if middle is None or depth >= DEEPEST or not middle.holds(goal, off):
         yield None
         return
     yield from _within(equations, piece, middle.centre, middle.miss, variable, depth + 1)
     yield from _within(equations, middle, goal, off, variable, depth + 1)
+
+
+def _decidable(piece: Piece, variable: int) -> bool:
+    """Return whether a rate, or its derivative, has a sign at a piece's centre."""
+    here = rates(piece, 0.0)
+    return bool(here.sign(variable) or here.bend(variable))
 
 
 def _sign_at(equations: Equations, piece: Piece, goal: Floats, variable: int) -> int:
