@@ -131,10 +131,12 @@ def _within(
     if here.bend(variable):
         start = rates(piece, 0.0).sign(variable)
         end = _sign_at(equations, piece, goal, variable)
-        if start and end:
-            if start != end:
-                yield _place(equations, piece, goal, variable, start)
-            return
+        # an end whose sign is open stays one, however short the parts
+        if not (start and end):
+            yield None
+        elif start != end:
+            yield _place(equations, piece, goal, variable, start)
+        return
     shortest = SHORTEST_PART if _decidable(piece, variable) else SHORTEST_STILL
     if reach < shortest:
         yield None
