@@ -62,9 +62,7 @@ def kinds_of_groups() -> dict[str, Callable[[int], Mechanism]]:
     return {"triad": partial(_made, TRIAD), **sevens, "nine bodies": ten_bar}
 
 
-def _at_inputs(
-    quick: bool, wanted: int | None, first: int, only: Sequence[str]
-) -> Section:
+def _at_inputs(quick: bool, wanted: int | None, first: int, only: Sequence[str]) -> Section:
     counts = (20, 4, 1) if quick else (2000, 200, 20)
     rows = []
     for name, make in kinds_of_groups().items():

@@ -140,7 +140,9 @@ class Sizes:
         item = self.data["links"][link]
         turns = ["0", *item.get("angles", [])]
         found = {item["axes"][0]: [arb(0), arb(0), arb(1)]}
-        for name, length, turn in zip(item["axes"][1:], item.get("arcs", []), turns, strict=False):
+        for name, length, turn in zip(
+            item["axes"][1:], item.get("arcs", []), turns, strict=False
+        ):
             s, c = (self.angle(length) + self.slack).sin_cos()
             st, ct = (self.angle(turn) + (self.slack if turn != "0" else 0)).sin_cos()
             found[name] = [-s * st, s * ct, c]

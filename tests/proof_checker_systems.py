@@ -261,7 +261,9 @@ def followed(system, part, driven):
             if pair in given and pair in part["used"]
         }
 
-    start = min(part["solved"], key=lambda each: max(map(abs, gaps(each["given"]).values())))
+    start = min(
+        part["solved"], key=lambda each: max(map(abs, gaps(each["given"]).values()))
+    )
     apart = gaps(start["given"])
     steps = 1 + int(max(map(abs, apart.values())) / STEP)
     points = []
@@ -402,7 +404,8 @@ class Axis:
             size = 1 / (z * z.conjugate())
             back = moved.conjugate()
             first = sum(
-                (size * k.conjugate() + k) * d for k, d in zip(bent, self.steps, strict=True)
+                (size * k.conjugate() + k) * d
+                for k, d in zip(bent, self.steps, strict=True)
             )
             far = size * (back * back / (1 + back) - rest.conjugate())
             if not largest([z * (size - 1 - first + far)]) < wide:

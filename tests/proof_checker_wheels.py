@@ -24,7 +24,9 @@ class Wheels:
     """The links of a file that hang on its R pairs without a loop."""
 
     def __init__(self, certificate):
-        self.sizes = Sizes(certificate["mechanism"], certificate["tolerance_rad"], None, True)
+        self.sizes = Sizes(
+            certificate["mechanism"], certificate["tolerance_rad"], None, True
+        )
         data = self.sizes.data
         self.inputs, self.columns = list(data["inputs"]), certificate["inputs"]
         need(sorted(self.inputs) == sorted(self.columns), "other inputs")
@@ -62,7 +64,9 @@ class Wheels:
             (a, r), (b, s) = (self.sizes.circle(contact, link) for link in item["links"])
             return a, b, r.sin(), s.sin(), (r - s if inner else r + s), inner
         need(item.keys() & {"teeth", "half_angles"}, "cones of no size")
-        on = [self.sizes.frame(n, k) for n, k in zip(item["axes"], item["links"], strict=True)]
+        on = [
+            self.sizes.frame(n, k) for n, k in zip(item["axes"], item["links"], strict=True)
+        ]
         a, b = ([frame[k, 2].real for k in range(3)] for frame in on)
         one, other = (self.sizes.ends[name] for name in item["axes"])
         carrier = next(link for link in one if link in other)
@@ -99,7 +103,9 @@ class Wheels:
             place = place * before * turn * after.transpose()
         far = [entry.real for entry in (place * vector(b)).entries()]
         gap = dot(a, far) - arc.cos()
-        contact_line = [(-v if inner else v) * x + u * y for x, y in zip(a, far, strict=True)]
+        contact_line = [
+            (-v if inner else v) * x + u * y for x, y in zip(a, far, strict=True)
+        ]
         slip = {pair: cross(axis, contact_line) for pair, axis in turning.items()}
         return gap, slip
 
@@ -121,8 +127,12 @@ def check_wheels(certificate):
             need(abs(gap) < allowed, "circles that do not touch")
             for column in columns:
                 for row in range(3):
-                    total = sum(wheels.rates[pair][column] * slip[pair][row] for pair in slip)
+                    total = sum(
+                        wheels.rates[pair][column] * slip[pair][row] for pair in slip
+                    )
                     need(abs(total) < allowed, "wheels that slip")
-        table += [[slip.get(pair, [0] * 3)[row] for pair in wheels.followers] for row in range(3)]
+        table += [
+            [slip.get(pair, [0] * 3)[row] for pair in wheels.followers] for row in range(3)
+        ]
     square = acb_mat(table).transpose() * acb_mat(table)
     need(not square.det().contains(0), "ratios that may be others")

@@ -56,9 +56,7 @@ def local(equations: Equations, place: Floats) -> Local:
     """Return the equations at a configuration (variables,), float64 taken as it is."""
     real = equations.real
     bounds = equations.floats.bounds
-    return Local(
-        *real.second(circle(place)), real.error, bounds.constant, bounds.degrees
-    )
+    return Local(*real.second(circle(place)), real.error, bounds.constant, bounds.degrees)
 
 
 @final
