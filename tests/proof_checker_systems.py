@@ -250,7 +250,7 @@ STEP = 0.05
 
 
 def followed(system, part, driven):
-    """Approximations of all solutions of a system, followed from the nearest that is given."""
+    """Approximations of all solutions of a system, followed from the nearest given."""
     need(part["solved"], "a system without solutions to start from")
     middle = {pair: float(angle.mid()) for pair, angle in driven.items()}
 
@@ -376,7 +376,7 @@ class Axis:
         self.rest = self.image(self.radius)
 
     def image(self, radius):
-        """What the operator makes of all w of a radius: within that, or nothing is shown."""
+        """What the operator makes of all w of a radius, within that."""
         around = acb(arb(0, radius), arb(0, radius))
         count = len(self.centre)
         _, slope = self.half.values([z + around for z in self.along], self.given)

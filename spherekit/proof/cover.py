@@ -66,7 +66,7 @@ class Cover:
 
 
 def may_meet(chain: Chain, centres: Floats, off: Floats) -> bool:
-    """Return whether configurations (n, v), off by at most `off` (n,), may be on a chain."""
+    """Return whether configurations (n, v), off by at most `off`, may be on a chain."""
     for piece in chain.pieces:
         inside = np.abs(piece.coordinates(centres)) - off[:, None] - 1e-13
         if np.any(

@@ -169,15 +169,16 @@ class _Term:
             balls[number] = nodes.at(tuple(zip(place, sides, strict=True)), k)
         open_ = max(upper(ball - _centre(ball)) for ball in balls)
         norm = prod(_norm(side) for side in sides)
-        sums = np.array([_centre(ball) for ball in balls]).reshape(self.shape)
+        sums = np.array([_centre(ball) for ball in balls], dtype=object)
+        sums = sums.reshape(self.shape)
         for axis, side in enumerate(self.shape):
             sums = np.moveaxis(np.tensordot(_transform(side), sums, (1, axis)), 0, axis)
         self.coefficients = np.array([middle(e) for e in sums.ravel()]).reshape(self.shape)
         pairs = zip(sums.ravel(), self.coefficients.ravel(), strict=True)
-        missed = sum(upper(ball - exact(near)) for ball, near in pairs)
+        missed = float(sum(upper(ball - exact(near)) for ball, near in pairs))
         size = float(np.sum(np.abs(self.coefficients)))
         steps = sum(side + 2 + 4 * 2 ** (side // 2) for side in self.shape)
-        return 1.001 * (open_ * norm + missed) + 2.0 * steps * UNIT * size
+        return float(1.001 * (open_ * norm + missed) + 2.0 * steps * UNIT * size)
 
     def first(self, waves: Floats) -> tuple[Floats, dict[int, Floats]]:
         """Return values (n,) and slopes (n,) by variable, of waves (v, 2, w, n)."""

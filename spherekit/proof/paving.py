@@ -170,9 +170,8 @@ def paved(
         )
         largest = np.max(radii, axis=1)
         kept = ~covered(centres, radii)
-        if np.any(kept):
-            if looked(centres[kept], radii[kept]):
-                kept[kept] = ~covered(centres[kept], radii[kept])
+        if np.any(kept) and looked(centres[kept], radii[kept]):
+            kept[kept] = ~covered(centres[kept], radii[kept])
         ended = kept & (largest < smallest)
         if paving.looked_at > most:
             ended = kept

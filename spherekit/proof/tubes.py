@@ -144,7 +144,7 @@ def piece_at(
 def _halves(longest: float, shortest: float) -> Iterator[Floats]:
     """Yield half lengths to try, longer ones first, some at once."""
     count = 1 + max(0, math.floor(math.log(shortest / longest) / math.log(SHRINK)))
-    powers = longest * SHRINK ** np.arange(count)
+    powers = np.asarray(longest * SHRINK ** np.arange(count), dtype=float)
     for start in range(0, count, AT_ONCE):
         yield powers[start : start + AT_ONCE]
 
@@ -173,7 +173,8 @@ class Test:
 
     def sums(self, half: Floats, radius: Floats) -> Floats:
         """Return (..., k) by how much the angles of each equation change at most."""
-        return (self.along * half[..., None] + self.sideways * radius[..., None]) * UP
+        change = self.along * half[..., None] + self.sideways * radius[..., None]
+        return np.asarray(change * UP)
 
     def rows(self, half: Floats, radius: Floats) -> Floats:
         """Return bounds (..., k) of the sums of the rows of 1 - Y F_z N in the piece."""
