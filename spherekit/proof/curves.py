@@ -28,7 +28,7 @@ from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
 PRECISION = 80
-SMALLEST = 3e-5
+SMALLEST = 1e-6
 """Boxes (rad) are not halved further."""
 MOST_BOXES = 6_000_000
 SEEDING = 0.12
