@@ -101,9 +101,9 @@ def stops(equations: Equations, chain: Chain, variable: int) -> tuple[list[Stop]
     places: list[Stop] = []
     undecided = 0
     for number, (piece, centre, off) in enumerate(_parts(chain)):
-        found = list(_within(equations, piece, centre, off, variable, 0))
-        places += [replace(stop, after=number) for stop in found if stop is not None]
-        undecided += None in found
+        zeros = list(_within(equations, piece, centre, off, variable, 0))
+        places += [replace(stop, after=number) for stop in zeros if stop is not None]
+        undecided += None in zeros
     return places, undecided
 
 

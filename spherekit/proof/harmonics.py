@@ -92,8 +92,8 @@ class Harmonics:
             rows = slice(start, start + CHUNK)
             waves = _waves(np.moveaxis(turns[rows], 0, -1), self.waves, 1)
             for k, term in enumerate(self.terms):
-                values[rows, k], found = term.first(waves)
-                for variable, slope in found.items():
+                values[rows, k], by_variable = term.first(waves)
+                for variable, slope in by_variable.items():
                     slopes[rows, k, variable] = slope
         return values, slopes
 
