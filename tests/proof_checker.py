@@ -69,7 +69,7 @@ def number(text):
 class Sizes:
     """The axes and zero directions of a file in the form of sizes."""
 
-    def __init__(self, text, tolerance, couplers=None):
+    def __init__(self, text, tolerance, couplers=None, wheels=False):
         self.data = tomllib.loads(text, parse_float=str)
         self.slack = arb(0, tolerance) if tolerance else arb(0)
         pairs = self.data["pairs"]
@@ -87,13 +87,19 @@ class Sizes:
                 need(name not in self.ends, "a pair of a coupler that is another pair")
                 self.ends[name] = link, made["link"]
                 self.couplers[name] = contact, side
-        need(len(pairs) == len(hinges) + len(couplers or {}), "only R pairs and couplers")
+        rolling = [name for name, p in pairs.items() if p["type"] == "Cr"]
+        made = len(hinges) + len(couplers or {}) + (len(rolling) if wheels else 0)
+        need(len(pairs) == made, "only R pairs and couplers")
 
     def circle(self, contact, link):
         """Centre and radius of the circle of a contact on a link."""
         item = self.data["pairs"][contact]
         follower = item.get("follower", {})
         own = follower if follower.get("link") == link else item["profiles"][link]
+        if "axis" in own:
+            need("radius" in own, "no radius")
+            frame = self.frame(own["axis"], link)
+            return [frame[k, 2].real for k in range(3)], self.angle(own["radius"])
         need(own.get("kind", "circle") in ("circle", "great_circle"), "no circle")
         key = next(k for k in own if k[:7] == "centre_" or k[:5] == "pole_")
         radius = own.get("radius", own.get("roller"))
@@ -134,7 +140,9 @@ class Sizes:
         item = self.data["links"][link]
         turns = ["0", *item.get("angles", [])]
         found = {item["axes"][0]: [arb(0), arb(0), arb(1)]}
-        for name, length, turn in zip(item["axes"][1:], item["arcs"], turns, strict=False):
+        for name, length, turn in zip(
+            item["axes"][1:], item.get("arcs", []), turns, strict=False
+        ):
             s, c = (self.angle(length) + self.slack).sin_cos()
             st, ct = (self.angle(turn) + (self.slack if turn != "0" else 0)).sin_cos()
             found[name] = [-s * st, s * ct, c]
@@ -754,6 +762,10 @@ def check(certificate):
             from proof_checker_systems import check_map
 
             check_map(certificate)
+        elif certificate["statement"] == "wheels fix all angles":
+            from proof_checker_wheels import check_wheels
+
+            check_wheels(certificate)
         else:
             check_modes(certificate)
     except (KeyError, ValueError, TypeError, ZeroDivisionError, StopIteration) as fault:

@@ -18,9 +18,11 @@ from spherekit.files.read import loads
 from spherekit.guarantee import Guarantee
 from spherekit.planning.inputs import driven_at
 from spherekit.proof.along import rates
+from spherekit.proof.balls import bits, circle, exact
 from spherekit.proof.certificate import curves_certificate, singular_table
 from spherekit.proof.construction import construct
 from spherekit.proof.curves import certified_curves
+from spherekit.proof.equations import Equations
 from spherekit.proof.modes import certified_modes
 from spherekit.proof.singular import output_pairs, singularities
 from spherekit.proof.structure import structure_of
@@ -219,6 +221,28 @@ def test_the_command_proves_the_range_of_the_file(tmp_path, capsys):
     assert "give values of all with --at" in capsys.readouterr().err
     assert main(["certify", "four_bar", "--range", "30", "10"]) == 1
     assert "is empty" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [("stephenson", 0.0), ("watt", 1e-6)])
+def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance):
+    # placing the links in balls is the other way to the same values
+    mechanism = sk.load(name)
+    with bits(80):
+        wide = Written.of(mechanism, tolerance=tolerance)
+        made = construct(wide.structure)
+        real, exactly = Equations(wide, made).real, Equations(Written.of(mechanism), made)
+        degrees = made.degrees
+        for place in np.random.default_rng(6).uniform(-3.0, 3.0, (5, len(made.pairs))):
+            values, slopes, curvatures = real.second(circle(place))
+            first = real.first(circle(place)[None])
+            assert np.max(np.abs(first[0][0] - values)) < 1e-14
+            assert np.max(np.abs(first[1][0] - slopes)) < 1e-14
+            for k, jet in enumerate(exactly.at([exact(q) for q in place], 2)):
+                for key, ball in jet.items():
+                    got = (values, slopes, curvatures)[len(key)][(k, *key)]
+                    off = abs(float(ball[0, 0].real.mid()) - got)
+                    assert off <= real.error[k] * np.prod([degrees[k, j] for j in key])
+        assert np.all(real.error < 100.0 * tolerance + 1e-12)
 
 
 def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
