@@ -168,7 +168,7 @@ class ReactionAnalysis(AbstractAnalysis):
                 "pressure_angles": [
                     pair.name
                     for pair in batch.mechanism.pairs
-                    if pair.type == "Cr" and pair.pressure_angle is None
+                    if pair.rolls and pair.pressure_angle is None
                 ],
             },
             "links_that_slide": [link for link, slides in links if slides],

@@ -90,6 +90,11 @@ class Pair:
         """How many relative freedoms it takes away, of three."""
         return 3 - self.kind.freedoms
 
+    @property
+    def rolls(self) -> bool:
+        """Whether its links roll on each other."""
+        return not self.kind.has_axis and self.kind.freedoms == 1
+
 
 @final
 @dataclass(frozen=True)
@@ -567,7 +572,7 @@ def _check(mechanism: Mechanism) -> None:
                 "than 0 m: how far from the centre the contact force acts"
             )
         teeth = pair.pressure_angle
-        if teeth is not None and not (pair.type == "Cr" and 0.0 <= teeth < math.pi / 2):
+        if teeth is not None and not (pair.rolls and 0.0 <= teeth < math.pi / 2):
             raise ModelError(
                 f"{where}: pairs.{pair.name}.pressure_angle: found {teeth:g} rad in a "
                 f"{pair.type} pair, needs a rolling contact (Cr) and at least 0, less than "
