@@ -25,11 +25,13 @@ class Timing(ArrayRows):
 
     def repeated(self, count: int) -> "Timing":
         """Return the rows so many times, one block after another."""
-        return Timing(
-            np.tile(self.t, count),
-            np.tile(self.dq, (count, 1)),
-            np.tile(self.ddq, (count, 1)),
-        )
+        return Timing(*(_repeated(part, count) for part in (self.t, self.dq, self.ddq)))
+
+
+def _repeated(rows: Floats, count: int) -> Floats:
+    if rows.strides[0] == 0 and len(rows):  # the same number throughout takes no memory
+        return np.broadcast_to(rows[0], (count * len(rows), *rows.shape[1:]))
+    return np.concatenate([rows] * count)
 
 
 @final
