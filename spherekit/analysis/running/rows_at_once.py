@@ -73,6 +73,7 @@ class RowsAtOnce:
     engine: Literal["numpy", "compiled"]
     with_planes: bool
     looks_ahead: bool
+    with_times: bool
 
     def __post_init__(self) -> None:
         self._found: dict[int, _Block] = {}
@@ -90,11 +91,12 @@ class RowsAtOnce:
         requests: Sequence[Request],
         with_planes: bool,
         looks_ahead: bool = False,
+        with_times: bool = True,
     ) -> "RowsAtOnce | None":
         """Return it, None where rows are few or the terms do not hold.
 
         Where it `looks_ahead`, a block is found while the one before is made use of; the
-        tracer is then for it alone.
+        tracer is then for it alone. Motions come `with_times` where they have any.
         """
         tracer = course.tracer
         rows = len(course) * len(tracer.assembly_modes)
@@ -107,7 +109,9 @@ class RowsAtOnce:
             return None
         positions = Positions.of(tracer, engine)
         wanted = tuple(requests)
-        return cls(course, wanted, made, positions, engine, with_planes, looks_ahead)
+        return cls(
+            course, wanted, made, positions, engine, with_planes, looks_ahead, with_times
+        )
 
     @property
     def block(self) -> int:
@@ -213,7 +217,7 @@ class RowsAtOnce:
         steady = [False] * len(self.requests)
         if is_steady:
             steady = rows.steady(flags, parts, ~failed)
-        timing = course.timing
+        timing = course.timing if self.with_times else None
         if timing is not None:
             timing = timing.rows(samples).repeated(modes)
         named = self._named(samples, columns[kept + 1 :])
