@@ -9,8 +9,8 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from spherekit.numeric.lent_memory import SetAside, set_aside
 from spherekit.model.mechanism import Mechanism
+from spherekit.numeric.lent_memory import SetAside, set_aside
 
 Kind = Literal["number", "integer", "text", "status"]
 Scale = Literal["unit", "absolute", "largest", "none"]

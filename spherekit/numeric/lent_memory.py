@@ -63,10 +63,10 @@ class SetAside:
         self.dtype = view.dtype
 
     def __len__(self) -> int:
-        return self._shape[0]
+        return int(self._shape[0])
 
     def __getitem__(self, rows: Any) -> NDArray[Any]:
-        return np.asarray(self)[rows]
+        return np.asarray(np.asarray(self)[rows])
 
     def __array__(
         self, dtype: DTypeLike | None = None, copy: bool | None = None
@@ -76,6 +76,11 @@ class SetAside:
         view = np.ndarray(self._shape, self.dtype, memory, self._offset, self._strides)
         view.flags.writeable = False
         return np.array(view, dtype, copy=copy) if copy or dtype else view
+
+    @property
+    def ndim(self) -> int:
+        """The number of its dimensions."""
+        return len(self._shape)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return np.array, (np.array(self),)

@@ -14,7 +14,6 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.numeric.lent_memory import SetAside, set_aside
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     CHUNK,
@@ -28,6 +27,7 @@ from spherekit.analysis.tables import (
 )
 from spherekit.errors import OutputError
 from spherekit.files.atomic import refused
+from spherekit.numeric.lent_memory import SetAside, set_aside
 
 IN_CACHE = 2048
 """Rows that are taken apart or put together at once."""
@@ -405,7 +405,7 @@ def _coded(
 ) -> NDArray[np.int32] | Interleaved:
     """Return texts as numbers of words; new words are added."""
     if isinstance(values, Interleaved):
-        return Interleaved([_codes(part, words) for part in values.parts])
+        return Interleaved([_codes(np.asarray(part), words) for part in values.parts])
     return _codes(np.asarray(values), words)
 
 

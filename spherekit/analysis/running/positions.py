@@ -48,10 +48,10 @@ class Positions:
     def complete(
         self, number: int, q: Floats, values: Floats
     ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return variables (variables, n) of a mode at inputs q (inputs, n), and what is lost.
+        """Return variables (variables, n) of a mode at inputs q (inputs, n).
 
-        Those of `values`, which were read; the others in closed form, or NaN. (n,) is true
-        of samples that the mode surely does not reach.
+        Those of `values`, which were read; the others in closed form, or NaN. With them
+        (n,) which samples the mode surely does not reach.
         """
         mode = self.tracer.assembly_modes[number]
         if self.closed is not None and self.predictor is None:

@@ -117,10 +117,13 @@ class Rows:
 
         return write
 
-    def put(self, rows: NDArray[np.intp], senses: Sequence[Floats]) -> None:
-        """Fill rows by their numbers, whose values are known."""
+    def put(
+        self, rows: NDArray[np.intp], residual: Floats, senses: Sequence[Floats]
+    ) -> None:
+        """Fill rows by their numbers, whose values and residual are known."""
         columns = self.kernel(self.values[:, rows])
         self.vouched[rows], self.off[rows] = self.kernel.judged(columns)
+        self.kernel.residual(columns)[:] = residual
         self.replaced.append((rows, columns.copy()))
         modes = rows // self.q.shape[1]
         for mode in np.unique(modes):
@@ -236,9 +239,7 @@ def _signed(kernel: RowKernel, columns: Floats, number: int) -> Floats:
     return block.reshape(8, count, columns.shape[1])
 
 
-def _turn(
-    kernel: RowKernel, columns: Floats, mode: int, senses: Sequence[Floats]
-) -> None:
+def _turn(kernel: RowKernel, columns: Floats, mode: int, senses: Sequence[Floats]) -> None:
     """Give directions of a mode their signs, in place."""
     for number, of_input in enumerate(senses):
         signed = _signed(kernel, columns, number)

@@ -12,7 +12,6 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.numeric.lent_memory import LentMemory, Refilled
 from spherekit.analysis.running.in_turn import in_turn
 from spherekit.analysis.running.positions import Positions
 from spherekit.analysis.running.row_block import SLICE, Part, Rooms, Rows
@@ -21,6 +20,7 @@ from spherekit.conventions import Status
 from spherekit.engine.columns import RowKernel, row_kernel
 from spherekit.engine.compiler import available
 from spherekit.motion.motion import Motion
+from spherekit.numeric.lent_memory import LentMemory, Refilled
 from spherekit.rates.columns import RateColumns
 from spherekit.rates.from_columns import field_of_columns
 from spherekit.rates.pole_field import PoleField
@@ -164,7 +164,7 @@ class RowsAtOnce:
         return tuple(fields)
 
     def _leave_to_be_read(self, block: _Block) -> None:
-        """Say how the columns of a block can be made again, so that they need not be kept."""
+        """Say how columns of a block can be made again, so that they need not be kept."""
         samples, kept = block.samples, self.kernel.kept
         again = block.rows.again(block.parts, list(self._senses))
 
@@ -274,12 +274,13 @@ class RowsAtOnce:
             evaluated = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
             rows.values[:, at] = evaluated.values.T
             rows.status[at], residual[of_mode] = evaluated.status, evaluated.residual
-        rows.put(rest[np.isfinite(residual)], senses)
-        rows.residual[rest] = residual
+        closed = np.isfinite(residual)
+        rows.put(rest[closed], residual[closed], senses)
+        rows.residual[rest[~closed]] = np.nan
 
 
 def _senses_at_end(motion: Motion, columns: RateColumns, field: PoleField) -> Floats:
-    """Return (modes, poles) the signs of directions without a sense at the last rows held."""
+    """Return (modes, poles) signs of directions without a sense, at the last rows held."""
     modes = len(motion.assembly_modes)
     held = ~motion.failed.reshape(modes, motion.samples)
     last = motion.samples - 1 - np.argmax(held[:, ::-1], axis=1)
