@@ -31,7 +31,7 @@ class Timing(ArrayRows):
 def _repeated(rows: Floats, count: int) -> Floats:
     if rows.strides[0] == 0 and len(rows):  # the same number throughout takes no memory
         return np.broadcast_to(rows[0], (count * len(rows), *rows.shape[1:]))
-    return np.concatenate([rows] * count)
+    return np.tile(rows, (count, *(1,) * (rows.ndim - 1)))
 
 
 @final
