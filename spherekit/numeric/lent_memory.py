@@ -15,7 +15,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from spherekit.sphere.rotation import Floats
+Floats = NDArray[np.float64]
 
 LARGE_PAGE = 1 << 21
 """Bytes of the pages that Linux hands over at once where it is asked for."""

@@ -277,6 +277,8 @@ def _flips(q: Floats, sense: Floats, v: Floats, dv: Floats) -> Floats:
         (v[:, None, end], np.nan_to_num(dv[:, None, end])) for end in (gap, gap + 1)
     )
     path = cubic(start, stop, h, t)
+    # Rounding must not decide which way what is nearly zero at an end points there.
+    path[:, 0], path[:, -1] = start[0][:, 0], stop[0][:, 0]
     turns = np.sum(path[:, 1:] * path[:, :-1], axis=0)
     flips[gap] = np.where(np.sum(turns < 0.0, axis=0) % 2 == 1, -1.0, 1.0)
     return flips
