@@ -219,11 +219,12 @@ class Eksergian(AbstractAnalysis):
         with np.errstate(over="ignore", invalid="ignore"):
             masses = inertia(mechanism, motion)
             rates, faster = batch.input_rates, batch.input_accelerations
-            loads, across, locked = Loads(mechanism), None, np.zeros(len(batch), dtype=bool)
+            loads, carried = Loads(mechanism), None
+            locked = np.zeros(len(batch), dtype=bool)
             if loads.rubbing:
                 rubbed = needed_torques(as_loads_see(batch))
-                across, locked = rubbed.across, rubbed.status == Status.NOT_CONVERGED
-            per_load = loads.parts(motion, rates, batch.t, across)
+                carried, locked = rubbed.carried, rubbed.status == Status.NOT_CONVERGED
+            per_load = loads.parts(motion, rates, batch.t, carried)
             Q = np.sum(per_load, axis=2)
             tau = driving_torques(masses.M, masses.dM, Q, rates, faster)[:, 0]
             forces = per_load[:, 0]

@@ -1,4 +1,4 @@
-"""What the pairs transmit: moments about the centre, and whether contacts press."""
+"""What the pairs transmit: moments about the centre, forces, and whether contacts press."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,7 +28,13 @@ from spherekit.plugin import (
     input_columns,
     listing,
 )
-from spherekit.plugin.dynamics import Reactions, need_terms, reactions, used_pairs
+from spherekit.plugin.dynamics import (
+    Bearings,
+    Reactions,
+    need_terms,
+    reactions,
+    used_pairs,
+)
 
 from .load_motion import as_loads_see
 
@@ -41,12 +47,12 @@ class ReactionAnalysis(AbstractAnalysis):
     """The moment about the centre that every pair transmits while the inputs move.
 
     By their laws, or from the motion itself, as in the analysis `dynamics`. Forces through
-    the centre are not determined in a spherical mechanism.
+    the centre, and what bearings carry, as far as the file determines them.
     """
 
     name: ClassVar[str] = "reactions"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "moments that the pairs transmit, and contacts that lift off"
+    version: ClassVar[str] = "2"
+    summary: ClassVar[str] = "what the pairs and bearings carry, and contacts that lift off"
     rowwise: ClassVar[bool] = True
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
@@ -75,10 +81,30 @@ class ReactionAnalysis(AbstractAnalysis):
                 ),
                 Column("traction", "N m", "that along its tangent, on the second link"),
                 Column(
-                    "bearing",
+                    "force_x",
                     "N",
-                    "force across the axis on each bearing that the file places",
+                    "force of its first link on the second, in the same axes: of an R pair "
+                    "through the centre, of a contact at its point",
                 ),
+                Column("force_y", "N", "likewise"),
+                Column("force_z", "N", "likewise: of an R pair along the axis"),
+                STATUS,
+            ),
+        ),
+        Table(
+            "bearings",
+            "one row per sample, assembly mode and bearing that the file places",
+            (
+                SAMPLE,
+                ASSEMBLY_MODE,
+                TIME,
+                INPUTS,
+                Column("load", "", "the load that places it", "text"),
+                Column("pair", "", "the pair", "text"),
+                Column("position", "m", "its distance from the centre along the axis"),
+                Column("couple", "N", "force across the axis of the couple alone"),
+                Column("radial", "N", "that with the force through the centre"),
+                Column("axial", "N", "force along the axis, on the second link"),
                 STATUS,
             ),
         ),
@@ -93,35 +119,26 @@ class ReactionAnalysis(AbstractAnalysis):
         """Return the table of reactions."""
         result = self._found(batch)
         names = np.array([pair.name for pair in batch.mechanism.pairs], dtype=str)
-        count = len(names)
-        common = {
-            "sample": batch.sample,
-            "assembly_mode": batch.assembly_mode,
-            "t": batch.t,
-            **input_columns(batch.mechanism, batch.inputs),
-        }
-        repeated: dict[str, NDArray[Any]] = {
-            name: np.repeat(values, count) for name, values in common.items()
-        }
-        moments = result.moments.reshape(-1, 3)
+        moments, forces = (x.reshape(-1, 3) for x in (result.moments, result.forces))
         return {
             "reactions": {
-                **repeated,
+                **_repeated(batch, len(names)),
                 "pair": np.tile(names, len(batch)),
                 **{f"moment_{axis}": moments[:, k] for k, axis in enumerate("xyz")},
                 "across": result.across.ravel(),
                 "push": result.push.ravel(),
                 "traction": result.traction.ravel(),
-                "bearing": result.bearing.ravel(),
+                **{f"force_{axis}": forces[:, k] for k, axis in enumerate("xyz")},
                 "status": result.status.ravel(),
-            }
+            },
+            "bearings": _bearing_rows(batch, result),
         }
 
     def _found(self, batch: Batch) -> Reactions:
         return batch.once("reactions", lambda: reactions(as_loads_see(batch)))
 
     def findings(self, batch: Batch) -> Findings:
-        """Return the largest moment of each pair, contacts that pull, and what is open."""
+        """Return the largest moments and loads, contacts that pull, and what is open."""
         result = self._found(batch)
         pairs: dict[str, Any] = {}
         for k, pair in enumerate(batch.mechanism.pairs):
@@ -131,24 +148,37 @@ class ReactionAnalysis(AbstractAnalysis):
                 "largest_across_Nm": _largest(across),
                 "rows_that_lift_off": lifted,
                 "is_open": bool(np.any(result.is_open[:, k])),
+                "force_is_open": bool(np.any(result.open_forces[:, k])),
             }
-        return _said(pairs, _largest(result.unbalanced))
+        bearings: dict[str, Any] = {
+            label: {
+                "largest_couple_N": _largest(couple),
+                "largest_radial_N": _largest(radial),
+                "largest_axial_N": _largest(np.abs(axial)),
+            }
+            for label, couple, radial, axial in _bearing_loads(batch.mechanism, result)
+        }
+        more = result.lacking
+        sliding = np.any(result.slides, axis=0)
+        links = zip(batch.mechanism.links, sliding, strict=True)
+        figures = {
+            "pairs": pairs,
+            "bearings": bearings,
+            "forces_need": {
+                "centres_of_mass": list(more.centres),
+                "distances_of_contacts": list(more.distances),
+                "floating_pairs": list(more.floating),
+                "repeated_constraints": not more.enough,
+            },
+            "links_that_slide": [link for link, slides in links if slides],
+            "asks_for_forces": _asks_for_forces(batch.mechanism),
+            "largest_unbalanced_Nm": _largest(result.unbalanced),
+        }
+        return _said(figures)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the larger moments of both."""
-        pairs = {}
-        for name, one in before.figures["pairs"].items():
-            other = now.figures["pairs"][name]
-            pairs[name] = {
-                "largest_across_Nm": _more(
-                    one["largest_across_Nm"], other["largest_across_Nm"]
-                ),
-                "rows_that_lift_off": one["rows_that_lift_off"]
-                + other["rows_that_lift_off"],
-                "is_open": one["is_open"] or other["is_open"],
-            }
-        left = [item.figures["largest_unbalanced_Nm"] for item in (before, now)]
-        return _said(pairs, _more(*left))
+        """Return the larger figures of both."""
+        return _said(_joined(before.figures, now.figures))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of the moments across all axes, and of what contacts press with."""
@@ -160,16 +190,77 @@ class ReactionAnalysis(AbstractAnalysis):
             if not pair.kind.has_axis:
                 title = "push of contacts, times the radius"
                 curves.append(("push", pair.name, title, result.push[:, k]))
+        loads: list[tuple[str, str, str, Floats]] = []
+        for label, couple, radial, axial in _bearing_loads(batch.mechanism, result):
+            whole = np.any(np.isfinite(radial))
+            title = "radial load of bearings" if whole else "load of bearings by the couple"
+            loads.append(("radial", label, title, radial if whole else couple))
+            if np.any(np.isfinite(axial)):
+                loads.append(("axial", label, "axial load of bearings", axial))
         return tuple(
             Scene(
                 number,
                 tuple(
-                    Series(f"plots/{group}/{label}", label, title, values[rows], "N m")
-                    for group, label, title, values in curves
+                    Series(f"plots/{group}/{label}", label, title, values[rows], unit)
+                    for unit, group_of in (("N m", curves), ("N", loads))
+                    for group, label, title, values in group_of
                 ),
             )
             for number, rows in batch.assembly_mode_rows().items()
         )
+
+
+def _repeated(batch: Batch, count: int) -> dict[str, NDArray[Any]]:
+    """Return what stands for a row of the batch in each of so many rows of a table."""
+    common = {
+        "sample": batch.sample,
+        "assembly_mode": batch.assembly_mode,
+        "t": batch.t,
+        **input_columns(batch.mechanism, batch.inputs),
+    }
+    return {name: np.repeat(values, count) for name, values in common.items()}
+
+
+def _placed(mechanism: Mechanism) -> list[Bearings]:
+    return [load for load in mechanism.loads if isinstance(load, Bearings)]
+
+
+def _asks_for_forces(mechanism: Mechanism) -> bool:
+    return any(load.axial is not None for load in _placed(mechanism))
+
+
+def _bearing_loads(
+    mechanism: Mechanism, result: Reactions
+) -> list[tuple[str, Floats, Floats, Floats]]:
+    """Return of each bearing a label, and its load (n,) N: couple, radial, axial."""
+    loads = []
+    for load in _placed(mechanism):
+        forces, couples = result.on_bearings[load.name], result.couples[load.name]
+        radial = np.hypot(forces[..., 0], forces[..., 1])
+        for k, position in enumerate(load.positions):
+            label = f"{load.name} at {position:g} m"
+            loads.append((label, couples[:, k], radial[:, k], forces[:, k, 2]))
+    return loads
+
+
+def _bearing_rows(batch: Batch, result: Reactions) -> TableData:
+    mechanism = batch.mechanism
+    placed = [(load, at) for load in _placed(mechanism) for at in load.positions]
+    numbers = [mechanism.pair_number[load.pair] for load, _ in placed]
+    rows = _bearing_loads(mechanism, result)
+    blank = np.zeros((3, 0, len(batch)))
+    parts = np.array([part for _, *part in rows]).swapaxes(0, 1) if rows else blank
+    couple, radial, axial = (part.T.ravel() for part in parts)
+    return {
+        **_repeated(batch, len(placed)),
+        "load": np.tile(np.array([load.name for load, _ in placed], dtype=str), len(batch)),
+        "pair": np.tile(np.array([load.pair for load, _ in placed], dtype=str), len(batch)),
+        "position": np.tile(np.array([at for _, at in placed], dtype=float), len(batch)),
+        "couple": couple,
+        "radial": radial,
+        "axial": axial,
+        "status": result.status[:, numbers].ravel(),
+    }
 
 
 def _largest(values: Floats) -> float | None:
@@ -177,12 +268,26 @@ def _largest(values: Floats) -> float | None:
     return float(np.max(finite)) if len(finite) else None
 
 
-def _more(one: float | None, other: float | None) -> float | None:
+def _joined(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the figures of two blocks of rows as those of both."""
+    return {key: _more(key, value, other[key]) for key, value in one.items()}
+
+
+def _more(key: str, one: Any, other: Any) -> Any:
+    if isinstance(one, Mapping):
+        return _joined(one, other)
+    if isinstance(one, bool):
+        return one or other
+    if isinstance(one, list):
+        return one or other
+    if key.startswith("rows_"):
+        return one + other
     given = [x for x in (one, other) if x is not None]
     return max(given) if given else None
 
 
-def _said(pairs: Mapping[str, Any], unbalanced: float | None) -> Findings:
+def _said(figures: Mapping[str, Any]) -> Findings:
+    pairs = figures["pairs"]
     warnings = [
         f"contact {name} would have to pull in "
         f"{counted(facts['rows_that_lift_off'], 'row')}: it "
@@ -196,16 +301,51 @@ def _said(pairs: Mapping[str, Any], unbalanced: float | None) -> Findings:
             "redundant constraints leave open how reactions are shared among the pairs "
             f"{listing(loose)}; what is open is left empty"
         )
-    largest = {
-        name: facts["largest_across_Nm"]
-        for name, facts in pairs.items()
-        if facts["largest_across_Nm"] is not None
-    }
     remarks = []
-    if largest:
-        name = max(largest, key=lambda pair: largest[pair])
-        remarks.append(
-            f"largest moment across an axis: {largest[name]:.6g} N m in pair {name}"
+    for key, unit, what in (
+        ("largest_across_Nm", "N m", "moment across an axis"),
+        ("largest_radial_N", "N", "radial load of a bearing"),
+        ("largest_axial_N", "N", "axial load of a bearing"),
+    ):
+        facts = pairs if key in next(iter(pairs.values())) else figures["bearings"]
+        given = {name: x[key] for name, x in facts.items() if x[key] is not None}
+        if given:
+            name = max(given, key=lambda one: given[one])
+            where = f"in pair {name}" if facts is pairs else f"({name})"
+            remarks.append(f"largest {what}: {given[name]:.6g} {unit} {where}")
+    told = _on_forces(figures)
+    (warnings if figures["asks_for_forces"] else remarks).extend(told)
+    return Findings(dict(figures), tuple(warnings), tuple(remarks))
+
+
+def _on_forces(figures: Mapping[str, Any]) -> list[str]:
+    """Return what is to be said of forces through the centre that are not determined."""
+    if figures["links_that_slide"]:
+        return [
+            "so many pairs float that none holds the links "
+            f"{listing(figures['links_that_slide'])} in the centre of the sphere: no "
+            "force is determined; let a pair take axial force there (axial)"
+        ]
+    pairs = figures["pairs"]
+    loose = [name for name, facts in pairs.items() if facts["force_is_open"]]
+    if not loose:
+        return []
+    need = figures["forces_need"]
+    wanted = []
+    if need["centres_of_mass"]:
+        links = listing(need["centres_of_mass"])
+        wanted.append(f"mass and centre of the links {links} (mass.LINK)")
+    if need["distances_of_contacts"]:
+        contacts = listing(need["distances_of_contacts"])
+        wanted.append(f"the distance of the contacts {contacts} from the centre")
+    if need["floating_pairs"]:
+        floating = listing(need["floating_pairs"])
+        wanted.append(
+            f"that the pairs {floating}, or others in their loops, float (bearings, axial)"
         )
-    figures = {"pairs": dict(pairs), "largest_unbalanced_Nm": unbalanced}
-    return Findings(figures, tuple(warnings), tuple(remarks))
+    if need["repeated_constraints"]:
+        wanted.append("constraints that do not repeat each other")
+    return [
+        f"forces through the centre are open in the pairs {listing(loose)}; a file that "
+        f"says {listing(wanted)} determines them"
+    ]

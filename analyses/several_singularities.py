@@ -255,7 +255,7 @@ class SeveralInputs:
             figures["aspects_guarantee"] = parts.guarantee
             figures["singular_on_lattice"] = parts.singular
             if parts.note or not len(parts.sizes):
-                words = f"{len(parts.sizes)} aspects"
+                words = counted(len(parts.sizes), "aspect")
                 if parts.singular:
                     words += (
                         f"; {counted(parts.singular, 'configuration')} met are singular"

@@ -63,6 +63,32 @@ def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False):
     the directions that it holds: of R pairs x and y of its frame, of contacts the tangent
     and, where they do not slide, the normal.
     """
+    turns, w, alpha, plans, A, drive = links_moving(mechanism, values, dq, ddq)
+    count = len(mechanism.links)
+    applied = moments(mechanism, turns, w, angle, t, joint)
+    right = []
+    for link in range(1, count):
+        mass = next(m for m in mechanism.masses if m.link == mechanism.links[link])
+        tensor = turns[link] @ np.array(mass.tensor) @ turns[link].T
+        spin = np.cross(w[link], tensor @ w[link])
+        right.append(tensor @ alpha[link] + spin - applied[link])
+    reactions = np.linalg.lstsq(np.vstack([A, drive]).T, np.concatenate(right))[0]
+    if not full:
+        return reactions[-len(drive) :]
+    moments_by_pair, at = {}, 0
+    for k, *_ in plans:
+        held = 1 if mechanism.pairs[k].type == "Cs" else 2
+        moments_by_pair[mechanism.pairs[k].name] = reactions[at : at + held]
+        at += held
+    return moments_by_pair
+
+
+def links_moving(mechanism, values, dq, ddq):
+    """Return turns, angular velocities and accelerations of all links, and the pairs.
+
+    Of each pair its number, links and frame; then the equations of velocities, and what the
+    inputs turn about.
+    """
     joints = geometry_of(mechanism).joints
     at = Closure.of(mechanism, joints).at(values[None])
     placed, states = at.placed, at.states
@@ -96,22 +122,7 @@ def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False):
             rates.append(-turned @ relative)
     alpha = np.linalg.lstsq(np.vstack([A, drive]), np.append(rates, ddq))[0]
     alpha = np.vstack([np.zeros(3), alpha.reshape(-1, 3)])
-    applied = moments(mechanism, turns, w, angle, t, joint)
-    right = []
-    for link in range(1, count):
-        mass = next(m for m in mechanism.masses if m.link == mechanism.links[link])
-        tensor = turns[link] @ np.array(mass.tensor) @ turns[link].T
-        spin = np.cross(w[link], tensor @ w[link])
-        right.append(tensor @ alpha[link] + spin - applied[link])
-    reactions = np.linalg.lstsq(np.vstack([A, drive]).T, np.concatenate(right))[0]
-    if not full:
-        return reactions[-len(drive) :]
-    moments_by_pair, at = {}, 0
-    for k, *_ in plans:
-        held = 1 if mechanism.pairs[k].type == "Cs" else 2
-        moments_by_pair[mechanism.pairs[k].name] = reactions[at : at + held]
-        at += held
-    return moments_by_pair
+    return turns, w, alpha, plans, A, drive
 
 
 def spread(count, a, b, vector):
@@ -143,3 +154,72 @@ def moments(mechanism, turns, w, angle, t, joint):
     found[b] += torque * axis
     found[a] -= torque * axis
     return found
+
+
+def spatial(mechanism, values, angle, t, dq, ddq, joint):
+    """Return the forces on bearings and contacts of links that nothing holds at O.
+
+    Every R pair has two bearings, each a point that holds its links together across the
+    axis, the one with `axial` 1 along it too; contacts hold theirs at their distance. So
+    each link is a free body with Newton's equation and Euler's about its centre of mass.
+    The forces (3,) in ground axes are of the first link on the second, by pair, or by the
+    load of the bearings and the number of the bearing; then how many are not determined,
+    and what misses the equations.
+    """
+    turns, w, alpha, plans, _, _ = links_moving(mechanism, values, dq, ddq)
+    number, count = mechanism.link_number, len(mechanism.links)
+    centres, right = np.zeros((count, 3)), np.zeros((count, 6))
+    weight = np.array([1.0, -2.0, -9.0])
+    for mass in mechanism.masses:
+        k = number[mass.link]
+        c, m = turns[k] @ np.array(mass.centre), mass.mass
+        tensor = turns[k] @ np.array(mass.tensor) @ turns[k].T
+        tensor = tensor - m * (c @ c * np.eye(3) - np.outer(c, c))
+        faster = np.cross(alpha[k], c) + np.cross(w[k], np.cross(w[k], c))
+        centres[k] = c
+        right[k, :3] = m * (faster - weight)
+        right[k, 3:] = tensor @ alpha[k] + np.cross(w[k], tensor @ w[k])
+    last, first = number[mechanism.links[-1]], number[mechanism.links[1]]
+    for k, place, force in (
+        (last, turns[last] @ [0.3, -0.2, 0.9], np.array([1.0, 2.0 * t, -1.0])),
+        (first, turns[first] @ [0.1, 0.5, 0.4], turns[first] @ [t, -1.0, 0.5]),
+    ):
+        right[k, :3] -= force
+        right[k, 3:] -= np.cross(place - centres[k], force)
+    couples = moments(replace(mechanism, masses=(), loads=()), turns, w, angle, t, joint)
+    couples[last] -= np.cross(turns[last] @ [0.3, -0.2, 0.9], [1.0, 2.0 * t, -1.0])
+    couples[first] -= turns[first] @ np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
+    right[:, 3:] -= couples
+    bearings = {x.pair: x for x in mechanism.loads if isinstance(x, sk.Bearings)}
+    columns, meant = [], []
+
+    def column(a, b, place, vector, key):
+        rows = np.zeros((count, 6))
+        for k, sense in ((b, 1.0), (a, -1.0)):
+            rows[k] += sense * np.append(vector, np.cross(place - centres[k], vector))
+        columns.append(rows[1:].ravel())
+        meant.append((key, vector))
+
+    for k, a, b, x, y, z in plans:
+        pair = mechanism.pairs[k]
+        if pair.type == "R":
+            load = bearings[pair.name]
+            for n, (at, share) in enumerate(zip(load.positions, load.axial, strict=True)):
+                for vector in (x, y, z) if share else (x, y):
+                    column(a, b, at * z, vector, (load.name, n))
+        else:
+            for vector in (y,) if pair.type == "Cs" else (x, y):
+                column(a, b, pair.distance * z, vector, (pair.name, 0))
+        if pair.name in [item.pair for item in mechanism.inputs]:
+            rows = np.zeros((count, 6))
+            rows[b, 3:], rows[a, 3:] = z, -z
+            columns.append(rows[1:].ravel())
+            meant.append(((pair.name, "torque"), z))
+    matrix = np.array(columns).T
+    sizes = np.linalg.lstsq(matrix, right[1:].ravel())[0]
+    rank = np.linalg.matrix_rank(matrix)
+    forces = {key: np.zeros(3) for key, _ in meant}
+    for size, (key, vector) in zip(sizes, meant, strict=True):
+        forces[key] = forces[key] + size * vector
+    missed = np.max(np.abs(matrix @ sizes - right[1:].ravel()))
+    return forces, matrix.shape[1] - rank, missed

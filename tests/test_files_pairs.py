@@ -576,7 +576,7 @@ FAULTS = {
         POSED_SLIDER,
         ", [80.0, 0.0]]",
         "]",
-        "24: pairs.guide.through_lonlat: has 1 values, needs 2",
+        "24: pairs.guide.through_lonlat: has 1 value, needs 2",
         [],
     ),
     "an end that is not a unit vector": (

@@ -336,7 +336,7 @@ def test_models_of_another_kind_are_refused(inside, why, tmp_path):
         (LOOPS["two link1"].replace("spherical", "planar"), 'type "planar"; allowed: rev'),
         (
             '<loop_joint name="tip"><link1 link="hand"/></loop_joint>',
-            "has 1 links, needs 2",
+            "has 1 link, needs 2",
         ),
         (LOOPS["two link1"].replace("0 0 0.1", "0 0 0.15"), "loops do not close near"),
     ],

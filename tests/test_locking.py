@@ -11,6 +11,7 @@ from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.errors import ModelError
 from spherekit.model.laws import ConstantSpeed
+from spherekit.model.mechanism import Input, Mechanism, Output, Pair, PoseGeometry
 from spherekit.motion.motion import Tracer
 
 CASES = {
@@ -89,9 +90,77 @@ def test_a_pair_between_moving_links_and_one_beside_a_contact():
     assert carrier == pytest.approx(0.5 * motion.q, abs=1e-12)
 
 
+def posed_wrist():
+    """Return a wrist of three legs given in a reference pose, with masses and loads."""
+    random = np.random.default_rng(20261123)
+    legs = [
+        (f"{kind}{k}", link)
+        for k in (1, 2, 3)
+        for kind, link in (
+            ("a", ("base", f"crank{k}")),
+            ("b", (f"crank{k}", f"rod{k}")),
+            ("c", (f"rod{k}", "hand")),
+        )
+    ]
+    axes = random.normal(size=(9, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    values = random.uniform(-1.0, 1.0, 9)
+    names = [name for name, _ in legs]
+    links = tuple(dict.fromkeys(link for _, both in legs for link in both))
+    return Mechanism(
+        "posed",
+        "base",
+        links,
+        tuple(Pair(name, "R", both) for name, both in legs),
+        PoseGeometry(
+            dict(zip(names, map(tuple, axes.tolist()), strict=True)),
+            dict(zip(names, values.tolist(), strict=True)),
+        ),
+        inputs=tuple(
+            Input(name, at - 0.02, at + 0.02)
+            for name, at in zip(names, values.tolist(), strict=True)
+            if name[0] == "a"
+        ),
+        outputs=(Output("tool", "hand", "base", (0.6, 0.0, 0.8)),),
+        masses=tuple(body(random, link) for link in links[1:]),
+        loads=(
+            sk.PointForce("push", "rod2", (0.1, 0.2, 0.3), ("1", "theta_a1", "-2"), "link"),
+            sk.Moment("twist", "crank3", ("0", "1", "sin(theta_a3)"), "link"),
+            sk.Gravity("weight", (0.3, -1.0, -9.0)),
+        ),
+    )
+
+
+def test_a_mechanism_of_a_reference_pose_is_locked_elsewhere(tmp_path):
+    """Variables, poses and torques are those with the input held."""
+    made = posed_wrist()
+    at = made.geometry.values
+    locked = sk.lock(made, {"a2": at["a2"] + 0.02}, angle_unit="rad")
+    sk.dump(locked, tmp_path / "locked.toml")
+    locked = sk.load(tmp_path / "locked.toml")
+    t = [0.0, 0.1]
+    laws = {"a1": ConstantSpeed(0.2, at["a1"]), "a3": ConstantSpeed(-0.1, at["a3"])}
+    whole = inverse_dynamics(
+        made, laws | {"a2": ConstantSpeed(0.0, at["a2"] + 0.02)}, t, assembly_mode=0
+    )
+    found = inverse_dynamics(locked, laws, t)
+    shared = [made.angles[name] for name in locked.angles]
+    apart = found.motion.values.reshape(-1, 2, len(shared)) - whole.motion.values[:, shared]
+    gaps = np.max(np.abs(np.sin(0.5 * apart)), axis=(1, 2))
+    mode = int(np.argmin(gaps))
+    assert gaps[mode] < 1e-12
+    rows = slice(2 * mode, 2 * mode + 2)
+    assert found.torques[rows] == pytest.approx(whole.torques[:, [0, 2]], rel=1e-10)
+    for link in locked.links:
+        one = whole.motion.rotations[:, made.link_number[link]]
+        other = found.motion.rotations[rows, locked.link_number[link]]
+        assert np.max(np.abs(one - other)) < 1e-12
+    assert locked.outputs == made.outputs
+
+
 def test_what_cannot_be_locked_is_said():
     with pytest.raises(
-        ModelError, match="given in a reference pose, in which the pair has 0"
+        ModelError, match="0 rad in the reference pose, not 0.3 rad: .* has rolled"
     ):
         sk.lock(sk.load("bevel_differential"), {"right_axle": 0.3}, angle_unit="rad")
     with pytest.raises(ModelError, match="is a contact; only R pairs can be locked"):

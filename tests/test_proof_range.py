@@ -14,6 +14,7 @@ from proof_checker import Refused, check
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.files.read import loads
 from spherekit.guarantee import Guarantee
 from spherekit.planning.inputs import driven_at
 from spherekit.proof.along import rates
@@ -218,3 +219,21 @@ def test_the_command_proves_the_range_of_the_file(tmp_path, capsys):
     assert "give values of all with --at" in capsys.readouterr().err
     assert main(["certify", "four_bar", "--range", "30", "10"]) == 1
     assert "is empty" in capsys.readouterr().err
+
+
+def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
+    """The text in the certificate has the two links of the pair as one."""
+    path = tmp_path / "certificate.json"
+    assert main(["certify", "five_bar", "--lock", "51=80", "-o", str(path)]) == 0
+    certificate = json.loads(path.read_text())
+    assert certificate["complete"] and certificate["tolerance_rad"] == 1e-14
+    check(certificate)
+    five_bar = sk.load("five_bar")
+    written = Written.of(five_bar)
+    made = construct(structure_of(five_bar))
+    for q in ("60", "100", "130"):
+        held = certified_modes(written, (q, "80"), made)
+        locked = loads(certificate["mechanism"], "locked")
+        alone = certified_modes(Written.of(locked), (q,), construct(structure_of(locked)))
+        assert held.complete and alone.complete
+        assert len(held.real) == len(alone.real)

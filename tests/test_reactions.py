@@ -223,8 +223,9 @@ def test_friction_follows_from_the_reactions_that_it_changes(positions):
         force = found.torques.Q_parts[row, 0, load]
         assert force == pytest.approx(b * coefficient, rel=1e-9)
         assert found.across[row, number] == pytest.approx(gap(b)[1], rel=1e-9)
-        assert found.bearing[row, number] * arm == pytest.approx(found.across[row, number])
-    assert np.all(np.isnan(found.bearing[:, [k for k in range(7) if k != number]]))
+        assert found.couples["rub"][row] * arm == pytest.approx(found.across[row, number])
+    assert list(found.couples) == ["rub"]
+    assert np.all(np.isnan(found.on_bearings["rub"][..., 2]))
 
 
 def test_bearings_that_lock_are_refused(tmp_path):

@@ -94,5 +94,5 @@ def test_the_bearings_of_hookes_joint():
         ]
         found = at_rest(made.with_loads(*loads), "21", [np.radians(yoke)])
         assert found.torques.tau[0] == pytest.approx(100.0, rel=1e-4)
-        forces = [found.bearing[0, made.pair_number[pair]] for pair in ("21", "41")]
+        forces = [found.couples[name][0, 0] for name in ("front", "back")]
         assert forces == pytest.approx([driving, driven], rel=1e-4, abs=1e-9)

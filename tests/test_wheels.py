@@ -15,6 +15,7 @@ from benchmarks.sceptic.suspects import random_suspect
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import prepare
+from spherekit.guarantee import Guarantee
 from spherekit.model.dynamics import Mass
 from spherekit.model.gears import pitch_angles
 from spherekit.model.laws import ConstantSpeed, Start
@@ -79,6 +80,34 @@ def test_what_follows_wheels_is_grouped_as_ever(tmp_path):
         (alike,) = (each.number for each in modes if each.signs[0] == mode.signs[1])
         same = other.assembly_mode == alike
         assert np.max(np.abs(other.rotations[same] - motion.rotations[rows])) < 1e-13
+
+
+@pytest.mark.parametrize(
+    "name", ["bevel_pair", "rolling_cones", "planetary_bevel", "bevel_differential"]
+)
+def test_wheels_that_follow_the_inputs_are_placed_without_a_search(name):
+    """Random starts on the loops, with the lengths rolled held, find the same."""
+    tracer = Tracer(sk.load(name), samples=9)
+    solver = tracer.solver
+    assert solver.has_closed_form and not solver.assembly.has_closed_form
+    assert tracer.claim.guarantee is Guarantee.COMPLETE
+    assert len(tracer.assembly_modes) == 1
+    motion = tracer.motion()
+    assert np.all(motion.status == Status.OK)
+    for row in (0, 4, 8):
+        q = motion.inputs[row]
+        (searched,) = solver.meshes.modes(solver.closure, solver.driven, q)
+        assert np.max(turned(searched - motion.values[row])) < 1e-9
+        placed = solver.closure.at(searched[None]).placed[0]
+        assert np.max(np.abs(placed - motion.rotations[row])) < 1e-9
+
+
+def test_a_linkage_on_wheels_has_all_modes(tmp_path):
+    geared = five_bar(tmp_path, (20, 30), (0.0, 360.0))
+    tracer = Tracer(geared, samples=25)
+    assert tracer.claim.guarantee is Guarantee.COMPLETE
+    assert tracer.configurations.guarantee is Guarantee.COMPLETE
+    assert not tracer.configurations.mismatches
 
 
 def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
@@ -262,7 +291,8 @@ def test_curves_of_wheels_return_after_all_their_turns(tmp_path):
     counted = (
         (motion.status == Status.OK).reshape(len(motion.assembly_modes), -1).sum(axis=0)
     )
-    assert sum(len(each.pieces) for each in found.curves) == len(tracer.assembly_modes)
+    numbers = {piece.assembly_mode for each in found.curves for piece in each.pieces}
+    assert numbers == {mode.number for mode in tracer.assembly_modes}
     for each in found.curves:
         q = each.curve.at(np.linspace(0.0, each.curve.length, 200)).values
         names = made.variable_names

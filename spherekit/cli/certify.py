@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from spherekit.cli.study import add_input_argument
+from spherekit.cli.study import add_input_argument, add_lock_argument, with_locks
 from spherekit.cli.suggest import mechanisms, suggesting
 
 EXAMPLES = (
@@ -27,12 +27,18 @@ EXAMPLES = (
         "two inputs: where over their ranges no mode is singular, proven, drawn",
     ),
     (
+        "spherekit certify five_bar --lock 51=80",
+        "an input locked: for all sizes within 1e-14 rad of the link that two become",
+    ),
+    (
         "spherekit certify four_bar --tolerance 1e-9",
         "for every geometry whose sizes are off by at most 1e-9 rad",
     ),
 )
 INCOMPLETE = 3
 """Exit status where nothing wrong was found, but completeness is not proven."""
+LOCKED = 1e-14
+"""By how much (rad) sizes of a mechanism with locked pairs may be off: they are rounded."""
 LARGEST = 100000
 """Largest input read."""
 
@@ -73,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--figure", metavar="FILE", help="with two inputs: draw their map")
     add_input_argument(parser)
+    add_lock_argument(parser)
     parser.add_argument(
         "--tolerance",
         type=float,
@@ -88,15 +95,22 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.errors import AnalysisError
     from spherekit.files.document import parse, read_text
     from spherekit.files.library import find
-    from spherekit.files.read import read
+    from spherekit.files.read import angle_unit_of, read
+    from spherekit.files.write import dumps
     from spherekit.planning.inputs import driven_at
     from spherekit.proof.construction import construct
     from spherekit.proof.written import Written
 
     path = find(options.file)
-    document = parse(read_text(path), str(path))
+    document, tolerance = parse(read_text(path), str(path)), options.tolerance
+    if options.lock:
+        unit = angle_unit_of(path)
+        document = parse(
+            dumps(with_locks(read(document), options.lock, options.file), unit), str(path)
+        )
+        tolerance = max(tolerance, LOCKED)
     mechanism = driven_at(read(document), options.input)
-    written = Written.of(mechanism, document, options.tolerance)
+    written = Written.of(mechanism, document, tolerance)
     if options.at and options.range:
         raise AnalysisError("--at and --range are two questions; give one of them")
     if options.poles and not options.at:

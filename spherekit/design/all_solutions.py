@@ -12,13 +12,10 @@ from typing import final
 
 import numpy as np
 
-from spherekit.design.sensitivity import sizes_of
 from spherekit.design.solution_paths import SAME, Way, apart, distinct, settled, tracked
-from spherekit.design.variables import DesignVariable, design_variable, designed_pairs
 from spherekit.engine.design_kernel import DesignTerms
 from spherekit.engine.path_kernel import Numbers, PathKernel, path_kernel
-from spherekit.files.document import Document
-from spherekit.model.mechanism import Input, Mechanism
+from spherekit.model.mechanism import Input
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
 from spherekit.sphere.rotation import Floats
@@ -51,40 +48,23 @@ class StartSet:
 
 
 def start_set(
-    kernel: PathKernel,
-    mechanism: Mechanism,
-    document: Document,
-    variables: Sequence[DesignVariable],
-    driven: Sequence[str],
+    kernel: PathKernel, sizes: Floats, terms: DesignTerms, of_every: Floats
 ) -> StartSet | None:
     """Return all solutions of the mechanism of a file; None if they are not found.
 
-    Loops go through all sizes of the mechanism, whichever a kernel has as inputs.
+    `sizes` are its numbers that `kernel` has as inputs. Loops go through all its sizes,
+    those that `terms` have, where it has the numbers `of_every`.
     """
-    every = [design_variable(document, key) for key in sizes_of(mechanism)]
-    terms = DesignTerms.of(
-        mechanism,
-        driven,
-        [variable.name for variable in every],
-        lambda numbers: designed_pairs(mechanism, every, numbers),
-        closed_form=False,
-    )
-    unit = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
-    sizes, of_every = (
-        unit * np.array([variable.value for variable in some])
-        for some in (variables, every)
-    )
     structure = terms.structure
-    moving = mechanism.with_inputs(*driven)
-    q = np.array([complex(0.5 * (i.start + i.stop), 0.7) for i in moving.inputs])
-    solver = Solver(moving, structure.assembly)
-    inputs = _seeded(moving.inputs)
-    seeds, roots = _seeds(solver, inputs)
+    names = [structure.mechanism.pairs[pair].name for pair in structure.input_pairs]
+    inputs = structure.mechanism.with_inputs(*names).inputs
+    q = np.array([complex(0.5 * (i.start + i.stop), 0.7) for i in inputs])
+    general = path_kernel(terms, compiled=False)
+    seeds, roots = _seeds(terms, general, of_every, _seeded(inputs))
     if not seeds.shape[1] or roots > MOST_SOLUTIONS:
         return None
-    general = path_kernel(terms, compiled=False)
     rng = np.random.default_rng(20)
-    base = of_every + rng.uniform(-NEARBY, NEARBY, len(every))
+    base = of_every + rng.uniform(-NEARBY, NEARBY, len(of_every))
     starts = seeds[general.driven].astype(complex)
     seeded = _moved(general, seeds, (of_every, base), (starts, _repeated(q, starts)))
     solutions = _all(general, _joined(seeded[:, :0], seeded), base, q, roots, rng)
@@ -124,19 +104,32 @@ def _all(
     return solutions if count and count == (roots or count) else None
 
 
-def _seeds(solver: Solver, inputs: Floats) -> tuple[Floats, int]:
+def _seeds(
+    terms: DesignTerms, kernel: PathKernel, sizes: Floats, inputs: Floats
+) -> tuple[Floats, int]:
     """Return solutions (variables, n) at inputs (m, k), and how many there are in all.
 
     0 where that is not known.
     """
+    structure = terms.structure
+    mechanism, driven = structure.mechanism, structure.assembly.inputs
+    moving = mechanism.with_inputs(*(mechanism.pairs[pair].name for pair in driven))
+    solver = Solver(moving, structure.assembly)
+    # Newton's first step takes pairs that follow the inputs to their places.
+    values = np.zeros((kernel.variables, len(inputs)))
+    values[kernel.driven] = inputs.T
+    prepared = kernel.prepare(np.repeat(sizes[:, None], len(inputs), axis=1))
+    with np.errstate(all="ignore"):
+        step = kernel.at(values, prepared).step
+    following = [v for v in solver.driven if v not in kernel.driven]
+    values[following] += step[following]
     configurations, roots = [], 0
-    for q in inputs:
+    for q in values[list(solver.driven)].T:
         here = assemblies(solver, q)
-        configurations += [values for _, values in here.modes]
+        configurations += [closed for _, closed in here.modes]
         counts = [method.roots if method else 0 for method in here.methods]
         roots = max(roots, int(np.prod(counts)))
-    width = len(solver.mechanism.variable_owners)
-    return np.array(configurations).reshape(-1, width).T, roots
+    return np.array(configurations).reshape(-1, kernel.variables).T, roots
 
 
 def _repeated(q: Numbers, values: Numbers) -> Numbers:

@@ -14,10 +14,12 @@ from spherekit.design.all_solutions import StartSet, start_set
 from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers, first_line
 from spherekit.design.followed_modes import followed_modes
 from spherekit.design.samples import DesignSamples
+from spherekit.design.sensitivity import sizes_of
 from spherekit.design.variables import (
     ACTIONS,
     DesignVariable,
     design_geometry,
+    design_variable,
     designed,
     designed_pairs,
     need_circles,
@@ -167,7 +169,7 @@ class Evaluator:
         """Return the kernel of all designs, None where they have none."""
         contacts = None
         if self.mechanism.has_contacts:
-            contacts = hinged(self.mechanism)
+            contacts = hinged(self.mechanism, self.inputs)
             if contacts is None:
                 return None
         elif any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
@@ -177,17 +179,20 @@ class Evaluator:
         acting = any(v.path[0] in ACTIONS for v in self.variables)
         if acting or following or contacts:
             self.numbers = FileNumbers(
-                self.document, self.mechanism, self.variables, contacts, following
+                self.document,
+                self.mechanism,
+                self.variables,
+                self.inputs,
+                contacts,
+                following,
             )
         terms = self.terms()
         if terms.closed_form:
             return design_kernel(terms, self.columns)
-        if self.mechanism.has_contacts:
-            self.numbers = None
-            return None
         paths = path_kernel(terms)
-        start = start_set(paths, self.mechanism, self.document, self.variables, self.inputs)
+        start = start_set(paths, self._nominal, *self._every_size())
         if start is None:
+            self.numbers = None
             return None
         self._paths = paths, start
         return design_kernel(terms, self.columns)
@@ -218,6 +223,39 @@ class Evaluator:
             closed_form,
             self.numbers.of_actions,
         )
+
+    @property
+    def _nominal(self) -> Floats:
+        """The sizes of the kernel (k,) in the file."""
+        sizes = self.radians(np.array([[v.value] for v in self.variables]))[:, 0]
+        if self.numbers is None:
+            return sizes
+        read = np.array(self.numbers.nominal)[list(self.numbers.differing)]
+        return np.concatenate([sizes, read])
+
+    def _every_size(self) -> tuple[DesignTerms, Floats]:
+        """Return terms of all sizes of the mechanism, and what these are in the file."""
+        contacts = self.numbers.hinged if self.numbers else None
+        if contacts is not None:
+            names = [f"turned_{k}" for k in range(len(contacts.numbers))]
+            terms = DesignTerms.of(
+                contacts.mechanism,
+                self.inputs,
+                names,
+                lambda numbers: contacts.pairs(dict(enumerate(numbers.values()))),
+                closed_form=False,
+            )
+            return terms, np.array(contacts.numbers)
+        every = [design_variable(self.document, key) for key in sizes_of(self.mechanism)]
+        terms = DesignTerms.of(
+            self.mechanism,
+            self.inputs,
+            [variable.name for variable in every],
+            lambda numbers: designed_pairs(self.mechanism, every, numbers),
+            closed_form=False,
+        )
+        unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
+        return terms, unit * np.array([variable.value for variable in every])
 
     def _designed(self, numbers: Mapping[str, Any]) -> TurningPairs:
         return designed_pairs(self.mechanism, self.variables, numbers)

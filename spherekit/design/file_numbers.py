@@ -16,7 +16,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
 OK = "OK"
-UNLIKE = "its loads have another form"
+UNLIKE = "its loads or contacts have another form"
 """What sends a design to the analysis of the single one."""
 TRIED = (0.0173, -0.0311)
 """Parts by which variables are changed to see which numbers follow them."""
@@ -45,11 +45,13 @@ class FileNumbers:
         document: Document,
         mechanism: Mechanism,
         variables: Sequence[DesignVariable],
+        inputs: Sequence[str],
         with_contacts: Hinged | None,
         whole: bool,
     ) -> None:
         self.document, self.mechanism = document, mechanism
         self.variables = tuple(variables)
+        self.inputs = tuple(inputs)
         self.hinged = with_contacts
         self.whole = whole or with_contacts is not None
         self._form = Actions.of(mechanism).form
@@ -71,12 +73,18 @@ class FileNumbers:
 
     def _differing(self) -> tuple[int, ...]:
         values = np.array([variable.value for variable in self.variables])
+        tried = [self._read(values * (1.0 + share) + share) for share in TRIED]
+        self.varied = any(isinstance(numbers, list) for numbers in tried)
+        if not self.varied:
+            # Some vary by whole numbers, and some only with others.
+            steps = np.concatenate([size * np.eye(len(values)) for size in (1.0, *TRIED)])
+            tried = [self._read(values * (1.0 + step)) for step in steps]
+            self.varied = any(isinstance(numbers, list) for numbers in tried)
+            return tuple(range(len(self.nominal)))
         differing: set[int] = set()
-        for share in TRIED:
-            tried = self._read(values * (1.0 + share) + share)
-            if isinstance(tried, list):
-                self.varied = True
-                both = zip(tried, self.nominal, strict=True)
+        for numbers in tried:
+            if isinstance(numbers, list):
+                both = zip(numbers, self.nominal, strict=True)
                 differing |= {k for k, (new, old) in enumerate(both) if new != old}
         return tuple(sorted(differing))
 
@@ -90,11 +98,13 @@ class FileNumbers:
                 made = with_actions(self.document, self.mechanism, self.variables, numbers)
             actions = Actions.of(made)
             if self.hinged is not None:
-                with_contacts = hinged(made)
-                contacts = with_contacts.numbers if with_contacts else []
+                with_contacts = hinged(made, self.inputs)
+                if with_contacts is None or with_contacts.form != self.hinged.form:
+                    return UNLIKE
+                contacts = with_contacts.numbers
         except SpherekitError as problem:
             return first_line(problem)
-        if actions.form != self._form or len(contacts) != self._contacts:
+        if actions.form != self._form:
             return UNLIKE
         return [*contacts, *actions.numbers]
 

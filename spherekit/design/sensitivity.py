@@ -144,7 +144,7 @@ class Sensitivity:
 
     @cached_property
     def _hinged(self) -> Hinged | None:
-        return hinged(self.mechanism)
+        return hinged(self.mechanism, self.inputs)
 
     @cached_property
     def _numbers(self) -> FileNumbers | None:
@@ -152,7 +152,12 @@ class Sensitivity:
         if all(variable.slot is not None for variable in self.variables):
             return None
         made = FileNumbers(
-            self.document, self.mechanism, self.variables, self._hinged, False
+            self.document,
+            self.mechanism,
+            self.variables,
+            self.inputs,
+            self._hinged,
+            False,
         )
         if not made.varied:
             raise DesignError(

@@ -62,25 +62,24 @@ class Loads:
         values: Floats,
         value_rates: Floats,
         t: Floats,
-        across: Floats | None = None,
+        carried: Floats | None = None,
     ) -> Floats:
         """Return the magnitude of each component (n, components), N m or N.
 
         `values`, `value_rates` (n, variables) are the pair variables and their rates by
-        time, `t` (n,) is in s; `across` (n, pairs) N m the moments across the axes of
-        pairs, without which bearings do not rub.
+        time, `t` (n,) is in s; `carried` (n, k) N the sums of the forces on the bearings
+        of each of the `rubbing`, without which these do not rub.
         """
         names = self._known(values, value_rates, t)
         sizes = np.empty((len(t), len(self.components)))
         for column, part in enumerate(self.components):
             sizes[:, column] = _magnitude(part, names)
-            if part.bearings is not None:
-                pair = self.mechanism.pair_number[part.pair]
-                sizes[:, column] *= 0.0 if across is None else across[:, pair]
+        for number, column in enumerate(self.rubbing):
+            sizes[:, column] *= 0.0 if carried is None else carried[:, number]
         return sizes
 
     def friction(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
-        """Return that of the `rubbing` (n, k), N m per N m across the axes of their pairs.
+        """Return that of the `rubbing` (n, k), N m per N on their bearings.
 
         For the same as `magnitudes`.
         """
@@ -109,7 +108,7 @@ class Loads:
         motion: CoordinateMotion,
         speed: Floats,
         t: Floats,
-        across: Floats | None = None,
+        carried: Floats | None = None,
     ) -> Floats:
         """Return each load's generalised forces (n, m, loads).
 
@@ -121,19 +120,19 @@ class Loads:
             (n, m) rates of these coordinates by time.
         t
             (n,) time, s.
-        across
+        carried
             See `magnitudes`.
         """
         if not self.components:
             return np.zeros((*speed.shape, 0))
         rates = rates_by_time(motion, speed)
-        magnitudes = self.magnitudes(motion.values, rates, t, across)
+        magnitudes = self.magnitudes(motion.values, rates, t, carried)
         by_component = magnitudes[:, None] * self.velocities(motion)
         return np.asarray(np.add.reduceat(by_component, self._first, axis=2))
 
 
 def _magnitude(part: Component, names: Mapping[str, Floats]) -> Floats:
-    """Return the magnitude of a component (n,), of bearings per N m across the axis."""
+    """Return the magnitude of a component (n,), of bearings per N on them."""
     law = part.magnitude
     if isinstance(law, TorqueTable):
         return law.at(names["t"])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import SINGULAR_RATIO, Status, listing
+from spherekit.conventions import SINGULAR_RATIO, Status, counted, listing
 from spherekit.dynamics.equation import driving_torques
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
@@ -51,8 +51,8 @@ class InverseSolution(InputMotion):
     inputs, inputs) kg m2 and `dM_parts` (n, masses, inputs, inputs, inputs) by the inputs;
     `Q_parts` (n, inputs, loads) N m; `torques` (n, inputs) N m at the inputs; `values` (n,
     variables) rad; `motion` what moves how by the inputs; `residual` (n,) rad. Failed rows
-    are NaN. Where bearings rub, `across` (n, pairs) N m are the moments across the axes
-    that their friction follows from, found in `rounds` of iteration.
+    are NaN. Where bearings rub, `carried` (n, k) N are the sums of the forces that their
+    friction follows from, of each such load, found in `rounds` of iteration.
     """
 
     mechanism: Mechanism
@@ -70,14 +70,15 @@ class InverseSolution(InputMotion):
     motion: CoordinateMotion
     residual: Floats
     status: NDArray[np.int8]
-    across: Floats | None = None
+    carried: Floats | None = None
     rounds: int = 0
 
     def __repr__(self) -> str:
         failed = int(np.count_nonzero(self.status))
+        modes = len(set(self.assembly_mode.tolist()))
         return (
-            f"<InverseSolution of {self.mechanism.name}: {len(self.t)} rows in "
-            f"{len(set(self.assembly_mode.tolist()))} assembly modes, {failed} failed>"
+            f"<InverseSolution of {self.mechanism.name}: {counted(len(self.t), 'row')} in "
+            f"{counted(modes, 'assembly mode')}, {failed} failed>"
         )
 
     @property
@@ -285,13 +286,13 @@ def needed_torques(motion: Motion) -> InverseSolution:
     loads = Loads(mechanism)
     status = motion.status.copy()
     at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
-    across: Floats | None = None
+    carried: Floats | None = None
     rounds = 0
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, coordinates)
 
-        def needed(across: Floats | None) -> tuple[Floats, Floats]:
-            forces = loads.parts(coordinates, timing.dq, timing.t, across)
+        def needed(carried: Floats | None) -> tuple[Floats, Floats]:
+            forces = loads.parts(coordinates, timing.dq, timing.t, carried)
             Q = np.sum(forces, axis=2)
             moved = timing.dq, timing.ddq
             return forces, driving_torques(masses.M, masses.dM, Q, *moved)
@@ -301,9 +302,9 @@ def needed_torques(motion: Motion) -> InverseSolution:
         if loads.rubbing and np.any(good):
             driven = Driven(mechanism, at, coordinates, timing, torques, None).rows(good)
             rub = _rubbed(driven, motion.joints, loads)
-            across, rounds = np.zeros((len(motion), len(mechanism.pairs))), rub.rounds
-            across[good] = rub.across
-            forces, torques = needed(across)
+            carried, rounds = np.zeros((len(motion), len(loads.rubbing))), rub.rounds
+            carried[good] = rub.carried
+            forces, torques = needed(carried)
             locked = np.flatnonzero(good)[~rub.settled]
             status[locked[status[locked] == Status.OK]] = Status.NOT_CONVERGED
     flat = ~(determined(coordinates.rates) >= DEAD_CENTRE)
@@ -332,7 +333,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
         coordinates,
         motion.residual,
         status,
-        across,
+        carried,
         rounds,
     )
 

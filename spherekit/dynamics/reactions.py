@@ -1,15 +1,18 @@
-"""What the pairs transmit: the moments about the centre that hold links to their motion.
+"""What the pairs transmit: moments about the centre and forces through it.
 
 Newton's and Euler's equation of each moving link about the centre O,
 
     I a + w x I w = moments of the loads + moments of its pairs,
 
 has on the right, of each pair, a part along what its variables turn about, which loads and
-drives say, and the reaction, which does no work. The forces through O that the pairs
-transmit as well have no moment about it: they are not determined in a spherical mechanism
-of rigid links, each of which every one of its pairs holds at O.
+drives say, and the reaction, which does no work. The forces through O have no moment about
+it. They are determined, by the equations of the forces on all links, as far as the file
+says which pairs let their links slide along the axis, and where centres of mass are: every
+pair that does not slide holds its links at O, and each loop of R pairs leaves three such
+forces open.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
@@ -18,6 +21,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import InverseSolution, needed_torques
+from spherekit.dynamics.lacking import Lacking, lacking
 from spherekit.dynamics.transmitted import Driven, transmitted
 from spherekit.model.dynamics import Bearings
 from spherekit.motion.linearisation import Linearisation
@@ -35,18 +39,25 @@ class Reactions:
 
     `moments` (n, pairs, 3) N m: that of the first link on the second about O, in pair axes,
     the columns of the pair's frame in ground axes `frames` (n, pairs, 3, 3); its opposite
-    acts on the first link. Of an R pair z is the axis and its component the torque of
+    acts on the first link. `forces` (n, pairs, 3) N are those through O likewise, of a
+    contact at its point. Of an R pair z is the axis and its component the torque of
     loads and drives; of a contact x is the tangent, y the normal to the side of the first
-    body, z the point. Components whose share redundant constraints leave open are NaN, as
-    are rows that failed; `is_open` (n, pairs, 3) says which. `unbalanced` (n,) N m is the
-    largest moment by which a link misses its equation, `torques` what drives the inputs,
-    `status` (n, pairs) theirs, with LIFT_OFF where a contact would have to pull.
+    body, z the point. Components that constraints leave open are NaN, as are rows that
+    failed; `is_open` and `open_forces` (n, pairs, 3) say which, `lacking` what would
+    determine the forces, `slides` (n, links) which links no pair holds at O, so that no
+    force is. `unbalanced` (n,) N m is the largest moment by which a link misses its
+    equation, `torques` what drives the inputs, `status` (n, pairs) theirs, with LIFT_OFF
+    where a contact would have to pull.
     """
 
     torques: InverseSolution
     frames: Floats
     moments: Floats
+    forces: Floats
     is_open: NDArray[np.bool_]
+    open_forces: NDArray[np.bool_]
+    slides: NDArray[np.bool_]
+    lacking: Lacking
     unbalanced: Floats
     status: NDArray[np.int8]
 
@@ -62,19 +73,30 @@ class Reactions:
         return np.asarray(np.hypot(self.moments[..., 0], self.moments[..., 1]))
 
     @property
-    def bearing(self) -> Floats:
-        """(n, pairs) N: the force across the axis on each bearing, NaN where none is said.
+    def on_bearings(self) -> Mapping[str, Floats]:
+        """(n, bearings, 3) N by load: the forces on its bearings, in pair axes.
 
-        That a single one has it about the centre; two have that of the couple, for a force
-        through the centre, which adds to it, is not determined.
+        Along the axis they are NaN where the file does not say how that part is shared,
+        across it where the force through O is open.
         """
-        forces = np.full(self.across.shape, np.nan)
-        mechanism = self.torques.mechanism
-        for load in mechanism.loads:
-            if isinstance(load, Bearings):
-                pair = mechanism.pair_number[load.pair]
-                forces[:, pair] = self.across[:, pair] / load.arm
-        return forces
+        return {load.name: load.carried(*self._of(load)) for load in self._bearings}
+
+    @property
+    def couples(self) -> Mapping[str, Floats]:
+        """(n, bearings) N by load: what of these forces is of the couple alone."""
+        return {
+            load.name: np.linalg.norm(load.carried(self._of(load)[0]), axis=-1)
+            for load in self._bearings
+        }
+
+    @property
+    def _bearings(self) -> list[Bearings]:
+        loads = self.torques.mechanism.loads
+        return [load for load in loads if isinstance(load, Bearings)]
+
+    def _of(self, load: Bearings) -> tuple[Floats, Floats]:
+        pair = self.torques.mechanism.pair_number[load.pair]
+        return self.moments[:, pair], self.forces[:, pair]
 
     @property
     def push(self) -> Floats:
@@ -102,19 +124,38 @@ def reactions(motion: Motion) -> Reactions:
     mechanism, timing = motion.mechanism, motion.timing
     assert timing is not None
     at = Linearisation(motion.linearisation.tree, motion.joints, torques.values)
-    driven = Driven(mechanism, at, torques.motion, timing, torques.torques, torques.across)
+    driven = Driven(mechanism, at, torques.motion, timing, torques.torques, torques.carried)
     good = torques.status == Status.OK
-    carried = transmitted(driven.rows(good), motion.joints)
-    n = len(motion)
-    moments = np.full((n, len(mechanism.pairs), 3), np.nan)
-    is_open = np.zeros((n, len(mechanism.pairs), 3), dtype=bool)
-    unbalanced = np.full(n, np.nan)
-    moments[good], is_open[good] = carried.moments, carried.is_open
-    unbalanced[good] = carried.unbalanced
+    shape = len(motion), len(mechanism.pairs)
+    wrenches = np.full((*shape, 6), np.nan)
+    is_open = np.zeros((*shape, 6), dtype=bool)
+    slides = np.zeros((len(motion), len(mechanism.links)), dtype=bool)
+    unbalanced = np.full(len(motion), np.nan)
+    missing = Lacking()
+    if np.any(good):
+        carried = transmitted(driven.rows(good), motion.joints, forces=True)
+        wrenches[good], is_open[good] = carried.wrenches, carried.is_open
+        unbalanced[good], slides[good] = carried.unbalanced, carried.slides
+        count = np.count_nonzero(carried.is_open, axis=(1, 2))
+        if np.any(count) and not np.any(slides):
+            row = np.flatnonzero(good)[int(np.argmin(count))]
+            missing = lacking(mechanism, motion.joints, at.frames[row])
+    moments, forces = wrenches[..., :3], wrenches[..., 3:]
     status = np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1)
     contacts = np.array([not pair.kind.has_axis for pair in mechanism.pairs])
     size = np.max(np.abs(np.nan_to_num(moments)), axis=(1, 2))
     with np.errstate(invalid="ignore"):
         pulls = contacts & (moments[:, :, 0] < -ROUNDING * size[:, None])
     status[good[:, None] & pulls] = Status.LIFT_OFF
-    return Reactions(torques, at.frames, moments, is_open, unbalanced, status)
+    return Reactions(
+        torques,
+        at.frames,
+        moments,
+        forces,
+        is_open[..., :3],
+        is_open[..., 3:],
+        slides,
+        missing,
+        unbalanced,
+        status,
+    )

@@ -218,7 +218,7 @@ class History(InputMotion):
 
     def __repr__(self) -> str:
         span = f" from {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else ""
-        return f"<History: {len(self.t)} times{span}>"
+        return f"<History: {counted(len(self.t), 'time')}{span}>"
 
 
 @final
@@ -321,14 +321,14 @@ class Simulation:
         )
 
     def moments(self, t: Floats) -> Transmitted:
-        """Return what every pair transmits at times (n,), in pair axes."""
+        """Return the moments that every pair transmits at times (n,), in pair axes."""
         traced, dynamics = self._at(t)
         motion, _, change = self._accelerated(traced, dynamics)
         motion = replace(motion, values=motion.values + FULL_TURN * traced.turns)
         at = self.equation.closure.at(traced.states[:, : self.equation.variables])
         none = np.zeros((len(t), len(self.driven)))
         timing = Timing(np.asarray(t, dtype=float), dynamics.speed, change)
-        driven = Driven(self.mechanism, at, motion, timing, none, dynamics.across)
+        driven = Driven(self.mechanism, at, motion, timing, none, dynamics.carried)
         return transmitted(driven, self.equation.closure.joints)
 
     def _accelerated(

@@ -112,7 +112,7 @@ class Dynamics:
     `motion` is of the first order where there is one coordinate and no bearing rubs,
     otherwise of the second; its status is NOT_CONVERGED where bearings lock. `M` (n, m, m)
     with its `roots`, `forces` (n, m, loads) the Q of each load, `speed` (n, m) is u, `bend`
-    (n, m) is S p, `across` (n, pairs) N m what bearings that rub carry, None without any.
+    (n, m) is S p, `carried` (n, k) N what bearings that rub carry, None without any.
     """
 
     motion: CoordinateMotion
@@ -121,7 +121,7 @@ class Dynamics:
     forces: Floats
     speed: Floats
     bend: Floats
-    across: Floats | None = None
+    carried: Floats | None = None
 
     @property
     def power(self) -> Floats:
@@ -233,17 +233,17 @@ class EquationOfMotion:
         seen = motion
         if whole is not None:
             seen = replace(motion, values=motion.values + whole)
-        forces, across = self.loads.parts(seen, speed, t), None
+        forces, carried = self.loads.parts(seen, speed, t), None
         if self.loads.rubbing:
             pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
             drive = np.sum(forces, axis=2) - pull
-            across, locked = self._across(values, seen, roots, speed, drive, t)
-            forces = self.loads.parts(seen, speed, t, across)
+            carried, locked = self._carried(values, seen, roots, speed, drive, t)
+            forces = self.loads.parts(seen, speed, t, carried)
             status = np.where(locked, Status.NOT_CONVERGED, motion.status)
             motion = replace(motion, status=status.astype(np.int8))
-        return Dynamics(motion, M, roots, forces, speed, bend, across)
+        return Dynamics(motion, M, roots, forces, speed, bend, carried)
 
-    def _across(
+    def _carried(
         self,
         values: Floats,
         seen: CoordinateMotion,
@@ -252,18 +252,18 @@ class EquationOfMotion:
         drive: Floats,
         t: Floats,
     ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return what bearings that rub carry (n, pairs), N m, and where they lock (n,).
+        """Return what bearings that rub carry (n, k), N, and where they lock (n,).
 
         `drive` (n, m) is what accelerates the coordinates while nothing rubs; rows that are
         not finite are NaN.
         """
         n, joints = len(t), self.closure.joints
-        across = np.full((n, len(self.mechanism.pairs)), np.nan)
+        carried = np.full((n, len(self.loads.rubbing)), np.nan)
         locked = np.zeros(n, dtype=bool)
         change = roots.solved(roots.solved(drive))
         good = np.all(np.isfinite(change), axis=1)
         if not np.any(good):
-            return across, locked
+            return carried, locked
         none = np.zeros((n, len(self.mechanism.inputs)))
         timing = Timing(t, speed, change)
         at = self.closure.at(values)
@@ -275,9 +275,9 @@ class EquationOfMotion:
             [some.solved(some.solved(column)) for column in by_bearing], axis=1
         )
         drives = np.zeros((len(at.values[good]), len(columns), none.shape[1]))
-        carried = rubbed(driven, joints, self.loads, faster, drives)
-        across[good], locked[good] = carried.across, ~carried.settled
-        return across, locked
+        rub = rubbed(driven, joints, self.loads, faster, drives)
+        carried[good], locked[good] = rub.carried, ~rub.settled
+        return carried, locked
 
     def arguments(self, dynamics: Dynamics, whole: Floats, t: Floats) -> Floats:
         """Return the steep arguments (n, arguments) of the loads, `whole` as in `at`."""

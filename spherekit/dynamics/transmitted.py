@@ -1,7 +1,9 @@
-"""The moments about the centre that pairs transmit, given what moves and drives the links.
+"""What pairs transmit, given what moves and drives the links.
 
-Newton's and Euler's equations of all moving links are solved for the parts of the pairs'
-moments about the directions that their variables do not turn about.
+Newton's and Euler's equations of all moving links about the centre O are solved for the
+parts of the pairs' moments about the directions that their variables do not turn about, and
+with `forces` those of their forces through O for the forces as well. The force of a contact
+acts at its point, so that its moment says it where its distance from O is known.
 """
 
 from collections.abc import Sequence
@@ -11,13 +13,14 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.dynamics.forces import Loads, rates_by_time
 from spherekit.dynamics.kinematics import CoordinateMotion
+from spherekit.dynamics.link_wrenches import accelerating, applied, gyroscopic
+from spherekit.model.dynamics import Bearings
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.timing import Timing
-from spherekit.sphere.rotation import Floats, cross, transpose
+from spherekit.sphere.rotation import Floats, transpose
 
 DEPENDENT = 1e-9
 """Reactions whose relative singular value is below this balance each other."""
@@ -32,7 +35,7 @@ class Driven:
     """n rows of a mechanism that moves, with the torques (n, inputs) that drive it.
 
     `at` are its configurations, `motion` how it moves by its inputs, `timing` how these
-    move in time; `across` as of `spherekit.dynamics.forces.Loads.magnitudes`.
+    move in time; `carried` as of `spherekit.dynamics.forces.Loads.magnitudes`.
     """
 
     mechanism: Mechanism
@@ -40,7 +43,7 @@ class Driven:
     motion: CoordinateMotion
     timing: Timing
     torques: Floats
-    across: Floats | None
+    carried: Floats | None
 
     def rows(self, good: NDArray[np.bool_]) -> "Driven":
         """Return some of the rows."""
@@ -61,97 +64,169 @@ class Driven:
             part,
             Timing(timing.t[good], timing.dq[good], timing.ddq[good]),
             self.torques[good],
-            None if self.across is None else self.across[good],
+            None if self.carried is None else self.carried[good],
         )
 
 
 @final
 @dataclass(frozen=True)
 class Transmitted:
-    """Moments (n, pairs, 3) in pair axes, which are open, what is left over (n,)."""
+    """Moments about O (N m) and forces through it (N), in pair axes, at n rows.
 
-    moments: Floats
+    `wrenches` (n, pairs, 6), the moment and then the force, which is NaN where it was not
+    asked for; `is_open` (n, pairs, 6) which components are not determined, also NaN;
+    `unbalanced` (n,) is what is left over of the moments, `slides` (n, links) which links
+    no pair holds at O.
+    """
+
+    wrenches: Floats
     is_open: NDArray[np.bool_]
     unbalanced: Floats
+    slides: NDArray[np.bool_]
+
+    @property
+    def moments(self) -> Floats:
+        """(n, pairs, 3) N m."""
+        return self.wrenches[..., :3]
 
     @property
     def across(self) -> Floats:
         """(n, pairs) N m: the part across the axis."""
-        return np.asarray(np.hypot(self.moments[..., 0], self.moments[..., 1]))
+        return np.asarray(np.hypot(self.wrenches[..., 0], self.wrenches[..., 1]))
 
 
 @final
 class Balance:
-    """Newton's and Euler's equations of all links at n rows, solved for what pairs hold."""
+    """Newton's and Euler's equations of all links at n rows, solved for what pairs hold.
+
+    `columns` are the pair and the component of its wrench of each reaction, `matrix` (n,
+    equations, columns) what these do, `is_open` (n, columns) which are not determined,
+    `slides` (n, links) which links no pair holds at O.
+    """
 
     def __init__(
-        self, mechanism: Mechanism, joints: Sequence[Joint], frames: Floats
+        self,
+        mechanism: Mechanism,
+        joints: Sequence[Joint],
+        frames: Floats,
+        *,
+        forces: bool = False,
     ) -> None:
-        """`frames` (n, pairs, 3, 3) are those of the pairs in ground axes."""
+        """`frames` (n, pairs, 3, 3) are those of the pairs in ground axes.
+
+        Without `forces` the equations of moments alone are solved.
+        """
         self.mechanism, self.frames = mechanism, frames
-        self.columns = [
-            (pair, column) for pair, joint in enumerate(joints) for column in _held(joint)
-        ]
+        numbered = enumerate(joints)
+        self.columns = [(pair, k) for pair, joint in numbered for k in _held(joint)]
+        distances = {}
+        if forces:
+            self.columns += _force_columns(mechanism, joints)
+            items = enumerate(mechanism.pairs)
+            distances = {k: pair.distance for k, pair in items if pair.distance is not None}
+        # A length makes forces comparable with moments where contacts tie them.
+        self.length = float(np.mean(list(distances.values()))) if distances else 1.0
         n, links = len(frames), len(mechanism.links)
-        matrix = np.zeros((n, links, 3, len(self.columns)))
-        for k, (pair, column) in enumerate(self.columns):
+        matrix = np.zeros((n, links, 6, len(self.columns)))
+        for k, (pair, component) in enumerate(self.columns):
             first, second = mechanism.ends[pair]
-            matrix[:, second, :, k] = frames[:, pair, :, column]
-            matrix[:, first, :, k] = -frames[:, pair, :, column]
-        self._matrix = matrix[:, 1:].reshape(n, 3 * (links - 1), len(self.columns))
-        left, sizes, back = np.linalg.svd(self._matrix, full_matrices=False)
-        kept = sizes > DEPENDENT * sizes[:, :1]
-        with np.errstate(divide="ignore"):
-            scales = np.where(kept, 1.0 / sizes, 0.0)
-        self._inverse = transpose(back) @ (scales[..., None] * transpose(left))
-        share = np.sum(np.where(kept[..., None], back, 0.0) ** 2, axis=1)
-        self.is_open = 1.0 - share > DETERMINED
+            half, axis = divmod(component, 3)
+            rows = slice(3 * half, 3 * half + 3)
+            matrix[:, second, rows, k] = frames[:, pair, :, axis]
+            matrix[:, first, rows, k] = -frames[:, pair, :, axis]
+            if pair in distances and not half:
+                acts, sense = at_its_point(axis)
+                force = sense * self.length / distances[pair] * frames[:, pair, :, acts]
+                matrix[:, second, 3:, k] = force
+                matrix[:, first, 3:, k] = -force
+        self._rows = np.zeros((links, 6), dtype=bool)
+        self._rows[1:, :3] = True
+        if forces:
+            self._rows[1:, 3:] = True
+            for link in without_centre(mechanism):
+                self._rows[mechanism.link_number[link], 3:] = False
+        self.matrix = matrix[:, self._rows]
+        self._inverse = np.zeros((n, len(self.columns), self.matrix.shape[1]))
+        self.is_open = np.zeros((n, len(self.columns)), dtype=bool)
+        unheld = np.zeros(self.matrix.shape[:2], dtype=bool)
+        # Moments and forces are two systems unless the places of contacts tie them.
+        of_row = np.nonzero(self._rows)[1] < 3
+        of_column = np.array([component < 3 for _, component in self.columns], dtype=bool)
+        halves = [(of_row, of_column), (~of_row, ~of_column)]
+        everything = [(np.full_like(of_row, True), np.full_like(of_column, True))]
+        for equations, columns in everything if distances else halves:
+            part = self.matrix[:, equations][:, :, columns]
+            if not part.size:
+                unheld[:, equations] = True
+                self.is_open[:, columns] = True
+                continue
+            left, sizes, back = np.linalg.svd(part, full_matrices=False)
+            kept = sizes > DEPENDENT * sizes[:, :1]
+            with np.errstate(divide="ignore"):
+                scales = np.where(kept, 1.0 / sizes, 0.0)
+            inverse = transpose(back) @ (scales[..., None] * transpose(left))
+            places = np.ix_(np.arange(n), *map(np.flatnonzero, (columns, equations)))
+            self._inverse[places] = inverse
+            self.is_open[:, columns] = 1.0 - _share(kept, back) > DETERMINED
+            unheld[:, equations] = 1.0 - _share(kept, transpose(left)) > DETERMINED
+        by_link = np.zeros((n, links, 6), dtype=bool)
+        by_link[:, self._rows] = unheld
+        self.slides = np.any(by_link[..., 3:], axis=2)
 
     def left_by(self, needed: Floats, about: Floats) -> Floats:
-        """Return what is left for reactions (n, links, 3), `about` (n, pairs) taken off.
+        """Return what is left for reactions (n, links, 6), `about` (n, pairs) taken off.
 
-        `needed` (n, links, 3) N m turns the links, `about` are torques about axes.
+        `needed` (n, links, 6) moves the links, `about` N m are torques about axes.
         """
         left = needed.copy()
         for pair, (first, second) in enumerate(self.mechanism.ends):
             along = about[:, pair, None] * self.frames[:, pair, :, 2]
-            left[:, second] -= along
-            left[:, first] += along
+            left[:, second, :3] -= along
+            left[:, first, :3] += along
         return left
 
     def held(self, left: Floats) -> tuple[Floats, Floats]:
-        """Return the reactions (n, columns) and what misses the equations (n,)."""
-        right = left[:, 1:].reshape(len(left), self._matrix.shape[1], 1)
+        """Return the reactions (n, columns) and what misses the equations (n,), N m."""
+        scale = np.repeat([1.0, self.length], 3)
+        right = (left * scale)[:, self._rows][..., None]
         reactions = self._inverse @ right
         # A step of refinement brings back the digits that the inverse loses.
-        reactions = reactions + self._inverse @ (right - self._matrix @ reactions)
-        missed = right - self._matrix @ reactions
-        return reactions[..., 0], np.max(np.abs(missed[..., 0]), axis=1, initial=0.0)
+        reactions = reactions + self._inverse @ (right - self.matrix @ reactions)
+        missed = right - self.matrix @ reactions
+        worst = np.max(np.abs(missed[..., 0]), axis=1, initial=0.0)
+        by_column = np.array([scale[component] for _, component in self.columns])
+        return reactions[..., 0] / by_column, worst
+
+    def on_pairs(self, reactions: Floats) -> Floats:
+        """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes.
+
+        Of contacts whose distance from O is not known the force is that of its columns.
+        """
+        wrenches = np.zeros((len(reactions), len(self.mechanism.pairs), 6))
+        for k, (pair, component) in enumerate(self.columns):
+            wrenches[:, pair, component] = reactions[:, k]
+            distance = self.mechanism.pairs[pair].distance
+            if distance is not None:
+                acts, sense = at_its_point(component)
+                wrenches[:, pair, 3 + acts] = sense / distance * reactions[:, k]
+        return wrenches
 
 
-def transmitted(driven: Driven, joints: Sequence[Joint]) -> Transmitted:
-    """Return what every pair transmits; open components are NaN."""
-    mechanism = driven.mechanism
-    balance = Balance(mechanism, joints, driven.at.frames)
-    left, about = left_over(driven, balance)
-    reactions, missed = balance.held(left)
-    moments = np.zeros((len(about), len(mechanism.pairs), 3))
-    is_open = np.zeros(moments.shape, dtype=bool)
-    moments[:, :, 2] = about
-    for k, (pair, column) in enumerate(balance.columns):
-        moments[:, pair, column] = reactions[:, k]
-        is_open[:, pair, column] = balance.is_open[:, k]
-    moments[is_open] = np.nan
-    return Transmitted(moments, is_open, missed)
+def at_its_point(axis: int) -> tuple[int, float]:
+    """Return the axis of the force at a point of z whose moment is about x or y, its sense.
+
+    z x F is about x as F is against y, and about y as F is along x.
+    """
+    return (1, -1.0) if axis == 0 else (0, 1.0)
 
 
-def left_over(driven: Driven, balance: Balance) -> tuple[Floats, Floats]:
-    """Return what reactions have to do on links (n, links, 3), and torques (n, pairs)."""
-    applied, about = _applied(driven)
-    motion, speed = driven.motion, driven.timing.dq
-    needed = turning(driven.mechanism, motion, driven.timing.ddq)
-    needed += _gyroscopic(driven.mechanism, motion, speed)
-    return balance.left_by(needed - applied, about), about
+def without_centre(mechanism: Mechanism) -> list[str]:
+    """Return the moving links with inertia whose centre of mass is not known."""
+    return [
+        mass.link
+        for mass in mechanism.masses
+        if mass.link != mechanism.ground and (mass.mass is None or mass.centre is None)
+    ]
 
 
 def _held(joint: Joint) -> tuple[int, ...]:
@@ -159,52 +234,64 @@ def _held(joint: Joint) -> tuple[int, ...]:
     return tuple(range(3 - joint.freedoms))
 
 
-def turning(mechanism: Mechanism, motion: CoordinateMotion, change: Floats) -> Floats:
-    """Return I a (n, links, 3), for coordinates that accelerate so (n, m), N m."""
-    return _times_tensors(mechanism, motion, np.einsum("ni,nila->nla", change, motion.w))
+def _force_columns(mechanism: Mechanism, joints: Sequence[Joint]) -> list[tuple[int, int]]:
+    """Return the components of forces that moments do not say: 3, 4 and 5 are x, y, z."""
+    bearings = [load for load in mechanism.loads if isinstance(load, Bearings)]
+    floating = {load.pair for load in bearings if load.floats}
+    columns = []
+    for number, (pair, joint) in enumerate(zip(mechanism.pairs, joints, strict=True)):
+        if not pair.kind.has_axis:
+            acting = () if pair.distance is not None else map(at_its_point, _held(joint))
+            columns += [(number, 3 + axis) for axis, _ in acting]
+        else:
+            most = 2 if pair.name in floating else 3
+            columns += [(number, 3 + axis) for axis in range(most)]
+    return columns
 
 
-def _gyroscopic(mechanism: Mechanism, motion: CoordinateMotion, speed: Floats) -> Floats:
-    """Return I a + w x I w (n, links, 3) while the coordinates do not accelerate, N m."""
-    w = np.einsum("ni,nila->nla", speed, motion.w)
-    bend = np.einsum("ni,nk,nikla->nla", speed, speed, motion.dw)
-    moments = _times_tensors(mechanism, motion, bend)
-    return moments + cross(w, _times_tensors(mechanism, motion, w))
+def _share(kept: NDArray[np.bool_], vectors: Floats) -> Floats:
+    """Return the parts (n, k) of unit vectors that lie in the span of the kept rows."""
+    return np.asarray(np.sum(np.where(kept[..., None], vectors, 0.0) ** 2, axis=1))
 
 
-def _times_tensors(
-    mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
-) -> Floats:
-    """Return the links' tensors times vectors (n, links, 3), in ground axes."""
-    products = np.zeros_like(vectors)
-    for mass in mechanism.masses:
-        link = mechanism.link_number[mass.link]
-        turn = motion.rotations[:, link]
-        tensor = turn @ np.array(mass.tensor) @ transpose(turn)
-        products[:, link] = (tensor @ vectors[:, link, :, None])[..., 0]
-    return products
+def transmitted(
+    driven: Driven, joints: Sequence[Joint], *, forces: bool = False
+) -> Transmitted:
+    """Return what every pair transmits; open components are NaN.
+
+    Where links slide, forces are not determined, for the loads would move the links.
+    """
+    mechanism, frames = driven.mechanism, driven.at.frames
+    n, pairs = len(frames), len(mechanism.pairs)
+    wrenches = np.full((n, pairs, 6), np.nan)
+    is_open = np.zeros((n, pairs, 6), dtype=bool)
+    unbalanced = np.zeros(n)
+    slides = np.zeros((n, len(mechanism.links)), dtype=bool)
+    if forces:
+        balance = Balance(mechanism, joints, frames, forces=True)
+        slides = balance.slides
+    held = ~np.any(slides, axis=1)
+    for rows, whole in ((held, forces), (~held, False)):
+        if not np.any(rows):
+            continue
+        part = driven if np.all(rows) else driven.rows(rows)
+        if not (whole and np.all(rows)):
+            balance = Balance(mechanism, joints, frames[rows], forces=whole)
+        left, about = left_over(part, balance)
+        reactions, unbalanced[rows] = balance.held(left)
+        solved = balance.on_pairs(reactions)
+        solved[..., 2] = about
+        opened = balance.on_pairs(balance.is_open.astype(float)) != 0.0
+        if not whole:
+            solved[..., 3:], opened[..., 3:] = np.nan, forces
+        wrenches[rows], is_open[rows] = np.where(opened, np.nan, solved), opened
+    return Transmitted(wrenches, is_open, unbalanced, slides)
 
 
-def _applied(driven: Driven) -> tuple[Floats, Floats]:
-    """Return moments of loads on links (n, links, 3), and torques at pairs (n, pairs)."""
-    mechanism, motion, t = driven.mechanism, driven.motion, driven.timing.t
-    loads = Loads(mechanism)
-    rates = rates_by_time(motion, driven.timing.dq)
-    magnitudes = loads.magnitudes(motion.values, rates, t, driven.across)
-    moments = np.zeros((len(t), len(mechanism.links), 3))
-    about = np.zeros((len(t), len(mechanism.pairs)))
-    for k, part in enumerate(loads.components):
-        if part.pair:
-            about[:, mechanism.pair_number[part.pair]] += magnitudes[:, k]
-        for moment in part.moments:
-            link = mechanism.link_number[moment.link]
-            turn = motion.rotations[:, link]
-            direction = np.broadcast_to(np.array(moment.direction), (len(turn), 3))
-            if moment.axes == "link":
-                direction = (turn @ direction[..., None])[..., 0]
-            if moment.arm is not None:
-                direction = cross(turn @ np.array(moment.arm), direction)
-            moments[:, link] += magnitudes[:, k, None] * direction
-    for k, item in enumerate(mechanism.inputs):
-        about[:, mechanism.pair_number[item.pair]] += driven.torques[:, k]
-    return moments, about
+def left_over(driven: Driven, balance: Balance) -> tuple[Floats, Floats]:
+    """Return what reactions have to do on links (n, links, 6), and torques (n, pairs)."""
+    mechanism, motion, timing = driven.mechanism, driven.motion, driven.timing
+    loads, about = applied(mechanism, motion, timing, driven.torques, driven.carried)
+    needed = accelerating(mechanism, motion, timing.ddq)
+    needed += gyroscopic(mechanism, motion, timing.dq)
+    return balance.left_by(needed - loads, about), about

@@ -5,7 +5,7 @@ moves at the rate 1 and the others rest. The scale vanishes where these inputs d
 how all variables move.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import final
 
 import numpy as np
@@ -39,21 +39,18 @@ class CoordinateRates:
             vector_sum([axis * size for size, _, axis in spins]) for spins in self._spins
         ]
         self.tau: list[list[Expr]] = []
-        for moving in structure.assembly.inputs:
-            solver = self._solver(moving, None)
+        for moving in structure.input_pairs:
+            solver = self._solver(structure.moving(moving), None)
             self.tau.append([solver.rates[v] for v in range(len(self.vectors))])
             self.scale = solver.scale
         self.w = [self.links(self._parts(tau)) for tau in self.tau]
 
-    def _solver(self, moving: int, misfits: dict[int, Exprs] | None) -> HomogeneousRates:
+    def _solver(
+        self, driven: Mapping[int, Expr], misfits: dict[int, Exprs] | None
+    ) -> HomogeneousRates:
         structure = self.structure
         solver = HomogeneousRates(
-            structure.mechanism,
-            structure.assembly.inputs,
-            moving,
-            self.vectors,
-            structure.span,
-            misfits,
+            structure.mechanism, driven, self.vectors, structure.span, misfits
         )
         for rows in structure.groups:
             solver.close(rows)
@@ -83,7 +80,7 @@ class CoordinateRates:
         """
         turning = [self._turning(pair, rates, w) for pair in range(len(self.tree.ends))]
         misfits = {pair: np.asarray(turned * -1.0) for pair, turned in enumerate(turning)}
-        solver = self._solver(self.structure.assembly.inputs[0], misfits)
+        solver = self._solver(self.structure.at_rest, misfits)
         share = 1.0 / solver.scale
         second = [solver.rates[v] * share for v in range(len(self.vectors))]
         accelerated = self._parts(second)

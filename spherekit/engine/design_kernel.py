@@ -45,7 +45,7 @@ from spherekit.errors import EngineError
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.assembly import Group, plan_assembly
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import pole_of
 
@@ -102,6 +102,8 @@ class DesignTerms:
         Its masses and loads; numbers of these that differ are among the sizes too.
     sample, places
         The variables of `sample_names`, and the signs of dyads or the variables of pairs.
+    variables
+        Of pairs, where these are the places; those that follow from others as terms.
     links, dyads
         The links placed by these, and the dyads in closed form.
     """
@@ -111,6 +113,7 @@ class DesignTerms:
     sizes: tuple[ExpressionNode, ...]
     sample: tuple[ExpressionNode, ...]
     places: tuple[ExpressionNode, ...]
+    variables: tuple[Expr, ...]
     links: tuple[LinkOrientation, ...]
     dyads: tuple[ClosedDyad, ...]
 
@@ -141,13 +144,16 @@ class DesignTerms:
         if closed_form is None:
             closed_form = structure.assembly.has_closed_form
         dyads: list[ClosedDyad] = []
+        variables: list[Expr] = []
         if closed_form:
             places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
             placed = place_by_inputs(structure, sample[: len(inputs)], places)
             links, dyads = placed.links, placed.dyads
         else:
             places = symbols(mechanism.variable_names)
-            links = place_by_variables(mechanism, structure.pairs, places)
+            following = structure.following([places[v] for v in structure.inputs])
+            variables = [following.get(v, place) for v, place in enumerate(places)]
+            links = place_by_variables(mechanism, structure.pairs, variables)
         actions = Actions.of(mechanism)
         numbers: list[Expr] = list(actions.numbers)
         more = symbols([f"number_{k}" for k in differing])
@@ -159,6 +165,7 @@ class DesignTerms:
             sizes=(*terms, *more),
             sample=tuple(sample),
             places=tuple(places),
+            variables=tuple(variables),
             links=tuple(links),
             dyads=tuple(dyads),
         )
@@ -175,7 +182,7 @@ class DesignTerms:
         by_places = [derivatives(items, place) for place in self.places]
         made = []
         for size in self.sizes:
-            rates = misfit_rates(self.structure, self.links, self.places, size)
+            rates = misfit_rates(self.structure, self.links, self.variables, size)
             moved = answers(self.structure, self.links, rates)
             total = derivatives(items, size)
             for change, partial in zip(moved, by_places, strict=True):
@@ -256,7 +263,7 @@ class NewtonKernel:
 
 def newton_kernel(terms: DesignTerms, compiled: bool = True) -> NewtonKernel:
     """Return the kernel of Newton's step; `terms` are of variables, not of signs."""
-    off = misfits(terms.structure, terms.links, terms.places)
+    off = misfits(terms.structure, terms.links, terms.variables)
     change = answers(terms.structure, terms.links, off)
     square: Expr = 0.0
     for misfit in off.values():
@@ -280,6 +287,12 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     the inertias ``B_PAIR_by_PAIR``.
     """
     inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    return _quantities(mechanism, inputs, middle_pairs(mechanism))
+
+
+def _quantities(
+    mechanism: Mechanism, inputs: Sequence[str], middle: Sequence[str]
+) -> dict[str, str]:
     angles = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
     units = ("rad", "rad/s", "rad/s2")
     names = sample_names(inputs)
@@ -287,7 +300,7 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     made |= {"t": "s"} | {f"theta_{pair}": "rad" for pair in angles}
     by = [""] if len(inputs) == 1 else [f"_by_{pair}" for pair in inputs]
     made |= {f"rate_{pair}{ending}": "" for pair in angles for ending in by}
-    made |= {f"transmission_angle_{pair}": "rad" for pair in middle_pairs(mechanism)}
+    made |= {f"transmission_angle_{pair}": "rad" for pair in middle}
     links = mechanism.links
     for kind, unit in (("velocity_coefficient", ""), ("acceleration_coefficient", "1/rad")):
         made |= {
@@ -314,16 +327,17 @@ class RowQuantities:
         self.links = terms.links
         self.dyads = terms.dyads
         mechanism = self.structure.mechanism
-        pairs = self.structure.assembly.inputs
+        pairs = self.structure.input_pairs
         self.inputs = [mechanism.pairs[pair].name for pair in pairs]
         self.sample = dict(zip(sample_names(self.inputs), terms.sample, strict=True))
-        self.variables = None if terms.closed_form else terms.places
+        self.variables = None if terms.closed_form else terms.variables
         self._flows: dict[int, RateExpressions] = {}
 
     def of(self, name: str) -> Expr:
         """Return a quantity by its name; `EngineError` if there is none of it."""
         mechanism = self.structure.mechanism
-        quantities = row_quantities(mechanism.with_inputs(*self.inputs))
+        groups = self.structure.assembly.groups
+        quantities = _quantities(mechanism, self.inputs, _middles(mechanism, groups))
         if name not in quantities:
             hint = nearest(name, quantities) or "."
             raise EngineError(
@@ -562,5 +576,8 @@ def arc_function(
 
 def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the pairs with a ``transmission_angle``: those in the middle of dyads."""
-    groups = (group for group in plan_assembly(mechanism).groups if group.is_dyad)
-    return tuple(mechanism.pairs[group.middle].name for group in groups)
+    return _middles(mechanism, plan_assembly(mechanism).groups)
+
+
+def _middles(mechanism: Mechanism, groups: Sequence[Group]) -> tuple[str, ...]:
+    return tuple(mechanism.pairs[group.middle].name for group in groups if group.is_dyad)

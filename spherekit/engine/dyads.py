@@ -65,7 +65,8 @@ def place_by_inputs(
             "form; give the variables of a motion instead of the input"
         )
     variables: list[Expr] = [None] * len(mechanism.variable_names)
-    for variable, angle in zip(structure.inputs, q, strict=True):
+    driven = dict(zip(structure.inputs, q, strict=True)) | structure.following(q)
+    for variable, angle in driven.items():
         variables[variable] = angle
     angles = Angles(variables)
     within = [ground_placement()] * len(mechanism.links)

@@ -1,13 +1,15 @@
-"""Sliding contacts of circles as links that are hinged at both centres.
+"""Contacts of circles as links between their centres, and as ratios of wheels.
 
-Where two circles touch, their centres keep their distance: a contact of circles moves its
-links as a link between the centres does (two circles on a plane are a four-bar; the same
-holds on the sphere). Positions and modes are then those of R pairs, and what rotations
-lie between the turns of all pairs are numbers, three angles of Euler each.
+Where two circles slide on each other, their centres keep their distance: the contact moves
+its links as a link that is hinged at both centres does (two circles on a plane are a
+four-bar; the same holds on the sphere). Circles that roll on a common carrier turn pairs by
+a constant ratio. Positions and modes are then those of R pairs, and what rotations lie
+between the turns of all pairs are numbers, three angles of Euler each.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -20,35 +22,61 @@ from spherekit.engine.turns import (
     AxisTerm,
     Chain,
     Entries,
+    Follower,
     TurningPairs,
     turning_pairs,
 )
+from spherekit.engine.wheel_train import ONE_LINE, WheelTrain, wheel_train
 from spherekit.errors import EngineError
 from spherekit.model.geometry import geometry_of
+from spherekit.model.joints import revolute
 from spherekit.model.mechanism import LinkSizes, Mechanism, Pair, SizeGeometry
-from spherekit.sphere.rotation import Floats, arc, cross
+from spherekit.sphere.rotation import Floats, arc, cross, frame_toward
 
 
 @final
 @dataclass(frozen=True)
 class Hinged:
-    """A mechanism whose contacts are links, and the rotations between its turns.
+    """A mechanism of R pairs instead of contacts, and the rotations between its turns.
 
-    `constants` are those of the pairs of the given mechanism (`turning_pairs`), two of an R
-    pair and three of a contact; `contacts` are the numbers of these. `turns` say how its
-    variables follow from those of the given one.
+    Attributes
+    ----------
+    given
+        The mechanism with contacts.
+    kept, contacts
+        The numbers of its pairs without the contacts that roll; the places of those that
+        slide among them.
+    constants
+        Of the pairs kept (`turning_pairs`): two of an R pair, three of a contact.
+    turns
+        How the variables follow from those of the given mechanism.
+    train
+        How pairs follow the inputs through wheels.
     """
 
-    mechanism: Mechanism
+    given: Mechanism
+    kept: tuple[int, ...]
     contacts: tuple[int, ...]
     constants: tuple[tuple[Floats, ...], ...]
     turns: tuple[AxisRotation, ...]
+    train: WheelTrain | None
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The mechanism of R pairs."""
+        return _without_contacts(self.given, self.kept, self.contacts, self.constants)
 
     @property
     def numbers(self) -> list[float]:
-        """The angles of all rotations (rad), in order."""
+        """The angles of all rotations (rad) in order, then the numbers of the train."""
         every = [rotation for rotations in self.constants for rotation in rotations]
-        return [angle for rotation in every for angle in _angles(rotation)]
+        angles = [angle for rotation in every for angle in _angles(rotation)]
+        return angles + (self.train.numbers if self.train else [])
+
+    @property
+    def form(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """What mechanisms of which the same kernel holds have in common."""
+        return self.contacts, self.train.followers if self.train else ()
 
     def values(self, given: Floats) -> Floats:
         """Return its variables (n, v) from those of the given mechanism (n, w)."""
@@ -77,11 +105,17 @@ class Hinged:
                 chains.append(Chain((first, second), (AxisRotation(variable),)))
                 spins.append((AxisTerm(1.0, one, first[:, 2]),))
                 twin[variable] = AxisTerm(1.0, other, second[2])
-        return TurningPairs(tuple(chains), tuple(spins), twin, {})
+        followers = {}
+        if self.train is not None:
+            numbers = [given.get(at + k, x) for k, x in enumerate(self.train.numbers)]
+            rows = np.array(numbers, dtype=object).reshape(len(self.train.followers), -1)
+            for pair, row in zip(self.train.followers, rows, strict=True):
+                followers[pair] = Follower(tuple(row[:-1]), row[-1])
+        return TurningPairs(tuple(chains), tuple(spins), twin, {}, followers)
 
 
-def hinged(mechanism: Mechanism) -> Hinged | None:
-    """Return a mechanism with links for its contacts; None if some are of other kinds.
+def hinged(mechanism: Mechanism, driven: Sequence[str]) -> Hinged | None:
+    """Return a mechanism driven at pairs without contacts; None if some are of other kinds.
 
     Raises
     ------
@@ -90,14 +124,14 @@ def hinged(mechanism: Mechanism) -> Hinged | None:
     """
     joints = geometry_of(mechanism).joints
     contacts = [n for n, joint in enumerate(joints) if joint.tracks]
-    # Curves that slide have a variable each.
-    slide = all(len({track.variable for track in joints[n].tracks}) == 2 for n in contacts)
-    if not contacts or not slide:
+    if not contacts:
         return None
     try:
-        chains = turning_pairs(mechanism).chains
+        pairs = turning_pairs(mechanism)
     except EngineError:
         return None
+    rolling = [n for n in contacts if mechanism.pairs[n].kind.may_repeat]
+    contacts = [n for n in contacts if n not in rolling]
     for n in contacts:
         bends = [
             float(track.curve.at(np.zeros(1)).curvature[0]) for track in joints[n].tracks
@@ -107,38 +141,107 @@ def hinged(mechanism: Mechanism) -> Hinged | None:
                 f"{mechanism.name}: pairs.{mechanism.pairs[n].name}: the profiles curve "
                 "into each other, or alike"
             )
+    train = None
+    if rolling:
+        train = wheel_train(
+            mechanism, pairs, [mechanism.pair_number[name] for name in driven]
+        )
+        if train is None:
+            return None
+    kept = [n for n in range(len(mechanism.pairs)) if n not in rolling]
     constants = tuple(
-        tuple(np.array(rotation, dtype=float) for rotation in chain.constants)
-        for chain in chains
+        tuple(np.array(rotation, dtype=float) for rotation in pairs.chains[n].constants)
+        for n in kept
     )
+    turns = [turn for n in kept for turn in pairs.chains[n].turns]
+    round_ones = tuple(turn for turn in turns if isinstance(turn, AxisRotation))
+    if train is not None:
+        # A contact that slides has two pairs in place of one.
+        places = (kept.index(n) + sum(m < n for m in contacts) for n in train.followers)
+        train = replace(train, followers=tuple(places))
+    slide = tuple(kept.index(n) for n in contacts)
+    return Hinged(mechanism, tuple(kept), slide, constants, round_ones, train)
+
+
+def _without_contacts(
+    mechanism: Mechanism,
+    kept: Sequence[int],
+    contacts: Sequence[int],
+    constants: Sequence[tuple[Floats, ...]],
+) -> Mechanism:
+    """Return a mechanism with the pairs that are `kept`, its contacts links."""
     pairs: list[Pair] = []
-    axes: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
-    for n, (pair, rotations) in enumerate(zip(mechanism.pairs, constants, strict=True)):
+    frames: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
+    for place, (n, rotations) in enumerate(zip(kept, constants, strict=True)):
+        pair = mechanism.pairs[n]
         one, other = pair.links
-        if n not in contacts:
+        if place not in contacts:
             pairs.append(pair)
-            axes[one][pair.name] = rotations[0][:, 2]
-            axes[other][pair.name] = rotations[1][2]
+            frames[one][pair.name] = rotations[0]
+            frames[other][pair.name] = rotations[1].T
             continue
         bar = f"centres_{pair.name}"
-        while bar in mechanism.links:
+        while bar in frames:
             bar += "_"
         near, far = (Pair(f"{bar}_{link}", "R", ends) for link, ends in _ends(pair, bar))
         pairs += [near, far]
-        axes[one][near.name] = rotations[0][:, 2]
-        axes[bar] = {near.name: np.array([0.0, 0.0, 1.0]), far.name: rotations[1][:, 2]}
-        axes[other][far.name] = rotations[2][2]
-    sizes = {link: _sizes(directions) for link, directions in axes.items()}
+        frames[one][near.name] = rotations[0]
+        frames[bar] = {near.name: np.eye(3), far.name: rotations[1]}
+        frames[other][far.name] = rotations[2].T
+    sizes = {
+        link: _sizes({name: frame[:, 2] for name, frame in of_link.items()})
+        for link, of_link in frames.items()
+    }
     made = replace(
         mechanism,
-        links=tuple(axes),
+        links=tuple(frames),
         pairs=tuple(pairs),
         geometry=SizeGeometry(sizes),
         stops=(),
     )
-    turns = [turn for chain in chains for turn in chain.turns]
-    round_ones = tuple(turn for turn in turns if isinstance(turn, AxisRotation))
-    return Hinged(made, tuple(contacts), constants, round_ones)
+    return replace(made, geometry=SizeGeometry(sizes, _zeros(made, frames)))
+
+
+def _zeros(
+    mechanism: Mechanism, frames: Mapping[str, Mapping[str, Floats]]
+) -> dict[str, float]:
+    """Return the zeros (rad) with which pairs have these frames, but for those of links."""
+    joints = geometry_of(mechanism).joints
+    by_pair = {
+        pair.name: revolute(joint)
+        for pair, joint in zip(mechanism.pairs, joints, strict=True)
+    }
+    turned = {}
+    for link, of_link in frames.items():
+        there = {
+            name: by_pair[name].first
+            if mechanism.pair(name).links[0] == link
+            else by_pair[name].second
+            for name in of_link
+        }
+        turned[link] = _onto(list(there.values()), list(of_link.values()))
+    made = {}
+    for pair in mechanism.pairs:
+        joint, (one, other) = by_pair[pair.name], pair.links
+        first = turned[one] @ joint.first
+        second = turned[other] @ joint.second
+        between = first.T @ frames[one][pair.name] @ frames[other][pair.name].T @ second
+        made[pair.name] = float(np.arctan2(between[1, 0], between[0, 0]))
+    return made
+
+
+def _onto(there: Sequence[Floats], here: Sequence[Floats]) -> Floats:
+    """Return the rotation (3, 3) that takes the axes of frames to those of others."""
+    if not there:
+        return np.eye(3)
+    one = [frame[:, 2] for frame in there]
+    other = [frame[:, 2] for frame in here]
+    for k in range(1, len(one)):
+        if np.linalg.norm(cross(one[0], one[k])) > ONE_LINE:
+            return np.asarray(
+                frame_toward(other[0], other[k]) @ frame_toward(one[0], one[k]).T
+            )
+    return np.asarray(here[0] @ there[0].T)
 
 
 def _ends(pair: Pair, bar: str) -> tuple[tuple[str, tuple[str, str]], ...]:

@@ -50,15 +50,46 @@ class Structure:
     groups: tuple[GroupRows, ...]
 
     @property
+    def input_pairs(self) -> tuple[int, ...]:
+        """The numbers of the inputs: the driven pairs without those that follow."""
+        followers = self.pairs.followers
+        return tuple(pair for pair in self.assembly.inputs if pair not in followers)
+
+    @property
     def driven(self) -> int:
         """The number of the only input's variable."""
-        return self.mechanism.variables_of(self.assembly.input)[0]
+        alone = len(self.input_pairs) == 1
+        pair = self.input_pairs[0] if alone else self.assembly.input
+        return self.mechanism.variables_of(pair)[0]
 
     @property
     def inputs(self) -> tuple[int, ...]:
         """The numbers of the inputs' variables."""
         owned = self.mechanism.variables_of
-        return tuple(owned(pair)[0] for pair in self.assembly.inputs)
+        return tuple(owned(pair)[0] for pair in self.input_pairs)
+
+    def moving(self, one: int) -> dict[int, Expr]:
+        """Return the rates of the driven pairs while an input pair moves at the rate 1."""
+        place = self.input_pairs.index(one)
+        rates = self.at_rest | {one: 1.0}
+        for pair, follower in self.pairs.followers.items():
+            rates[pair] = follower.ratios[place]
+        return rates
+
+    @property
+    def at_rest(self) -> dict[int, Expr]:
+        """The rates of the driven pairs while no input moves."""
+        return dict.fromkeys(self.assembly.inputs, 0.0)
+
+    def following(self, q: Sequence[Expr]) -> dict[int, Expr]:
+        """Return the angles by variable that follow from the angles q of the inputs."""
+        made = {}
+        for pair, follower in self.pairs.followers.items():
+            angle = follower.offset
+            for ratio, at in zip(follower.ratios, q, strict=True):
+                angle = angle + ratio * at
+            made[self.mechanism.variables_of(pair)[0]] = angle
+        return made
 
     @staticmethod
     def at(mechanism: Mechanism, values: Floats) -> "Structure":
@@ -93,8 +124,9 @@ class Structure:
     ) -> "Structure":
         """Return the structure of a mechanism with these pairs as inputs.
 
-        Its `pairs` may be those of a design, in terms; a motion that is known saves
-        looking for a `closed` configuration where equations repeat.
+        Its `pairs` may be those of a design, in terms, and some of them follow the inputs;
+        a motion that is known saves looking for a `closed` configuration where equations
+        repeat.
 
         Raises
         ------
@@ -103,8 +135,10 @@ class Structure:
         PlanError
             If the mechanism does not have a freedom for each input.
         """
-        assembly = plan_assembly(driven_at(mechanism, input_pairs))
+        names = [input_pairs] if isinstance(input_pairs, str) else [*input_pairs]
         pairs = pairs or turning_pairs(mechanism)
+        following = [mechanism.pairs[pair].name for pair in pairs.followers]
+        assembly = plan_assembly(driven_at(mechanism, [*names, *following]))
 
         def vectors() -> Floats:
             motion = closed or Tracer(mechanism, input_pairs, search=False).sparse(9)
@@ -201,10 +235,8 @@ class RateExpressions:
         """Return the next coefficients of the variables' rates."""
         structure, k = self.structure, len(self.tau)
         moving = [series(list(orders)) for orders in zip(*self.vectors, strict=True)]
-        inputs = structure.assembly.inputs
-        solver = HomogeneousRates(
-            structure.mechanism, inputs, inputs[0], moving, structure.span
-        )
+        driven = structure.moving(structure.input_pairs[0])
+        solver = HomogeneousRates(structure.mechanism, driven, moving, structure.span)
         for rows in structure.groups:
             solver.close(rows)
         rates = [solver.rates[v] for v in range(len(moving))]

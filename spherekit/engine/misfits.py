@@ -11,7 +11,7 @@ is nearly closed, x is Newton's step; with the rate of the misfit by a size, x i
 derivative of the variables by it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def answers(
     misfit: dict[int, Exprs],
 ) -> list[Expr]:
     """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
-    solver = _closed(structure, links, misfit)
+    solver = _closed(structure, links, misfit, structure.at_rest)
     return [solver.rates[v] / solver.scale for v in range(len(solver.vectors))]
 
 
@@ -106,8 +106,8 @@ def rates_by_inputs(
     It is that of the equations: its sign changes where modes meet.
     """
     made = []
-    for pair in structure.assembly.inputs:
-        solver = _closed(structure, links, None, pair)
+    for pair in structure.input_pairs:
+        solver = _closed(structure, links, None, structure.moving(pair))
         made.append([solver.rates[v] / solver.scale for v in range(len(solver.vectors))])
     return made, solver.scale
 
@@ -116,23 +116,16 @@ def _closed(
     structure: Structure,
     links: Sequence[LinkOrientation],
     misfit: dict[int, Exprs] | None,
-    moving: int | None = None,
+    driven: Mapping[int, Expr],
 ) -> HomogeneousRates:
-    mechanism, inputs = structure.mechanism, structure.assembly.inputs
+    mechanism = structure.mechanism
     vectors = []
     for v in range(len(mechanism.variable_owners)):
         total = vector([0.0, 0.0, 0.0])
         for size, _, axis in spin_vectors(structure.pairs, links, v):
             total = total + axis * size
         vectors.append(total)
-    solver = HomogeneousRates(
-        mechanism,
-        inputs,
-        inputs[0] if moving is None else moving,
-        vectors,
-        structure.span,
-        misfit,
-    )
+    solver = HomogeneousRates(mechanism, driven, vectors, structure.span, misfit)
     for rows in structure.groups:
         solver.close(rows)
     return solver

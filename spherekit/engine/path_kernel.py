@@ -82,10 +82,13 @@ class PathKernel:
 def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
     """Return the kernel; `terms` are of variables, not of signs."""
     structure, links, places = terms.structure, terms.links, terms.places
-    change = answers(structure, links, misfits(structure, links, places))
+    change = answers(structure, links, misfits(structure, links, terms.variables))
+    for variable, angle in enumerate(terms.variables):
+        if angle is not places[variable]:
+            change[variable] = angle - places[variable]
     rates, determinant = rates_by_inputs(structure, links)
     outputs = [*change, *(rate for row in rates for rate in row), determinant]
-    outputs.append(openness(structure, links, places))
+    outputs.append(openness(structure, links, terms.variables))
     dyads = [group for group in structure.assembly.groups if group.is_dyad]
     turning = []
     for group in dyads:

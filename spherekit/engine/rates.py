@@ -164,17 +164,16 @@ def way(
 class HomogeneousRates:
     """The rates of variables found so far, from the vectors (3,) of all variables.
 
-    Of the inputs, pairs `driven`, `moving` moves at the rate 1. `span(a, b)` is the
-    constant |A x B|^2 of two variables' vectors, or None where it is not constant. With
-    `misfits` (3,) of pairs all inputs rest, and the rates over `scale` are the answers
-    of the variables (`spherekit.engine.misfits`).
+    `driven` are the rates of the driven pairs. `span(a, b)` is the constant |A x B|^2 of
+    two variables' vectors, or None where it is not constant. With `misfits` (3,) of pairs,
+    all driven ones at rest, the rates over `scale` are the answers of the variables
+    (`spherekit.engine.misfits`).
     """
 
     def __init__(
         self,
         mechanism: Mechanism,
-        driven: Sequence[int],
-        moving: int,
+        driven: Mapping[int, Expr],
         vectors: Sequence[Exprs],
         span: Callable[[int, int], Expr | None],
         misfits: Mapping[int, Exprs] | None = None,
@@ -184,8 +183,7 @@ class HomogeneousRates:
         self.vectors = vectors
         self.span = span
         self.rates: dict[int, Expr] = {
-            self.owned[pair][0]: 1.0 if pair == moving and misfits is None else 0.0
-            for pair in driven
+            self.owned[pair][0]: rate for pair, rate in driven.items()
         }
         self.misfits = misfits or {}
         self.scale: Expr = 1.0

@@ -6,7 +6,8 @@ about axes that are fixed in one link each, and their rates need no curvature. O
 profiles the moving frame and the curvature are columns that are handed in.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
@@ -105,19 +106,30 @@ class ProfileSide:
 
 @final
 @dataclass(frozen=True)
+class Follower:
+    """An angle that follows from those of the inputs: `offset` plus `ratios` times them."""
+
+    ratios: tuple[Expr, ...]
+    offset: Expr
+
+
+@final
+@dataclass(frozen=True)
 class TurningPairs:
     """The pairs of a mechanism: `chains[pair]`, and `spins[variable]`.
 
     The vector of a variable, the angular velocity of its pair's second link relative to
     the first per unit rate, is the sum of its spins. An R pair's single spin may be
     taken in either link; `twin[variable]` is that in the second. `sides[pair]` are the
-    profiles of a contact; one that is no circle has no spin.
+    profiles of a contact; one that is no circle has no spin. `followers[pair]` are R pairs
+    whose angles follow from the inputs.
     """
 
     chains: tuple[Chain, ...]
     spins: tuple[tuple[AxisTerm, ...], ...]
     twin: dict[int, AxisTerm]
     sides: dict[int, tuple[ProfileSide, ProfileSide]]
+    followers: Mapping[int, Follower] = field(default_factory=dict)
 
     @property
     def columns(self) -> tuple[ProfileColumns, ...]:

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import listing
+from spherekit.conventions import counted, listing
 from spherekit.errors import SolveError
 from spherekit.sphere.rotation import Floats
 
@@ -70,8 +70,8 @@ class CouplingTable:
     def __repr__(self) -> str:
         return (
             f"<CouplingTable of {self.mechanism}: {'x'.join(map(str, self.count))} nodes, "
-            f"assembly modes {listing(self.modes)}, {len(self.variables)} variables by "
-            f"{listing(self.inputs)}>"
+            f"assembly modes {listing(self.modes)}, "
+            f"{counted(len(self.variables), 'variable')} by {listing(self.inputs)}>"
         )
 
     @property

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from spherekit.conventions import counted
 from spherekit.errors import FileError
 from spherekit.sphere.rotation import Floats
 
@@ -65,8 +66,9 @@ def loops(where: str, root: Element) -> Iterator[UrdfLoop]:
         ends = list(_ends(item))
         if len(ends) != 2:
             raise FileError(
-                f"{where}: loop joint {name}: has {len(ends)} links, needs 2: link1 and "
-                "link2, predecessor and successor, or parent and child with origins"
+                f"{where}: loop joint {name}: has {counted(len(ends), 'link')}, needs 2: "
+                "link1 and link2, predecessor and successor, or parent and child with "
+                "origins"
             )
         (first, place, turn), (second, other, _) = ends
         axis = _vector(item.find("axis"), "xyz") if item.find("axis") is not None else None

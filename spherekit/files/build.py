@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.checked import checked
+from spherekit.conventions import counted
 from spherekit.errors import ModelError
 from spherekit.files.check import FORMAT
 from spherekit.files.document import Document, spelt
@@ -145,8 +146,8 @@ def _inputs(name: str, given: Tables | Sequence[str] | str) -> Tables:
         if isinstance(item, Sequence | np.ndarray):
             if len(item) != 2:
                 raise ModelError(
-                    f"{name}: inputs.{pair}: has {len(item)} values, needs 2: the "
-                    "first and the last of the variable"
+                    f"{name}: inputs.{pair}: has {counted(len(item), 'value')}, needs "
+                    "2: the first and the last of the variable"
                 )
             item = {"from": item[0], "to": item[1]}
         tables[pair] = item

@@ -194,7 +194,8 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
         most = schema_.get("maxItems", schema_.get("maxProperties"))
         bound = "at least" if rule.startswith("min") else "at most"
         needs = f"{limit}" if least == most else f"{bound} {limit}"
-        what = "values" if "Items" in rule else "entries"
+        one, more = ("value", "values") if "Items" in rule else ("entry", "entries")
+        what = one if len(value) == 1 else more
         yield path, f"has {len(value)} {what}, needs {needs}{_in_words(schema_)}"
     elif rule in ("minimum", "maximum"):
         bound = "at least" if rule == "minimum" else "at most"

@@ -41,6 +41,7 @@ class Contacts(DocumentValues):
             item.get("contact", "external"),
             (start[0], start[1]),
             item.get("one_sided", False),
+            item.get("distance"),
         )
 
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, Profile]:

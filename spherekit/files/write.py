@@ -155,6 +155,8 @@ def _pair(mechanism: Mechanism, pair: Pair, unit: AngleUnit) -> _Table:
         table["start"] = [angle_text(angle, unit) for angle in pair.start]
     if pair.one_sided:
         table["one_sided"] = True
+    if pair.distance is not None:
+        table["distance"] = float(pair.distance)
     if pair.profiles is not None:
         table["profiles"] = {
             link: _profile(profile, unit)

@@ -43,6 +43,8 @@ def _load(load: Load, unit: AngleUnit) -> _Table:
     table: _Table = {} if load.kind == PairTorque.kind else {"kind": load.kind}
     for key, form in load.keys.items():
         given = getattr(load, key)
+        if given is None:
+            continue
         if callable(given):
             raise EngineError(not_written(getattr(load, "pair", "")))
         if form in ("angle", "rate"):

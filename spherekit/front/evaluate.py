@@ -21,7 +21,7 @@ from spherekit.analysis.tables import (
     input_columns,
 )
 from spherekit.checked import checked
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import counted, listing, nearest
 from spherekit.dynamics.start import into_range, reaching, traced
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -75,11 +75,12 @@ class Kinematics:
         return len(self._batch)
 
     def __repr__(self) -> str:
-        assembly_modes = len(set(self.assembly_mode.tolist()))
+        modes = len(set(self.assembly_mode.tolist()))
         failed = int(np.sum(self._motion.failed))
         return (
-            f"<Kinematics of {self.mechanism.name}: {len(self)} rows in {assembly_modes} "
-            f"assembly modes, {failed} failed; {len(self.poles)} poles while "
+            f"<Kinematics of {self.mechanism.name}: {counted(len(self), 'row')} in "
+            f"{counted(modes, 'assembly mode')}, {failed} failed; "
+            f"{counted(len(self.poles), 'pole')} while "
             f"{' or '.join(self.input_pairs)} moves>"
         )
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import counted, listing, nearest
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
 from spherekit.model.laws import need_increasing
@@ -62,7 +62,7 @@ class Mass:
 class LinkMoment:
     """A moment about the centre of the sphere, on a link.
 
-    It is `direction`, or the cross product of `arm` (m, link axes) with it, where there
+    It is `direction`, or that of a force `direction` at `arm` (m, link axes), where there
     is an arm. The direction is along the axes of the ground or of the link.
     """
 
@@ -241,9 +241,9 @@ class Gravity(Load):
             if mass.link == mechanism.ground:
                 continue
             assert mass.mass is not None and mass.centre is not None
-            x, y, z = (mass.mass * float(coordinate) for coordinate in mass.centre)
-            down = _floats(self.acceleration)
-            weights.append(LinkMoment(mass.link, down, "ground", (x, y, z)))
+            x, y, z = (mass.mass * float(part) for part in self.acceleration)
+            at = _floats(mass.centre)
+            weights.append(LinkMoment(mass.link, (x, y, z), "ground", at))
         return (Component(_law(mechanism, "1"), moments=tuple(weights)),)
 
 
@@ -393,9 +393,12 @@ class Bearings(Load):
     """The bearings of an R pair, with Coulomb's friction that follows from its reaction.
 
     `positions` (m) are where they sit along the axis, from the centre of the sphere: one,
-    which holds the pair together with the centre, or two, which carry a couple. Their
-    friction is -(coefficient radius F tanh(v' / speed)) at rates v', with the sum F of the
-    forces across the axis on them and their `radius` (m).
+    which holds the pair together with the centre, or two, which carry a couple. `axial`
+    are the parts that they take of the force along the axis, 1 a fixed bearing and 0 a
+    floating one; where all are 0 the pair lets its links slide along the axis. Where it
+    is None that is not said. Their friction is -(coefficient radius F tanh(v' / speed)) at
+    rates v', with their `radius` (m) and the sum F of the forces on them: with `axial` of
+    all forces, without of those of the couple alone.
     """
 
     kind = "bearings"
@@ -403,12 +406,15 @@ class Bearings(Load):
         {
             "pair": "pair",
             "positions": "numbers",
+            "axial": "numbers",
             "radius": "number",
             "coefficient": "number",
             "speed": "rate",
         }
     )
-    absent = MappingProxyType({"radius": 0.0, "coefficient": 0.0, "speed": 1e-3})
+    absent = MappingProxyType(
+        {"axial": None, "radius": 0.0, "coefficient": 0.0, "speed": 1e-3}
+    )
 
     name: str
     pair: str
@@ -416,34 +422,81 @@ class Bearings(Load):
     radius: float = 0.0
     coefficient: float = 0.0
     speed: float = 1e-3
+    axial: tuple[float, ...] | None = None
 
     @property
-    def arm(self) -> float:
-        """The length (m) that turns the moment across the axis into the force on each."""
-        first, *rest = self.positions
-        return abs(rest[0] - first) if rest else abs(first)
+    def floats(self) -> bool:
+        """Whether the pair transmits no force along its axis."""
+        return self.axial is not None and not any(self.axial)
 
     @property
     def grip(self) -> float:
-        """The friction (N m) per moment (N m) across the axis."""
-        return self.coefficient * self.radius * len(self.positions) / self.arm
+        """The friction (N m) per force (N) on the bearings."""
+        return self.coefficient * self.radius
+
+    def carried(
+        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the forces (..., bearings, 3) N on the bearings, in pair axes.
+
+        They have the moment about the centre that the pair transmits (..., 3) N m and,
+        with the force through it (..., 3) N, this for their sum; without, they are those
+        of the couple alone. Along the axis they are NaN where `axial` is not said.
+        """
+        bent = np.stack(
+            [moments[..., 1], -moments[..., 0], np.zeros(moments.shape[:-1])], axis=-1
+        )
+        first, *rest = self.positions
+        pull = np.zeros_like(bent) if forces is None else forces * [1.0, 1.0, 0.0]
+        if rest:
+            (second,) = rest
+            span = second - first
+            parts = [(second * pull - bent) / span, (bent - first * pull) / span]
+        else:
+            parts = [bent / first]
+        if forces is not None:
+            shares = self.axial or (np.nan,) * len(parts)
+            for part, share in zip(parts, shares, strict=True):
+                part[..., 2] = share * forces[..., 2] if share else 0.0
+        return np.stack(parts, axis=-2)
 
     def check(self, key: str, mechanism: "Mechanism") -> None:
         need_angle(f"{key}.pair", self.pair, mechanism)
         need_finite(f"{key}.positions", self.positions)
-        if not (len(self.positions) in (1, 2) and self.arm > 0.0):
+        first, *rest = self.positions or (0.0,)
+        if len(rest) > 1 or (rest[0] == first if rest else first == 0.0):
             raise ModelError(
                 f"{key}.positions: found {list(self.positions)} m, needs one that is not "
                 "0, or two that differ: distances of the bearings from the centre along "
                 "the axis"
             )
+        if self.axial is not None:
+            self._check_axial(f"{key}.axial", self.axial)
         need_at_least_zero(f"{key}.radius", self.radius, "m")
         need_at_least_zero(f"{key}.coefficient", self.coefficient, "")
         need_smoothing(f"{key}.speed", self.speed)
+        for load in mechanism.loads:
+            if isinstance(load, Bearings) and load.pair == self.pair and load != self:
+                raise ModelError(
+                    f"{key}.pair: loads.{load.name} has the bearings of pair {self.pair} "
+                    "too; give both positions in one of them"
+                )
+
+    def _check_axial(self, key: str, axial: tuple[float, ...]) -> None:
+        for part in axial:
+            need_at_least_zero(key, part, "")
+        whole = abs(sum(axial) - 1.0) < 1e-9
+        if len(axial) != len(self.positions) or not (whole or not any(axial)):
+            raise ModelError(
+                f"{key}: found {list(axial)}, needs one part for each of the "
+                f"{len(self.positions)} positions, 1 in all (a fixed bearing takes 1, a "
+                "floating one 0), or 0 for each where the pair lets its links slide along "
+                "its axis"
+            )
 
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
-        rubs = self.grip > 0.0
-        text = f"-tanh(dtheta_{self.pair}/{_number(self.speed)})" if rubs else "0"
+        rate = f"dtheta_{self.pair}"
+        text = f"-tanh({rate}/{_number(self.speed)})" if self.grip > 0.0 else "0"
         return (Component(_law(mechanism, text), self.pair, bearings=self),)
 
 
@@ -524,11 +577,12 @@ class TorqueTable(Load):
         need_angle(f"{key}.pair", self.pair, mechanism)
         if len(self.times) != len(self.torques):
             raise ModelError(
-                f"{key}.torques: has {len(self.torques)} values, but times has "
+                f"{key}.torques: has {counted(len(self.torques), 'value')}, but times has "
                 f"{len(self.times)}"
             )
         if len(self.times) < 2:
-            raise ModelError(f"{key}.times: has {len(self.times)} values, needs at least 2")
+            has = counted(len(self.times), "value")
+            raise ModelError(f"{key}.times: has {has}, needs at least 2")
         need_finite(f"{key}.times", self.times)
         need_finite(f"{key}.torques", self.torques)
         need_increasing(f"{key}.times", self.times)

@@ -54,7 +54,7 @@ def geometry_of(mechanism: Mechanism) -> Geometry:
         If profiles are not curves, or do not touch in the reference pose.
     """
     given = mechanism.geometry
-    first, second = _frames(mechanism)
+    first, second = pair_frames(mechanism)
     joints: list[Joint] = []
     reference: list[float] = []
     for pair in mechanism.pairs:
@@ -123,7 +123,7 @@ def touching(
 def link_axes(mechanism: Mechanism) -> dict[str, dict[str, Floats]]:
     """Return the unit axis (3,) of every R pair in each of its links, by names."""
     axes: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
-    first, second = _frames(mechanism)
+    first, second = pair_frames(mechanism)
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
             axes[pair.links[0]][pair.name] = first[pair.name][:, 2]
@@ -131,8 +131,8 @@ def link_axes(mechanism: Mechanism) -> dict[str, dict[str, Floats]]:
     return axes
 
 
-def _frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """Return the frames (3, 3) of every R pair in its first and its second link."""
+def pair_frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Return the frames (3, 3) of R pairs in their first and their second link, by name."""
     if isinstance(mechanism.geometry, PoseGeometry):
         return _pose_frames(mechanism.geometry)
     return frames_of_sizes(mechanism, mechanism.geometry)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked_class
+from spherekit.conventions import counted
 from spherekit.errors import ModelError
 
 Floats = NDArray[np.float64]
@@ -123,13 +124,15 @@ class Tabulated:
     def __post_init__(self) -> None:
         if len(self.times) != len(self.angles):
             raise ModelError(
-                f"angles: has {len(self.angles)} values, but times has {len(self.times)}"
+                f"angles: has {counted(len(self.angles), 'value')}, but times has "
+                f"{len(self.times)}"
             )
         least = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
         if len(self.times) < least:
             more = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
             raise ModelError(
-                f"times: has {len(self.times)} values, needs at least {least}{more}"
+                f"times: has {counted(len(self.times), 'value')}, needs at least "
+                f"{least}{more}"
             )
         _need_finite("times", *self.times)
         _need_finite("angles", *self.angles)

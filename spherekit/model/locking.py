@@ -7,21 +7,21 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
 from spherekit.errors import ModelError
 from spherekit.model.changes import AngleUnit, in_radians
 from spherekit.model.dynamics import Load, Mass
 from spherekit.model.geometry import axes_from_sizes, frames_of_sizes
+from spherekit.model.link_axes import turned, with_link_axes
 from spherekit.model.mechanism import (
     LinkSizes,
     Mechanism,
     Pair,
     PoseGeometry,
-    Profile,
     SizeGeometry,
 )
+from spherekit.model.sized import given_by_sizes, zeros_from
 from spherekit.sphere.rotation import Floats, about_z
 
 SAME = 1e-12
@@ -36,7 +36,8 @@ def lock(
 
     The link that stays is the ground, or the one with contacts, or the pair's first;
     masses, loads and outputs of the other go over to it. Loads and stops at the pair go,
-    as do an input there and outputs between both links.
+    as do an input there and outputs between both links. A mechanism given in a reference
+    pose is given by arcs and angles if a pair is locked at another value than it has there.
 
     Parameters
     ----------
@@ -50,8 +51,8 @@ def lock(
     Raises
     ------
     ModelError
-        If there is no such R pair, its stops exclude the value, or the mechanism is given
-        in a reference pose in which the pair has another one.
+        If there is no such R pair, its stops exclude the value, or a contact would lose
+        the place from which lengths along its profiles are measured.
 
     Examples
     --------
@@ -77,6 +78,11 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
                 f"{where}: {value:.6g} rad is outside its stops, {stop.low:.6g} to "
                 f"{stop.high:.6g} rad"
             )
+    if isinstance(made.geometry, PoseGeometry):
+        posed = made.geometry.values.get(pair.name, 0.0)
+        if abs(math.remainder(value - posed, 2.0 * math.pi)) > SAME:
+            posed_at = f"has {posed:.6g} rad in the reference pose, not {value:.6g} rad"
+            made = given_by_sizes(made, f"{where} {posed_at}")
     touching = {x for other in made.pairs if not other.kind.has_axis for x in other.links}
     kept, gone = pair.links
     if gone == made.ground or (gone in touching and kept not in touching | {made.ground}):
@@ -87,7 +93,8 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
         raise ModelError(
             f"{where} joins the same two links as pair {between[0]}, which could not move"
         )
-    geometry, turn = _geometry(made, pair, value, kept, gone, rest, where)
+    geometry, turn = _geometry(made, pair, value, kept, gone, rest)
+    made = with_link_axes(made, {gone: turn}, where)
 
     def on(link: str) -> str:
         return kept if link == gone else link
@@ -97,9 +104,6 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
             output,
             link=on(output.link),
             relative_to=on(output.relative_to),
-            direction=_turned(turn, output.direction)
-            if output.link == gone and output.direction is not None
-            else output.direction,
         )
         for output in made.outputs
         if on(output.link) != on(output.relative_to)
@@ -108,13 +112,17 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
     return replace(
         made,
         links=tuple(link for link in made.links if link != gone),
-        pairs=tuple(_pair(other, kept, gone, turn, where) for other in rest),
+        pairs=tuple(
+            replace(other, links=_ends(other, kept, gone))
+            for other in made.pairs
+            if other.name != pair.name
+        ),
         geometry=geometry,
         inputs=tuple(item for item in made.inputs if item.pair != pair.name),
         outputs=outputs,
-        masses=_masses(made, kept, gone, turn),
+        masses=_masses(made, kept, gone),
         loads=tuple(
-            _load(load, kept, gone, turn, still, where)
+            _load(load, kept, gone, still)
             for load in made.loads
             if getattr(load, "pair", "") != pair.name
         ),
@@ -129,18 +137,10 @@ def _geometry(
     kept: str,
     gone: str,
     rest: tuple[Pair, ...],
-    where: str,
 ) -> tuple[SizeGeometry | PoseGeometry, Floats]:
     """Return the new geometry, and the turn (3, 3) from axes of the link that goes."""
     geometry = made.geometry
     if isinstance(geometry, PoseGeometry):
-        posed = geometry.values.get(pair.name, 0.0)
-        if abs(math.remainder(value - posed, 2.0 * math.pi)) > SAME:
-            raise ModelError(
-                f"{where}: the mechanism is given in a reference pose, in which the pair "
-                f"has {posed:.6g} rad, not {value:.6g} rad; lock it there, or give the "
-                "mechanism by arcs and angles"
-            )
         axes = {name: axis for name, axis in geometry.axes.items() if name != pair.name}
         values = {name: x for name, x in geometry.values.items() if name != pair.name}
         return PoseGeometry(axes, values), np.eye(3)
@@ -165,26 +165,17 @@ def _geometry(
         loads=(),
         stops=(),
     )
-    one, other = frames_of_sizes(plain, SizeGeometry(links, {}))
-    for remaining in rest:
-        if remaining.kind.has_axis and {kept, gone} & set(remaining.links):
-            wanted = [
-                (turn if link == gone else np.eye(3)) @ frames[remaining.name]
-                for link, frames in zip(remaining.links, (first, second), strict=True)
-            ]
-            shifts = [
-                _about(want.T @ have)
-                for want, have in zip(
-                    wanted, (one[remaining.name], other[remaining.name]), strict=True
-                )
-            ]
-            zeros[remaining.name] = shifts[1] - shifts[0]
+    into = {gone: turn}
+    wanted = tuple(
+        {
+            other.name: into.get(other.links[end], np.eye(3)) @ frames[other.name]
+            for other in rest
+            if other.kind.has_axis and {kept, gone} & set(other.links)
+        }
+        for end, frames in enumerate((first, second))
+    )
+    zeros |= zeros_from(plain, links, (wanted[0], wanted[1]), wanted[0])
     return SizeGeometry(links, zeros), turn
-
-
-def _about(turn: Floats) -> float:
-    """Return the angle of a rotation about z."""
-    return float(np.arctan2(turn[1, 0], turn[0, 0]))
 
 
 def _joined(kept: LinkSizes, gone: LinkSizes, locked: str, turn: Floats) -> LinkSizes:
@@ -206,54 +197,17 @@ def _joined(kept: LinkSizes, gone: LinkSizes, locked: str, turn: Floats) -> Link
     return LinkSizes(tuple(axes), tuple(arcs), tuple(angles), tuple(unpaired), kept.signed)
 
 
-def _turned(turn: Floats, vector: ArrayLike) -> tuple[float, float, float]:
-    x, y, z = (turn @ np.array(vector, dtype=float)).tolist()
-    return x, y, z
-
-
 def _ends(pair: Pair, kept: str, gone: str) -> tuple[str, str]:
     one, other = (kept if link == gone else link for link in pair.links)
     return one, other
 
 
-def _pair(pair: Pair, kept: str, gone: str, turn: Floats, where: str) -> Pair:
-    if gone not in pair.links:
-        return pair
-    ends = _ends(pair, kept, gone)
-    if pair.profiles is None or np.array_equal(turn, np.eye(3)):
-        return replace(pair, links=ends)
-    if pair.type == "Cr":
-        raise ModelError(
-            f"{where}: both of its links have contacts, and {pair.name} rolls on the one "
-            "that goes: where its profile begins would be lost; lock another pair"
-        )
-    first, second = (
-        _profile(profile, turn, pair, where) if link == gone else profile
-        for link, profile in zip(pair.links, pair.profiles, strict=True)
-    )
-    return replace(pair, links=ends, profiles=(first, second))
-
-
-def _profile(profile: Profile, turn: Floats, pair: Pair, where: str) -> Profile:
-    if profile.kind == "fourier":
-        raise ModelError(
-            f"{where}: the Fourier profile of contact {pair.name} is on the link that "
-            "goes; give it by points, or lock another pair"
-        )
-    centre = None if profile.centre is None else _turned(turn, profile.centre)
-    points = tuple(_turned(turn, point) for point in profile.points)
-    return replace(profile, centre=centre, points=points)
-
-
-def _masses(made: Mechanism, kept: str, gone: str, turn: Floats) -> tuple[Mass, ...]:
+def _masses(made: Mechanism, kept: str, gone: str) -> tuple[Mass, ...]:
     masses = {mass.link: mass for mass in made.masses}
     moved = masses.pop(gone, None)
     if moved is None:
         return tuple(masses.values())
-    tensor = turn @ np.array(moved.tensor, dtype=float) @ turn.T
-    mass, centre = moved.mass, moved.centre
-    if centre is not None:
-        centre = _turned(turn, centre)
+    mass, centre, tensor = moved.mass, moved.centre, np.array(moved.tensor, dtype=float)
     if kept in masses:
         other = masses[kept]
         tensor = tensor + np.array(other.tensor, dtype=float)
@@ -262,15 +216,13 @@ def _masses(made: Mechanism, kept: str, gone: str, turn: Floats) -> tuple[Mass, 
         else:
             both = mass * np.array(centre) + other.mass * np.array(other.centre)
             mass = mass + other.mass
-            centre = _turned(np.eye(3), both / mass if mass else 0.0 * both)
-    rows = tuple(map(tuple, (0.5 * (tensor + tensor.T)).tolist()))
+            centre = turned(np.eye(3), both / mass if mass else 0.0 * both)
+    rows = tuple(map(tuple, tensor.tolist()))
     masses[kept] = Mass(kept, rows, mass, centre)  # type: ignore[arg-type]
     return tuple(masses.values())
 
 
-def _load(
-    load: Load, kept: str, gone: str, turn: Floats, still: Mapping[str, str], where: str
-) -> Load:
+def _load(load: Load, kept: str, gone: str, still: Mapping[str, str]) -> Load:
     changes: dict[str, Any] = {}
     for key, form in load.keys.items():
         given = getattr(load, key)
@@ -279,16 +231,7 @@ def _load(
         elif form == "texts":
             changes[key] = tuple(_without(text, still) for text in given)
     if getattr(load, "link", "") == gone:
-        if getattr(load, "axes", "ground") == "link" and not np.array_equal(
-            turn, np.eye(3)
-        ):
-            raise ModelError(
-                f'{where}: load {load.name} is along the axes of link "{gone}", which '
-                "goes; give it along ground axes"
-            )
         changes["link"] = kept
-        if hasattr(load, "point"):
-            changes["point"] = _turned(turn, load.point)
     return replace(load, **changes) if changes else load  # type: ignore[type-var]
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal, final
 from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
-from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
+from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, counted, listing, nearest
 from spherekit.errors import ModelError
 from spherekit.markup import html_table
 from spherekit.model.changes import (
@@ -64,7 +64,9 @@ class Pair:
     external contact the two bodies lie on opposite sides of the common tangent, in an
     internal one on the same side, the first within the second. `start` are the arc
     lengths (rad) along both profiles at which the variable of a rolling contact is zero. A
-    `one_sided` contact can press and not pull: a simulation ends where it lifts off.
+    `one_sided` contact can press and not pull: a simulation ends where it lifts off. The
+    force of a contact acts at `distance` (m) from the centre of the sphere, where it is
+    said.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Pair:
     contact: Literal["external", "internal"] = "external"
     start: tuple[float, float] = (0.0, 0.0)
     one_sided: bool = False
+    distance: float | None = None
 
     @property
     def kind(self) -> Kind:
@@ -314,7 +317,7 @@ class Mechanism:
     def __repr__(self) -> str:
         types = Counter(pair.type for pair in self.pairs)
         parts = [
-            f"{len(self.links)} links",
+            counted(len(self.links), "link"),
             f"pairs {', '.join(f'{count} {kind}' for kind, count in types.items())}",
             f"inputs {listing(item.pair for item in self.inputs) or 'none declared'}",
         ]
@@ -556,6 +559,11 @@ def _check(mechanism: Mechanism) -> None:
                 f"{where}: pairs.{pair.name}: a contact pair (Cr, Cs) has a profile for "
                 "each of its links, an R pair has none"
             )
+        if pair.distance is not None and not 0.0 < pair.distance < math.inf:
+            raise ModelError(
+                f"{where}: pairs.{pair.name}.distance: found {pair.distance}, needs more "
+                "than 0 m: how far from the centre the contact force acts"
+            )
         if pair.links[0] == pair.links[1]:
             raise ModelError(
                 f'{where}: pairs.{pair.name}: joins link "{pair.links[0]}" to itself; '
@@ -651,13 +659,13 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
         arcs, angles = max(count - 1, 0), max(count - 2, 0)
         if len(sizes.arcs) != arcs:
             raise ModelError(
-                f"{key}.arcs: has {len(sizes.arcs)} values, needs {arcs}: the arcs from "
-                "the first axis to each of the others"
+                f"{key}.arcs: has {counted(len(sizes.arcs), 'value')}, needs {arcs}: the "
+                "arcs from the first axis to each of the others"
             )
         if len(sizes.angles) != angles:
             raise ModelError(
-                f"{key}.angles: has {len(sizes.angles)} values, needs {angles}: at the "
-                "first axis, from the first arc to each further arc"
+                f"{key}.angles: has {counted(len(sizes.angles), 'value')}, needs {angles}: "
+                "at the first axis, from the first arc to each further arc"
             )
 
 

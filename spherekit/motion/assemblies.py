@@ -9,6 +9,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.groups import (
     State,
@@ -17,8 +18,13 @@ from spherekit.motion.groups import (
     place_dyad,
     place_group,
 )
-from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete, solutions
-from spherekit.planning.assembly import Group
+from spherekit.motion.solutions import (
+    CLOSED_FORM,
+    ONE_WAY,
+    Method,
+    least_complete,
+    solutions,
+)
 from spherekit.sphere.rotation import Floats
 
 MOST_ASSEMBLY_MODES = 64
@@ -51,12 +57,16 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
         if number == len(groups):
             closed_modes.append((signs, state.values[0].copy()))
             return
-        grown, method = _grown(solver, state, groups[number])
+        grown, method = _grown(solver, state, number, q)
         methods[number] = least_complete(methods[number], method)
         for sign, further in grown:
             extend(further, (*signs, sign))
 
-    if solver.meshes is not None and solver.meshes.all_known:
+    searched = any(
+        not group.revolute and number not in solver.trains
+        for number, group in enumerate(groups)
+    )
+    if searched and solver.meshes is not None and solver.meshes.all_known:
         there = solver.meshes.modes(solver.closure, solver.driven, q)
         modes = tuple((signs_at(solver, values), values) for values in there)
         return Assemblies(modes, (Method(0),) * len(groups))
@@ -66,11 +76,19 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
 
 
 def _grown(
-    solver: Solver, state: State, group: Group
+    solver: Solver, state: State, number: int, q: Floats
 ) -> tuple[list[tuple[int, State]], Method]:
-    """Return the states in which a group is placed, with dyad signs, and the method."""
-    ends = solver.mechanism.ends
+    """Return the states in which a group is placed, with dyad signs, and the method.
+
+    It is the group of that number; q (inputs,) are the inputs.
+    """
+    ends, group = solver.mechanism.ends, solver.assembly.groups[number]
     grown = []
+    if number in solver.trains:
+        further = state.copy()
+        result, _ = solver.place(further, number, q[None])
+        closes = result.residual[0] < CLOSURE_TOLERANCE
+        return [(0, further)] if closes else [], ONE_WAY
     if group.is_dyad:
         for sign in (1, -1):
             further = state.copy()

@@ -17,13 +17,21 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import Closure
+from spherekit.motion.closure import Closure, NewtonResult
 from spherekit.motion.follow import ModeCurve
-from spherekit.motion.groups import State, group_variables, place_dyad, place_group
+from spherekit.motion.groups import (
+    State,
+    group_variables,
+    place_dyad,
+    place_group,
+    place_train,
+)
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import DEPENDENT, left_inverse, rank_mobility
 from spherekit.motion.meshes import TURN, Meshes, meshes_of
 from spherekit.motion.mode_over_grid import ModeOverGrid
-from spherekit.motion.pairs import penetrates
+from spherekit.motion.pairs import pair_states, penetrates
+from spherekit.motion.trains import Frames, WheelPlacement, train_of
 from spherekit.planning.assembly import Assembly
 from spherekit.sphere.rotation import Floats
 
@@ -45,7 +53,7 @@ class AssemblyMode:
     """One assembly mode over the ranges of the inputs.
 
     `signs` has +1 or -1 for each dyad and 0 for each irreducible group; `guide` is
-    None where all groups are dyads.
+    None where all groups are dyads, or trains of wheels.
     """
 
     number: int
@@ -112,6 +120,52 @@ class Solver:
         scale = np.where(returns, periods, TURN) / TURN
         return np.where(returns, scale * wrap(q / scale), q)
 
+    @cached_property
+    def trains(self) -> dict[int, WheelPlacement]:
+        """The trains of wheels that follow from the inputs, by the numbers of groups."""
+        if self.meshes is None:
+            return {}
+        made = (
+            train_of(self.mechanism, self.joints, group, self.meshes.variables)
+            for group in self.assembly.groups
+        )
+        return {number: train for number, train in enumerate(made) if train is not None}
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether every group is a dyad, or a train of wheels."""
+        return self.assembly.has_closed_form or all(
+            group.is_dyad or number in self.trains
+            for number, group in enumerate(self.assembly.groups)
+        )
+
+    def rolled_values(self, q: Floats) -> Floats:
+        """Return the variables (n, variables) of contacts rolled at inputs q (n, inputs).
+
+        NaN for all that do not follow from the inputs alone.
+        """
+        values = np.full((len(q), len(self.mechanism.variable_owners)), np.nan)
+        if self.meshes is not None:
+            values[:, list(self.meshes.variables)] = self.meshes.rolled(q)
+        return values
+
+    def train_frames(self, train: WheelPlacement, rolled: Floats) -> Frames:
+        """Return the frames (n, 3, 3) of a train's contacts from `rolled_values`."""
+        frames = {}
+        for pair in train.contacts:
+            variables = list(self.mechanism.variables_of(pair))
+            states = pair_states((self.joints[pair],), rolled[:, variables])
+            frames[pair] = states.first[:, 0], states.second[:, 0]
+        return frames
+
+    def place(
+        self, state: State, number: int, q: Floats
+    ) -> tuple[NewtonResult, Linearisation]:
+        """Place a train of wheels, the group of a number, at inputs q (n, inputs)."""
+        train, rolled = self.trains[number], self.rolled_values(q)
+        frames = self.train_frames(train, rolled)
+        return place_train(state, train, self.mechanism.ends, frames, rolled)
+
     def start(self, q: Floats) -> State:
         """Return the state in which only the inputs have values q (n, inputs)."""
         return State.start(self.mechanism, self.joints, self.assembly, q)
@@ -151,17 +205,21 @@ class Solver:
                 _mark(status, state.lost, Status.OUT_OF_REACH)
                 _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
                 continue
-            for reason in Status:
-                if reason != Status.OK:
-                    _mark(status, why == reason, reason)
-            start = predicted[:, group_variables(state, group)]
-            good = (status == Status.OK) | (status == Status.AT_SINGULARITY)
-            start = np.where(good[:, None], start, np.nan)
-            result, at = place_group(state, group, ends, start)
+            if number in self.trains:
+                result, at = self.place(state, number, q)
+                _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
+            else:
+                for reason in Status:
+                    if reason != Status.OK:
+                        _mark(status, why == reason, reason)
+                start = predicted[:, group_variables(state, group)]
+                good = (status == Status.OK) | (status == Status.AT_SINGULARITY)
+                start = np.where(good[:, None], start, np.nan)
+                result, at = place_group(state, group, ends, start)
+                _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
+                distance = np.max(np.abs(result.values - start), axis=1)
+                _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
             states = at.states
-            _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
-            distance = np.max(np.abs(result.values - start), axis=1)
-            _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
             determinant, reciprocal_condition = determinant_signs(at.jacobian)
             if assembly_mode.determinants:
                 # of a flat group the sign is rounding

@@ -41,8 +41,11 @@ ALIKE = 1e-9
 """Determinants that differ by less, over the largest, are the same in all modes."""
 
 
-def _count(group: Group) -> int:
-    """Return the number of complex modes of a dyad or triad, 0 for other groups."""
+def _count(solver: Solver, number: int) -> int:
+    """Return how many complex modes a train, dyad or triad has, 0 for other groups."""
+    group = solver.assembly.groups[number]
+    if number in solver.trains:
+        return 1
     if group.is_dyad:
         return 2
     return COMMON_POINTS if _platform(group) is not None else 0
@@ -85,12 +88,13 @@ class ModeCoalescence(Protocol):
 def meetings_of(solver: Solver, most_cost: float = np.inf) -> ModeCoalescence | None:
     """Return the functions of a mechanism with one input, None if they are not known.
 
-    They are for chains of dyads and triads, and for a single group of seven bodies.
+    They are for chains of trains of wheels, dyads and triads, and for a single group of
+    seven bodies.
     """
     groups = solver.assembly.groups
     if len(solver.driven) != 1:
         return None
-    counts = [_count(group) for group in groups]
+    counts = [_count(solver, number) for number in range(len(groups))]
     if 0 not in counts and int(np.prod(counts)) <= MOST_COMPLEX:
         return _Chain(solver)
     if len(groups) == 1 and _Seven.cost <= most_cost and count_orders(groups[0]):
@@ -137,7 +141,7 @@ class _Seven:
 
 @final
 class _Chain:
-    """The functions of a chain of dyads and triads.
+    """The functions of a chain of trains of wheels, dyads and triads.
 
     A group that stands beside earlier ones does not see their modes: those are no
     factors of its function, which would only be a power.
@@ -146,7 +150,7 @@ class _Chain:
     def __init__(self, solver: Solver) -> None:
         self.solver = solver
         self.groups = solver.assembly.groups
-        self._counts = [_count(group) for group in self.groups]
+        self._counts = [_count(solver, number) for number in range(len(self.groups))]
         every = frozenset(range(len(self.groups)))
         self._seen = [every] * len(self.groups)
         self._seen = [self._dependence(part) for part in range(len(self.groups))]
@@ -169,6 +173,10 @@ class _Chain:
         with np.errstate(all="ignore"):
             modes = _Modes.start(self.solver, q)
             for number, group in enumerate(self.groups[: part + 1]):
+                if number in self.solver.trains:
+                    modes = modes.with_train(self.solver, number, q)
+                    determinants = np.ones((len(q), modes.within[0].shape[1]), complex)
+                    continue
                 modes, determinants = modes.grown(self.solver, group, number < part)
                 if number < part and number not in self._seen[part]:
                     modes = modes.every(self._counts[number])
@@ -183,7 +191,8 @@ class _Chain:
         return frozenset(
             earlier
             for earlier in range(part)
-            if not np.max(np.abs(np.diff(values, axis=1 + earlier))) < ALIKE * size
+            if counts[earlier] > 1
+            and not np.max(np.abs(np.diff(values, axis=1 + earlier))) < ALIKE * size
         )
 
 
@@ -199,6 +208,20 @@ class _Modes:
         state = solver.start(q[:, None])
         links = range(len(solver.mechanism.links))
         return _Modes(tuple(state.within[k][:, None].astype(complex) for k in links))
+
+    def with_train(self, solver: Solver, number: int, q: Floats) -> "_Modes":
+        """Return the modes with a train of wheels placed, at inputs q (n,) rad."""
+        train, within = solver.trains[number], list(self.within)
+        contacts = solver.train_frames(train, solver.rolled_values(q[:, None]))
+        frames = {
+            pair: (first[:, None], second[:, None])
+            for pair, (first, second) in contacts.items()
+        }
+        turns = train.turns(within, solver.mechanism.ends, solver.joints, frames)
+        for turn, members in zip(turns, train.group.bodies, strict=True):
+            for link in members:
+                within[link] = turn @ within[link]
+        return _Modes(tuple(within))
 
     def grown(
         self, solver: Solver, group: Group, placed: bool

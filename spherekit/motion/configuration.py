@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import Status
+from spherekit.conventions import Status, counted
 from spherekit.errors import SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
@@ -144,7 +144,8 @@ def configuration_curves(
     if complete:
         search.compare(drive, dead)
     if search.problems:
-        words = f"{len(search.problems)} checks failed, the first: {search.problems[0]}"
+        failed = counted(len(search.problems), "check")
+        words = f"{failed} failed, the first: {search.problems[0]}"
         claim = Claim(Guarantee.SAMPLED, words)
     inputs, counts = np.array(search.counted).reshape(-1, 2).T
     return Configurations(

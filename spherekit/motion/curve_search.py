@@ -141,7 +141,7 @@ class CurveSearch:
         """Check that curves turn back only where modes of `drive` meet."""
         name = drive.mechanism.pairs[drive.assembly.input].name
         for curve in self.curves:
-            for q in turning_inputs(curve, drive.single, dead.low):
+            for q in turning_inputs(curve, drive.single, dead.low, *drive.periods):
                 if not dead.has(q, SAME_INPUT):
                     self.problems.append(
                         f"{name} = {np.degrees(q):.6g} deg: a curve turns back, but no "

@@ -17,6 +17,7 @@ from spherekit.motion.closure import Closure, NewtonResult
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import pair_states
+from spherekit.motion.trains import Frames, WheelPlacement
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.sphere.rotation import Floats, transpose
 from spherekit.sphere.triangle import Bools, close_dyad
@@ -81,8 +82,10 @@ class State:
                     self.within[link] = placed[:, position] @ self.within[link]
 
     def read_values(self, group: Group, ends: tuple[tuple[int, int], ...]) -> None:
-        """Set the variables of a dyad's pairs from the orientations of its links."""
+        """Set the variables of a group's R pairs from the orientations of its links."""
         for pair in group.pairs:
+            if not self.joints[pair].has_axis:
+                continue
             a, b = ends[pair]
             joint = revolute(self.joints[pair])
             one = self.within[a] @ joint.first
@@ -163,3 +166,29 @@ def place_group(
     state.merge(group, at.placed)
     state.values[:, group_variables(state, group)] = result.values
     return result, at
+
+
+def place_train(
+    state: State,
+    train: WheelPlacement,
+    ends: tuple[tuple[int, int], ...],
+    frames: Frames,
+    rolled: Floats,
+) -> tuple[NewtonResult, Linearisation]:
+    """Place a train of wheels from the lengths rolled, and merge it.
+
+    `frames` are those of its contacts, `rolled` (n, variables) the variables they are of.
+    Returns what closing it finds, and the group there.
+    """
+    group = train.group
+    placed = state.copy()
+    turns = train.turns(state.within, ends, state.joints, frames)
+    n = len(state.values)
+    every = np.stack([np.broadcast_to(turn, (n, 3, 3)) for turn in turns], axis=1)
+    placed.merge(group, every)
+    placed.read_values(group, ends)
+    start = placed.values
+    for pair in group.pairs:
+        if not state.joints[pair].has_axis:
+            start[:, list(state.variables[pair])] = rolled[:, list(state.variables[pair])]
+    return place_group(state, group, ends, start[:, group_variables(state, group)])

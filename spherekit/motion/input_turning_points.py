@@ -80,8 +80,10 @@ class InputTurningPoints:
         if not gap:
             count = len(self.places)
             words = f"between the {count} inputs of the range at which they meet"
-            words = f"all modes, {words if count else 'which meet nowhere in the range'}"
-            return Claim(Guarantee.COMPLETE, words)
+            if count == 1:
+                words = "on both sides of the only input of the range at which they meet"
+            words = words if count else "which meet nowhere in the range"
+            return Claim(Guarantee.COMPLETE, f"all modes, {words}")
         words = f"all modes at {len(self.probes(step))} inputs"
         if len(self.places):
             words += f", and between {len(self.places)} at which they are known to meet"

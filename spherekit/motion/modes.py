@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import Status
+from spherekit.conventions import CLOSURE_TOLERANCE, Status, counted
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
@@ -34,7 +34,7 @@ from spherekit.motion.mode_over_grid import ModeOverGrid, spread
 from spherekit.motion.monotone_segments import MonotoneSegments
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import STARTS, Census
-from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete
+from spherekit.motion.solutions import CLOSED_FORM, ONE_WAY, Method, least_complete
 from spherekit.motion.steps import walk
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
@@ -60,6 +60,8 @@ MOST_TIME = 10.0
 LONGEST_ROLLED = 200.0
 """Length (rad) after which a curve of wheels is ended whose rolled lengths do not follow
 from the input, and which need not ever close."""
+RANKED = 5
+"""Configurations at which the mobility by rank is asked for: some may be singular."""
 NEAR_GUIDE = 1e-3
 """A mode is examined where its guide is nearer (rad) than this and its nodes' spread."""
 NEAREST = 8
@@ -105,8 +107,8 @@ def find_assembly_modes(
         If the rank of a mechanism with redundant constraints leaves another number of
         freedoms than there are inputs.
     """
-    if solver.assembly.has_closed_form:
-        found_modes = _dyad_assembly_modes(solver, input_grid, search)
+    if solver.has_closed_form:
+        found_modes = _closed_assembly_modes(solver, input_grid, search)
     else:
         found_modes = _guided_assembly_modes(solver, input_grid, search)
     if not found_modes.assembly_modes:
@@ -114,21 +116,31 @@ def find_assembly_modes(
     return found_modes
 
 
-def _dyad_assembly_modes(solver: Solver, input_grid: InputGrid, search: bool) -> FoundModes:
+def _closed_assembly_modes(
+    solver: Solver, input_grid: InputGrid, search: bool
+) -> FoundModes:
     ends = solver.mechanism.ends
     groups = solver.assembly.groups
     closing: list[tuple[int, ...]] = []
 
-    def extend(state: State, signs: tuple[int, ...]) -> None:
+    def extend(state: State, q: Floats, signs: tuple[int, ...]) -> None:
         if len(closing) >= MOST_ASSEMBLY_MODES or np.all(state.lost):
             return
-        if len(signs) == len(groups):
+        number = len(signs)
+        if number == len(groups):
             closing.append(signs)
+            _check_rank(solver, state)
+            return
+        if number in solver.trains:
+            grown = state.copy()
+            result, _ = solver.place(grown, number, q)
+            grown.lost |= ~(result.residual < CLOSURE_TOLERANCE)
+            extend(grown, q, (*signs, 0))
             return
         for sign in (1, -1):
             grown = state.copy()
-            place_dyad(grown, groups[len(signs)], ends, sign)
-            extend(grown, (*signs, sign))
+            place_dyad(grown, groups[number], ends, sign)
+            extend(grown, q, (*signs, sign))
 
     reference = solver.geometry.reference
     of_reference: tuple[int, ...] | None = None
@@ -138,9 +150,13 @@ def _dyad_assembly_modes(solver: Solver, input_grid: InputGrid, search: bool) ->
     claim = REFERENCE_ONLY
     if search or of_reference is None:
         probed, claim = _probed(solver, input_grid)
-        probes, methods = len(probed), (CLOSED_FORM,) * len(groups)
+        probes = len(probed)
+        methods = tuple(
+            ONE_WAY if number in solver.trains else CLOSED_FORM
+            for number in range(len(groups))
+        )
         with np.errstate(invalid="ignore", divide="ignore"):
-            extend(solver.start(probed), ())
+            extend(solver.start(probed), probed, ())
     if of_reference is not None:
         closing = [of_reference, *(signs for signs in closing if signs != of_reference)][
             :MOST_ASSEMBLY_MODES
@@ -151,10 +167,26 @@ def _dyad_assembly_modes(solver: Solver, input_grid: InputGrid, search: bool) ->
     return FoundModes(assembly_modes, probes, methods, _limited(claim, len(assembly_modes)))
 
 
+def _check_rank(solver: Solver, state: State) -> None:
+    """Refuse redundant constraints that leave another mobility than there are inputs.
+
+    The rank is the greatest of the configurations of a state that close.
+    """
+    if not any(group.redundant for group in solver.assembly.groups):
+        return
+    closed = state.values[~state.lost]
+    rows = np.linspace(0, len(closed) - 1, min(len(closed), RANKED)).astype(np.intp)
+    freedoms = min(solver.freedoms(values) for values in closed[rows])
+    if freedoms != len(solver.driven):
+        raise _other_rank(solver, freedoms)
+
+
 def _probed(solver: Solver, input_grid: InputGrid) -> tuple[Floats, Claim]:
     """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
     if not solver.assembly.groups:
         return input_grid.q[:1], Claim(Guarantee.COMPLETE, "no loop has to close")
+    if len(solver.trains) == len(solver.assembly.groups):
+        return input_grid.q[:1], Claim(Guarantee.COMPLETE, "wheels in mesh have one")
     if input_grid.q.shape[1] > 1:
         q = input_grid.thinned(PROBED_INPUTS).q
         return q, Claim(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
@@ -192,7 +224,7 @@ def _guided_assembly_modes(
     claim = _limited(claim, len(assembly_modes))
     if gathering.is_spent:
         steps = gathering.nodes + gathering.in_vain
-        modes = "1 mode" if len(assembly_modes) == 1 else f"{len(assembly_modes)} modes"
+        modes = counted(len(assembly_modes), "mode")
         words = f"stopped after {steps} steps along {modes}"
         claim = Claim(Guarantee.SAMPLED, f"{words}; there may be more")
     return FoundModes(
@@ -293,7 +325,10 @@ class _Gathering:
         if solver.meshes is not None and not solver.meshes.all_known:
             return self._as_assembled()
         groups = solver.assembly.groups
-        if all(group.is_dyad or has_elimination(group) for group in groups):
+        if all(
+            group.is_dyad or number in solver.trains or has_elimination(group)
+            for number, group in enumerate(groups)
+        ):
             claim = self._eliminated()
             if claim is not None:
                 return claim
@@ -315,7 +350,9 @@ class _Gathering:
                 self.probe(q[None])
         self.go_beyond()
         if self.probes:
-            return Claim(Guarantee.SAMPLED, f"modes found at {_inputs(self.probes)}")
+            return Claim(
+                Guarantee.SAMPLED, f"modes found at {counted(self.probes, 'input')}"
+            )
         return AS_ASSEMBLED
 
     def _eliminated(self) -> Claim | None:
@@ -460,10 +497,6 @@ def _other_rank(solver: Solver, freedoms: int) -> PlanError:
         f"{graph_mobility(solver.mechanism)} by the graph, but the number of inputs is "
         f"{len(solver.driven)}; {inputs_to_declare(freedoms)}"
     )
-
-
-def _inputs(count: int) -> str:
-    return "1 input" if count == 1 else f"{count} inputs"
 
 
 def _guide(

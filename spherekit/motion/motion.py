@@ -72,8 +72,8 @@ class Motion(ArrayRows):
             ", ".join(f"{count} {name}" for name, count in counts.items()) or "no rows"
         )
         return (
-            f"<Motion of {self.mechanism.name}: {self.samples} samples in "
-            f"{len(self.assembly_modes)} assembly modes; {statuses}>"
+            f"<Motion of {self.mechanism.name}: {counted(self.samples, 'sample')} in "
+            f"{counted(len(self.assembly_modes), 'assembly mode')}; {statuses}>"
         )
 
     def rows(self, chosen: Any) -> Self:
@@ -516,9 +516,10 @@ def _lattice(
         if len(samples) != len(inputs):
             raise SolveError(
                 f"{mechanism.name}: samples: {'x'.join(map(str, samples))} is of "
-                f"{len(samples)} inputs, but there {'is' if len(inputs) == 1 else 'are'} "
-                f"{counted(len(inputs), 'input')} ({listing(i.pair for i in inputs)}); "
-                "give one number for each, as 361 or 41x21"
+                f"{counted(len(samples), 'input')}, but there "
+                f"{'is' if len(inputs) == 1 else 'are'} {counted(len(inputs), 'input')} "
+                f"({listing(i.pair for i in inputs)}); give one number for each, as 361 or "
+                "41x21"
             )
         return grids.grid(inputs, samples)
     if wants_grid:

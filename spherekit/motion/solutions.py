@@ -56,6 +56,8 @@ class Method:
 
 CLOSED_FORM = Method(2, closed_form=True)
 """The method of dyads."""
+ONE_WAY = Method(1, closed_form=True)
+"""The method of trains of wheels, which have one mode."""
 
 
 def solutions(

@@ -17,7 +17,7 @@ from itertools import combinations
 from typing import final
 
 from spherekit.checked import checked
-from spherekit.conventions import nearest
+from spherekit.conventions import counted, nearest
 from spherekit.errors import PlanError
 from spherekit.markup import html_table
 from spherekit.model.mechanism import Mechanism
@@ -134,8 +134,8 @@ class Plan:
     def __repr__(self) -> str:
         moving = self.mechanism.pairs[self.input].name
         return (
-            f"<Plan of {self.mechanism.name}: {len(self.requested)} poles in "
-            f"{len(self.steps)} steps, while {moving} moves>"
+            f"<Plan of {self.mechanism.name}: {counted(len(self.requested), 'pole')} in "
+            f"{counted(len(self.steps), 'step')}, while {moving} moves>"
         )
 
     def _repr_html_(self) -> str:

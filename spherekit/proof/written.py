@@ -14,8 +14,8 @@ from spherekit.errors import PlanError
 from spherekit.files.document import Document, LiteralNumber, parse
 from spherekit.files.read import read
 from spherekit.files.write import dumps
-from spherekit.model.geometry import COLLINEAR, link_axes
-from spherekit.model.mechanism import Mechanism, PoseGeometry
+from spherekit.model.geometry import COLLINEAR, axes_from_sizes
+from spherekit.model.mechanism import Mechanism, PoseGeometry, SizeGeometry
 from spherekit.proof.balls import Ball, decimal, exact, middle, pi, wide
 from spherekit.proof.circles import Touching, touching
 from spherekit.proof.gears import Train, mesh_of, train_of
@@ -167,7 +167,9 @@ class Written:
         return _text(item.get("from", 0)), _text(item["to"]) if "to" in item else turn
 
     def _size_frames(self) -> dict[str, tuple[Frame, Frame]]:
-        near = link_axes(self.mechanism)
+        given = self.mechanism.geometry
+        assert isinstance(given, SizeGeometry)
+        near = {link: axes_from_sizes(sizes) for link, sizes in given.links.items()}
         data = self.document.data
         axes = {link: self._axes(item) for link, item in data["links"].items()}
         made = {}
