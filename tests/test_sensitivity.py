@@ -16,6 +16,7 @@ from spherekit.files.read import read
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import Revolute
 from spherekit.model.mechanism import SizeGeometry
+from spherekit.motion.closure import Closure
 from spherekit.plugin import conformance
 
 TWO = (2.0**-27, {-1.0: -0.5, 1.0: 0.5})
@@ -205,7 +206,94 @@ def test_defaults_and_mistakes():
         Deviations(-1.0)
 
 
-def test_a_profile_that_is_no_circle_is_refused_before_the_run(capsys):
-    assert main(["run", "shaped_cam", "-a", "sensitivity"]) == 1
+HARMONIC = "pairs.contact.profiles.cam.cosines.1"
+CAM_AND_ROCKER = """
+format = 1
+name = "cam_and_rocker"
+angle_unit = "deg"
+ground = "1"
+links.1 = { axes = ["shaft", "pivot", "rocker"], arcs = [60.0, 75.0], angles = [50.0] }
+links.cam = { axes = ["shaft"] }
+links.follower = { axes = ["pivot", "knee"], arcs = [30.0] }
+links.coupler = { axes = ["knee", "toe"], arcs = [50.0] }
+links.arm = { axes = ["rocker", "toe"], arcs = [45.0] }
+pairs.shaft = { type = "R", links = ["1", "cam"] }
+pairs.pivot = { type = "R", links = ["1", "follower"] }
+pairs.knee = { type = "R", links = ["follower", "coupler"] }
+pairs.toe = { type = "R", links = ["coupler", "arm"] }
+pairs.rocker = { type = "R", links = ["1", "arm"] }
+inputs.shaft = { from = 0.0, to = 360.0 }
+outputs.arm = { link = "arm" }
+[pairs.contact]
+type = "Cs"
+links = ["cam", "follower"]
+follower = { link = "follower", roller = 12.0, centre_lonlat = [90.0, 45.0] }
+[pairs.contact.profiles.cam]
+kind = "fourier"
+centre_xyz = [0.0, 0.0, 1.0]
+cosines = [25.0, 4.0, 3.0]
+sines = [0.0, 0.0, 1.0]
+"""
+
+
+@pytest.mark.parametrize(
+    "name, keys, pair",
+    [
+        (
+            "shaped_cam",
+            (HARMONIC, "pairs.contact.profiles.cam.sines.2", "links.frame.arc"),
+            "follower_pivot",
+        ),
+        ("cam_and_rocker", (HARMONIC, "pairs.contact.profiles.follower.radius"), "rocker"),
+    ],
+)
+def test_derivatives_by_harmonics_are_those_of_differences_in_fifty_digits(
+    name, keys, pair, tmp_path
+):
+    """Every configuration is that of a mechanism with another profile, to 50 digits."""
+    path = tmp_path / "cam_and_rocker.toml"
+    path.write_text(CAM_AND_ROCKER)
+    document = document_of(sk.load(name if name == "shaped_cam" else path), "rad")
+    mechanism = read(document)
+    sensitivity = Sensitivity(mechanism, keys, [f"theta_{pair}", f"rate_{pair}"])
+    motion = sk.trace(mechanism, samples=4)
+    rows = np.flatnonzero(~motion.failed & (motion.sample == 1))
+    motion = motion.rows(rows)
+    _, gradients = sensitivity.at(samples_of(motion), motion.values)
+    column = mechanism.variable_names.index(f"theta_{pair}")
+    driven = mechanism.pair_number[mechanism.inputs[0].pair]
+    step, weights = TWO
+    for key, gradient in zip(keys, gradients, strict=True):
+        path = number_path(document, key)
+        wanted = 0.0
+        for side, weight in weights.items():
+            moved = number_at(document, path) + side * step
+            other = read(with_numbers(document, {path: moved}))
+            closure = Closure.of(other, geometry_of(other).joints)
+            held = list(mechanism.variables_of(driven))
+            solved = closure.solve(motion.values, held)
+            assert np.max(solved.residual) < 1e-12
+            near = replace(motion, mechanism=other, values=solved.values)
+            exact = exact_rows(near, near.sample >= 0, driven, sk.Digits(50), order=1)
+            both = np.stack([exact.values[:, column], exact.rates[:, column]])
+            wanted = wanted + both * weight
+        wanted = (wanted / step).astype(float)
+        assert np.max(np.abs(gradient - wanted)) < 1e-12 * np.max(np.abs(wanted))
+
+
+def test_deviating_profiles_are_drawn_and_accelerations_refused(capsys):
+    mechanism = sk.load("shaped_cam")
+    keys = [HARMONIC, "links.frame.arc"]
+    sensitivity = Sensitivity(mechanism, keys, ["theta_follower_pivot"])
+    motion = sk.trace(mechanism, samples=3)
+    _, gradients = sensitivity.at(samples_of(motion), motion.values)
+    size = 1e-4
+    drawn = sensitivity.scattered(
+        samples_of(motion), motion.values, size * np.array([[1.0, -1.0], [1.0, -1.0]])
+    )
+    slope = (drawn[:, :, 0] - drawn[:, :, 1]) / (2.0 * size)
+    assert slope == pytest.approx(gradients.sum(axis=0), abs=1e-6)
+    order = "sensitivity:of=acceleration_coefficient_follower_frame"
+    assert main(["run", "shaped_cam", "-a", order]) == 1
     told = capsys.readouterr().err
-    assert "profiles.cam" in told and "circles" in told and "simulate" not in told
+    assert "acceleration_coefficient" in told and "known are angles" in told

@@ -216,8 +216,11 @@ def test_tables_of_runs_give_figures_of_what_no_kernel_knows():
     run = run[(run["link"] == "follower") & (run["relative_to"] == "frame")]
     for mode, rows in run.groupby("assembly_mode"):
         assert own.loc[str(mode), "most"] == rows["velocity_coefficient"].abs().max()
+    row = "max(abs(velocity_coefficient_follower_frame))"
+    of_rows = sk.sweep("shaped_cam", {key: [4.0]}, f"most={row}", samples=7).frame()
+    assert of_rows["most"].to_numpy() == pytest.approx(own["most"].to_numpy(), rel=1e-12)
     with pytest.raises(DesignError, match="figures of tables"):
-        sk.sweep("shaped_cam", {key: [4.0]}, "max(theta_follower_pivot)")
+        sk.sweep("shaped_cam", {key: [4.0]}, row.replace("velocity", "acceleration"))
     vary, column = {"links.2.arc": [20.0]}, "velocity_coefficient"
     with pytest.raises(DesignError, match="two sweeps"):
         sk.sweep("four_bar", vary, [f"max(poles.poles: {column})", "max(q)"])

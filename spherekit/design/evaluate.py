@@ -13,6 +13,12 @@ from spherekit.conventions import counted, listing
 from spherekit.design.all_solutions import StartSet, start_set
 from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers, first_line
 from spherekit.design.followed_modes import followed_modes
+from spherekit.design.profile_numbers import (
+    columns_of,
+    has_other_profiles,
+    need_no_accelerations,
+    tracks_of,
+)
 from spherekit.design.samples import DesignSamples
 from spherekit.design.sensitivity import sizes_of
 from spherekit.design.variables import (
@@ -22,7 +28,6 @@ from spherekit.design.variables import (
     design_variable,
     designed,
     designed_pairs,
-    need_circles,
 )
 from spherekit.engine.design_kernel import (
     DesignKernel,
@@ -34,11 +39,12 @@ from spherekit.engine.design_kernel import (
 )
 from spherekit.engine.hinges import hinged
 from spherekit.engine.path_kernel import PathKernel, path_kernel
-from spherekit.engine.turns import TurningPairs
+from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
 from spherekit.model.expression import Expression
+from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism, SizeGeometry
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.motion import Motion, Tracer
@@ -60,6 +66,10 @@ COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
 SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
 NEVER = "does not close at any sample"
+ACCELERATIONS_OF_ROWS = (
+    'sweep figures of tables for them, which come from runs: --reduce "max(poles.poles: '
+    'acceleration_coefficient)"'
+)
 INERTIAL = ("B", "dB_dq", "torque")
 DEG = np.pi / 180.0
 
@@ -119,7 +129,6 @@ class Evaluator:
         merits: Sequence[Merit],
         samples: DesignSamples,
     ) -> None:
-        need_circles(mechanism, "quantities of a row")
         self.document = document
         self.mechanism = mechanism
         self.inputs = samples.inputs
@@ -134,6 +143,7 @@ class Evaluator:
         )
         self.sample = sample_names(self.inputs)
         self.columns = [name for name in used if name not in self.sample]
+        need_no_accelerations(mechanism, self.columns, ACCELERATIONS_OF_ROWS)
         self._paths: tuple[PathKernel, StartSet] | None = None
         self.numbers: FileNumbers | None = None
         self.kernel = self._kernel()
@@ -516,14 +526,21 @@ class Evaluator:
         rows, points = self.samples.rows, self.points()
         tracer = self._tracer(mechanism)
         motion = tracer.motion()
-        terms = DesignTerms.of(mechanism, self.inputs, closed=motion)
+        profiled = has_other_profiles(mechanism)
+        terms = DesignTerms.of(
+            mechanism,
+            self.inputs,
+            geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),
+            closed=motion,
+        )
+        tracks = tracks_of(mechanism) if profiled else ()
         kernel = design_kernel(terms, self.columns, compiled=False)
         modes = tracer.assembly_modes
         count = len(modes)
         reducing = [Reducing(merit, count) for merit in self.merits]
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, columns, closed in _at_variables(kernel, motion, rows):
+            for sample, columns, closed in _at_variables(kernel, motion, rows, tracks):
                 closes += closed
                 self._take(reducing, sample, columns, closed, ())
             if len(points):
@@ -533,7 +550,7 @@ class Evaluator:
                     if len(self.inputs) == 1
                     else tracer.samples(place[len(rows) :])
                 )
-                for sample, columns, closed in _at_variables(kernel, there, points):
+                for sample, columns, closed in _at_variables(kernel, there, points, tracks):
                     self._take(reducing, sample, columns, closed, self._point(sample))
         claim = tracer.claim.guarantee.value
         if not np.any(closes):
@@ -574,15 +591,20 @@ def in_mode(
             yield sample, shaped[kernel.reaches :, k], closed
 
 
-def _at_variables(kernel: DesignKernel, motion: Motion, samples: Floats) -> Sampled:
-    """Yield the assembly modes of one design at samples (k, w)."""
+def _at_variables(
+    kernel: DesignKernel, motion: Motion, samples: Floats, tracks: Sequence[Track]
+) -> Sampled:
+    """Yield the assembly modes of one design, with profiles, at samples (k, w)."""
     modes = len(motion.assembly_modes)
     if not modes:
         return
     shape = modes, len(samples)
     closed = ~motion.failed.reshape(shape)
     every = np.tile(samples, (modes, 1)).T
-    outputs = kernel.evaluate(np.concatenate([every, motion.values.T]))
+    given = [every, motion.values.T]
+    if tracks:
+        given.append(columns_of(tracks, motion.values))
+    outputs = kernel.evaluate(np.concatenate(given))
     shaped = np.reshape(outputs, (-1, *shape))
     for k, sample in enumerate(samples):
         yield sample, shaped[:, :, k], closed[:, k]

@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import listing, nearest
 from spherekit.design.file_numbers import FileNumbers
+from spherekit.design.profile_numbers import (
+    ProfileNumbers,
+    columns_of,
+    has_other_profiles,
+    need_no_accelerations,
+)
 from spherekit.design.variables import (
     DesignVariable,
     check_variables,
     design_variable,
     designed_pairs,
-    need_circles,
 )
 from spherekit.engine.design_kernel import (
     DesignKernel,
@@ -30,6 +35,7 @@ from spherekit.engine.hinges import Hinged, hinged
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
 from spherekit.model.geometry import COLLINEAR
+from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism, SizeGeometry
 from spherekit.sphere.rotation import Floats
 
@@ -108,15 +114,14 @@ class Sensitivity:
     Raises
     ------
     DesignError
-        If a key is no size of an R pair and no number of circles that slide, a quantity is
-        not known, or a profile is no circle.
+        If a key is no size of an R pair and no number of a profile, or a quantity is not
+        known.
     """
 
     def __init__(
         self, mechanism: Mechanism, keys: Sequence[str] = (), quantities: Sequence[str] = ()
     ) -> None:
         self.inputs = tuple(item.pair for item in mechanism.inputs)
-        need_circles(mechanism, "derivatives by sizes")
         self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
         self.keys = tuple(keys) or sizes_of(mechanism)
@@ -131,14 +136,21 @@ class Sensitivity:
                     f"{nearest(name, possible) or ';'} such are theta_PAIR, rate_PAIR and "
                     "velocity_coefficient_LINK_OTHER"
                 )
+        need_no_accelerations(mechanism, self.quantities, "ask for these")
+
+    @cached_property
+    def _profiled(self) -> bool:
+        return has_other_profiles(self.mechanism)
 
     def _variable(self, key: str) -> DesignVariable:
         variable = design_variable(self.document, key)
-        of_contact = variable.path[0] == "pairs" and self._hinged is not None
+        of_contact = variable.path[0] == "pairs" and (
+            self._hinged is not None if not self._profiled else "profiles" in variable.path
+        )
         if variable.slot is None and not of_contact:
             raise DesignError(
                 f"{self.mechanism.name}: {key} is no size: derivatives are by arcs, "
-                "angles, zeros and axes of R pairs, and by numbers of circles that slide"
+                "angles, zeros and axes of R pairs, and by numbers of profiles"
             )
         return variable
 
@@ -149,7 +161,7 @@ class Sensitivity:
     @cached_property
     def _numbers(self) -> FileNumbers | None:
         """The numbers of contacts that follow the sizes, where some are of contacts."""
-        if all(variable.slot is not None for variable in self.variables):
+        if self._profiled or all(v.slot is not None for v in self.variables):
             return None
         made = FileNumbers(
             self.document,
@@ -166,6 +178,18 @@ class Sensitivity:
                 "sizes of links"
             )
         return made
+
+    @cached_property
+    def _profiles(self) -> ProfileNumbers | None:
+        """What profiles other than circles are, None where there are none."""
+        if not self._profiled:
+            return None
+        return ProfileNumbers(self.document, self.mechanism, self.variables)
+
+    @cached_property
+    def _sized(self) -> list[int]:
+        """Which of the variables are sizes of the kernel, where profiles are handed in."""
+        return [k for k, variable in enumerate(self.variables) if variable.slot is not None]
 
     @property
     def timed(self) -> bool:
@@ -190,11 +214,14 @@ class Sensitivity:
                 lambda numbers: contacts.pairs({k: numbers[n] for k, n in names.items()}),
                 closed_form=False,
             )
+        chosen = self.variables
+        if self._profiled:
+            chosen = tuple(chosen[k] for k in self._sized)
         return DesignTerms.of(
             self.mechanism,
             self.inputs,
-            [variable.name for variable in self.variables],
-            lambda numbers: designed_pairs(self.mechanism, self.variables, numbers),
+            [variable.name for variable in chosen],
+            lambda numbers: designed_pairs(self.mechanism, chosen, numbers, self._profiled),
             closed_form=False,
         )
 
@@ -214,10 +241,20 @@ class Sensitivity:
     def _nominal(self) -> Floats:
         if self._numbers is not None:
             return np.array(self._numbers.nominal)[self._numbers.of_contacts][:, None]
-        return np.array([[variable.value] for variable in self.variables])
+        values = np.array([[variable.value] for variable in self.variables])
+        return values[self._sized] if self._profiled else values
 
-    def _by_sizes(self, gradients: Floats) -> Floats:
-        """Return derivatives (sizes, c, n) from those by what the kernel has as inputs."""
+    def _by_sizes(self, gradients: Floats, values: Floats) -> Floats:
+        """Return derivatives (sizes, c, n) from those by what the kernel has as inputs.
+
+        At the configurations `values` (n, w).
+        """
+        if self._profiles is not None:
+            count = len(self._sized)
+            slopes = self._profiles.slopes(values)
+            made = np.einsum("kpn,pcn->kcn", slopes, gradients[count:])
+            made[self._sized] += gradients[:count]
+            return np.asarray(made)
         if self._numbers is None:
             return gradients
         values = np.array([variable.value for variable in self.variables])
@@ -226,6 +263,8 @@ class Sensitivity:
 
     def _deviating(self, deviations: Floats) -> Floats:
         """Return what the kernel has as inputs (k, draws); NaN where nothing is."""
+        if self._profiled:
+            return self._nominal + deviations[self._sized]
         if self._numbers is None:
             return self._nominal + deviations
         values = np.array([[variable.value] for variable in self.variables])
@@ -255,10 +294,12 @@ class Sensitivity:
         """
         kernel = self._gradient
         prepared = kernel.prepare(np.repeat(self._nominal, len(samples), axis=1))
-        rows = np.concatenate([samples.T, self._placed(values).T, prepared])
-        columns = kernel.evaluate(np.ascontiguousarray(rows))
-        made = columns.reshape(1 + len(self._nominal), len(self.quantities), -1)
-        return made[0], self._by_sizes(made[1:])
+        rows = [samples.T, self._placed(values).T]
+        if self._profiles is not None:
+            rows.append(self._profiles.columns(values))
+        columns = kernel.evaluate(np.concatenate([*rows, prepared]))
+        made = columns.reshape(-1, len(self.quantities), len(samples))
+        return made[0], self._by_sizes(made[1:], values)
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
         """Return the quantities (c, n, draws) of deviating mechanisms.
@@ -275,28 +316,46 @@ class Sensitivity:
         By Newton's method from each configuration; NaN where that does not close.
         """
         draws = deviations.shape[1]
+        if self._profiles is not None:
+            profiles = self._profiles.drawn(deviations)
+            drawn = [
+                self._closed(samples, values, deviations[:, [k]], tracks)
+                for k, tracks in enumerate(profiles)
+            ]
+            return np.concatenate(drawn, axis=2)
         together = max(1, TOGETHER // draws)
         made = [
-            self._drawn(samples[k : k + together], values[k : k + together], deviations)
+            self._closed(samples[k : k + together], values[k : k + together], deviations)
             for k in range(0, len(samples), together)
         ]
         return np.concatenate(made, axis=1)
 
-    def _drawn(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
+    def _closed(
+        self,
+        samples: Floats,
+        values: Floats,
+        deviations: Floats,
+        tracks: Sequence[Track] | None = (),
+    ) -> Floats:
+        """Return the quantities (c, n, draws) of deviating mechanisms, with profiles."""
         newton, n, draws = self._newton, len(samples), deviations.shape[1]
+        if tracks is None:
+            return np.full((len(self.quantities), n, draws), np.nan)
         sizes = np.tile(self._deviating(deviations), n)
         prepared = newton.prepare(sizes)
         now = np.repeat(self._placed(values).T, draws, axis=1)
         closed: NDArray[np.bool_] = np.zeros(n * draws, dtype=bool)
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):
-                result = newton.step(np.concatenate([now, prepared]))
+                placed = [now, columns_of(tracks, now.T)] if tracks else [now]
+                result = newton.step(np.concatenate([*placed, prepared]))
                 closed = result[-1] < CLOSED**2
                 if np.all(closed | ~np.isfinite(result[-1])):
                     break
                 now = now + result[:-1]
             kernel = self._plain
-            rows = [np.repeat(samples.T, draws, axis=1), now, kernel.prepare(sizes)]
+            placed = [now, columns_of(tracks, now.T)] if tracks else [now]
+            rows = [np.repeat(samples.T, draws, axis=1), *placed, kernel.prepare(sizes)]
             result = kernel.evaluate(np.concatenate(rows))
         return np.where(closed, result, np.nan).reshape(-1, n, draws)
 

@@ -98,10 +98,17 @@ def design_geometry(
 
 
 def designed_pairs(
-    mechanism: Mechanism, variables: Sequence[DesignVariable], numbers: Mapping[str, Any]
+    mechanism: Mechanism,
+    variables: Sequence[DesignVariable],
+    numbers: Mapping[str, Any],
+    as_columns: bool = False,
 ) -> TurningPairs:
-    """Return the pairs of a mechanism in which variables have these numbers or terms."""
-    return turning_pairs(mechanism, design_geometry(variables, numbers))
+    """Return the pairs of a mechanism in which variables have these numbers or terms.
+
+    What profiles are is handed in `as_columns`, or follows from circles.
+    """
+    geometry = design_geometry(variables, numbers)
+    return turning_pairs(mechanism, geometry, as_columns=as_columns)
 
 
 def designed(
@@ -136,19 +143,6 @@ def with_actions(
     numbers = {variables[k].path: float(values[k]) for k in chosen}
     reader = DynamicsReader(with_numbers(document, numbers), mechanism)
     return replace(mechanism, masses=reader.masses(), loads=reader.loads())
-
-
-def need_circles(mechanism: Mechanism, what: str) -> None:
-    """Raise `DesignError` where a profile is no circle, which `what` are not known of."""
-    for pair in mechanism.pairs:
-        for link, profile in zip(pair.links, pair.profiles or (), strict=False):
-            if profile.round_axis is None:
-                raise DesignError(
-                    f"{mechanism.name}: pairs.{pair.name}.profiles.{link} is of kind "
-                    f'"{profile.kind}": {what} are known of mechanisms whose profiles are '
-                    "circles and great circles; sweep figures of tables instead, which "
-                    'come from runs: --reduce "max(poles.poles: velocity_coefficient)"'
-                )
 
 
 def check_variables(document: Document, variables: Sequence[DesignVariable]) -> None:

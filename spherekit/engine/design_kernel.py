@@ -40,6 +40,7 @@ from spherekit.engine.kinematics import RateExpressions, Structure
 from spherekit.engine.loads import LoadState, forces_of
 from spherekit.engine.misfits import answers, misfit_rates, misfits
 from spherekit.engine.pose import LinkOrientation, place_by_variables, spin_vectors
+from spherekit.engine.profile_columns import ProfileColumns
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.dynamics import need_no_rubbing
@@ -67,7 +68,8 @@ class DesignKernel:
     """A function of designs and samples.
 
     `prepare` takes the sizes (variables, n) to what is the same at all samples of a design.
-    `evaluate` takes a sample, the places of the links and what is prepared to the
+    `evaluate` takes a sample, the places of the links (then the columns of profiles that
+    are handed in) and what is prepared to the
     `columns`, then to their derivatives, size by size, where they were asked for. Places
     are the sign of each dyad in closed form; then the first outputs, one for each dyad, are
     not negative where it closes. Otherwise they are the variables of all pairs.
@@ -175,13 +177,37 @@ class DesignTerms:
         """Whether the links are placed by the signs of dyads."""
         return bool(self.dyads) or not self.places
 
+    @property
+    def profiles(self) -> tuple[ProfileColumns, ...]:
+        """The profiles whose columns are handed in after the places."""
+        return self.structure.pairs.columns
+
+    @property
+    def handed_in(self) -> list[ExpressionNode]:
+        """The columns of profiles."""
+        return [term for profile in self.profiles for term in profile.terms]
+
+    def _by_place(self, items: Sequence[Expr], v: int) -> list[Expr]:
+        """Return the derivatives by a variable, along the profiles that run with it."""
+        total = derivatives(items, self.places[v])
+        for profile in self.profiles:
+            if profile.variable == v:
+                for term, along in zip(profile.terms[:-1], profile.along, strict=True):
+                    partial = derivatives(items, term)
+                    total = [x + y * along for x, y in zip(total, partial, strict=True)]
+        return total
+
     def by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
-        """Return the derivatives of expressions by each size, the loops kept closed."""
+        """Return the derivatives of expressions by each size, the loops kept closed.
+
+        Then by the columns of profiles but for the last of each, if some are handed in.
+        """
         if self.closed_form:
             return [derivatives(items, size) for size in self.sizes]
-        by_places = [derivatives(items, place) for place in self.places]
+        by_places = [self._by_place(items, v) for v in range(len(self.places))]
+        columns = [term for profile in self.profiles for term in profile.terms[:-1]]
         made = []
-        for size in self.sizes:
+        for size in (*self.sizes, *columns):
             rates = misfit_rates(self.structure, self.links, self.variables, size)
             moved = answers(self.structure, self.links, rates)
             total = derivatives(items, size)
@@ -220,7 +246,7 @@ def design_kernel(
     if gradients:
         outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
     outputs = [dyad.square for dyad in terms.dyads] + outputs
-    moving = [*terms.sample, *terms.places]
+    moving = [*terms.sample, *terms.places, *terms.handed_in]
     row_terms, fixed = hoisted(outputs, moving, "design_")
     make = _made(compiled)
     return DesignKernel(
@@ -268,11 +294,12 @@ def newton_kernel(terms: DesignTerms, compiled: bool = True) -> NewtonKernel:
     square: Expr = 0.0
     for misfit in off.values():
         square = square + dot(misfit, misfit)
-    row_terms, fixed = hoisted([*change, square], terms.places, "design_")
+    moving = [*terms.places, *terms.handed_in]
+    row_terms, fixed = hoisted([*change, square], moving, "design_")
     make = _made(compiled)
     return NewtonKernel(
         make(list(fixed.values()), terms.sizes),
-        make(row_terms, [*terms.places, *fixed]),
+        make(row_terms, [*moving, *fixed]),
     )
 
 

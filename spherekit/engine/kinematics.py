@@ -158,6 +158,8 @@ class Structure:
         """Return |A x B|^2 of two variables' vectors where it is constant, else None."""
         owners = self.mechanism.variable_owners
         if owners[one] == owners[other]:
+            if self.pairs.columns:
+                return None
             sizes = [self.pairs.spins[v][0].size for v in (one, other)]
             cosine = self.pairs.chains[owners[one]].constants[1][2, 2]
             return (sizes[0] * sizes[1]) ** 2 * (1.0 - cosine * cosine)
@@ -195,6 +197,11 @@ class RateExpressions:
         self.placed = placed
         self.order = order
         mechanism = structure.mechanism
+        if order and structure.pairs.columns:
+            raise EngineError(
+                f"{mechanism.name}: accelerations need how the curvature of profiles "
+                "changes, which these terms lack; ask for angles and rates"
+            )
         self.tree = LoopTree.of(mechanism)
         self.vectors: list[list[Exprs]] = []
         self.tau: list[list[Expr]] = []

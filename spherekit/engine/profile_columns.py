@@ -13,6 +13,7 @@ from spherekit.sphere.profile_series import ProfileSeries
 from spherekit.sphere.rotation import Floats
 
 PARTS = ("tx", "ty", "tz", "px", "py", "pz", "k", "dk")
+"""The tangent, the point, the curvature and its derivative by the arc length."""
 
 
 @final
@@ -51,6 +52,13 @@ class ProfileColumns:
     def slope(self) -> Expr:
         """Its derivative by the arc length."""
         return self.terms[7]
+
+    @property
+    def along(self) -> list[Expr]:
+        """The derivatives of all columns but the last by the arc length."""
+        tangent, normal, point = self.frame.T
+        bent = normal * self.curvature - point
+        return [*bent, *tangent, self.slope]
 
 
 def with_columns(values: Floats, profiles: Sequence[ProfileColumns]) -> Floats:

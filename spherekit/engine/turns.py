@@ -139,11 +139,15 @@ class TurningPairs:
 
 
 def turning_pairs(
-    mechanism: Mechanism, design: DesignGeometry | None = None, any_profile: bool = False
+    mechanism: Mechanism,
+    design: DesignGeometry | None = None,
+    any_profile: bool = False,
+    as_columns: bool = False,
 ) -> TurningPairs:
     """Return the pairs of a mechanism as turns, their sizes those of a design if given.
 
-    With `any_profile`, what profiles other than circles are is handed in as columns.
+    With `any_profile`, what profiles other than circles are is handed in as columns; with
+    `as_columns` what all profiles are, and spins are where these have the contact.
 
     Raises
     ------
@@ -160,14 +164,16 @@ def turning_pairs(
     for number, at, joint in numbered(joints):
         a, b = mechanism.ends[number]
         if number in tracks:
-            if not any_profile:
+            if not (any_profile or as_columns):
                 _need_circles(mechanism, number)
             one_side, other_side = (
-                _side(mechanism, number, link, track)
+                _side(mechanism, number, link, track, as_columns)
                 for link, track in enumerate(tracks[number])
             )
             sides[number] = one_side, other_side
             chain = _along(one_side, other_side)
+            if as_columns:
+                _add_spins(spins, mechanism.ends[number], tracks[number], sides[number])
         else:
             hinge = revolute(joint)
             name = mechanism.pairs[number].name
@@ -188,9 +194,30 @@ def _along(one: ProfileSide, other: ProfileSide) -> Chain:
     return Chain(constants, (one.turn, _back(other.turn)))
 
 
-def _side(mechanism: Mechanism, number: int, link: int, track: Track) -> ProfileSide:
+def _add_spins(
+    spins: list[tuple[AxisTerm, ...]],
+    ends: tuple[int, int],
+    tracks: tuple[Track, ...],
+    sides: tuple[ProfileSide, ProfileSide],
+) -> None:
+    """Add n + k p of each side and the opposite, of curves that roll (k1 - k2) p."""
+    one, other = (track.variable for track in tracks)
+    for link, variable, sense, side in zip(
+        ends, (one, other), (1.0, -1.0), sides, strict=True
+    ):
+        assert side.columns is not None
+        (_, normal, point), k = side.columns.frame.T, side.curvature
+        if one != other:
+            spins[variable] = (AxisTerm(sense, link, normal + point * k),)
+        elif sense > 0.0:
+            spins[variable] = (AxisTerm(1.0, link, point * (k - sides[1].curvature)),)
+
+
+def _side(
+    mechanism: Mechanism, number: int, link: int, track: Track, as_column: bool
+) -> ProfileSide:
     pair = mechanism.pairs[number]
-    if _is_round(mechanism, number, link):
+    if _is_round(mechanism, number, link) and not as_column:
         before, pace = _circle(track.curve)
         turn = AxisRotation(track.variable, pace, pace * track.start)
         curvature = float(track.curve.at(np.zeros(1)).curvature[0])

@@ -3,7 +3,7 @@
 import copy
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,7 +31,7 @@ def document_of(
 ) -> Document:
     """Return the document of a file or shipped name, or of a mechanism, in a unit.
 
-    Axes of a reference pose are there by longitude and latitude.
+    Axes of a reference pose and points of profiles are there by longitude and latitude.
 
     Raises
     ------
@@ -49,13 +49,24 @@ def document_of(
 def _with_lonlat(document: Document) -> Document:
     pairs = dict(document.data["pairs"])
     unit = math.degrees if document.data["angle_unit"] == "deg" else float
+
+    def lonlat(direction: Sequence[float]) -> list[LiteralNumber]:
+        x, y, z = map(float, direction)
+        angles = math.atan2(y, x), math.atan2(z, math.hypot(x, y))
+        return [LiteralNumber(repr(unit(angle))) for angle in angles]
+
     for name, pair in pairs.items():
-        if "xyz" in pair:
-            x, y, z = map(float, pair["xyz"])
-            angles = math.atan2(y, x), math.atan2(z, math.hypot(x, y))
-            rest = {key: value for key, value in pair.items() if key != "xyz"}
-            lonlat = [LiteralNumber(repr(unit(angle))) for angle in angles]
-            pairs[name] = {**rest, "lonlat": lonlat}
+        made = dict(pair)
+        if "xyz" in made:
+            made["lonlat"] = lonlat(made.pop("xyz"))
+        for link, profile in made.get("profiles", {}).items():
+            of_link = dict(profile)
+            for key, given in profile.items():
+                if key.endswith("_xyz") and isinstance(given[0], Sequence):
+                    del of_link[key]
+                    of_link[key.removesuffix("_xyz")] = [lonlat(point) for point in given]
+            made["profiles"] = {**made["profiles"], link: of_link}
+        pairs[name] = made
     return replace(document, data={**document.data, "pairs": pairs})
 
 
@@ -147,6 +158,8 @@ def _steps(
             return (pairs.index(part),)
     if part in _LONLAT and isinstance(place, Mapping) and "lonlat" in place:
         return "lonlat", _LONLAT[part]
+    if part in _LONLAT and last and isinstance(place, list) and len(place) == 2:
+        return (_LONLAT[part],)
     if isinstance(place, Mapping) and (part in place or (last and part in _ABSENT)):
         return (part,)
     if isinstance(place, list) and part.isdecimal() and int(part) < len(place):
