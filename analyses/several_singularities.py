@@ -78,6 +78,20 @@ NAMES = {
 }
 
 
+MOST_INPUTS = 3
+"""The freedoms that an output has at most."""
+INPUT_GRID = 11
+"""Values of each input for aspects, unless told."""
+
+
+def no_aspects(mechanism: Mechanism) -> str:
+    """Return why a mechanism of more than three inputs has none."""
+    return (
+        f"with {len(mechanism.inputs)} inputs an output can always rest: it has "
+        f"{MOST_INPUTS} freedoms at most, so no part is free of type I"
+    )
+
+
 @final
 @dataclass(frozen=True)
 class SeveralInputs:
@@ -86,15 +100,21 @@ class SeveralInputs:
     `slices` is the number of values at which each input is locked to look for singular
     curves, or surfaces where `mesh` (rad) is the length of their triangles' edges; with 0
     there is none, and by default random starts are the seeds of what no dyads cut quickly.
-    `input_grid` is the number of values of each input for aspects, and `seconds` the
-    processor time that all this may take.
+    `input_grid` is the number of values of each input for aspects, by default 11 where an
+    output may be free of type I, and `seconds` the processor time that all this may take.
     """
 
     slices: int | None
     mesh: float | None
-    input_grid: int
+    input_grid: int | None
     near: float
     seconds: float
+
+    def input_grid_of(self, mechanism: Mechanism) -> int:
+        """Return the number of values of each input for aspects, 0 for none."""
+        if self.input_grid is not None:
+            return self.input_grid
+        return INPUT_GRID if len(mechanism.inputs) <= MOST_INPUTS else 0
 
     def slices_of(self, batch: Batch) -> int:
         """Return the number of slices, by default what dyads of two inputs allow."""
@@ -250,6 +270,8 @@ class SeveralInputs:
                         f"{batch.assembly_mode[row]} at inputs {place} deg"
                     )
         parts = self._aspects(batch)
+        if self.input_grid is None and len(batch.mechanism.inputs) > MOST_INPUTS:
+            remarks.append(f"no aspects: {no_aspects(batch.mechanism)}")
         if parts is not None:
             figures["aspects"] = [int(size) for size in parts.sizes]
             figures["aspects_guarantee"] = parts.guarantee
@@ -384,7 +406,8 @@ class SeveralInputs:
         The sets are found in the order of outputs and types, the aspects last.
         """
         names = [other.name for other in self.outputs(batch.mechanism)]
-        sets = len(KINDS) * len(names) + (self.input_grid > 0)
+        grid = self.input_grid_of(batch.mechanism)
+        sets = len(KINDS) * len(names) + (grid > 0)
         done = len(KINDS) * names.index(output) + KINDS.index(kind)
         return self._budget(batch).part(1.0 / (sets - done), f"{what} of type {kind}")
 
@@ -433,14 +456,15 @@ class SeveralInputs:
         )
 
     def _aspects(self, batch: Batch) -> Aspects | None:
-        if not self.input_grid:
+        input_grid = self.input_grid_of(batch.mechanism)
+        if not input_grid:
             return None
         name = self.outputs(batch.mechanism)[0].name
         return batch.once(
             "aspects",
             lambda: aspects(
                 batch.mechanism,
-                self.input_grid,
+                input_grid,
                 ("I", "II"),
                 name,
                 budget=self._budget(batch).part(1.0, "aspects"),

@@ -49,15 +49,13 @@ from spherekit.plugin.singularities import (
     ordered_pole,
 )
 
-from .several_singularities import SeveralInputs
+from .several_singularities import MOST_INPUTS, SeveralInputs, no_aspects
 from .singular_words import least_transmission, places, swings
 
 Floats = NDArray[np.float64]
 
 Row = dict[str, Any]
 
-MOST_INPUTS = 3
-"""The freedoms that an output has at most."""
 LINE_TONE = 4
 TONES = {"I": 1, "II": 2, "III": 3, "apparent": 0}
 NUMBERED = ("I", "II", "III")
@@ -81,7 +79,8 @@ class SingularityAnalysis(AbstractAnalysis):
     if there are two inputs and all groups are dyads, else from random starts, since each
     slice then costs seconds to minutes. `mesh` is the length of the edges of surfaces
     (degrees), 0 for none, by default a sixteenth of the narrowest range. Aspects are found
-    over `input_grid` values of each input, 0 for none. All that ends after `seconds` of
+    over `input_grid` values of each input, 0 for none, by default 11 of at most three
+    inputs, as an output of more can always rest. All that ends after `seconds` of
     processor time with what it has.
     """
 
@@ -163,7 +162,7 @@ class SingularityAnalysis(AbstractAnalysis):
     near: float = 5.0
     slices: int | None = None
     mesh: float | None = None
-    input_grid: int = 11
+    input_grid: int | None = None
     seconds: float = 50.0
 
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
@@ -223,9 +222,8 @@ class SingularityAnalysis(AbstractAnalysis):
             self._several.outputs(mechanism)
             if self.input_grid and len(mechanism.inputs) > MOST_INPUTS:
                 raise AnalysisError(
-                    f"singularities: input grid: with {len(mechanism.inputs)} inputs an "
-                    f"output can always rest: it has {MOST_INPUTS} freedoms at most, so "
-                    "no part is free of type I; input_grid=0 leaves the parts out"
+                    f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "
+                    "give 0"
                 )
         else:
             self.outputs(mechanism)

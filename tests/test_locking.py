@@ -203,3 +203,17 @@ def test_commands_lock(tmp_path, capsys):
         "[lock]\n51 = 80.0\n[analyses.poles]\n"
     )
     assert [item.pair for item in sk.load_study(study).mechanism.inputs] == ["21"]
+
+
+def test_locked_mechanisms_are_verified(tmp_path, capsys):
+    locked = ["--lock", "51=80", "--samples", "3", "--verify", "2"]
+    assert main(["run", "five_bar", *locked]) == 0
+    assert "rates lie within their error bound" in capsys.readouterr().out
+
+
+def test_all_inputs_cannot_be_locked():
+    with pytest.raises(ModelError, match="21, 51 are all inputs there are"):
+        sk.lock(sk.load("five_bar"), {"21": 50.0, "51": 80.0}, angle_unit="deg")
+    with pytest.raises(ModelError, match="21 is the only input"):
+        made = sk.load("four_bar").with_inputs("21")
+        sk.lock(made, {"21": 50.0}, angle_unit="deg")

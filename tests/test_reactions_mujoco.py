@@ -1,11 +1,19 @@
-"""Accelerations and reactions against MuJoCo's, to its constraint impedance of 1e-4."""
+"""Accelerations and reactions against MuJoCo's: of loops to its impedance of 1e-4."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from chains import mechanism
+from newton_euler import body
 from test_dynamics_several_inputs import STARTS, heavy
 
 import spherekit as sk
+from spherekit.dynamics.reactions import reactions
 from spherekit.exchange.mjcf import mjcf
+from spherekit.model.laws import Polynomial
+from spherekit.motion.motion import Tracer
+from spherekit.motion.timing import by_laws
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -46,3 +54,36 @@ def test_what_holds_loops_together_is_what_mujoco_says(name):
         wanted.append(data.xaxis[joint] @ np.sum(on_links[carried], axis=0))
     held = data.qfrc_constraint[dofs]
     assert held == pytest.approx(np.array(wanted), abs=3e-4 * np.max(np.abs(wanted)))
+
+
+def test_forces_of_an_open_chain_are_what_mujoco_says():
+    """A wrist of three R pairs: the wrench of each hinge, without any constraint."""
+    axes = np.array([[0.1, 0.2, 1.0], [1.0, 0.3, 0.2], [0.2, -1.0, 0.4]])
+    made = mechanism("1-2 2-3 3-4", axes / np.linalg.norm(axes, axis=1)[:, None])
+    random = np.random.default_rng(8)
+    made = made.with_inputs(*[pair.name for pair in made.pairs])
+    made = replace(made, masses=tuple(body(random, link) for link in made.links[1:]))
+    made = made.with_loads(sk.Gravity("weight", (1.0, -2.0, -9.0)))
+    q, dq, ddq = (0.3, -0.5, 0.8), (1.0, -2.0, 1.5), (4.0, 3.0, -6.0)
+    laws = {
+        item.pair: Polynomial((a, b, c / 2))
+        for item, a, b, c in zip(made.inputs, q, dq, ddq, strict=True)
+    }
+    path, timing = by_laws(list(laws), laws, np.zeros(1))
+    motion = replace(Tracer(made, None, 0, path=path).motion(), timing=timing)
+    found = reactions(motion)
+    model = mujoco.MjModel.from_xml_string(mjcf(made, found.torques.values[0]).text)
+    data = mujoco.MjData(model)
+    data.qvel, data.qacc = dq, ddq
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
+    mujoco.mj_rnePostConstraint(model, data)
+    for k, (_, second) in enumerate(made.ends):
+        number = model.body(made.links[second]).id
+        moment, force = data.cfrc_int[number].reshape(2, 3)
+        moment = moment + np.cross(data.subtree_com[model.body_rootid[number]], force)
+        frame = found.frames[0, k]
+        scale = np.max(np.abs(found.forces))
+        assert frame @ found.forces[0, k] == pytest.approx(force, abs=1e-11 * scale)
+        assert frame @ found.moments[0, k] == pytest.approx(moment, abs=1e-11 * scale)

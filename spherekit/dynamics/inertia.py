@@ -5,11 +5,16 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import listing
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross
 
+ROUNDED = 1e-14
+"""Moments of inertia that are a smaller part of the largest are rounding."""
+ROUGHLY = 1e-6
+"""Rates of pairs below this are left out where those that move are named."""
 STILL = 1e-9
 """Links that turn slower than this part of the fastest stand still but for rounding."""
 
@@ -124,7 +129,16 @@ def need_inertia(mechanism: Mechanism) -> None:
 
 def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     """Raise `SolveError` where links with mass stand still while others move."""
-    least = float(np.linalg.eigvalsh(inertia_matrix(mechanism, motion)[0])[0])
+    inertias, ways = np.linalg.eigh(inertia_matrix(mechanism, motion)[0])
+    least = float(inertias[0])
+    if len(inertias) > 1 and least < ROUNDED * inertias[-1]:
+        rates = np.abs(ways[:, 0] @ motion.rates[0])
+        pairs = [name for name, v in mechanism.angles.items() if rates[v] > ROUGHLY]
+        raise SolveError(
+            f"{mechanism.name}: at the start pairs {listing(pairs)} can turn together so "
+            "that no link with mass moves, so loads would accelerate them endlessly; give "
+            "mass to links that move then, or lock a pair"
+        )
     moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
     sizes = [np.linalg.norm(mass.tensor, 2) for mass in moving]
     fastest = np.max(np.sum(motion.w[0] ** 2, axis=-1))

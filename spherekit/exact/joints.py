@@ -15,7 +15,7 @@ from spherekit.exact.series import (
     skew_part,
     transpose,
 )
-from spherekit.model.geometry import COLLINEAR, geometry_of, link_axes
+from spherekit.model.geometry import COLLINEAR, axes_from_sizes, geometry_of
 from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
 from spherekit.sphere.rotation import Floats
 
@@ -174,11 +174,9 @@ def _pose_frames(arithmetic: Arithmetic, geometry: PoseGeometry) -> Frames:
 def _size_frames(
     arithmetic: Arithmetic, mechanism: Mechanism, geometry: SizeGeometry
 ) -> Frames:
-    near = link_axes(mechanism)
-    axes = {
-        link: _axes_of_link(arithmetic, geometry.links.get(link, LinkSizes(())))
-        for link in mechanism.links
-    }
+    sizes = {link: geometry.links.get(link, LinkSizes(())) for link in mechanism.links}
+    near = {link: axes_from_sizes(given) for link, given in sizes.items()}
+    axes = {link: _axes_of_link(arithmetic, given) for link, given in sizes.items()}
     made = {}
     for pair in mechanism.pairs:
         if not pair.kind.has_axis:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.checked import checked
+from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.changes import AngleUnit, in_radians
 from spherekit.model.dynamics import Load, Mass
@@ -51,7 +52,8 @@ def lock(
     Raises
     ------
     ModelError
-        If there is no such R pair, its stops exclude the value, or a contact would lose
+        If there is no such R pair, its stops exclude the value, they are all inputs that
+        the mechanism states, or a contact would lose
         the place from which lengths along its profiles are measured.
 
     Examples
@@ -61,6 +63,15 @@ def lock(
     >>> len(four_bar.links), [item.pair for item in four_bar.inputs]
     (4, ['21'])
     """
+    driven = [item.pair for item in mechanism.inputs]
+    if driven and set(driven) <= set(pairs):
+        raise ModelError(
+            f"{mechanism.name}: lock: {listing(driven)} are all inputs there are, so that "
+            "nothing would move; leave one of them free"
+            if len(driven) > 1
+            else f"{mechanism.name}: lock: {driven[0]} is the only input, so that nothing "
+            "would move; leave it free"
+        )
     for name, value in pairs.items():
         mechanism = _locked(mechanism, mechanism.pair(name), in_radians(value, angle_unit))
     return mechanism

@@ -1,4 +1,4 @@
-"""Statics worked by hand from the formulas of textbooks, each with its source."""
+"""Statics of gears and of Hooke's joint, derived by hand."""
 
 from dataclasses import replace
 
@@ -51,18 +51,21 @@ torque = "178.01"
 
 
 def test_the_transmitted_load_of_bevel_gears(tmp_path):
-    """5 hp at 600 rev/min, 15 to 45 teeth, average pitch radii 1.293 in and 3.88 in.
+    """The tooth force along the pitch circles is the power over the speed of these.
 
-    V = 2 pi 1.293 600 / 12 = 406.2 ft/min and W_t = 33 000 5 / 406.2 = 406 lbf, so the
-    gearshaft carries 406 3.88 = 1575 lbf in = 178.0 N m; 406 lbf are 1807 N (Budynas and
-    Nisbett, Shigley's Mechanical Engineering Design, 8th ed. 2008, section 13-15, the
-    example on bevel gears). The parts of the tooth force by its pressure angle, which pitch
-    cones do not have, are left open.
+    Both cones roll without sliding at the pitch point, so there it moves with V = r w
+    of either gear, r its pitch radius there, and the force W along the motion does P =
+    W V: with 5 hp (745.7 W each), r = 32.84 mm and w = 62.83 rad/s of the pinion V =
+    2.063 m/s and W = 1807 N. The gear turns at w 15/45 and has the radius 3 r, so W
+    turns it by 3 r W = 178.0 N m, what the brake takes, and the pinion by P/w = 59.34 N
+    m. The point is at r / sin g from the centre with tan g = 15/45, the pinion's half
+    angle between shafts at 90 degrees. What presses the cones together does no work and
+    is left open: pitch cones have no pressure angle.
     """
     (tmp_path / "gears.toml").write_text(BEVEL_GEARS)
     made = sk.load(tmp_path / "gears.toml")
     found = at_rest(made, "pinion_shaft", [0.3, 1.0])
-    pitch_radius, angle = 1.293 * 0.0254, np.arctan(15 / 45)
+    pitch_radius, angle = 0.03284, np.arctan(15 / 45)
     cone_distance = pitch_radius / np.sin(angle)
     mesh = made.pair_number["mesh"]
     assert np.abs(found.traction[:, mesh]) / cone_distance == pytest.approx(1807, rel=1e-3)
@@ -72,15 +75,18 @@ def test_the_transmitted_load_of_bevel_gears(tmp_path):
 
 
 def test_the_bearings_of_hookes_joint():
-    """100 N m into a joint bent by 35 degrees, bearings of each shaft 0.2 m apart.
+    """A cross without mass transmits a moment that has no part along either of its arms.
 
-    The cross transmits a moment normal to its arms. With the driving yoke normal to the
-    plane of the shafts, it bends the driving shaft by M tan b = 70.02 N m, 350.1 N on each
-    bearing, and the driven one, with M / cos b = 122.1 N m, not at all. With the yoke in
-    that plane it bends the driven one, with M cos b = 81.92 N m, by M sin b = 57.36 N m,
-    286.8 N on each bearing, and the driving one not at all (Seherr-Thoss, Schmelz and
-    Aucktor, Universal Joints and Driveshafts, 2nd ed. 2006, chapter 4, on the forces on the
-    support bearings of Hooke's jointed driveshafts).
+    An arm turns freely in its bearings, so the moment T of the driving yoke on the
+    cross has no part along the yoke's arm a, and passed on to the driven yoke none
+    along its arm b: T is along a x b, of the size that has the part M = 100 N m along
+    the driving shaft s. With a normal to the plane of the shafts, b lies in that plane
+    across the driven shaft, and so a x b is along the driven shaft: T = M / cos 35 =
+    122.1 N m, all of it torque there, and M tan 35 = 70.02 N m bends the driving shaft.
+    With a in the plane, across s, b is normal to the plane and a x b along s: T = M, of
+    which M cos 35 = 81.92 N m turns the driven shaft and M sin 35 = 57.36 N m bends it.
+    Bearings 0.2 m apart carry the bending moment as a couple: 350.1 N on the driving
+    shaft and none on the driven one, then none and 286.8 N.
     """
     made = sk.load("universal_joint")
     for yoke, torque, driving, driven in (
