@@ -191,7 +191,7 @@ sys.exit(main(sys.argv[2:]))
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_says_how_to_go_on(number, tmp_path, capsys):
     folder = tmp_path / "with space"
-    words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "40000", "-o"]
+    words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "80000", "-o"]
     done = subprocess.run(
         [sys.executable, "-c", STOPPED, str(int(number)), *words, str(folder)],
         capture_output=True,
@@ -204,8 +204,8 @@ def test_a_signal_says_how_to_go_on(number, tmp_path, capsys):
     assert done.stdout == ""
     assert "Traceback" not in done.stderr
     (line,) = done.stderr.splitlines()
-    done = re.match(r"spherekit: stopped; (\d+) of 40000 samples are done and kept", line)
-    assert done and 0 < int(done[1]) < 40000
+    done = re.match(r"spherekit: stopped; (\d+) of 80000 samples are done and kept", line)
+    assert done and 0 < int(done[1]) < 80000
     command = shlex.split(line.partition("go on with: ")[2])
     assert command == ["spherekit", *words, str(folder), "--resume"]
     assert main([*words, str(folder)]) == 1

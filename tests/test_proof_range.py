@@ -261,3 +261,11 @@ def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
         alone = certified_modes(Written.of(locked), (q,), construct(structure_of(locked)))
         assert held.complete and alone.complete
         assert len(held.real) == len(alone.real)
+
+
+@pytest.mark.long
+def test_a_wrist_with_two_inputs_locked_is_checked(tmp_path):
+    path = tmp_path / "certificate.json"
+    locks = ["--lock", "a2=60", "--lock", "a3=70"]
+    assert main(["certify", "three_rrr", *locks, "-o", str(path)]) == 0
+    check(json.loads(path.read_text()))

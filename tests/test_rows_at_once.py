@@ -1,5 +1,7 @@
 """Rows that a kernel gives all at once are those that are found one by one with care."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -13,9 +15,12 @@ from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
+from spherekit.numeric.lent_memory import SetAside
 from spherekit.planning.poles import all_poles
+from spherekit.rates import columns
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
+from spherekit.rates.signs import _flips
 
 LONG_SEARCHES = {7, 15}
 """Seeds of chains that cannot move, which takes seconds to find out."""
@@ -112,6 +117,48 @@ def test_close_samples_are_predicted(name):
     good = float(np.mean(motion.status == Status.OK))
     assert share > 0.95 * good
     assert np.nanmax(motion.residual) < 6e-15
+
+
+@pytest.mark.parametrize(
+    ("name", "samples"),
+    [("four_bar", 900), ("double_butterfly", 500), ("five_bar", 700), ("shaped_cam", 600)],
+)
+def test_tables_are_made_when_they_are_read(name, samples, monkeypatch):
+    """Columns that were not kept come back to the last bit, gaps and late rows too."""
+    options = {"samples": samples, "block": 130}
+    left = sk.run(name, **options)
+    blocks = [b for joined in _joined_of(left) for b in joined._blocks]
+    parts = [part for b in blocks for c in b.values() for part in getattr(c, "parts", [c])]
+    assert sum(isinstance(part, SetAside) for part in parts) > 100
+    monkeypatch.setattr(SetAside, "__init__", None)
+    for module in (rows_at_once, columns):
+        monkeypatch.setattr(module, "Refilled", lambda lent, fill: None)
+    kept = sk.run(name, **options)
+    for one, other in zip(_joined_of(left), _joined_of(kept), strict=True):
+        assert list(one) == list(other)
+        for column in one:
+            equal_nan = one[column].dtype.kind == "f"
+            assert np.array_equal(one[column], other[column], equal_nan=equal_nan), column
+
+
+def _joined_of(result):
+    return [table for item in result.results.values() for table in item.data.values()]
+
+
+@pytest.mark.parametrize("least", [7e-33, -7e-33, 8e-17, -8e-17])
+def test_rates_that_are_nearly_zero_at_a_sample_reverse_once(least):
+    """Which way rounding points there does not matter."""
+    q, along = np.array([-1.0, 0.0, 1.0]), np.array([[0.0], [0.6], [0.8]])
+    w = along * [7e-4, least, -7e-4]
+    assert np.prod(_flips(q, np.ones(3), w, along * np.full(3, -7e-4))) == -1.0
+
+
+def test_results_are_copied_as_arrays():
+    """A table that was not read can be copied and pickled."""
+    left = sk.run("four_bar", samples=400, block=130)
+    again = pickle.loads(pickle.dumps(_joined_of(left)[-1]))
+    for column, values in again.items():
+        assert np.array_equal(values, _joined_of(left)[-1][column]), column
 
 
 def test_blocks_go_on(monkeypatch):

@@ -1,9 +1,12 @@
 """Finding analyses: entry points are listed without importing, loaded on request."""
 
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any, final
 
 from spherekit.analysis.arguments import given_in
@@ -43,6 +46,20 @@ def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
 
 
 def _entries() -> Mapping[str, list[EntryPoint]]:
+    return _entries_of(*_places())
+
+
+def _places() -> tuple[tuple[str, int], ...]:
+    """Return the folders that packages are looked for in, and when each last changed."""
+    there = ((place, Path(place)) for place in sys.path)
+    return tuple(
+        (place, path.stat().st_mtime_ns if path.exists() else 0) for place, path in there
+    )
+
+
+@lru_cache(maxsize=1)
+def _entries_of(*_: tuple[str, int]) -> Mapping[str, list[EntryPoint]]:
+    """Return the entry points, which take long to list, of folders as they are now."""
     entries: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=GROUP):
         same = entries.setdefault(entry.name, [])

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Literal, final
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from spherekit.model.mechanism import Mechanism
+from spherekit.numeric.lent_memory import SetAside, set_aside
 
 Kind = Literal["number", "integer", "text", "status"]
 Scale = Literal["unit", "absolute", "largest", "none"]
@@ -150,6 +152,7 @@ class Interleaved:
     """
 
     def __init__(self, parts: Sequence[NDArray[Any]]) -> None:
+        self.parts: tuple[NDArray[Any] | SetAside, ...]
         self.parts = tuple(np.asarray(part) for part in parts)
         self.dtype = np.result_type(*self.parts)
         self.ndim = self.parts[0].ndim
@@ -166,6 +169,13 @@ class Interleaved:
         made = np.empty((len(self.parts[0]), len(self.parts)), dtype or self.dtype)
         self.put(made.reshape(-1), slice(None))
         return made.reshape(-1)
+
+    def set_aside(self) -> "Interleaved":
+        """Return the column with what can be made again left to be made when it is read."""
+        made = copy(self)
+        once = {id(part): set_aside(np.asarray(part)) for part in self.parts}
+        made.parts = tuple(once[id(part)] for part in self.parts)
+        return made
 
     def put(self, out: NDArray[Any], rows: slice) -> None:
         """Write the subjects' rows (n,) at `rows` of the batch into an array."""

@@ -199,6 +199,8 @@ def _read(places: _RatePlaces, rows: Floats) -> RateColumns:
         poles,
         {link: place.of(rows) for link, place in places.w.items()},
         {link: place.of(rows) for link, place in places.dw.items()},
+        places.signed,
+        signed,
     )
 
 

@@ -79,6 +79,11 @@ class ModeCurve:
         inside = (q >= self.inputs[0] - slack) & (q <= self.inputs[-1] + slack)
         return np.asarray(inside)
 
+    def ends_before(self, q: Floats) -> NDArray[np.bool_]:
+        """Return (n,) which inputs are beyond an end that the mode does not reach past."""
+        out = np.array([end == Status.OUT_OF_REACH for end in self.ends])
+        return np.asarray(~self.covers(q) & np.where(q < self.inputs[0], *out))
+
 
 def follow(
     closure: Closure, driven: int, values: Floats, low: float, high: float

@@ -59,14 +59,12 @@ class Predictor:
             every = min(every, int(APART / step))
         return cls(tracer, every) if every >= FEWEST else None
 
-    def at(self, start: int, stop: int) -> Floats:
-        """Return variables (variables, modes, samples) of samples from `start` to `stop`.
+    def read(self, start: int, stop: int, out: Floats) -> None:
+        """Write variables (variables, modes, samples) of samples from `start` to `stop`.
 
         NaN where nothing is predicted.
         """
         every, last = self._every, self._last
-        modes = len(self._tracer.assembly_modes)
-        out = np.empty((len(self._angles), modes, stop - start))
         begin, end = start // every, min((stop - 1) // every, last - 1)
         given = self._tracer.input_grid.q[start:stop].T
         for number, inputs in zip(self._driven, given, strict=True):
@@ -86,7 +84,6 @@ class Predictor:
             if stop == count:
                 values, good = nodes
                 out[:, :, -1] = np.where(good[:, -1], values[:, :, -1], np.nan)
-        return out
 
     def _fill(
         self, out: Floats, nodes: "Nodes", windows: tuple[int, int], place: int

@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.numeric.lent_memory import LentMemory, Refilled
 from spherekit.planning.poles import Pole
 from spherekit.sphere.rotation import Floats
 
@@ -78,28 +79,35 @@ class RateColumns:
     """Poles and rates of n rows in which one input moves.
 
     `poles` are those of which there is something. `w[link]`, `dw[link]` (3, n) are as in
-    `PoleField`.
+    `PoleField`. Of the poles `signed`, `with_sign` (8, poles, n) has direction, turn, rate
+    and change together.
     """
 
     poles: Mapping[Pole, PoleColumns]
     w: Mapping[int, Floats]
     dw: Mapping[int, Floats]
+    signed: tuple[Pole, ...]
+    with_sign: Floats
 
-    def without(self, rows: NDArray[np.intp]) -> "RateColumns":
+    def without(self, rows: NDArray[np.intp], memory: LentMemory) -> "RateColumns":
         """Return columns where those that are numbers throughout are NaN at some rows."""
-        gaps = _Gaps(rows)
+        gaps = _Gaps(rows, memory)
         return RateColumns(
             {pole: columns.without(gaps) for pole, columns in self.poles.items()},
             {link: gaps.of(vectors) for link, vectors in self.w.items()},
             {link: gaps.of(vectors) for link, vectors in self.dw.items()},
+            self.signed,
+            self.with_sign,
         )
 
     def parted(self) -> "RateColumns":
-        """Return a copy all of whose rows can be written to."""
+        """Return a copy all of whose rows can be written to, one pole at a time."""
         return RateColumns(
             {pole: columns.parted() for pole, columns in self.poles.items()},
             {link: np.array(vectors) for link, vectors in self.w.items()},
             {link: np.array(vectors) for link, vectors in self.dw.items()},
+            self.signed,
+            self.with_sign,
         )
 
 
@@ -107,8 +115,8 @@ class RateColumns:
 class _Gaps:
     """Columns that are numbers throughout, NaN at some rows; the same ones made once."""
 
-    def __init__(self, rows: NDArray[np.intp]) -> None:
-        self._rows = rows
+    def __init__(self, rows: NDArray[np.intp], memory: LentMemory) -> None:
+        self._rows, self._memory = rows, memory
         self._made: dict[bytes, Floats] = {}
 
     def of(self, column: Floats) -> Floats:
@@ -117,6 +125,14 @@ class _Gaps:
             return column
         key = column[..., 0].tobytes()
         if key not in self._made:
-            self._made[key] = np.array(column)
-            self._made[key][..., self._rows] = np.nan
+            numbers, rows = np.atleast_1d(column[..., 0])[:, None], self._rows
+
+            def write(out: Floats) -> None:
+                out[:] = numbers
+                out[:, rows] = np.nan
+
+            made = self._memory.array(len(numbers), column.shape[-1])
+            write(made)
+            Refilled(made, write)
+            self._made[key] = made.reshape(column.shape)
         return self._made[key]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.motion.motion import Motion
+from spherekit.numeric.lent_memory import LentMemory
 from spherekit.planning.poles import Pole
 from spherekit.rates.columns import PoleColumns, RateColumns
 from spherekit.rates.field import add_locked, by_lines
@@ -32,6 +33,7 @@ def field_of_columns(
     memory: SignMemory,
     with_planes: bool,
     steady: bool,
+    memory_of_gaps: LentMemory,
 ) -> PoleField:
     """Return the requested poles of a motion from what a kernel found of its rows.
 
@@ -44,18 +46,18 @@ def field_of_columns(
         nothing = np.flatnonzero(motion.failed)
         rest = np.flatnonzero(~vouched & ~motion.failed)
         if len(nothing):
-            columns = columns.without(nothing)
+            columns = columns.without(nothing, memory_of_gaps)
         if len(rest):
             columns = columns.parted()
         field = _field(motion, wanted, columns, vouched, nothing)
         careful = _with_care(field, motion, wanted, rest) if len(rest) else None
+        if steady and motion.is_path:
+            turn_round(columns, steady_signs(motion, columns, memory))
         for pole, pole_columns in columns.poles.items():
-            if not pole_columns.is_signed:
+            if not pole_columns.is_signed or (steady and motion.is_path):
                 continue
             if not motion.is_path:
                 turn_each(pole_columns, sided_signs(motion, pole_columns.direction, memory))
-            elif steady:
-                turn_round(pole_columns, steady_signs(motion, pole, pole_columns, memory))
             else:
                 _go_on(motion, pole, pole_columns, careful, memory)
     for pole in wanted.planes if with_planes else ():

@@ -9,7 +9,7 @@ import numpy as np
 from spherekit.motion.motion import Motion
 from spherekit.numeric.hermite import cubic
 from spherekit.planning.poles import Pole
-from spherekit.rates.columns import PoleColumns
+from spherekit.rates.columns import PoleColumns, RateColumns
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
 from spherekit.rates.turning import axis_pairs
@@ -90,40 +90,44 @@ def signed(
     return field
 
 
-def steady_signs(
-    motion: Motion, pole: Pole, columns: PoleColumns, memory: SignMemory
-) -> list[float]:
-    """Return one sign for each assembly mode in which a direction does not reverse.
+def steady_signs(motion: Motion, columns: RateColumns, memory: SignMemory) -> Floats:
+    """Return (modes, poles) one sign for each mode in which directions do not reverse.
 
-    It is turned by that to go on from the block before. Rows that hold nothing do not
-    count.
+    Of those that are `signed`: each is turned by it to go on from the block before. Rows
+    that hold nothing do not count.
     """
-    signs = []
-    samples, good = motion.samples, ~motion.failed
+    signs = np.ones((len(motion.assembly_modes), len(columns.signed)))
+    samples, good, sense = motion.samples, ~motion.failed, np.ones(1)
     for number, mode in enumerate(motion.assembly_modes):
         held = np.flatnonzero(good[number * samples : (number + 1) * samples])
-        if not len(held):
-            signs.append(1.0)
+        if not len(held) or not len(columns.signed):
             continue
         first, last = (int(row) + number * samples for row in (held[0], held[-1]))
-        v, dv = _relative(motion, columns, first)
-        key = mode.number, pole
-        way, sense = _way(motion, first), np.ones(1)
-        if key in memory.last:
-            before = memory.last[key]
-            flip = _flips(
-                np.append(before.way, way),
-                np.append(before.sense, sense),
-                np.column_stack([before.w, v]),
-                np.column_stack([before.dw, dv]),
-            )
-            going = before.sign * float(flip[0])
-        else:
+        (v, v_end), (dv, dv_end) = _relative(motion, columns, [first, last])
+        rate = columns.with_sign[6, :, first]
+        before = [memory.last.get((mode.number, pole)) for pole in columns.signed]
+        new = [k for k, item in enumerate(before) if item is None]
+        going = signs[number]
+        if new:
             home = _home(motion, mode.number, first, memory)
-            going = -1.0 if v[:, 0] @ home < 0.0 else 1.0
-        signs.append(-going if columns.rate[first] < 0.0 else going)
-        v, dv = _relative(motion, columns, last)
-        memory.last[key] = _Last(_way(motion, last), sense, v, dv, going)
+            going[new] = np.where(home @ v[:, new] < 0.0, -1.0, 1.0)
+        for k, item in enumerate(before):
+            if item is None:
+                continue
+            going[k] = item.sign
+            if item.w[:, 0] @ v[:, k] < 0.0:
+                flip = _flips(
+                    np.append(item.way, _way(motion, first)),
+                    np.append(item.sense, sense),
+                    np.column_stack([item.w, v[:, k]]),
+                    np.column_stack([item.dw, dv[:, k]]),
+                )
+                going[k] *= float(flip[0])
+        way = _way(motion, last)
+        for k, pole in enumerate(columns.signed):
+            at_end = v_end[:, k : k + 1], dv_end[:, k : k + 1]
+            memory.last[mode.number, pole] = _Last(way, sense, *at_end, float(going[k]))
+        signs[number] = np.where(rate < 0.0, -going, going)
     return signs
 
 
@@ -133,20 +137,23 @@ def _way(motion: Motion, row: int) -> Floats:
     return motion.q[[row]] if single else motion.sample[[row]].astype(float)
 
 
-def _relative(motion: Motion, columns: PoleColumns, row: int) -> tuple[Floats, Floats]:
-    """Return (3, 1) the relative angular velocity, and its derivative by the way."""
-    v, dv = columns.relative(slice(row, row + 1))
-    return v, dv if motion.inputs.shape[1] == 1 else np.zeros_like(v)
+def _relative(
+    motion: Motion, columns: RateColumns, rows: Sequence[int]
+) -> tuple[Floats, Floats]:
+    """Return (rows, 3, poles) relative angular velocities, and derivatives by the way."""
+    parts = np.moveaxis(columns.with_sign[:, :, rows], 2, 0)
+    unit, turn, rate, change = parts[:, :3], parts[:, 3:6], parts[:, 6:7], parts[:, 7:8]
+    v = rate * unit
+    single = motion.inputs.shape[1] == 1
+    return v, change * unit + rate * turn if single else np.zeros_like(v)
 
 
-def turn_round(columns: PoleColumns, signs: Sequence[float]) -> None:
-    """Reverse a pole's direction in the assembly modes whose sign is -1, in place."""
-    samples = len(columns.rate) // len(signs)
-    for number, sign in enumerate(signs):
-        if sign < 0.0:
-            rows = slice(number * samples, (number + 1) * samples)
-            for values in columns.with_sign:
-                np.negative(values[..., rows], out=values[..., rows])
+def turn_round(columns: RateColumns, signs: Floats) -> None:
+    """Reverse directions in the assembly modes where their sign (modes, poles) is -1."""
+    samples = columns.with_sign.shape[2] // len(signs)
+    for number, pole in zip(*np.nonzero(signs < 0.0), strict=True):
+        turned = columns.with_sign[:, pole, number * samples : (number + 1) * samples]
+        np.negative(turned, out=turned)
 
 
 def turn_each(columns: PoleColumns, signs: Floats) -> None:
@@ -270,6 +277,8 @@ def _flips(q: Floats, sense: Floats, v: Floats, dv: Floats) -> Floats:
         (v[:, None, end], np.nan_to_num(dv[:, None, end])) for end in (gap, gap + 1)
     )
     path = cubic(start, stop, h, t)
+    # Rounding must not decide which way what is nearly zero at an end points there.
+    path[:, 0], path[:, -1] = start[0][:, 0], stop[0][:, 0]
     turns = np.sum(path[:, 1:] * path[:, :-1], axis=0)
     flips[gap] = np.where(np.sum(turns < 0.0, axis=0) % 2 == 1, -1.0, 1.0)
     return flips

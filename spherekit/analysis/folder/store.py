@@ -7,6 +7,7 @@ import shutil
 from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, final
 
@@ -26,12 +27,16 @@ from spherekit.analysis.tables import (
 )
 from spherekit.errors import OutputError
 from spherekit.files.atomic import refused
+from spherekit.numeric.lent_memory import SetAside, set_aside
 
 IN_CACHE = 2048
 """Rows that are taken apart or put together at once."""
 
 Key = tuple[str, str]
 """The names of an analysis and of its table."""
+
+_Kept = Mapping[str, NDArray[Any] | SetAside | Interleaved]
+"""The columns of a table in one block; what can be made again is, when it is read."""
 
 
 class AbstractStore(ABC):
@@ -62,14 +67,14 @@ class InMemory(AbstractStore):
     """Keeps the blocks as they come."""
 
     def __init__(self) -> None:
-        self._blocks: dict[Key, list[TableData]] = defaultdict(list)
+        self._blocks: dict[Key, list[_Kept]] = defaultdict(list)
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
         kept = {
-            column.name: values
+            column.name: values.set_aside()
             if isinstance(values := data[column.name], Interleaved)
-            else np.asarray(values, dtype=TYPES.get(column.kind))
+            else set_aside(np.asarray(values, dtype=TYPES.get(column.kind)))
             for column in table.columns
         }
         self._blocks[analysis, table.name].append(kept)
@@ -90,25 +95,33 @@ class _Joined(Mapping[str, NDArray[Any]]):
     By assembly mode, then sample, where rows belong to these.
     """
 
-    def __init__(self, blocks: Sequence[TableData], table: Table) -> None:
+    def __init__(self, blocks: Sequence[_Kept], table: Table) -> None:
         self._blocks = [dict(block) for block in blocks]
         self._names = [column.name for column in table.columns]
         self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
         self._made: dict[str, NDArray[Any]] = {}
         self._order: NDArray[np.intp] | None = None
-        lengths = [len(next(iter(block.values()))) for block in blocks]
-        in_order = None
-        if len(blocks) > 1 and table.in_assembly_modes:
-            in_order = _parts_in_order(blocks)
-            if in_order is None:
-                keys = SAMPLE.name, ASSEMBLY_MODE.name
-                self._order = _order({name: self._joined(name) for name in keys})
-        self._parts = in_order or [(k, slice(0, n)) for k, n in enumerate(lengths)]
+        self._in_modes = table.in_assembly_modes
+
+    @cached_property
+    def _parts(self) -> list[tuple[int, slice]]:
+        """The pieces of blocks in order, found when the first column is read."""
+        blocks = self._blocks
+        whole = [(k, slice(0, len(next(iter(b.values()))))) for k, b in enumerate(blocks)]
+        if len(blocks) < 2 or not self._in_modes:
+            return whole
+        in_order = _parts_in_order(blocks)
+        if in_order is None:
+            vars(self)["_parts"] = whole
+            keys = SAMPLE.name, ASSEMBLY_MODE.name
+            self._order = _order({name: self._joined(name) for name in keys})
+        return in_order or whole
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self._made:
             if name not in self._names:
                 raise KeyError(name)
+            _ = self._parts  # which says in which order, if in none of its own
             made = self._joined(name)
             self._made[name] = made if self._order is None else made[self._order]
             for block in self._blocks:
@@ -139,7 +152,7 @@ class _Joined(Mapping[str, NDArray[Any]]):
         return made
 
 
-def _parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | None:
+def _parts_in_order(blocks: Sequence[_Kept]) -> list[tuple[int, slice]] | None:
     """Return pieces of successive blocks, mode after mode; None if that is not their order.
 
     In each block modes rise, in each mode samples, and from block to block these go on.
@@ -165,13 +178,13 @@ def _parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | No
     return [(number, rows) for _, number, rows in sorted(parts, key=lambda part: part[:2])]
 
 
-def _once(column: NDArray[Any] | Interleaved) -> tuple[NDArray[Any], int]:
+def _once(column: NDArray[Any] | SetAside | Interleaved) -> tuple[NDArray[Any], int]:
     """Return a column without the rows that repeat, and how often each is there."""
     if not isinstance(column, Interleaved):
-        return column, 1
+        return np.asarray(column), 1
     first = column.parts[0]
     if all(part is first for part in column.parts):
-        return first, len(column.parts)
+        return np.asarray(first), len(column.parts)
     return np.asarray(column), 1
 
 
@@ -392,7 +405,7 @@ def _coded(
 ) -> NDArray[np.int32] | Interleaved:
     """Return texts as numbers of words; new words are added."""
     if isinstance(values, Interleaved):
-        return Interleaved([_codes(part, words) for part in values.parts])
+        return Interleaved([_codes(np.asarray(part), words) for part in values.parts])
     return _codes(np.asarray(values), words)
 
 

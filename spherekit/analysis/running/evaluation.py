@@ -69,7 +69,8 @@ class Evaluation:
         self.at_once: RowsAtOnce | None = None
         if (setting.engine, setting.route, setting.representation) == ORDINARY_WAY:
             ahead = not needs.tracer
-            self.at_once = RowsAtOnce.of(course, self.requests, all_links, ahead)
+            timed = needs.time or all_links or course.timed
+            self.at_once = RowsAtOnce.of(course, self.requests, all_links, ahead, timed)
 
     def _functions(
         self, requests: Sequence[Request], all_links: bool

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.engine.closed_positions import ClosedPositions, closed_positions
+from spherekit.motion.follow import ModeCurve
 from spherekit.motion.motion import Tracer
 from spherekit.motion.predicted import Predictor
 from spherekit.sphere.rotation import Floats
@@ -18,7 +19,8 @@ class Positions:
     """The variables of samples, nearly closed, and which modes surely do not reach them.
 
     The `closed` form where all groups are dyads; a `predictor` where samples lie close
-    together along a path and there is none, or it takes longer.
+    together along a path and there is none, or it takes longer. What lies beyond the curve
+    that a mode follows is out of reach where that curve ends for this reason.
     """
 
     tracer: Tracer
@@ -33,27 +35,32 @@ class Positions:
         is_read = closed is None or (engine == "numpy" and len(tracer.inputs) == 1)
         return cls(tracer, Predictor.of(tracer) if is_read else None, closed)
 
-    def at(self, start: int, stop: int) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return variables (variables, modes, samples) of samples from `start` to `stop`.
+    def read(self, start: int, stop: int, out: Floats) -> None:
+        """Write what is read between nodes of samples from `start` to `stop`.
 
-        NaN where nothing is known; and (modes, samples) what is out of reach.
+        As variables (variables, modes, samples), NaN where nothing is.
         """
-        tracer = self.tracer
-        modes, count = len(tracer.assembly_modes), stop - start
-        lost = np.zeros((modes, count), dtype=bool)
         if self.predictor is not None:
-            values = self.predictor.at(start, stop)
-        else:
-            wide = len(tracer.mechanism.variable_owners), modes, count
-            values = np.full(wide, np.nan)
-        if self.closed is None:
-            return values, lost
-        q = tracer.input_grid.q[start:stop].T
-        for number, mode in enumerate(tracer.assembly_modes):
-            open_ = np.flatnonzero(np.isnan(values[:, number]).any(axis=0))
-            if len(open_) == count:
-                values[:, number], lost[number] = self.closed.at(q, mode.signs)
-            elif len(open_):
-                closed_values, out = self.closed.at(q[:, open_], mode.signs)
-                values[:, number, open_], lost[number, open_] = closed_values, out
+            self.predictor.read(start, stop, out)
+        elif self.closed is None:
+            out[:] = np.nan
+
+    def complete(
+        self, number: int, q: Floats, values: Floats
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return variables (variables, n) of a mode at inputs q (inputs, n).
+
+        Those of `values`, which were read; the others in closed form, or NaN. With them
+        (n,) which samples the mode surely does not reach.
+        """
+        mode = self.tracer.assembly_modes[number]
+        if self.closed is not None and self.predictor is None:
+            return self.closed.at(q, mode.signs)
+        values = np.ascontiguousarray(values)
+        lost = np.zeros(q.shape[1], dtype=bool)
+        open_ = np.flatnonzero(np.isnan(values[0]))
+        if len(open_) and self.closed is not None:
+            values[:, open_], lost[open_] = self.closed.at(q[:, open_], mode.signs)
+        elif len(open_) and isinstance(mode.guide, ModeCurve):
+            lost[open_] = mode.guide.ends_before(q[0, open_])
         return values, lost

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.running.in_turn import in_turn
-from spherekit.analysis.running.lent_memory import LentMemory
 from spherekit.analysis.running.positions import Positions
-from spherekit.analysis.running.row_block import SLICE, Rooms, Rows
+from spherekit.analysis.running.row_block import SLICE, Part, Rooms, Rows
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.columns import RowKernel, row_kernel
 from spherekit.engine.compiler import available
 from spherekit.motion.motion import Motion
+from spherekit.numeric.lent_memory import LentMemory, Refilled
 from spherekit.rates.columns import RateColumns
 from spherekit.rates.from_columns import field_of_columns
 from spherekit.rates.pole_field import PoleField
@@ -34,12 +34,28 @@ MANY = 1 << 19
 """From so many rows on it is compiled, where heyoka is installed."""
 REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
-BYTES = 1 << 25
+BYTES = 1 << 26
 """Of columns in a block, at most."""
-MORE = 4
+MORE = 8
 """Blocks have so many times the rows of those without a kernel, at most."""
 
-_Found = tuple[Sequence[RateColumns], NDArray[np.bool_], Sequence[bool]]
+
+@final
+@dataclass(frozen=True)
+class _Block:
+    """What was found of a block: for each input its rates, and which are `steady`.
+
+    `columns` hold those of the kernel and what else rows are known by, `parts` are the
+    slices of its rows.
+    """
+
+    samples: NDArray[np.intp]
+    columns: Floats
+    rows: Rows
+    parts: Sequence[Part]
+    rates: Sequence[RateColumns]
+    vouched: NDArray[np.bool_]
+    steady: Sequence[bool]
 
 
 @final
@@ -57,13 +73,14 @@ class RowsAtOnce:
     engine: Literal["numpy", "compiled"]
     with_planes: bool
     looks_ahead: bool
+    with_times: bool
 
     def __post_init__(self) -> None:
-        self._found: dict[int, _Found] = {}
+        self._found: dict[int, _Block] = {}
         modes = len(self.course.tracer.assembly_modes)
         rates = self.kernel.rates
         self._rooms = Rooms(self.kernel.width * SLICE)
-        self._memory = LentMemory()
+        self._columns, self._values, self._gaps = (LentMemory() for _ in range(3))
         # Expected from the block before: then nothing has to be turned round later.
         self._senses = [np.ones((modes, len(places.signed))) for places in rates]
 
@@ -74,11 +91,12 @@ class RowsAtOnce:
         requests: Sequence[Request],
         with_planes: bool,
         looks_ahead: bool = False,
+        with_times: bool = True,
     ) -> "RowsAtOnce | None":
         """Return it, None where rows are few or the terms do not hold.
 
         Where it `looks_ahead`, a block is found while the one before is made use of; the
-        tracer is then for it alone.
+        tracer is then for it alone. Motions come `with_times` where they have any.
         """
         tracer = course.tracer
         rows = len(course) * len(tracer.assembly_modes)
@@ -91,7 +109,9 @@ class RowsAtOnce:
             return None
         positions = Positions.of(tracer, engine)
         wanted = tuple(requests)
-        return cls(course, wanted, made, positions, engine, with_planes, looks_ahead)
+        return cls(
+            course, wanted, made, positions, engine, with_planes, looks_ahead, with_times
+        )
 
     @property
     def block(self) -> int:
@@ -107,16 +127,13 @@ class RowsAtOnce:
         whole = len(self.course)
 
         def block(start: int) -> Motion:
-            samples = np.arange(start, min(start + size, whole))
-            return self._motion(samples, *self.positions.at(start, start + len(samples)))
+            return self._motion(np.arange(start, min(start + size, whole)))
 
         yield from in_turn(block, range(first, whole, size), self.looks_ahead)
 
     def motion_at(self, samples: NDArray[np.intp]) -> Motion:
         """Return the motion at some samples, by their numbers."""
-        positions = [self.positions.at(sample, sample + 1) for sample in samples.tolist()]
-        values, lost = zip(*positions, strict=True)
-        return self._motion(samples, np.concatenate(values, 2), np.concatenate(lost, 1))
+        return self._motion(samples)
 
     def has_found(self, motion: Motion) -> bool:
         """Return whether a motion is one that was found, whose poles were not asked."""
@@ -126,41 +143,73 @@ class RowsAtOnce:
         self, motion: Motion, memories: Sequence[SignMemory]
     ) -> tuple[PoleField, ...]:
         """Return the poles of a motion that was found, for each input that moves."""
-        rates, vouched, steady = self._found.pop(id(motion))
-        per_input = zip(self.requests, rates, memories, self._senses, strict=False)
+        block = self._found.pop(id(motion))
+        per_input = zip(self.requests, block.rates, memories, strict=False)
         fields = []
-        for (wanted, columns, memory, senses), is_steady in zip(
-            per_input, steady, strict=True
-        ):
+        for number, (wanted, columns, memory) in enumerate(per_input):
             field = field_of_columns(
-                motion, wanted, columns, vouched, memory, self.with_planes, is_steady
+                motion,
+                wanted,
+                columns,
+                block.vouched,
+                memory,
+                self.with_planes,
+                block.steady[number],
+                self._gaps,
             )
-            senses[:] = _senses_at_end(motion, columns, field)
+            self._senses[number] = _senses_at_end(motion, columns, field)
             fields.append(field)
+        if all(block.steady):
+            self._leave_to_be_read(block)
         return tuple(fields)
 
-    def _motion(
-        self, samples: NDArray[np.intp], values: Floats, lost: NDArray[np.bool_]
-    ) -> Motion:
-        """Return the motion at samples, from what is known (variables, modes, samples)."""
+    def _leave_to_be_read(self, block: _Block) -> None:
+        """Say how columns of a block can be made again, so that they need not be kept."""
+        samples, kept = block.samples, self.kernel.kept
+        again = block.rows.again(block.parts, list(self._senses))
+
+        def write(out: Floats) -> None:
+            again(out[:kept])
+            self._named(samples, out[kept + 1 :])
+
+        Refilled(block.columns, write)
+
+    def _named(self, samples: NDArray[np.intp], out: Floats) -> Floats:
+        """Write the numbers of samples and modes as bits of whole ones, and the inputs."""
+        modes = self.course.tracer.assembly_modes
+        numbers = np.array([mode.number for mode in modes])
+        whole = out.view(np.int64).reshape(len(out), len(modes), len(samples))
+        whole[0], whole[1] = samples, numbers[:, None]
+        out[2:].reshape(-1, *whole.shape[1:])[:] = self.course.inputs[samples].T[:, None]
+        return out
+
+    def _motion(self, samples: NDArray[np.intp]) -> Motion:
+        """Return the motion at samples, by their numbers."""
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
-        rows = Rows.of(
+        n, kept, inputs = modes * count, self.kernel.kept, course.inputs.shape[1]
+        values = self._values.array(len(tracer.mechanism.variable_owners), n)
+        columns = self._columns.array(kept + 3 + inputs, n)
+        rows = Rows(
             self.kernel,
-            values.reshape(len(values), modes * count),
-            lost.reshape(modes * count),
+            self.positions,
+            np.ascontiguousarray(tracer.input_grid.q[samples].T),
+            values,
+            columns[:kept],
+            columns[kept],
             self._rooms,
-            self._memory,
         )
+        self._read(samples, values.reshape(-1, modes, count))
         parts = [
             (mode, slice(start, min(start + SLICE, (mode + 1) * count)))
             for mode in range(modes)
             for start in range(mode * count, (mode + 1) * count, SLICE)
         ]
-        flags = rows.fill(parts, [senses.copy() for senses in self._senses])
+        senses = [of_input.copy() for of_input in self._senses]
+        flags = rows.fill(parts, senses)
         rest = np.flatnonzero(~rows.vouched & (rows.status == Status.OK))
         if len(rest):
-            self._with_care(rows, samples, rest)
+            self._with_care(rows, samples, rest, senses)
         failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
         rows.leave_out(failed)
         vouched = rows.vouched & (rows.status == Status.OK)
@@ -168,19 +217,19 @@ class RowsAtOnce:
         steady = [False] * len(self.requests)
         if is_steady:
             steady = rows.steady(flags, parts, ~failed)
-        timing = course.timing
+        timing = course.timing if self.with_times else None
         if timing is not None:
             timing = timing.rows(samples).repeated(modes)
-        numbers = [mode.number for mode in tracer.assembly_modes]
+        named = self._named(samples, columns[kept + 1 :])
         motion = Motion(
             mechanism=tracer.mechanism,
             joints=tracer.solver.joints,
             assembly=tracer.assembly,
             assembly_modes=tracer.assembly_modes,
             samples=count,
-            sample=np.tile(samples, modes),
-            assembly_mode=np.repeat(numbers, count),
-            inputs=np.tile(course.inputs[samples], (modes, 1)),
+            sample=named[0].view(np.int64),
+            assembly_mode=named[1].view(np.int64),
+            inputs=named[2:].T,
             values=rows.values.T,
             status=rows.status,
             residual=rows.residual,
@@ -191,11 +240,27 @@ class RowsAtOnce:
         if len(doubtful):
             rows.off[doubtful] = motion.rows(doubtful).configuration_error
         vars(motion)["configuration_error"] = rows.off
-        self._found[id(motion)] = self.kernel.read(rows.columns), vouched, steady
+        rates = self.kernel.read(rows.columns)
+        self._found[id(motion)] = _Block(
+            samples, columns, rows, parts, rates, vouched, steady
+        )
         return motion
 
+    def _read(self, samples: NDArray[np.intp], out: Floats) -> None:
+        """Write what is read of samples (variables, modes, samples) between nodes."""
+        first, count = int(samples[0]), len(samples)
+        if int(samples[-1]) - first == count - 1:
+            self.positions.read(first, first + count, out)
+            return
+        for k, sample in enumerate(samples.tolist()):
+            self.positions.read(sample, sample + 1, out[:, :, k : k + 1])
+
     def _with_care(
-        self, rows: Rows, samples: NDArray[np.intp], rest: NDArray[np.intp]
+        self,
+        rows: Rows,
+        samples: NDArray[np.intp],
+        rest: NDArray[np.intp],
+        senses: Sequence[Floats],
     ) -> None:
         """Find rows as the tracer does, and what the kernel says of them."""
         tracer, count = self.course.tracer, len(samples)
@@ -209,15 +274,16 @@ class RowsAtOnce:
             evaluated = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
             rows.values[:, at] = evaluated.values.T
             rows.status[at], residual[of_mode] = evaluated.status, evaluated.residual
-        rows.put(rest[np.isfinite(residual)])
-        rows.residual[rest] = residual
+        closed = np.isfinite(residual)
+        rows.put(rest[closed], residual[closed], senses)
+        rows.residual[rest[~closed]] = np.nan
 
 
 def _senses_at_end(motion: Motion, columns: RateColumns, field: PoleField) -> Floats:
-    """Return (modes, poles) the signs that directions without a sense have at the end."""
-    signed = [pole for pole, pole_rates in columns.poles.items() if pole_rates.is_signed]
-    made = np.ones((len(motion.assembly_modes), len(signed)))
-    for k, pole in enumerate(signed):
-        last = field.velocity_coefficient[pole][motion.samples - 1 :: motion.samples]
-        made[:, k] = np.where(last < 0.0, -1.0, 1.0)
-    return made
+    """Return (modes, poles) signs of directions without a sense, at the last rows held."""
+    modes = len(motion.assembly_modes)
+    held = ~motion.failed.reshape(modes, motion.samples)
+    last = motion.samples - 1 - np.argmax(held[:, ::-1], axis=1)
+    rows = last + motion.samples * np.arange(modes)
+    rates = [field.velocity_coefficient[pole][rows] for pole in columns.signed]
+    return np.where(np.array(rates).reshape(-1, modes).T < 0.0, -1.0, 1.0)
