@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     ASSEMBLY_MODE,
@@ -21,7 +20,6 @@ from spherekit.plugin import (
     Mechanism,
     Needs,
     Scene,
-    Series,
     Status,
     Table,
     TableData,
@@ -34,9 +32,7 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .load_motion import as_loads_see
-
-Floats = NDArray[np.float64]
+from .of_rows import as_loads_see, curve, largest_of, plotted, repeated, row_columns
 
 RATES = Column("dq", "rad/s", "rate of the variable of", per_input=True)
 ACCELERATIONS = Column("ddq", "rad/s2", "acceleration of the variable of", per_input=True)
@@ -118,19 +114,14 @@ class Dynamics(AbstractAnalysis):
         """Return the tables of torques, of the inertia matrix and of the loads."""
         solution, mechanism = self._found(batch), batch.mechanism
         inputs, loads = batch.moving_inputs, [load.name for load in mechanism.loads]
-        count, m = len(batch), len(inputs)
-        common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
-        timed = {**common, "t": batch.t}
-        q = input_columns(mechanism, batch.inputs, "q")
-        pairs = m * (m + 1) // 2
+        m, timed = len(inputs), row_columns(batch, timed=True)
         rows, columns = np.triu_indices(m)
-        names = np.array(inputs, dtype=str)
+        ones = [inputs[row] for row in rows]
         slopes = solution.dM[:, rows, columns]
         forces = np.swapaxes(solution.Q_parts, 1, 2)
         return {
             "dynamics": {
                 **timed,
-                **q,
                 **input_columns(mechanism, batch.input_rates, "dq"),
                 **input_columns(mechanism, batch.input_accelerations, "ddq"),
                 **input_columns(mechanism, solution.torques, "tau"),
@@ -141,16 +132,14 @@ class Dynamics(AbstractAnalysis):
                 "status": solution.status,
             },
             "inertia": {
-                **_repeated({**common, **q}, pairs),
-                "row": np.tile(names[rows], count),
-                "column": np.tile(names[columns], count),
+                **repeated(row_columns(batch), ones, "row"),
+                "column": np.tile(np.array(inputs, dtype=str)[columns], len(batch)),
                 "M": solution.M[:, rows, columns].ravel(),
                 **input_columns(mechanism, slopes.reshape(-1, m), "dM"),
-                "status": np.repeat(solution.status, pairs),
+                "status": np.repeat(solution.status, len(rows)),
             },
             "loads": {
-                **_repeated({**timed, **q}, len(loads)),
-                "load": np.tile(np.array(loads, dtype=str), count),
+                **repeated(timed, loads, "load"),
                 **input_columns(mechanism, forces.reshape(-1, m), "Q"),
                 "power": solution.power.ravel(),
                 "status": np.repeat(solution.status, len(loads)),
@@ -179,51 +168,27 @@ class Dynamics(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
-        figures = dict(before.figures.get("inputs", {}))
-        for name, largest in now.figures.get("inputs", {}).items():
-            old = figures.get(name)
-            if old is None or abs(largest["largest_torque_Nm"]) > abs(
-                old["largest_torque_Nm"]
-            ):
-                figures[name] = largest
-        lost = sum(item.figures.get("rows_at_singularities", 0) for item in (before, now))
+        both = before.figures["inputs"], now.figures["inputs"]
+        figures = largest_of(*both, "largest_torque_Nm")
+        lost = sum(item.figures["rows_at_singularities"] for item in (before, now))
         return _said(figures, lost)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of torques, of the entries of the inertia matrix and of power."""
         solution, inputs = self._found(batch), batch.moving_inputs
-        curves: list[tuple[str, str, str, Floats, str]] = []
-        for k, name in enumerate(inputs):
-            curves.append(
-                ("torque", f"at {name}", "driving torques", solution.torques[:, k], "N m")
-            )
+        curves = [
+            curve("torque", f"at {name}", "driving torques", solution.torques[:, k], "N m")
+            for k, name in enumerate(inputs)
+        ]
         for i, one in enumerate(inputs):
             for k, other in enumerate(inputs[i:], i):
-                label = f"M {one} {other}"
-                curves.append(
-                    ("inertia", label, "inertia matrix", solution.M[:, i, k], "kg m2")
-                )
+                label, entry = f"M {one} {other}", solution.M[:, i, k]
+                curves.append(curve("inertia", label, "inertia matrix", entry, "kg m2"))
         power = np.sum(solution.torques * batch.input_rates, axis=1)
-        curves.append(("power", "driving torques", "power", power, "W"))
+        curves.append(curve("power", "driving torques", "power", power, "W"))
         for k, load in enumerate(batch.mechanism.loads):
-            curves.append(("power", load.name, "power", solution.power[:, k], "W"))
-        return tuple(
-            Scene(
-                number,
-                tuple(
-                    Series(
-                        f"plots/{group}/{label.replace(' ', '_')}",
-                        label,
-                        title,
-                        values[rows],
-                        unit,
-                        None,
-                    )
-                    for group, label, title, values, unit in curves
-                ),
-            )
-            for number, rows in batch.assembly_mode_rows().items()
-        )
+            curves.append(curve("power", load.name, "power", solution.power[:, k], "W"))
+        return plotted(batch, curves)
 
 
 def _said(figures: Mapping[str, Any], lost: int) -> Findings:
@@ -243,7 +208,3 @@ def _said(figures: Mapping[str, Any], lost: int) -> Findings:
     return Findings(
         {"inputs": dict(figures), "rows_at_singularities": lost}, warnings, remarks
     )
-
-
-def _repeated(columns: dict[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:
-    return {name: np.repeat(values, count) for name, values in columns.items()}

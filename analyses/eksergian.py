@@ -1,9 +1,8 @@
 """Eksergian's equation: equivalent inertia, generalised forces, driving torque."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +19,11 @@ from spherekit.plugin import (
     Batch,
     Column,
     Findings,
+    Floats,
     Mechanism,
     Needs,
     Portrait,
-    Primitive,
     Scene,
-    Series,
     Status,
     Table,
     TableData,
@@ -45,9 +43,7 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .load_motion import as_loads_see
-
-Floats = NDArray[np.float64]
+from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
 
 USABLE_RATES = 1e-6
 """Inertia and torque are not given where more than this part of the rates is in doubt."""
@@ -178,12 +174,10 @@ class Eksergian(AbstractAnalysis):
         mechanism = batch.mechanism
         links = [mass.link for mass in mechanism.masses]
         loads = [load.name for load in mechanism.loads]
-        common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
+        timed = row_columns(batch, timed=True)
         return {
             "eksergian": {
-                **common,
-                "t": batch.t,
-                "q": batch.q,
+                **timed,
                 "dq": batch.dq,
                 "ddq": batch.ddq,
                 "B": total(torque.inertia.B_parts, torque.status),
@@ -194,15 +188,13 @@ class Eksergian(AbstractAnalysis):
                 "status": torque.status,
             },
             "inertia": {
-                **_repeated({**common, "q": batch.q}, len(links)),
-                "link": np.tile(np.array(links, dtype=str), len(batch)),
+                **repeated(row_columns(batch), links, "link"),
                 "B": torque.inertia.B_parts.ravel(),
                 "dB_dq": torque.inertia.dB_parts.ravel(),
                 "status": np.repeat(torque.status, len(links)),
             },
             "loads": {
-                **_repeated({**common, "t": batch.t, "q": batch.q}, len(loads)),
-                "load": np.tile(np.array(loads, dtype=str), len(batch)),
+                **repeated(timed, loads, "load"),
                 "Q": torque.forces.ravel(),
                 "power": (torque.forces * batch.dq[:, None]).ravel(),
                 "status": np.repeat(torque.status, len(loads)),
@@ -273,43 +265,38 @@ class Eksergian(AbstractAnalysis):
         loads = [load.name for load in batch.mechanism.loads]
         swing = 0.5 * masses.dB * batch.dq**2
         numbers = batch.mechanism.link_number
-        curves: list[tuple[str, str, Floats, int | None]] = [
-            ("torque", "tau", torque.tau, None)
-        ]
+        torques = {"tau": torque.tau}
         if batch.timed:
-            curves.append(("torque", "B ddq", masses.B * batch.ddq, None))
-        curves.append(("torque", "dB/dq dq²/2", swing, None))
-        for k, load in enumerate(loads):
-            curves.append(("torque", f"against {load}", -torque.forces[:, k], None))
-        for group, letter, whole, parts in (
-            ("inertia", "B", masses.B, masses.B_parts),
-            ("derivative", "dB/dq", masses.dB, masses.dB_parts),
+            torques["B ddq"] = masses.B * batch.ddq
+        torques["dB/dq dq²/2"] = swing
+        torques |= {f"against {load}": -torque.forces[:, k] for k, load in enumerate(loads)}
+        curves = [
+            curve("torque", label, "driving torque", values, "N m")
+            for label, values in torques.items()
+        ]
+        for group, letter, title, unit, whole, parts in (
+            ("inertia", "B", "equivalent inertia", "kg m2", masses.B, masses.B_parts),
+            (
+                "derivative",
+                "dB/dq",
+                "derivative of the inertia",
+                "kg m2/rad",
+                masses.dB,
+                masses.dB_parts,
+            ),
         ):
-            curves.append((group, letter, whole, 0))
+            curves.append(curve(group, letter, title, whole, unit, 0))
             for k, link in enumerate(names):
-                curves.append((group, f"link {link}", parts[:, k], numbers[link]))
-        titles = {
-            "torque": ("driving torque", "N m"),
-            "inertia": ("equivalent inertia", "kg m2"),
-            "derivative": ("derivative of the inertia", "kg m2/rad"),
-        }
-        scenes = []
-        for number, rows in batch.assembly_mode_rows().items():
-            shown: list[Primitive] = [
-                Series(
-                    f"plots/{group}/{re.sub(r'[^A-Za-z0-9]+', '_', label)}",
-                    label,
-                    titles[group][0],
-                    values[rows],
-                    titles[group][1],
-                    link,
-                )
-                for group, label, values, link in curves
-            ]
-            if batch.timed:
-                shown.append(_phase_portrait(batch, rows))
-            scenes.append(Scene(number, tuple(shown)))
-        return tuple(scenes)
+                label, part = f"link {link}", parts[:, k]
+                curves.append(curve(group, label, title, part, unit, numbers[link]))
+        scenes = plotted(batch, curves)
+        if not batch.timed:
+            return scenes
+        portraits = [_phase_portrait(batch, r) for r in batch.assembly_mode_rows().values()]
+        return tuple(
+            Scene(scene.page, (*scene.primitives, portrait))
+            for scene, portrait in zip(scenes, portraits, strict=True)
+        )
 
 
 def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
@@ -326,10 +313,6 @@ def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
         "rad",
         "rad/s",
     )
-
-
-def _repeated(columns: dict[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:
-    return {name: np.repeat(values, count) for name, values in columns.items()}
 
 
 def _motion(batch: Batch) -> CoordinateMotion:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     ASSEMBLY_MODE,
@@ -17,15 +16,14 @@ from spherekit.plugin import (
     Batch,
     Column,
     Findings,
+    Floats,
     Mechanism,
     Needs,
     Scene,
-    Series,
     Status,
     Table,
     TableData,
     counted,
-    input_columns,
     listing,
 )
 from spherekit.plugin.dynamics import (
@@ -36,9 +34,7 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .load_motion import as_loads_see
-
-Floats = NDArray[np.float64]
+from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
 
 
 @final
@@ -118,12 +114,11 @@ class ReactionAnalysis(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table of reactions."""
         result = self._found(batch)
-        names = np.array([pair.name for pair in batch.mechanism.pairs], dtype=str)
+        names = [pair.name for pair in batch.mechanism.pairs]
         moments, forces = (x.reshape(-1, 3) for x in (result.moments, result.forces))
         return {
             "reactions": {
-                **_repeated(batch, len(names)),
-                "pair": np.tile(names, len(batch)),
+                **repeated(row_columns(batch, timed=True), names, "pair"),
                 **{f"moment_{axis}": moments[:, k] for k, axis in enumerate("xyz")},
                 "across": result.across.ravel(),
                 "push": result.push.ravel(),
@@ -169,6 +164,12 @@ class ReactionAnalysis(AbstractAnalysis):
                 "distances_of_contacts": list(more.distances),
                 "floating_pairs": list(more.floating),
                 "repeated_constraints": not more.enough,
+                "wanted": more.wanted,
+                "pressure_angles": [
+                    pair.name
+                    for pair in batch.mechanism.pairs
+                    if pair.rolls and pair.pressure_angle is None
+                ],
             },
             "links_that_slide": [link for link, slides in links if slides],
             "asks_for_forces": _asks_for_forces(batch.mechanism),
@@ -183,42 +184,20 @@ class ReactionAnalysis(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of the moments across all axes, and of what contacts press with."""
         result = self._found(batch)
-        curves: list[tuple[str, str, str, Floats]] = []
+        curves = []
         for k, pair in enumerate(batch.mechanism.pairs):
-            title = "moment across the axis"
-            curves.append(("across", pair.name, title, result.across[:, k]))
+            title, across = "moment across the axis", result.across[:, k]
+            curves.append(curve("across", pair.name, title, across, "N m"))
             if not pair.kind.has_axis:
-                title = "push of contacts, times the radius"
-                curves.append(("push", pair.name, title, result.push[:, k]))
-        loads: list[tuple[str, str, str, Floats]] = []
+                title, push = "push of contacts, times the radius", result.push[:, k]
+                curves.append(curve("push", pair.name, title, push, "N m"))
         for label, couple, radial, axial in _bearing_loads(batch.mechanism, result):
             whole = np.any(np.isfinite(radial))
             title = "radial load of bearings" if whole else "load of bearings by the couple"
-            loads.append(("radial", label, title, radial if whole else couple))
+            curves.append(curve("radial", label, title, radial if whole else couple, "N"))
             if np.any(np.isfinite(axial)):
-                loads.append(("axial", label, "axial load of bearings", axial))
-        return tuple(
-            Scene(
-                number,
-                tuple(
-                    Series(f"plots/{group}/{label}", label, title, values[rows], unit)
-                    for unit, group_of in (("N m", curves), ("N", loads))
-                    for group, label, title, values in group_of
-                ),
-            )
-            for number, rows in batch.assembly_mode_rows().items()
-        )
-
-
-def _repeated(batch: Batch, count: int) -> dict[str, NDArray[Any]]:
-    """Return what stands for a row of the batch in each of so many rows of a table."""
-    common = {
-        "sample": batch.sample,
-        "assembly_mode": batch.assembly_mode,
-        "t": batch.t,
-        **input_columns(batch.mechanism, batch.inputs),
-    }
-    return {name: np.repeat(values, count) for name, values in common.items()}
+                curves.append(curve("axial", label, "axial load of bearings", axial, "N"))
+        return plotted(batch, curves)
 
 
 def _placed(mechanism: Mechanism) -> list[Bearings]:
@@ -252,8 +231,9 @@ def _bearing_rows(batch: Batch, result: Reactions) -> TableData:
     parts = np.array([part for _, *part in rows]).swapaxes(0, 1) if rows else blank
     couple, radial, axial = (part.T.ravel() for part in parts)
     return {
-        **_repeated(batch, len(placed)),
-        "load": np.tile(np.array([load.name for load, _ in placed], dtype=str), len(batch)),
+        **repeated(
+            row_columns(batch, timed=True), [load.name for load, _ in placed], "load"
+        ),
         "pair": np.tile(np.array([load.pair for load, _ in placed], dtype=str), len(batch)),
         "position": np.tile(np.array([at for _, at in placed], dtype=float), len(batch)),
         "couple": couple,
@@ -297,9 +277,11 @@ def _said(figures: Mapping[str, Any]) -> Findings:
     ]
     loose = [name for name, facts in pairs.items() if facts["is_open"]]
     if loose:
+        meshes = [x for x in figures["forces_need"]["pressure_angles"] if x in loose]
+        hint = f"; teeth at {listing(meshes)} would have a pressure_angle" if meshes else ""
         warnings.append(
             "redundant constraints leave open how reactions are shared among the pairs "
-            f"{listing(loose)}; what is open is left empty"
+            f"{listing(loose)}; what is open is left empty{hint}"
         )
     remarks = []
     for key, unit, what in (
@@ -309,7 +291,7 @@ def _said(figures: Mapping[str, Any]) -> Findings:
     ):
         facts = pairs if key in next(iter(pairs.values())) else figures["bearings"]
         given = {name: x[key] for name, x in facts.items() if x[key] is not None}
-        if given:
+        if given and (facts is pairs or len(given) == len(facts)):
             name = max(given, key=lambda one: given[one])
             where = f"in pair {name}" if facts is pairs else f"({name})"
             remarks.append(f"largest {what}: {given[name]:.6g} {unit} {where}")
@@ -330,22 +312,7 @@ def _on_forces(figures: Mapping[str, Any]) -> list[str]:
     loose = [name for name, facts in pairs.items() if facts["force_is_open"]]
     if not loose:
         return []
-    need = figures["forces_need"]
-    wanted = []
-    if need["centres_of_mass"]:
-        links = listing(need["centres_of_mass"])
-        wanted.append(f"mass and centre of the links {links} (mass.LINK)")
-    if need["distances_of_contacts"]:
-        contacts = listing(need["distances_of_contacts"])
-        wanted.append(f"the distance of the contacts {contacts} from the centre")
-    if need["floating_pairs"]:
-        floating = listing(need["floating_pairs"])
-        wanted.append(
-            f"that the pairs {floating}, or others in their loops, float (bearings, axial)"
-        )
-    if need["repeated_constraints"]:
-        wanted.append("constraints that do not repeat each other")
     return [
         f"forces through the centre are open in the pairs {listing(loose)}; a file that "
-        f"says {listing(wanted)} determines them"
+        f"says {listing(figures['forces_need']['wanted'])} determines them"
     ]

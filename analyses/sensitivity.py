@@ -15,19 +15,19 @@ from spherekit.plugin import (
     Batch,
     Column,
     Findings,
+    Floats,
     Mechanism,
     Needs,
     Scene,
-    Series,
     Status,
     Table,
     TableData,
-    input_columns,
     listing,
 )
 from spherekit.plugin.designs import Deviations, Distribution, Sensitivity
 
-Floats = NDArray[np.float64]
+from .of_rows import curve, largest_of, repeated, row_columns
+
 DEG = np.pi / 180.0
 EQUAL = 1e-9
 """Shares that differ by less, relative, are equal: sizes mirror each other."""
@@ -141,19 +141,17 @@ class SensitivityAnalysis(AbstractAnalysis):
         status = batch.status.copy()
         lost = ~np.all(np.isfinite(gradients), axis=(0, 1))
         status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
-        entries = len(names) * len(keys)
+        entries, every = len(names) * len(keys), [n for n in names for _ in keys]
         return {
             "sensitivity": {
-                **_repeated(batch, entries),
-                "quantity": np.tile(np.repeat(np.array(names), len(keys)), len(batch)),
+                **repeated(row_columns(batch), every, "quantity"),
                 "size": np.tile(np.array(keys), len(names) * len(batch)),
                 "value": np.repeat(values.T.ravel(), len(keys)),
                 "derivative": np.transpose(gradients, (2, 1, 0)).ravel(),
                 "status": np.repeat(status, entries),
             },
             "tolerances": {
-                **_repeated(batch, len(names)),
-                "quantity": np.tile(np.array(names), len(batch)),
+                **repeated(row_columns(batch), names, "quantity"),
                 "spread": spread.spread.T.ravel(),
                 "worst": spread.worst.T.ravel(),
                 "drawn_spread": spread.drawn_spread.T.ravel(),
@@ -227,11 +225,7 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the largest spreads of all blocks."""
-        figures = dict(before.figures)
-        for name, largest in now.figures.items():
-            if name not in figures or largest["spread"] > figures[name]["spread"]:
-                figures[name] = largest
-        return self._said(figures)
+        return self._said(largest_of(before.figures, now.figures, "spread"))
 
     def _said(self, figures: Mapping[str, Mapping[str, Any]]) -> Findings:
         remarks = [
@@ -255,20 +249,14 @@ class SensitivityAnalysis(AbstractAnalysis):
                 mode,
                 (
                     *(
-                        Series(
-                            f"plots/spread/{name}",
-                            name,
-                            "standard deviation"
-                            if _is_angle(name)
-                            else f"spread of {name}",
-                            spread[k, rows],
-                            "rad" if _is_angle(name) else "",
-                        )
+                        curve("spread", name, "standard deviation", spread[k, rows], "rad")
+                        if _is_angle(name)
+                        else curve("spread", name, f"spread of {name}", spread[k, rows])
                         for k, name in enumerate(sensitivity.quantities)
                     ),
                     *(
-                        Series(
-                            f"plots/derivative_{name}/{keys[size].replace('.', '_')}",
+                        curve(
+                            f"derivative_{name}",
                             keys[size],
                             f"derivative of {name} by",
                             gradients[size, k, rows],
@@ -329,9 +317,3 @@ def _size(value: float, name: str) -> str:
     if _is_angle(name):
         return f"{np.degrees(value):.3g} deg"
     return f"{value:.3g}"
-
-
-def _repeated(batch: Batch, count: int) -> TableData:
-    common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
-    common |= input_columns(batch.mechanism, batch.inputs)
-    return {name: np.repeat(values, count) for name, values in common.items()}

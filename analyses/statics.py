@@ -18,10 +18,10 @@ from spherekit.plugin import (
     Batch,
     Column,
     Findings,
+    Floats,
     Mechanism,
     Needs,
     Scene,
-    Series,
     Table,
     TableData,
     input_columns,
@@ -35,9 +35,7 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .load_motion import as_loads_see
-
-Floats = NDArray[np.float64]
+from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
 
 TORQUES = Column("tau", "N m", "torque that holds against all loads at", per_input=True)
 ADVANTAGES = Column(
@@ -129,13 +127,7 @@ class Statics(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques and of the outputs."""
         solution, mechanism = self._found(batch), batch.mechanism
-        common = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
-        common |= input_columns(mechanism, batch.inputs)
-        outputs = self._outputs(batch)
-        count = len(outputs)
-        repeated: dict[str, NDArray[Any]] = {
-            name: np.repeat(values, count) for name, values in common.items()
-        }
+        common, outputs = row_columns(batch), self._outputs(batch)
         shape = (len(batch), 0)
         held = list(outputs.values())
         advantages = _beside(
@@ -156,11 +148,10 @@ class Statics(AbstractAnalysis):
                 "status": solution.status,
             },
             "outputs": {
-                **repeated,
-                "output": np.tile(np.array(list(outputs), dtype=str), len(batch)),
+                **repeated(common, list(outputs), "output"),
                 **input_columns(mechanism, advantages, "advantage"),
                 **principal,
-                "status": np.repeat(solution.status, count),
+                "status": np.repeat(solution.status, len(outputs)),
             },
         }
 
@@ -203,37 +194,20 @@ class Statics(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of holding torques, mechanical advantage and stiffness."""
         solution = self._found(batch)
-        curves: list[tuple[str, str, str, Floats, str]] = []
-        for k, name in enumerate(batch.moving_inputs):
-            title = "holding torques"
-            curves.append(("torque", f"at {name}", title, solution.torques[:, k], "N m"))
+        curves = [
+            curve("torque", f"at {name}", "holding torques", solution.torques[:, k], "N m")
+            for k, name in enumerate(batch.moving_inputs)
+        ]
         for output, held in self._outputs(batch).items():
             for k, name in enumerate(batch.moving_inputs):
                 label, values = f"{output} by {name}", held.advantage[:, k]
-                curves.append(("advantage", label, "mechanical advantage", values, ""))
+                curves.append(curve("advantage", label, "mechanical advantage", values))
             for k, word in enumerate(("least", "middle", "largest")):
                 values = held.stiffness[:, k]
                 if np.any(np.isfinite(values)):
-                    label = f"{output}, {word}"
-                    curves.append(
-                        ("stiffness", label, "principal stiffness", values, "N m/rad")
-                    )
-        return tuple(
-            Scene(
-                number,
-                tuple(
-                    Series(
-                        f"plots/{group}/{label.replace(', ', '_').replace(' ', '_')}",
-                        label,
-                        title,
-                        values[rows],
-                        unit,
-                    )
-                    for group, label, title, values, unit in curves
-                ),
-            )
-            for number, rows in batch.assembly_mode_rows().items()
-        )
+                    label, title = f"{output}, {word}", "principal stiffness"
+                    curves.append(curve("stiffness", label, title, values, "N m/rad"))
+        return plotted(batch, curves)
 
 
 def _said(largest: Mapping[str, float]) -> Findings:

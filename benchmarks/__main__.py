@@ -75,11 +75,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--count",
         type=int,
         metavar="N",
-        help="so many mechanisms of each kind in modes and road",
+        help="so many mechanisms of each kind in modes, proof and road",
+    )
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=0,
+        metavar="SEED",
+        help="seed of the first mechanism of each kind in proof, so that runs add up",
     )
     parser.add_argument("--list", action="store_true", help="list the cases of extremes")
     parser.add_argument(
-        "--only", action="append", metavar="CASE", help="of extremes this case, in full"
+        "--only",
+        action="append",
+        metavar="CASE",
+        help="of extremes this case, in full; of proof this group or mechanism",
     )
     parser.add_argument("--json", metavar="FILE", help="write the figures here too")
     parser.add_argument(
@@ -95,7 +105,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.list:
         print("\n".join(f"{name}: {case.text}" for name, case in extremes.cases().items()))
         return 0
-    strange = [name for name in only if name not in extremes.cases()]
+    proven = "proof" in options.names
+    strange = [name for name in only if not proven and name not in extremes.cases()]
     if strange:
         parser.error(f"no case is named {strange[0]}; see --list")
     machine = describe()
@@ -108,6 +119,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         wanted: dict[str, object] = {"only": only} if name == "extremes" else {}
         if name in ("modes", "road"):
             wanted = {"count": options.count}
+        if name == "proof":
+            wanted = {"count": options.count, "first": options.first, "only": only}
         sections = module.run(options.quick, **wanted)
         seconds = time.perf_counter() - started
         print(f"{name}: {seconds:.0f} s", file=sys.stderr)

@@ -33,9 +33,14 @@ SEVENS = ((1, 6), (2, 6), (5, 6), (7, 2), (7, 5))
 """Eight-bar and number of the driven pair: every group of seven bodies is one of these."""
 
 
-def run(quick: bool) -> list[Section]:
-    """Return what is certified at inputs, against an oracle, and over whole turns."""
-    return [_at_inputs(quick), _over_turns(quick)]
+def run(
+    quick: bool, count: int | None = None, first: int = 0, only: Sequence[str] = ()
+) -> list[Section]:
+    """Return what is certified at inputs, against an oracle, and over whole turns.
+
+    Of each kind, or of those in `only`, `count` geometries with the seeds from `first` on.
+    """
+    return [_at_inputs(quick, count, first, only), _over_turns(quick, count, first, only)]
 
 
 def _made(structure: Structure, seed: int, driven: int = 0) -> Mechanism:
@@ -57,12 +62,15 @@ def kinds_of_groups() -> dict[str, Callable[[int], Mechanism]]:
     return {"triad": partial(_made, TRIAD), **sevens, "nine bodies": ten_bar}
 
 
-def _at_inputs(quick: bool) -> Section:
+def _at_inputs(quick: bool, wanted: int | None, first: int, only: Sequence[str]) -> Section:
     counts = (20, 4, 1) if quick else (2000, 200, 20)
     rows = []
     for name, make in kinds_of_groups().items():
-        count = counts[0 if name == "triad" else 1 if name.startswith("seven") else 2]
-        rows.append((name, *certified_at_inputs(make, range(count))))
+        if only and name not in only:
+            continue
+        usual = counts[0 if name == "triad" else 1 if name.startswith("seven") else 2]
+        seeds = range(first, first + (wanted or usual))
+        rows.append((name, *certified_at_inputs(make, seeds)))
     return Section(
         "Certified modes at an input",
         "Random geometries, at the input of their reference pose. Certified modes of "
@@ -102,21 +110,25 @@ def certified_at_inputs(
     return count, counted / count, complete / count, wrong, median(ratios)
 
 
-def _over_turns(quick: bool) -> Section:
+def _over_turns(
+    quick: bool, wanted: int | None, first: int, only: Sequence[str]
+) -> Section:
     structures: dict[str, Structure] = {
         "four-bar": FOUR_BAR,
         "Watt": WATT,
         "Stephenson": STEPHENSON,
         "Stephenson, input outside": TRIAD,
     }
-    if not quick:
+    if not quick or only:
         structures |= {f"eight-bar {k + 1}": chain for k, chain in enumerate(EIGHT_BARS)}
     rows: list[tuple[Cell, ...]] = []
     for name, structure in structures.items():
-        count = 2 if quick else 2 if name.startswith("eight") else 100
+        if only and name not in only:
+            continue
+        count = wanted or (2 if quick else 10 if name.startswith("eight") else 100)
         certified = other = 0
         times, ratios = [], []
-        for seed in range(count):
+        for seed in range(first, first + count):
             made = _made(structure, seed)
             start = process_time()
             curves = certified_curves(Written.of(made), ("0", "360"))

@@ -79,11 +79,14 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
     return decorate
 
 
-def checked_class(error: type[SpherekitError]) -> Callable[[type[Class]], type[Class]]:
-    """Return a decorator that checks the arguments with which a class is called."""
+def checked_class(
+    error: type[SpherekitError], *methods: str
+) -> Callable[[type[Class]], type[Class]]:
+    """Return a decorator that checks what a class, and methods of it, are called with."""
 
     def decorate(made: type[Class]) -> type[Class]:
-        made.__init__ = checked(error)(made.__init__)  # type: ignore[method-assign]
+        for name in ("__init__", *methods):
+            setattr(made, name, checked(error)(getattr(made, name)))
         return made
 
     return decorate

@@ -69,7 +69,7 @@ def number(text):
 class Sizes:
     """The axes and zero directions of a file in the form of sizes."""
 
-    def __init__(self, text, tolerance, couplers=None):
+    def __init__(self, text, tolerance, couplers=None, wheels=False):
         self.data = tomllib.loads(text, parse_float=str)
         self.slack = arb(0, tolerance) if tolerance else arb(0)
         pairs = self.data["pairs"]
@@ -87,13 +87,19 @@ class Sizes:
                 need(name not in self.ends, "a pair of a coupler that is another pair")
                 self.ends[name] = link, made["link"]
                 self.couplers[name] = contact, side
-        need(len(pairs) == len(hinges) + len(couplers or {}), "only R pairs and couplers")
+        rolling = [name for name, p in pairs.items() if p["type"] == "Cr"]
+        made = len(hinges) + len(couplers or {}) + (len(rolling) if wheels else 0)
+        need(len(pairs) == made, "only R pairs and couplers")
 
     def circle(self, contact, link):
         """Centre and radius of the circle of a contact on a link."""
         item = self.data["pairs"][contact]
         follower = item.get("follower", {})
         own = follower if follower.get("link") == link else item["profiles"][link]
+        if "axis" in own:
+            need("radius" in own, "no radius")
+            frame = self.frame(own["axis"], link)
+            return [frame[k, 2].real for k in range(3)], self.angle(own["radius"])
         need(own.get("kind", "circle") in ("circle", "great_circle"), "no circle")
         key = next(k for k in own if k[:7] == "centre_" or k[:5] == "pole_")
         radius = own.get("radius", own.get("roller"))
@@ -134,7 +140,9 @@ class Sizes:
         item = self.data["links"][link]
         turns = ["0", *item.get("angles", [])]
         found = {item["axes"][0]: [arb(0), arb(0), arb(1)]}
-        for name, length, turn in zip(item["axes"][1:], item["arcs"], turns, strict=False):
+        for name, length, turn in zip(
+            item["axes"][1:], item.get("arcs", []), turns, strict=False
+        ):
             s, c = (self.angle(length) + self.slack).sin_cos()
             st, ct = (self.angle(turn) + (self.slack if turn != "0" else 0)).sin_cos()
             found[name] = [-s * st, s * ct, c]
@@ -407,9 +415,8 @@ def exclude(system, driven, real, left):
     cover(first, start, [arb.pi() * 1.0001] * count, known, 1e-7)
 
 
-HALVES = 12
-CUTS = 4
-"""Parts that the length of a piece is cut into, so that balls stay small."""
+PARTS = ((12, 4), (24, 6), (48, 8))
+"""Parts of the length and of each width that a piece is cut into, until balls are small."""
 
 
 def column(entries):
@@ -418,6 +425,12 @@ def column(entries):
 
 def one_arc(system, piece, wide):
     """Whether a piece has one y for every s, by Krawczyk's operator over parts of it."""
+    return any(one_arc_by(parts, piece, wide) for parts in PARTS)
+
+
+def one_arc_by(parts, piece, wide):
+    """The same with the parts of the length and of each width given."""
+    halves, cuts = parts
     centre, frame = piece["centre"], piece["frame"]
     t, normals = frame[0], frame[1:]
     half, radius = arb(piece["half"]), arb(piece["radius"])
@@ -433,14 +446,14 @@ def one_arc(system, piece, wide):
     _, _, inner = first(middle)
     near = inner.mid().inv().mid()
     one = rows([[int(r == c) for c in range(count)] for r in range(count)])
-    for part in range(HALVES):
-        s = half * (2 * part + 1 - HALVES) / HALVES
-        step = arb(0, half / HALVES)
+    for part in range(halves):
+        s = half * (2 * part + 1 - halves) / halves
+        step = arb(0, half / halves)
         here = [m + s * b for m, b in zip(middle, t, strict=True)]
         axis = [h + step * b for h, b in zip(here, t, strict=True)]
         value, _, _ = first(here)
         _, along, _ = first(axis)
-        sides = hull(first, axis, normals, radius)
+        sides = hull(first, axis, normals, radius, cuts)
         image = -1 * (near * (value + along * acb(step)))
         spread = (one - near * sides) * vector([arb(0, radius)] * count)
         for row in range(count):
@@ -449,13 +462,13 @@ def one_arc(system, piece, wide):
     return True
 
 
-def hull(first, axis, normals, radius):
+def hull(first, axis, normals, radius, cuts):
     """F' N over all y of a piece, put together from parts."""
     whole = None
-    for cell in itertools.product(range(CUTS), repeat=len(normals)):
+    for cell in itertools.product(range(cuts), repeat=len(normals)):
         place = list(axis)
         for number, normal in zip(cell, normals, strict=True):
-            y = radius * (2 * number + 1 - CUTS) / CUTS + arb(0, (radius / CUTS).upper())
+            y = radius * (2 * number + 1 - cuts) / cuts + arb(0, (radius / cuts).upper())
             place = [p + y * e for p, e in zip(place, normal, strict=True)]
         sides = first(place)[2].tolist()
         if whole is None:
@@ -585,7 +598,15 @@ class Arc:
         middle = arb(s.mid())
         axis = [c + middle * e for c, e in zip(self.centre, self.t, strict=True)]
         spread = [a + (s - middle) * e for a, e in zip(axis, self.t, strict=True)]
-        y = [arb(0, self.piece["radius"])] * count
+        radius = self.piece["radius"]
+        y = self._narrowed([arb(0, radius)] * count, axis, spread, s - middle, one)
+        if any(each.rad() > 0.9 * radius for each in y):
+            y = self._shrunk(axis, spread, s - middle, one)
+            y = self._narrowed(y, axis, spread, s - middle, one)
+        return self._moved(spread, y)
+
+    def _narrowed(self, y, axis, spread, step, one):
+        """Balls within those of y, by Krawczyk's operator as long as it narrows them."""
         for _ in range(30):
             before = y
             fixed = [arb(each.mid()) for each in y]
@@ -593,16 +614,35 @@ class Arc:
             value = self.wide(start).value
             box = self._moved(spread, y)
             slope = self.wide(box).slope
-            along = slope * column(self.t) * acb(s - middle)
+            along = slope * column(self.t) * acb(step)
             rest = vector([a - b for a, b in zip(y, fixed, strict=True)])
             image = vector(fixed) - self.near * (value + along)
             image += (one - self.near * (slope * self.across)) * rest
-            found = [image[row, 0].real for row in range(count)]
+            found = [image[row, 0].real for row in range(len(y))]
             y = [a.intersection(b) for a, b in zip(y, found, strict=True)]
             shrunk = (b.rad() < 0.9 * a.rad() for a, b in zip(before, y, strict=True))
             if not any(shrunk):
                 break
-        return self._moved(spread, y)
+        return y
+
+    def _shrunk(self, axis, spread, step, one):
+        """Balls of y, from parts of the widths of the piece where over all none shrinks."""
+        radius = arb(self.piece["radius"])
+        wide = vector([arb(0, radius)] * len(self.normals))
+        value = self.wide(axis).value
+        along = self.wide(spread).slope * column(self.t) * acb(step)
+
+        def first(places):
+            jets = self.wide(places)
+            return jets.value, None, jets.slope * self.across
+
+        for _, cuts in PARTS:
+            sides = hull(first, spread, self.normals, radius, cuts)
+            image = (one - self.near * sides) * wide - self.near * (value + along)
+            found = [image[row, 0].real for row in range(len(self.normals))]
+            if all(abs(y).upper() < radius for y in found):
+                return found
+        return [arb(0, radius)] * len(self.normals)
 
     def _moved(self, axis, y):
         place = list(axis)
@@ -722,6 +762,10 @@ def check(certificate):
             from proof_checker_systems import check_map
 
             check_map(certificate)
+        elif certificate["statement"] == "wheels fix all angles":
+            from proof_checker_wheels import check_wheels
+
+            check_wheels(certificate)
         else:
             check_modes(certificate)
     except (KeyError, ValueError, TypeError, ZeroDivisionError, StopIteration) as fault:

@@ -245,68 +245,190 @@ def roots_of(system, part, driven):
     return points
 
 
+STEP = 0.05
+"""How far (rad) given angles go at once where solutions are followed."""
+
+
+def followed(system, part, driven):
+    """Approximations of all solutions of a system, followed from the nearest given."""
+    need(part["solved"], "a system without solutions to start from")
+    middle = {pair: float(angle.mid()) for pair, angle in driven.items()}
+
+    def gaps(given):
+        return {
+            pair: (angle - given[pair] + PERIOD / 2) % PERIOD - PERIOD / 2
+            for pair, angle in middle.items()
+            if pair in given and pair in part["used"]
+        }
+
+    start = min(
+        part["solved"], key=lambda each: max(map(abs, gaps(each["given"]).values()))
+    )
+    apart = gaps(start["given"])
+    steps = 1 + int(max(map(abs, apart.values())) / STEP)
+    points = []
+    for solution in start["solutions"]:
+        inverse, z = list(solution["inverse"]), [acb(*each) for each in solution["z"]]
+        for step in range(1, steps + 1):
+            place = {
+                pair: arb(angle - apart.get(pair, 0.0) * (1 - step / steps))
+                for pair, angle in middle.items()
+            }
+            for column, each in enumerate(z):
+                if abs(each) > 2:
+                    inverse[column], z[column] = not inverse[column], (1 / each).mid()
+            half = Half(system, part["equations"], part["unknowns"], inverse)
+            for _ in range(4):
+                value, slope = half.values(z, place)
+                change = slope.mid().solve(value.mid()).entries()
+                z = [(a - b).mid() for a, b in zip(z, change, strict=True)]
+        points.append((inverse, z))
+    return points
+
+
 class Counting:
-    """The number of modes over boxes of the inputs, by systems of one unknown each."""
+    """The number of modes over boxes of the inputs, system by system."""
 
     def __init__(self, system, parts):
         self.system, self.parts = system, parts
-        self.bounds, _ = check_parts(system, parts)
-        for part, bound in zip(parts, self.bounds, strict=True):
-            need(len(part["unknowns"]) == 1, "only systems of one unknown are repeated")
+        bounds, table = check_parts(system, parts)
+        for part, bound in zip(parts, bounds, strict=True):
             part["degree"] = bound
+            rows_of = [table[link] for link in part["equations"]]
+            columns = zip(system.unknowns, *rows_of, strict=True)
+            part["used"] = {name for name, *row in columns if any(row)} | set(system.inputs)
 
-    def at(self, driven):
-        """The number of modes if it is proven to be the same all over, else None."""
-        paths = [driven]
+    def at(self, place, half):
+        """The number of modes if it is proven to be the same in a box, else None.
+
+        Every angle is a number, its rates by the inputs, and how much more it varies.
+        """
+        count = len(place)
+        names = self.system.inputs
+        path = {
+            name: (arb(middle), [int(k == d) for k in range(count)], arb(0))
+            for d, (name, middle) in enumerate(zip(names, place, strict=True))
+        }
+        paths = [path]
         try:
             for part in self.parts:
                 paths = [
-                    {**path, part["unknowns"][0]: angle}
+                    {**path, **dict(zip(part["unknowns"], angles, strict=True))}
                     for path in paths
-                    for (angle,) in self._solved(part, path)
+                    for angles in self._solved(part, path, half)
                 ]
         except (NotShown, ZeroDivisionError, ValueError):
             return None
         return len(paths)
 
-    def _solved(self, part, path):
-        points = roots_of(self.system, part, path)
+    def _solved(self, part, path, half):
+        """The angles of all real solutions, where there are as many as there can be."""
+        alone = len(part["unknowns"]) == 1
+        middle = {name: angle for name, (angle, _, _) in path.items()}
+        points = (roots_of if alone else followed)(self.system, part, middle)
         if len(points) != part["degree"]:
             raise NotShown
         real, balls = [], []
-        for inverse, (centre,) in points:
-            moving = list(path)
-            half = Half(self.system, part["equations"], part["unknowns"], inverse, moving)
-            middle = {name: arb(angle.mid()) for name, angle in path.items()}
-            value, slope = half.values([centre], middle)
-            pull = 1 / acb(slope[0, 0].mid())
-            spread = acb(0)
-            _, over = half.values([centre], path)
-            for column, name in enumerate(moving):
-                spread += over[0, column + 1] * acb(path[name] - middle[name])
-            start = -pull * (value[0, 0] + spread)
-            radius = 1.5 * float(abs(start).upper()) + 1e-14
-            box = square(centre, radius)
-            _, sides = half.values([box], path)
-            image = start + (1 - pull * sides[0, 0]) * (box - centre)
-            if not max(abs(image.real).upper(), abs(image.imag).upper()) < arb(radius):
-                raise NotShown
-            ball = centre + image
-            balls.append(plain(inverse[0], ball))
-            if not abs(ball).contains(1):
-                continue
-            gap = 1 / ball.conjugate() - centre
-            wide = 4 * radius
-            _, sides = half.values([square(centre, wide)], path)
-            image = start + (1 - pull * sides[0, 0]) * acb(arb(0, wide), arb(0, wide))
-            for each in (gap, image):
-                if not max(abs(each.real).upper(), abs(each.imag).upper()) < arb(wide):
-                    raise NotShown
-            real.append([-ball.log().imag if inverse[0] else ball.log().imag])
-        for (a, b), (c, d) in combinations(balls, 2):
-            if (a * d - b * c).contains(0):
+        for inverse, centre in points:
+            axis = Axis(self.system, part, path, half, inverse, centre)
+            within = axis.ball()
+            balls.append([plain(i, z) for i, z in zip(inverse, within, strict=True)])
+            if all(abs(z).contains(1) for z in within):
+                axis.need_real()
+                real.append(axis.angles())
+        for one, other in combinations(balls, 2):
+            pairs = zip(one, other, strict=True)
+            if all((a * d - b * c).contains(0) for (a, b), (c, d) in pairs):
                 raise NotShown
         return real
+
+
+def largest(entries):
+    return max(abs(part).upper() for e in entries for part in (e.real, e.imag))
+
+
+class Axis:
+    """One solution over a box of inputs: z + Z d + w, with d from the box's centre.
+
+    Krawczyk's operator is used about z + Z d for all d at once; w is what it finds.
+    """
+
+    def __init__(self, system, part, path, half, inverse, centre):
+        self.inverse, self.centre, moving = inverse, centre, list(path)
+        self.half = Half(system, part["equations"], part["unknowns"], inverse, moving)
+        self.steps = [arb(0, h) for h in half]
+        count = len(centre)
+        rates = rows([path[name][1] for name in moving])
+        more = vector([arb(0, path[name][2]) for name in moving])
+        middle = {name: path[name][0] for name in moving}
+        turned = (rates * vector(self.steps) + more).entries()
+        self.given = {n: middle[n] + t.real for n, t in zip(moving, turned, strict=True)}
+        value, slope = self.half.values(centre, middle)
+        inner, outer = parted(slope, count)
+        self.pull = inner.mid().inv().mid()
+        self.rates = (-1 * (self.pull * (outer * rates))).mid()
+        ahead = (self.rates * vector(self.steps)).entries()
+        self.along = [c + a for c, a in zip(centre, ahead, strict=True)]
+        inner, outer = parted(self.half.values(self.along, self.given)[1], count)
+        change = (inner * self.rates + outer * rates) * vector(self.steps)
+        self.start = -1 * (self.pull * (value + change + outer * more))
+        self.radius = 1.5 * largest(self.start.entries()) + arb(1e-14)
+        self.rest = self.image(self.radius)
+
+    def image(self, radius):
+        """What the operator makes of all w of a radius, within that."""
+        around = acb(arb(0, radius), arb(0, radius))
+        count = len(self.centre)
+        _, slope = self.half.values([z + around for z in self.along], self.given)
+        inner, _ = parted(slope, count)
+        one = rows([[int(r == c) for c in range(count)] for r in range(count)])
+        moved = self.start + (one - self.pull * inner) * vector([around] * count)
+        if not largest(moved.entries()) < radius:
+            raise NotShown
+        return moved.entries()
+
+    def ball(self):
+        return [a + w for a, w in zip(self.along, self.rest, strict=True)]
+
+    def parts(self):
+        """Of each angle z, Z / z, w / z and (Z d + w) / z."""
+        for row, (z, w) in enumerate(zip(self.centre, self.rest, strict=True)):
+            bent = [self.rates[row, d] / z for d in range(len(self.steps))]
+            yield z, bent, w / z, dot(bent, self.steps) + w / z
+
+    def need_real(self):
+        """Show that the mirror image 1 / conj z of the solution is that solution."""
+        wide = 2 * self.radius
+        self.image(wide)
+        for z, bent, rest, moved in self.parts():
+            size = 1 / (z * z.conjugate())
+            back = moved.conjugate()
+            first = sum(
+                (size * k.conjugate() + k) * d
+                for k, d in zip(bent, self.steps, strict=True)
+            )
+            far = size * (back * back / (1 + back) - rest.conjugate())
+            if not largest([z * (size - 1 - first + far)]) < wide:
+                raise NotShown
+
+    def angles(self):
+        """The angles of a real solution, their rates, and how much more they vary."""
+        made = []
+        for inverse, (z, bent, rest, moved) in zip(self.inverse, self.parts(), strict=True):
+            sense = -1 if inverse else 1
+            angle, size = sense * z.log().imag, arb(abs(moved).upper())
+            if not size < 0.5:
+                raise NotShown
+            rates = [arb((sense * k.imag).mid()) for k in bent]
+            more = abs(rest) + size**2 / (2 * (1 - size)) + arb(angle.rad()) + arb(1e-20)
+            made.append((arb(angle.mid()), rates, arb(more.upper())))
+        return made
+
+
+def parted(slope, count):
+    """The derivatives by the unknowns, and those by all other angles."""
+    table = slope.tolist()
+    return rows([row[:count] for row in table]), rows([row[count:] for row in table])
 
 
 class NotShown(Exception):
@@ -343,16 +465,15 @@ def check_map(certificate):
     for box in boxes:
         place = [arb(c) for c in box["centre_rad"]]
         if box["is"] == "regular":
-            check_regular(counting, names, place, box["half_rad"], box["modes"], 0)
+            check_regular(counting, place, box["half_rad"], box["modes"], 0)
         elif box["is"] == "contains type II":
-            check_contains(counting, names, box)
+            check_contains(counting, box)
         else:
             need(box["is"] == "undecided", "a box of no kind")
 
 
-def check_regular(counting, names, place, half, modes, depth):
-    spans = [c + arb(0, r) for c, r in zip(place, half, strict=True)]
-    found = counting.at(dict(zip(names, spans, strict=True)))
+def check_regular(counting, place, half, modes, depth):
+    found = counting.at(place, half)
     if found is not None:
         need(found == modes, "another number of modes in a box")
         return
@@ -360,17 +481,17 @@ def check_regular(counting, names, place, half, modes, depth):
     for signs in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         parts = zip(place, half, signs, strict=True)
         middle = [c + arb(s * r) / 2 for c, r, s in parts]
-        check_regular(counting, names, middle, [r / 2 for r in half], modes, depth + 1)
+        check_regular(counting, middle, [r / 2 for r in half], modes, depth + 1)
 
 
-def check_contains(counting, names, box):
+def check_contains(counting, box):
     seen = set()
     for steps in (2, 4, 16):
         for j in range(steps + 1):
             for k in range(steps + 1):
                 parts = zip(box["centre_rad"], box["half_rad"], (j, k), strict=True)
                 place = [arb(c + r * 0.999 * (2 * n / steps - 1)) for c, r, n in parts]
-                seen.add(counting.at(dict(zip(names, place, strict=True))))
+                seen.add(counting.at(place, [0.0, 0.0]))
                 if len(seen - {None}) > 1:
                     return
     need(False, "a box that is not shown to have a singular configuration")

@@ -1,6 +1,7 @@
 """The house rules that a machine can check: layers, heavy imports, public names."""
 
 import ast
+import functools
 import importlib
 import inspect
 import subprocess
@@ -76,6 +77,13 @@ HOME_OF = {
 }
 
 
+@functools.cache
+def tree_of(path):
+    """Return the syntax tree of a file, parsed once for all tests."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@functools.cache
 def imports(path):
     """Return the modules a file imports, and whether at run time (not type checking).
 
@@ -100,7 +108,7 @@ def imports(path):
         for child in ast.iter_child_nodes(node):
             visit(child, typing_only)
 
-    visit(ast.parse(path.read_text(encoding="utf-8")), False)
+    visit(tree_of(path), False)
     return found
 
 
@@ -140,7 +148,7 @@ def test_dependencies_point_one_way():
 
 def test_reference_values_share_data_only_with_what_they_check():
     for path in sorted((PACKAGE / "exact").glob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ImportFrom) and node.module.startswith("spherekit."):
                 allowed = EXACT_MAY_IMPORT.get(part_of(node.module))
                 names = {alias.name for alias in node.names}
@@ -221,7 +229,7 @@ def test_no_cycles_between_modules():
 
 def test_public_functions_have_no_catch_all_keywords_and_are_described():
     for path in FILES:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = tree_of(path)
         assert ast.get_docstring(tree) or path.name == "__init__.py", path
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
@@ -246,7 +254,7 @@ def test_what_carries_a_run_takes_few_parameters():
     too_many = []
     for part in ("analysis", "tradeoff", "cli"):
         for path in sorted((PACKAGE / part).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in ast.walk(tree_of(path)):
                 if isinstance(node, ast.FunctionDef):
                     named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
                     count = sum(each.arg not in ("self", "cls") for each in named)

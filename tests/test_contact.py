@@ -249,7 +249,7 @@ def touching(random, kinds):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("most", [180, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("most", [90, pytest.param(1000, marks=pytest.mark.long)])
 def test_random_mixed_mechanisms_against_the_null_space(most, capsys):
     """R, Cr and Cs with one to three freedoms, 6 to 12 links: all poles to 1e-9.
 

@@ -285,6 +285,7 @@ def profile_through_points():
     return replace(made, pairs=pairs)
 
 
+@pytest.mark.slow
 def test_a_profile_through_points():
     """Contact of the spline itself: SciPy evaluates it, the roller is as far as it is."""
     motion = sk.trace(profile_through_points(), samples=4)
@@ -510,6 +511,7 @@ def test_inertia_and_its_derivative():
     assert np.max(np.abs(slope - dB)) < 1e-25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seeds", [range(20), pytest.param(range(20, 1000), marks=pytest.mark.long)]
 )

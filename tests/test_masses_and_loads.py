@@ -487,7 +487,6 @@ def test_loads_act_at_revolute_pairs_only():
         ({"masses": (Mass("crank", np.eye(3), None, (0, 0, 1.0)),)}, "needs a mass"),
         ({"masses": (Mass("crank", np.eye(3), math.inf),)}, "found inf"),
         ({"loads": (Gravity("g", (0, 0, math.nan)),)}, "acceleration: found nan"),
-        ({"loads": (Moment("m", "crank", ("0",) * 3, "body"),)}, 'found "body"'),
         ({"loads": (Spring("s", "tip", math.nan),)}, "stiffness: found nan"),
         ({"loads": (TorqueTable("s", "tip", (0.0,), (0.0,)),)}, "needs at least 2"),
         ({"loads": (TorqueTable("s", "tip", (0, math.nan), (0, 0)),)}, "found nan"),
@@ -498,6 +497,11 @@ def test_loads_act_at_revolute_pairs_only():
 def test_mechanisms_made_in_python_are_checked_too(change, words):
     with pytest.raises(ModelError, match=words):
         replace(loads(BASE), **change)
+
+
+def test_axes_are_of_the_ground_or_of_the_link():
+    with pytest.raises(ModelError, match='"body" is not known; allowed: "ground", "link"'):
+        Moment("m", "crank", ("0",) * 3, "body")
 
 
 def test_tensors_of_few_digits_pass():

@@ -279,6 +279,7 @@ def test_any_order_and_any_block_gives_the_same_rows():
             assert np.max(np.abs(ours - vector[:, 7 * position])) < 1e-12
 
 
+@pytest.mark.slow
 def test_directions_are_continuous_over_the_turn():
     """No reversal between neighbouring samples, and steps that shrink with refinement."""
     for name in ("four_bar", "stephenson", "watt", "double_butterfly", "single_flier"):

@@ -40,8 +40,10 @@ OTHERS = (
 )
 """Files that are asked when there is time, as the whole suite may be by its settings."""
 
-PROCESSES = 3
+PROCESSES = 2
 """Of several files each, which is quicker than one for each file."""
+QUICK = "not slow and not long"
+"""The tests of a file that are asked there; its slow ones hold what quick ones do too."""
 CORES = {"x86_64": "Prescott", "AMD64": "Prescott", "aarch64": "ARMV8"}
 """The least kernels of OpenBLAS by machine."""
 
@@ -69,17 +71,18 @@ def test_the_kernels_are_turned_down():
 
 
 @pytest.mark.parametrize(
-    "names",
+    ("names", "chosen"),
     [
-        *(NUMERICAL[k::PROCESSES] for k in range(PROCESSES)),
-        pytest.param(OTHERS, marks=pytest.mark.long),
+        *((NUMERICAL[k::PROCESSES], QUICK) for k in range(PROCESSES)),
+        pytest.param(NUMERICAL, "slow and not long", marks=pytest.mark.long),
+        pytest.param(OTHERS, QUICK, marks=pytest.mark.long),
     ],
 )
-def test_numerical_tests_hold_there(names):
+def test_numerical_tests_hold_there(names, chosen):
     words = ["-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-q"]
-    chosen = ["-m", "not slow and not long", *(str(TESTS / f"{n}.py") for n in names)]
+    files = [str(TESTS / f"{name}.py") for name in names]
     done = subprocess.run(
-        [sys.executable, *words, *chosen],
+        [sys.executable, *words, "-m", chosen, *files],
         env=lesser(),
         cwd=TESTS.parent,
         capture_output=True,

@@ -155,3 +155,60 @@ def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
     found = np.array(curves.turning_points)
     assert len(found) == 2 and np.max(np.abs(found - DEAD)) < 1e-7
     assert [count for _, _, count in curves.intervals] == [4, 0]
+
+
+def test_two_equal_dyads_that_fold_together_leave_one_small_part_undecided():
+    # both are in line in one configuration, where two curves cross
+    curves = certified_curves(two_dyads(60, 50, 140, 40, 35), ("80", "110"))
+    assert curves.claim.guarantee is Guarantee.TO_BOX and curves.claim.box < 1e-4
+    ((low, high),) = curves.undecided
+    assert low < DEAD < high
+    assert curves.modes_at(np.radians(85.0)) == 4 and curves.modes_at(np.radians(105)) == 0
+
+
+FOUR_BAR = """
+format = 1
+name = "four_bar"
+angle_unit = "deg"
+ground = "4"
+[links]
+4 = {{ axes = ["41", "34"], arcs = [{}] }}
+1 = {{ axes = ["41", "12"], arcs = [{}] }}
+2 = {{ axes = ["12", "23"], arcs = [{}] }}
+3 = {{ axes = ["23", "34"], arcs = [{}] }}
+[pairs]
+41 = {{ type = "R", links = ["4", "1"] }}
+12 = {{ type = "R", links = ["1", "2"] }}
+23 = {{ type = "R", links = ["2", "3"] }}
+34 = {{ type = "R", links = ["3", "4"] }}
+[inputs.41]
+from = 0
+to = 360
+"""
+
+
+@pytest.mark.parametrize(
+    ("arcs", "certified"),
+    [
+        # Hooke's joint; a change point; links in line at 0 and 180 degrees of all arcs 90;
+        # a crank that comes to the fixed axis, so that the rest may turn at one input
+        ((60, 90, 90, 90), True),
+        ((80, 30, 50, 60), False),
+        ((90, 90, 90, 90), False),
+        ((40, 40, 70, 70), False),
+        ((0, 40, 70, 70), True),
+    ],
+)
+def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, certified):
+    document = parse(FOUR_BAR.format(*arcs), "four_bar")
+    curves = certified_curves(Written.of(read(document), document), ("0", "360"))
+    assert (curves.claim.guarantee is Guarantee.CERTIFIED) == certified
+    assert certified or curves.claim.box < 0.02
+    assert curves.intervals or "not counted" in curves.claim.reason
+    ground, crank, coupler, rocker = np.radians(arcs)
+    for low, high, count in curves.intervals:
+        for q in np.random.default_rng(4).uniform(low, high, 20):
+            cosine = np.cos(ground) * np.cos(crank)
+            cosine += np.sin(ground) * np.sin(crank) * np.cos(q)
+            closes = np.cos(coupler + rocker) < cosine < np.cos(coupler - rocker)
+            assert count == 2 * closes

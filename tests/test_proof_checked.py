@@ -13,7 +13,12 @@ from proof_checker import Refused, check
 import spherekit as sk
 from spherekit.files.document import parse
 from spherekit.files.read import read
-from spherekit.proof.certificate import map_certificate, modes_certificate
+from spherekit.proof.balls import bits
+from spherekit.proof.certificate import (
+    map_certificate,
+    modes_certificate,
+    wheels_certificate,
+)
 from spherekit.proof.input_map import input_map
 from spherekit.proof.modes import certified_modes
 from spherekit.proof.written import Written
@@ -39,6 +44,55 @@ def over_boxes():
     found = input_map(written, ends, 0.08, 3)
     assert {0, 1, 2} >= set(found.kind.tolist()) >= {0, 1}
     return json.loads(json.dumps(map_certificate(found)))
+
+
+@pytest.fixture(scope="module")
+def larger_systems():
+    """A small part of the inputs of a mechanism with two systems of two unknowns each."""
+    written = Written.of(sk.load("two_dof_spm"))
+    found = input_map(written, [("20", "20.01"), ("17", "17.01")])
+    assert found.counts == {16: 1.0}
+    return json.loads(json.dumps(map_certificate(found)))
+
+
+def wheels_of(name):
+    written = Written.of(sk.load(name))
+    with bits(80):
+        certificate = wheels_certificate(written, written.ratios())
+    return json.loads(json.dumps(certificate))
+
+
+WHEELS = "bevel_pair", "planetary_bevel", "bevel_differential"
+
+
+@pytest.mark.parametrize("name", WHEELS)
+def test_wheels_are_repeated_by_the_angular_velocities_of_rolling(name):
+    whole = wheels_of(name)
+    check(whole)
+    moves = random.Random(5)
+    for _ in range(4):
+        changed = copy.deepcopy(whole)
+        row = moves.choice(changed["ratios"])
+        if moves.random() < 0.3:
+            changed["ratios"].remove(row)
+        else:
+            place = moves.randrange(len(row["ratios"]))
+            row["ratios"][place] += moves.choice((-1, 1)) * 10.0 ** -moves.randrange(1, 8)
+        with pytest.raises(Refused):
+            check(changed)
+
+
+def test_a_map_with_larger_systems_is_repeated(larger_systems):
+    check(larger_systems)
+    changed = copy.deepcopy(larger_systems)
+    changed["boxes"][0]["modes"] -= 2
+    with pytest.raises(Refused):
+        check(changed)
+    changed = copy.deepcopy(larger_systems)
+    for start in changed["systems"][0]["solved"]:
+        start["solutions"][0] = start["solutions"][1]
+    with pytest.raises(Refused):
+        check(changed)
 
 
 def test_modes_counted_by_systems_are_repeated(by_systems):

@@ -18,9 +18,11 @@ from spherekit.files.read import loads
 from spherekit.guarantee import Guarantee
 from spherekit.planning.inputs import driven_at
 from spherekit.proof.along import rates
+from spherekit.proof.balls import bits, circle, exact
 from spherekit.proof.certificate import curves_certificate, singular_table
 from spherekit.proof.construction import construct
 from spherekit.proof.curves import certified_curves
+from spherekit.proof.equations import Equations
 from spherekit.proof.modes import certified_modes
 from spherekit.proof.singular import output_pairs, singularities
 from spherekit.proof.structure import structure_of
@@ -221,6 +223,28 @@ def test_the_command_proves_the_range_of_the_file(tmp_path, capsys):
     assert "is empty" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("name", "tolerance"), [("stephenson", 0.0), ("watt", 1e-6)])
+def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance):
+    # placing the links in balls is the other way to the same values
+    mechanism = sk.load(name)
+    with bits(80):
+        wide = Written.of(mechanism, tolerance=tolerance)
+        made = construct(wide.structure)
+        real, exactly = Equations(wide, made).real, Equations(Written.of(mechanism), made)
+        degrees = made.degrees
+        for place in np.random.default_rng(6).uniform(-3.0, 3.0, (5, len(made.pairs))):
+            values, slopes, curvatures = real.second(circle(place))
+            first = real.first(circle(place)[None])
+            assert np.max(np.abs(first[0][0] - values)) < 1e-14
+            assert np.max(np.abs(first[1][0] - slopes)) < 1e-14
+            for k, jet in enumerate(exactly.at([exact(q) for q in place], 2)):
+                for key, ball in jet.items():
+                    got = (values, slopes, curvatures)[len(key)][(k, *key)]
+                    off = abs(float(ball[0, 0].real.mid()) - got)
+                    assert off <= real.error[k] * np.prod([degrees[k, j] for j in key])
+        assert np.all(real.error < 100.0 * tolerance + 1e-12)
+
+
 def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
     """The text in the certificate has the two links of the pair as one."""
     path = tmp_path / "certificate.json"
@@ -237,3 +261,11 @@ def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
         alone = certified_modes(Written.of(locked), (q,), construct(structure_of(locked)))
         assert held.complete and alone.complete
         assert len(held.real) == len(alone.real)
+
+
+@pytest.mark.long
+def test_a_wrist_with_two_inputs_locked_is_checked(tmp_path):
+    path = tmp_path / "certificate.json"
+    locks = ["--lock", "a2=60", "--lock", "a3=70"]
+    assert main(["certify", "three_rrr", *locks, "-o", str(path)]) == 0
+    check(json.loads(path.read_text()))

@@ -130,6 +130,7 @@ def check_four_bars(seed, count):
     assert len(kinds) == 4
 
 
+@pytest.mark.slow
 def test_all_dead_points_of_random_four_bars_are_where_two_links_are_in_line():
     """Crank-rockers, rocker-cranks, double cranks and double rockers."""
     check_four_bars(1, 30)
@@ -449,6 +450,7 @@ def test_a_mechanism_that_is_singular_everywhere_says_so(coaxial, freedoms, off)
     assert report.everywhere == freedoms
 
 
+@pytest.mark.slow
 def test_links_that_move_as_one_on_a_whole_curve():
     """A four-bar of equal arcs also turns folded: its follower rests, or its crank.
 

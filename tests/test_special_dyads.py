@@ -160,6 +160,7 @@ def closings(made, q, random, starts=6):
     return best
 
 
+@pytest.mark.slow
 def test_special_four_bars_lose_no_row_that_closes():
     """Equal, right and nearly equal arcs; multi-start least squares as the judge."""
     random = np.random.default_rng(5)

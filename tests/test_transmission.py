@@ -202,6 +202,7 @@ def test_neither_frame_nor_ground_nor_order_matters(name):
     assert np.max(np.abs(plain - swapped)) < 1e-13
 
 
+@pytest.mark.slow
 def test_working_modes_of_the_whole_graph_are_all_found():
     """Forward at (14, 23) deg, counted by an independent damped multi-start search.
 

@@ -141,7 +141,7 @@ def part(scene: Scene, rows: np.ndarray) -> Scene:
 
 
 def record(
-    path: Path, blocks: int = 1, arcs: Arcs = FOUR_BAR_ARCS, **places: object
+    path: Path, blocks: int | list[int] = 1, arcs: Arcs = FOUR_BAR_ARCS, **places: object
 ) -> Path:
     """Record both modes of a four-bar."""
     with RerunRecorder("four bar", path=path, **places) as recorder:
@@ -245,8 +245,11 @@ def test_what_stays_is_logged_once(partial: Path) -> None:
     assert links | paths | {"/four_bar/link/1"} <= curves
 
 
-@pytest.mark.parametrize("blocks", [5, 361])
-def test_block_size_does_not_matter(recording: Path, tmp_path: Path, blocks: int) -> None:
+@pytest.mark.parametrize("blocks", [5, [*range(1, 40), 200, *range(350, 361)]])
+def test_block_size_does_not_matter(
+    recording: Path, tmp_path: Path, blocks: int | list[int]
+) -> None:
+    """Five like blocks, and blocks of one sample before and behind long ones."""
     assert differences(record(tmp_path / "b.rrd", blocks), recording) == []
 
 

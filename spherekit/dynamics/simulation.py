@@ -1,12 +1,13 @@
 """A motion that follows from the loads: dense output, events, and what was checked."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from spherekit.checked import checked
 from spherekit.conventions import counted
 from spherekit.dynamics.equation import coriolis
 from spherekit.dynamics.forces import rates_by_time
@@ -284,7 +285,8 @@ class Simulation:
         """The first time, s."""
         return float(self.path.starts[0])
 
-    def at(self, t: "Floats | Sequence[float]") -> History:
+    @checked(SolveError)
+    def at(self, t: ArrayLike) -> History:
         """Return the motion at times t (n,) in s, any order, within [start, end.t].
 
         Raises
@@ -320,8 +322,10 @@ class Simulation:
             residual=equation.closure.at(values).gap,
         )
 
-    def moments(self, t: Floats) -> Transmitted:
+    @checked(SolveError)
+    def moments(self, t: ArrayLike) -> Transmitted:
         """Return the moments that every pair transmits at times (n,), in pair axes."""
+        t = np.atleast_1d(np.asarray(t, dtype=float))
         traced, dynamics = self._at(t)
         motion, _, change = self._accelerated(traced, dynamics)
         motion = replace(motion, values=motion.values + FULL_TURN * traced.turns)

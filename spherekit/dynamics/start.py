@@ -6,6 +6,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.checked import checked_class
 from spherekit.conventions import STATUS_MEANING, Status, counted, listing, nearest
 from spherekit.dynamics.inertia import need_inertia, need_moving_inertia
 from spherekit.dynamics.state import EquationOfMotion
@@ -50,6 +51,7 @@ _TRACERS = Cache(most=KEPT)
 
 
 @final
+@checked_class(SolveError)
 @dataclass(frozen=True)
 class PoseStart:
     """A start from a whole configuration, which may be a dead centre of the input.

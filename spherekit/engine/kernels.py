@@ -84,6 +84,7 @@ class Kernel:
     engine: Literal["numpy", "compiled"]
     function: CompiledFunction | ArrayFunction
 
+    @checked(EngineError)
     def __call__(self, inputs: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return the output (columns, n), written to `out` where that is given.
 

@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked_class
 from spherekit.errors import EngineError
 from spherekit.model.expression import ON_ARRAYS
 from spherekit.sphere.rotation import Floats
@@ -114,6 +115,7 @@ class Hardware(Arithmetic):
 
 
 @final
+@checked_class(EngineError)
 class Digits(Arithmetic):
     """Numbers of mpmath with any number of decimal digits, slow and exact.
 

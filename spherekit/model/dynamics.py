@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import counted, listing, nearest
+from spherekit.checked import checked_class
+from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
 from spherekit.model.laws import need_increasing
@@ -35,8 +36,6 @@ TorqueFunction = Callable[[float, float, float], float]
 
 Axes = Literal["ground", "link"]
 """Whether components are along the axes of the ground or of the link acted on."""
-
-AXES: tuple[Axes, ...] = ("ground", "link")
 
 DRIVE = "driving_torque"
 """Name of the load that a torque at the input becomes."""
@@ -178,6 +177,7 @@ class Load(ABC):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class PairTorque(Load):
     """A torque (N m) about an R pair's axis on its second link, its reaction on the first.
@@ -209,6 +209,7 @@ class PairTorque(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Gravity(Load):
     """The same acceleration (m/s2, ground axes) on every link with a mass."""
@@ -248,6 +249,7 @@ class Gravity(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class PointForce(Load):
     """A force (N) at a point (m, link axes) fixed in a link; its reaction on the ground.
@@ -270,13 +272,14 @@ class PointForce(Load):
 
     def check(self, key: str, mechanism: "Mechanism") -> None:
         need_finite(f"{key}.point", self.point)
-        _check_on_link(key, self.axes, "force", self.force, mechanism)
+        _check_on_link(key, "force", self.force, mechanism)
 
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
         return _on_link(mechanism, self, self.force, _floats(self.point))
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Moment(Load):
     """A moment (N m) on a link; its reaction on the ground.
@@ -294,13 +297,14 @@ class Moment(Load):
     axes: Axes = "ground"
 
     def check(self, key: str, mechanism: "Mechanism") -> None:
-        _check_on_link(key, self.axes, "moment", self.moment, mechanism)
+        _check_on_link(key, "moment", self.moment, mechanism)
 
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
         return _on_link(mechanism, self, self.moment, None)
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Spring(Load):
     """A spring at an R pair: the torque -stiffness (v - rest) for the variable v (rad).
@@ -329,6 +333,7 @@ class Spring(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Damper(Load):
     """A viscous damper at an R pair: the torque -damping v' for the rate v' (rad/s).
@@ -354,6 +359,7 @@ class Damper(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Friction(Load):
     """Dry and viscous friction at an R pair: -(torque tanh(v' / speed) + viscous v').
@@ -388,6 +394,7 @@ class Friction(Load):
 
 
 @final
+@checked_class(ModelError)
 @dataclass(frozen=True)
 class Bearings(Load):
     """The bearings of an R pair, with Coulomb's friction that follows from its reaction.
@@ -512,6 +519,7 @@ def need_no_rubbing(mechanism: "Mechanism", what: str) -> None:
 
 
 @final
+@checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class TorqueTable(Load):
     """A torque (N m) at an R pair given at increasing times (s), linear in between.
@@ -645,13 +653,7 @@ def _on_link(
     )
 
 
-def _check_on_link(
-    key: str, axes: str, what: str, parts: Expressions, mechanism: "Mechanism"
-) -> None:
-    if axes not in AXES:
-        raise ModelError(
-            f'{key}.axes: found "{axes}", allowed: {listing(AXES)}{nearest(axes, AXES)}'
-        )
+def _check_on_link(key: str, what: str, parts: Expressions, mechanism: "Mechanism") -> None:
     for number, text in enumerate(parts):
         need_expression(f"{key}.{what}[{number}]", text, mechanism)
 

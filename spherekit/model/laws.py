@@ -25,7 +25,7 @@ SPLINE_DEGREE = 5
 """A quintic spline has a continuous fourth derivative, so a torque without kinks."""
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "at")
 @final
 @dataclass(frozen=True)
 class ConstantSpeed:
@@ -48,7 +48,7 @@ class ConstantSpeed:
         )
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "at")
 @final
 @dataclass(frozen=True)
 class Polynomial:
@@ -72,7 +72,7 @@ class Polynomial:
         return q, dq, 2 * half
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "at")
 @final
 @dataclass(frozen=True)
 class Cycloidal:
@@ -106,7 +106,7 @@ class Cycloidal:
         )
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "at")
 @final
 @dataclass(frozen=True)
 class Tabulated:
@@ -180,7 +180,7 @@ class TimeLaw(Protocol):
         """Return the input at times t (s)."""
 
 
-@checked_class(ModelError)
+@checked_class(ModelError, "each")
 @final
 @dataclass(frozen=True)
 class Start:

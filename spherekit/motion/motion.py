@@ -229,6 +229,7 @@ class Motion(ArrayRows):
         longest = int(np.max(np.count_nonzero(paths, axis=1)))
         return self.configuration_error * longest
 
+    @checked(SolveError)
     def quaternions(self, link: int) -> Floats:
         """Return (n, 4) xyzw, from the link's axes to ground axes."""
         return quaternion(self.rotations[:, link])

@@ -337,6 +337,7 @@ class InverseKinematics:
     def _transmission(self) -> Transmission:
         return Transmission.of(self.own, self.wrist.output)
 
+    @checked(SolveError)
     def posed(self, poses: ArrayLike, signs: Signs) -> PosedMode:
         """Return a mode at poses as for `at`, to be asked for angles one by one.
 

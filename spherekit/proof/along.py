@@ -15,11 +15,15 @@ import numpy as np
 
 from spherekit.proof.chains import Chain
 from spherekit.proof.equations import Equations
-from spherekit.proof.tubes import UP, Piece, Test, corrected, frame_at, local, piece_at
+from spherekit.proof.tubes import UP, Piece, corrected, frame_at, local, piece_at
 from spherekit.sphere.rotation import Floats
 
 DEEPEST = 40
 """How often a part of a curve is cut in two at most."""
+SHORTEST_PART = 1e-6
+"""Shorter parts (rad) of a curve are not cut."""
+SHORTEST_STILL = 0.02
+"""Nor are these, if neither the rate nor its derivative has a sign at the centre."""
 NEAREST = 1e-9
 """Length (rad) of the part of a curve in which a zero is shown, about."""
 STEPS = 60
@@ -47,12 +51,13 @@ class Rates:
 def rates(piece: Piece, half: float) -> Rates:
     """Return bounds of the rates where |s| <= half."""
     at, t, normals = piece.at, piece.frame[:, 0], piece.frame[:, 1:]
-    test = Test(at, t, normals, piece.inverse)
-    rows = float(np.max(np.sum(test.contraction(half, piece.radius), axis=1))) * UP
-    tight = float(np.max(test.displacement(half))) / (1.0 - rows) * UP
-    rows = float(np.max(np.sum(test.contraction(half, tight), axis=1))) * UP
+    test = piece.test
+    length = np.array(half)
+    rows = float(np.max(test.rows(length, np.array(piece.radius)))) * UP
+    tight = float(np.max(test.displacement(length))) / (1.0 - rows) * UP
+    rows = float(np.max(test.rows(length, np.array(tight)))) * UP
     spare = 1.0 - rows
-    change = test.sums(half, tight)
+    change = test.sums(length, np.array(tight))
     inverse = test.inverse
     along = test.along
     crossed = np.sum(np.abs(np.einsum("ijl,j,lc->ic", at.curvatures, t, normals)), axis=1)
@@ -92,15 +97,13 @@ class Stop:
 
 
 def stops(equations: Equations, chain: Chain, variable: int) -> tuple[list[Stop], int]:
-    """Return where a variable stops along a chain, and how many parts are undecided."""
+    """Return where a variable stops along a chain, and how many pieces are undecided."""
     places: list[Stop] = []
     undecided = 0
     for number, (piece, centre, off) in enumerate(_parts(chain)):
-        for stop in _within(equations, piece, centre, off, variable, 0):
-            if stop is None:
-                undecided += 1
-            else:
-                places.append(replace(stop, after=number))
+        zeros = list(_within(equations, piece, centre, off, variable, 0))
+        places += [replace(stop, after=number) for stop in zeros if stop is not None]
+        undecided += None in zeros
     return places, undecided
 
 
@@ -128,16 +131,28 @@ def _within(
     if here.bend(variable):
         start = rates(piece, 0.0).sign(variable)
         end = _sign_at(equations, piece, goal, variable)
-        if start and end:
-            if start != end:
-                yield _place(equations, piece, goal, variable, start)
-            return
+        # an end whose sign is open stays one, however short the parts
+        if not (start and end):
+            yield None
+        elif start != end:
+            yield _place(equations, piece, goal, variable, start)
+        return
+    shortest = SHORTEST_PART if _decidable(piece, variable) else SHORTEST_STILL
+    if reach < shortest:
+        yield None
+        return
     middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
     if middle is None or depth >= DEEPEST or not middle.holds(goal, off):
         yield None
         return
     yield from _within(equations, piece, middle.centre, middle.miss, variable, depth + 1)
     yield from _within(equations, middle, goal, off, variable, depth + 1)
+
+
+def _decidable(piece: Piece, variable: int) -> bool:
+    """Return whether a rate, or its derivative, has a sign at a piece's centre."""
+    here = rates(piece, 0.0)
+    return bool(here.sign(variable) or here.bend(variable))
 
 
 def _sign_at(equations: Equations, piece: Piece, goal: Floats, variable: int) -> int:

@@ -1,6 +1,7 @@
 """Configuration curves as chains of pieces, each with the centre of the next one in it."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -12,6 +13,8 @@ from spherekit.sphere.rotation import Floats
 FORWARD = 0.9
 """Where the next centre is looked for, over the half length of a piece."""
 MOST_PIECES = 6000
+MOST_BRIDGED = 64
+"""Pieces put between two."""
 LONGER = 1.6
 """How much longer than the last the next piece is tried."""
 
@@ -66,39 +69,44 @@ def chain_through(
     ahead, closed, problem = _followed(equations, first, first, low, high, whole)
     if closed:
         return Chain((first, *ahead), True)
-    turned = piece_at(equations, start, -first.tangent, LONGEST)
-    assert turned is not None
-    back, _, behind = _followed(equations, turned, None, low, high, whole)
-    flipped = [_turned(equations, piece) for piece in reversed([turned, *back])]
-    if any(piece is None for piece in flipped):
-        return Chain((first, *ahead), False, problem or "a piece is not proven backwards")
-    linked = [piece for piece in flipped if piece is not None][:-1]
-    whole_chain = _bridged(equations, [*linked, first, *ahead])
-    if whole_chain is None:
-        return Chain((first, *ahead), False, "two pieces do not meet")
-    where = next(k for k, piece in enumerate(whole_chain) if piece is first)
-    return Chain(tuple(whole_chain), False, problem or behind, where)
+    back, _, behind = _followed(equations, _turned(first), None, low, high, whole)
+    before = [_turned(piece) for piece in reversed(back)]
+    linked = _bridged(equations, [*before, first, *ahead], len(before))
+    if linked is None:
+        return Chain((first, *ahead), False, problem or "two pieces do not meet")
+    where = next(k for k, piece in enumerate(linked) if piece is first)
+    return Chain(tuple(linked), False, problem or behind, where)
 
 
-def _turned(equations: Equations, piece: Piece) -> Piece | None:
-    """Return the piece around the same centre the other way round."""
-    return piece_at(equations, piece.centre, -piece.tangent, piece.half)
+def _turned(piece: Piece) -> Piece:
+    """Return the same piece the other way round: its test has sizes only."""
+    frame = piece.frame.copy()
+    frame[:, 0] *= -1.0
+    return replace(piece, frame=frame)
 
 
-def _bridged(equations: Equations, pieces: list[Piece]) -> list[Piece] | None:
-    """Return pieces with others between them where a centre is in no piece before it."""
-    linked = pieces[:1]
-    for piece in pieces[1:]:
-        for _ in range(64):
+def _bridged(
+    equations: Equations, pieces: Sequence[Piece], first: int
+) -> list[Piece] | None:
+    """Return pieces with others between them where a centre is in no piece before it.
+
+    Pieces before the one of number `first` are left out where that cannot be: as short
+    ones at a place where curves cross.
+    """
+    linked = list(pieces[:1])
+    for number, piece in enumerate(pieces[1:], start=1):
+        for _ in range(MOST_BRIDGED):
             if linked[-1].holds(piece.centre, piece.miss):
+                linked.append(piece)
                 break
             further = _next(equations, linked[-1])
             if further is None:
-                return None
+                break
             linked.append(further)
-        else:
-            return None
-        linked.append(piece)
+        if linked[-1] is not piece:
+            if number > first:
+                return None
+            linked = [piece]
     return linked
 
 

@@ -23,9 +23,11 @@ class Cover:
         self.count = 0
 
     def add(self, chain: Chain) -> None:
-        """Take a chain."""
+        """Take a chain; those that lie on it, if it is closed, are of no more use."""
         from scipy.spatial import cKDTree
 
+        if chain.closed:
+            self.chains = [kept for kept in self.chains if not _on(kept, chain)]
         self.chains.append(chain)
         pieces = [piece for member in self.chains for piece in member.pieces]
         self.count = len(pieces)
@@ -61,6 +63,23 @@ class Cover:
         apart = np.remainder(place - self._centres + np.pi, TURN) - np.pi
         inside = np.abs(np.einsum("nv,nvw->nw", apart, self._frames)) - off - 1e-13
         return bool(np.any(np.all(inside <= self._limits, axis=1)))
+
+
+def may_meet(chain: Chain, centres: Floats, off: Floats) -> bool:
+    """Return whether configurations (n, v), off by at most `off`, may be on a chain."""
+    for piece in chain.pieces:
+        inside = np.abs(piece.coordinates(centres)) - off[:, None] - 1e-13
+        if np.any(
+            (inside[:, 0] <= piece.half) & np.all(inside[:, 1:] <= piece.radius, axis=1)
+        ):
+            return True
+    return False
+
+
+def _on(chain: Chain, closed: Chain) -> bool:
+    """Return whether a chain's curve is proven to be that of a closed one."""
+    start = chain.start
+    return any(piece.holds(start.centre, start.miss) for piece in closed.pieces)
 
 
 def _turned(places: Floats) -> Floats:

@@ -20,7 +20,7 @@ from spherekit.proof.along import Stop, stops
 from spherekit.proof.balls import bits, exact, middle, pi, upper
 from spherekit.proof.chains import Chain, chain_through, laps
 from spherekit.proof.construction import Construction, construct
-from spherekit.proof.cover import TURN, Cover
+from spherekit.proof.cover import TURN, Cover, may_meet
 from spherekit.proof.equations import Equations
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.tubes import Piece, corrected
@@ -28,13 +28,14 @@ from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
 PRECISION = 80
-SMALLEST = 3e-5
+SMALLEST = 1e-6
 """Boxes (rad) are not halved further."""
 MOST_BOXES = 6_000_000
 SEEDING = 0.12
 """Boxes (rad) so small are looked into for curves not known yet."""
 MOST_VAIN = 400
 """Boxes looked into without a new curve, after which none are."""
+OVERLAPPING = "two curves found may be one, so that modes are not counted"
 TRIED = 6
 """Boxes of each batch that are looked into."""
 
@@ -122,8 +123,15 @@ class CertifiedCurves:
 
     @cached_property
     def intervals(self) -> list[tuple[float, float, int]]:
-        """The range cut at turning points (rad), with the number of modes of each part."""
-        edges = [self.low, *self.turning_points, self.high]
+        """The range cut at turning points (rad), with the number of modes of each part.
+
+        Undecided parts are left out; there are none where two chains may be of one curve.
+        """
+        if OVERLAPPING in self.problems:
+            return []
+        ends = [end for part in self.undecided for end in part]
+        inner = [end for end in ends if self.low < end < self.high]
+        edges = [self.low, *sorted([*self.turning_points, *inner]), self.high]
         # places that are not told apart have no part of the range between them
         off = max(
             (stop.off for stopped, _ in self.stopping for stop in stopped), default=0.0
@@ -132,7 +140,15 @@ class CertifiedCurves:
             (low, high, self.modes_at(0.5 * (low + high)))
             for low, high in pairwise(edges)
             if high - low > max(2.0 * off, 1e-12)
+            and not self._is_undecided(0.5 * (low + high))
         ]
+
+    def _is_undecided(self, q: float) -> bool:
+        """Return whether an input of the range (rad) is in an undecided part of it."""
+        turns = (-TURN, 0.0, TURN) if self.whole else (0.0,)
+        return any(
+            low <= q + turn <= high for low, high in self.undecided for turn in turns
+        )
 
     @cached_property
     def claim(self) -> Claim:
@@ -144,6 +160,8 @@ class CertifiedCurves:
         )
         parts = self.undecided
         doubtful = sum(count for _, count in self.stopping)
+        if OVERLAPPING in self.problems:
+            rests = f"{OVERLAPPING}; {rests}"
         if parts:
             widest = max(high - low for low, high in parts)
             return Claim(
@@ -269,11 +287,11 @@ class _Search:
     def __init__(self, equations: Equations, low: float, high: float, whole: bool) -> None:
         self.equations, self.low, self.high, self.whole = equations, low, high, whole
         self.cover = Cover()
-        self.overlapping = False
         self.vain = 0
 
-    def look(self, centres: Floats, radii: Floats) -> None:
-        """Look for curves that go through boxes."""
+    def look(self, centres: Floats, radii: Floats) -> bool:
+        """Look for curves that go through boxes; return whether there is a new one."""
+        before = len(self.cover.chains)
         small = np.flatnonzero(np.max(radii, axis=1) < SEEDING)
         for row in small[:: max(1, len(small) // TRIED)] if self.vain < MOST_VAIN else ():
             self.vain += 1
@@ -290,12 +308,9 @@ class _Search:
             chain = chain_through(self.equations, place, self.low, self.high, self.whole)
             if chain is None or self._known(chain.start):
                 continue
-            if self.cover.count and not chain.closed:
-                within = (p for p in chain.pieces if self.in_range(float(p.centre[-1])))
-                if any(self.cover.holds(piece.centre, piece.miss) for piece in within):
-                    self.overlapping = True
             self.cover.add(chain)
             self.vain = 0
+        return len(self.cover.chains) > before
 
     def _known(self, start: Piece) -> bool:
         """Return whether a configuration found is on a curve known already."""
@@ -305,11 +320,22 @@ class _Search:
         """Return whether an input is in the range."""
         return self.whole or self.low <= q <= self.high
 
+    def overlapping(self) -> bool:
+        """Return whether two chains may go through one configuration of the range."""
+        for chain in self.cover.chains:
+            within = [p for p in chain.pieces if self.in_range(float(p.centre[-1]))]
+            centres = np.array([piece.centre for piece in within])
+            off = np.array([piece.miss for piece in within])
+            for other in self.cover.chains:
+                if other is not chain and within and may_meet(other, centres, off):
+                    return True
+        return False
+
     def problems(self) -> list[str]:
         """Return why chains are not whole curves, or not known to be different."""
         problems = [chain.problem for chain in self.cover.chains if chain.problem]
-        if self.overlapping:
-            problems.append("two curves may be parts of one beyond the range")
+        if self.overlapping():
+            problems.append(OVERLAPPING)
         if any(laps(chain) for chain in self.cover.chains):
             problems.append("a curve may have been gone round twice")
         return problems

@@ -29,6 +29,7 @@ from spherekit.proof.balls import (
     upper,
 )
 from spherekit.proof.construction import Across, Construction, Onto, Ranks
+from spherekit.proof.harmonics import Real, real_equations
 from spherekit.proof.jets import Arithmetic, Balls, Batches, Jet, product, total
 from spherekit.proof.vectors import Frame, Vector, cross, dot
 from spherekit.proof.written import Written
@@ -157,6 +158,11 @@ class Equations:
     def floats(self) -> "FloatEquations":
         """The same equations in float64, with bounds of what that is off by."""
         return FloatEquations(self)
+
+    @cached_property
+    def real(self) -> Real:
+        """The same equations at real angles only, which is quicker."""
+        return real_equations(self)
 
     def bounds(self, stretch: Floats | None = None) -> Bounds:
         """Return bounds for angles whose imaginary parts are at most the log of `stretch`.

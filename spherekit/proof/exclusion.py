@@ -12,7 +12,7 @@ from spherekit.proof.cover import TURN
 from spherekit.proof.equations import Equations
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.roots import Root, root_near
-from spherekit.proof.tubes import UP, values_and_slopes
+from spherekit.proof.tubes import UP
 from spherekit.sphere.rotation import Floats
 
 SMALLEST = 1e-6
@@ -56,7 +56,8 @@ class RealModes:
             out |= np.all(reach <= root.unique, axis=1)
         return out
 
-    def _look(self, centres: Floats, radii: Floats) -> None:
+    def _look(self, centres: Floats, radii: Floats) -> bool:
+        before = len(self.roots)
         count = self.equations.unknowns
         small = np.flatnonzero(np.max(radii, axis=1) < 0.1)
         for row in small[:: max(1, len(small) // TRIED)]:
@@ -64,14 +65,13 @@ class RealModes:
             near = place is not None and not self._covers(place[None], 0.0 * place[None])[0]
             if place is not None and near:
                 self.add([complex(angle) for angle in place[:count]])
+        return len(self.roots) > before
 
     def _newton(self, place: Floats, count: int) -> Floats | None:
         place = place.copy()
         for _ in range(STEPS):
             turns = np.stack([np.cos(place), np.sin(place)], axis=-1)[None]
-            values, slopes = values_and_slopes(
-                self.equations.floats.at(turns, 1), len(place)
-            )
+            values, slopes = self.equations.real.first(turns)
             change, *_ = np.linalg.lstsq(slopes[0][:, :count], -values[0], rcond=1e-12)
             size = float(np.max(np.abs(change)))
             place[:count] += change * min(1.0, 0.3 / max(size, 1e-300))

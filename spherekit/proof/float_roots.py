@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from spherekit.proof.balls import Ball, circle, complex_ball, complex_circle
 from spherekit.proof.charts import inverses
 from spherekit.proof.equations import Equations
+from spherekit.proof.jets import values_and_slopes
 from spherekit.proof.roots import MARGIN, NEAR_REAL, WIDEST, Root
-from spherekit.proof.tubes import ROUNDING, UP, values_and_slopes
+from spherekit.proof.tubes import ROUNDING, UP
 from spherekit.sphere.rotation import Floats
 
 Complexes = NDArray[np.complex128]

@@ -43,7 +43,7 @@ class InputMap:
 
     `kind` (n,) is `REGULAR`, `CONTAINS` for boxes with a configuration of type II in them,
     or `UNDECIDED`; `modes` (n,) are the numbers of modes of regular ones, else -1.
-    `systems` are those by which they were counted.
+    `systems` are those by which they were counted, with solutions to start from.
     """
 
     written: Written
@@ -147,7 +147,7 @@ def input_map(
             axes.append(Axis(start, written.input_angle(high) - start))
         search = _Map(equations, axes, cell, finer)
         boxes = search.judged()
-    systems = search.systems.solved({})
+    systems = search.systems.starts()
     return InputMap(written, made, tuple(range_texts), *boxes, systems)
 
 

@@ -86,3 +86,14 @@ def total(*jets: Jet) -> Jet:
         for key, value in jet.items():
             out[key] = out[key] + value if key in out else value
     return out
+
+
+def values_and_slopes(jets: list[Jet], variables: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return values (n, k) and slopes (n, k, v) of many configurations."""
+    values = np.stack([jet[()] for jet in jets], axis=1)
+    slopes = np.zeros((*values.shape, variables), dtype=values.dtype)
+    for row, jet in enumerate(jets):
+        for column in range(variables):
+            if (column,) in jet:
+                slopes[:, row, column] = jet[(column,)]
+    return values, slopes

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from spherekit.progress import Working
 from spherekit.proof.balls import Ball, circle, exact, middle, upper
 from spherekit.proof.equations import Equations
-from spherekit.proof.tubes import UP, values_and_slopes
+from spherekit.proof.facets import apart
+from spherekit.proof.tubes import UP
 from spherekit.sphere.rotation import Floats
 
 CHUNK = 20000
@@ -117,8 +118,8 @@ class Paved:
 
 Covered = Callable[[Floats, Floats], Bools]
 """Says which boxes of centres and radii (n, variables) are inside a piece."""
-Looked = Callable[[Floats, Floats], None]
-"""Is told the centres and radii of boxes that are not decided, to find pieces there."""
+Looked = Callable[[Floats, Floats], bool]
+"""Is told the centres and radii of boxes that are not decided; whether it finds pieces."""
 
 
 def paved(
@@ -134,7 +135,7 @@ def paved(
     Boxes whose largest radius is below `smallest` (rad) are not halved; after `most` boxes
     none are.
     """
-    bounds = equations.floats.bounds
+    bounds, error = equations.floats.bounds, equations.real.error
     count = len(axes)
     zero = np.zeros((1, count), dtype=np.int64)
     waiting = [Boxes(zero, zero)]
@@ -153,11 +154,13 @@ def paved(
         turns = np.stack(
             [a.turns(sides[j], boxes.places[:, j]) for j, a in enumerate(axes)], axis=1
         )
-        values, slopes = values_and_slopes(equations.floats.at(turns, 1), count)
+        values, slopes = equations.real.first(turns)
         change = radii @ bounds.degrees.T
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
-        reach += 0.5 * bounds.constant * change**2 + bounds.error * (1.0 + change)
-        open_ = ~np.any(np.abs(values) > reach * UP, axis=1)
+        bent = 0.5 * bounds.constant * change**2 + error * (1.0 + change)
+        open_ = ~np.any(np.abs(values) > (reach + bent) * UP, axis=1)
+        rows = np.flatnonzero(open_)
+        open_[rows] = ~apart(values[rows], slopes[rows], radii[rows], bent[rows])
         if not np.any(open_):
             continue
         boxes, radii, slopes = boxes.take(open_), radii[open_], slopes[open_]
@@ -167,8 +170,7 @@ def paved(
         )
         largest = np.max(radii, axis=1)
         kept = ~covered(centres, radii)
-        if np.any(kept):
-            looked(centres[kept], radii[kept])
+        if np.any(kept) and looked(centres[kept], radii[kept]):
             kept[kept] = ~covered(centres[kept], radii[kept])
         ended = kept & (largest < smallest)
         if paving.looked_at > most:

@@ -142,6 +142,13 @@ class Systems:
             for number, (rows, unknowns) in enumerate(self.parts)
         )
 
+    def starts(self) -> tuple[SolvedSystem, ...]:
+        """Return the systems with solutions at places from which others were followed."""
+        return tuple(
+            replace(system, solved=tuple(roots))
+            for system, roots in zip(self.solved({}), self.known_roots, strict=True)
+        )
+
     def given_to(self, number: int) -> list[int]:
         """Return the variables that are given to a system: all but its unknowns."""
         unknowns = self.parts[number][1]

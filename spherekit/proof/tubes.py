@@ -7,15 +7,16 @@ arc without an end inside. No variable is special, so a dead centre of the input
 ordinary place. Everything is float64 with bounds of what it is off by.
 """
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.proof.balls import circle
 from spherekit.proof.equations import Equations
-from spherekit.proof.jets import Jet
 from spherekit.sphere.rotation import Floats
 
 LONGEST = 0.4
@@ -25,6 +26,8 @@ SHORTEST_PIECE = 1e-7
 SHRINK = 0.7
 WIDTHS = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
 """Radii tried, over the half length."""
+AT_ONCE = 12
+"""Half lengths that are tried at once."""
 UP = 1.0 + 1e-12
 """More than any rounding in the sums of bounds, which have positive terms only."""
 ROUNDING = 1e-14
@@ -51,31 +54,9 @@ class Local:
 
 def local(equations: Equations, place: Floats) -> Local:
     """Return the equations at a configuration (variables,), float64 taken as it is."""
-    turns = circle(place)[None]
-    jets = equations.floats.at(turns, 2)
-    count, variables = len(jets), equations.variables
-    values, slopes = np.zeros(count), np.zeros((count, variables))
-    curvatures = np.zeros((count, variables, variables))
-    for row, jet in enumerate(jets):
-        values[row] = jet[()][0]
-        for key, entry in jet.items():
-            if len(key) == 1:
-                slopes[row, key[0]] = entry[0]
-            elif len(key) == 2:
-                curvatures[row, key[0], key[1]] = curvatures[row, key[1], key[0]] = entry[0]
+    real = equations.real
     bounds = equations.floats.bounds
-    return Local(values, slopes, curvatures, bounds.error, bounds.constant, bounds.degrees)
-
-
-def values_and_slopes(jets: list[Jet], variables: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return values (n, k) and slopes (n, k, v) of many configurations."""
-    values = np.stack([jet[()] for jet in jets], axis=1)
-    slopes = np.zeros((*values.shape, variables), dtype=values.dtype)
-    for row, jet in enumerate(jets):
-        for column in range(variables):
-            if (column,) in jet:
-                slopes[:, row, column] = jet[(column,)]
-    return values, slopes
+    return Local(*real.second(circle(place)), real.error, bounds.constant, bounds.degrees)
 
 
 @final
@@ -84,7 +65,7 @@ class Piece:
     """A part of space with one arc in it: `frame` (v, v) has the columns t and N.
 
     The arc is within `tight` of the axis, y = 0; at s = 0 within `miss`.
-    `inverse` is Y and `at` the equations at `centre`.
+    `inverse` is Y, `at` the equations at `centre`, `test` what proved it.
     """
 
     centre: Floats
@@ -95,6 +76,7 @@ class Piece:
     miss: float
     inverse: Floats
     at: Local
+    test: "Test"
 
     def coordinates(self, places: Floats) -> Floats:
         """Return (s, y) (n, v) of places (n, v), whole turns away or not."""
@@ -151,15 +133,20 @@ def piece_at(
     if not np.all(np.isfinite(inverse)):
         return None
     test = Test(at, t, normals, inverse)
-    half = longest
-    while half >= shortest:
-        for width in WIDTHS:
-            inside = test.inside(half, width * half)
-            if inside is not None:
-                tight, miss = inside
-                return Piece(centre, frame, half, width * half, tight, miss, inverse, at)
-        half *= SHRINK
+    for halves in _halves(longest, shortest):
+        inside = test.first_inside(halves)
+        if inside is not None:
+            half, radius, tight, miss = inside
+            return Piece(centre, frame, half, radius, tight, miss, inverse, at, test)
     return None
+
+
+def _halves(longest: float, shortest: float) -> Iterator[Floats]:
+    """Yield half lengths to try, longer ones first, some at once."""
+    count = 1 + max(0, math.floor(math.log(shortest / longest) / math.log(SHRINK)))
+    powers = np.asarray(longest * SHRINK ** np.arange(count), dtype=float)
+    for start in range(0, count, AT_ONCE):
+        yield powers[start : start + AT_ONCE]
 
 
 @final
@@ -180,49 +167,59 @@ class Test:
         rest = np.abs(np.eye(count) - inverse @ inner)
         self.rest = rest + ROUNDING * (1.0 + self.inverse @ np.abs(inner))
         mixed = np.einsum("ijl,jc->icl", at.curvatures, normals)
-        self.mixed_t = np.abs(mixed) @ np.abs(t)
-        self.mixed_n = np.abs(mixed) @ np.sum(np.abs(normals), axis=1)
+        self.mixed_t = np.sum(np.abs(mixed) @ np.abs(t)[:, None], axis=(1, 2))
+        self.mixed_n = np.sum(np.abs(mixed) @ np.sum(np.abs(normals), axis=1), axis=1)
+        self.sideways = np.sum(self.across, axis=1)
 
-    def sums(self, half: float, radius: float) -> Floats:
-        """Return (k,) by how much the angles of each equation change at most."""
-        return np.asarray((self.along * half + np.sum(self.across, axis=1) * radius) * UP)
+    def sums(self, half: Floats, radius: Floats) -> Floats:
+        """Return (..., k) by how much the angles of each equation change at most."""
+        change = self.along * half[..., None] + self.sideways * radius[..., None]
+        return np.asarray(change * UP)
 
-    def contraction(self, half: float, radius: float) -> Floats:
-        """Return bounds (k, k) of 1 - Y F_z N in the piece."""
+    def rows(self, half: Floats, radius: Floats) -> Floats:
+        """Return bounds (..., k) of the sums of the rows of 1 - Y F_z N in the piece."""
         at, change = self.at, self.sums(half, radius)
-        wide = self.mixed_t * half + self.mixed_n * radius
+        wide = self.mixed_t * half[..., None] + self.mixed_n * radius[..., None]
         third = 0.5 * at.constant * change**2 + at.error * (1.0 + change + 0.5 * change**2)
-        return np.asarray(
-            (self.rest + self.inverse @ (wide + third[:, None] * self.across)) * UP
-        )
+        off = (wide + third * self.sideways) @ self.inverse.T
+        return np.asarray((np.sum(self.rest, axis=1) + off) * UP)
 
-    def displacement(self, half: float) -> Floats:
-        """Return bounds (k,) of Y F on the axis."""
-        at, way = self.at, self.along * half
+    def displacement(self, half: Floats) -> Floats:
+        """Return bounds (..., k) of Y F on the axis."""
+        at, length = self.at, half[..., None]
+        way = self.along * length
         off = at.error * (1.0 + way + 0.5 * way**2) + at.constant * way**3 / 6.0
-        powers = np.array([1.0, half, 0.5 * half**2])
-        return np.asarray((self.moved @ powers + self.inverse @ off) * UP)
+        moved = self.moved.T
+        axis = moved[0] + length * (moved[1] + 0.5 * length * moved[2])
+        return np.asarray((axis + off @ self.inverse.T) * UP)
 
-    def inside(self, half: float, radius: float) -> tuple[float, float] | None:
-        """Return within what the arc is of the axis, and its middle of the centre."""
-        rows = np.sum(self.contraction(half, radius), axis=1) * UP
+    def first_inside(self, halves: Floats) -> tuple[float, float, float, float] | None:
+        """Return the first half length that is proven, its radius, and two distances.
+
+        The arc is within the first of the axis, its middle within the second of the centre.
+        """
+        half, radius = halves[:, None], np.outer(halves, WIDTHS)
+        rows = self.rows(half, radius) * UP
         miss = self.displacement(half)
-        if not np.all(miss + rows * radius < radius / UP) or not np.max(rows) < 1.0 / UP:
+        fits = np.all(miss + rows * radius[..., None] < radius[..., None] / UP, axis=2)
+        proven = np.argwhere(fits & (np.max(rows, axis=2) < 1.0 / UP))
+        if not len(proven):
             return None
-        spare = 1.0 - float(np.max(rows)) * UP
+        row, column = proven[0]
+        spare = 1.0 - float(np.max(rows[row, column])) * UP
         # lengths, not components: other pieces see them from other sides
-        scale = float(np.sqrt(len(miss))) / spare * UP
-        return float(np.max(miss)) * scale, float(np.max(self.displacement(0.0))) * scale
+        scale = math.sqrt(rows.shape[2]) / spare * UP
+        tight = float(np.max(miss[row, 0])) * scale
+        here = float(np.max(self.displacement(np.zeros(())))) * scale
+        return float(halves[row]), float(radius[row, column]), tight, here
 
 
 def corrected(equations: Equations, place: Floats, steps: int = 8) -> Floats | None:
     """Return the configuration next to a place by Newton's method, None without one."""
     for _ in range(steps):
-        angles = np.stack([np.cos(place), np.sin(place)], axis=-1)[None]
-        values, slopes = values_and_slopes(
-            equations.floats.at(angles, 1), equations.variables
-        )
-        change, *_ = np.linalg.lstsq(slopes[0], -values[0], rcond=1e-13)
+        turns = np.stack([np.cos(place), np.sin(place)], axis=-1)
+        values, slopes, _ = equations.real.second(turns)
+        change, *_ = np.linalg.lstsq(slopes, -values, rcond=1e-13)
         place = place + change
         size = float(np.max(np.abs(change)))
         if not size < 1.0:

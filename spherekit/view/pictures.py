@@ -15,6 +15,7 @@ from typing import IO, Any, Literal
 
 import numpy as np
 
+from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
 from spherekit.errors import OutputError
 from spherekit.files.atomic import check_file, write_bytes
@@ -44,6 +45,7 @@ NO_VULKAN = (
 )
 
 
+@checked(OutputError)
 def screenshot(
     recording: Path | str,
     picture: Path | str,

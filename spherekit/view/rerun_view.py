@@ -37,6 +37,7 @@ from spherekit.analysis.scene import (
     in_degrees,
     titled,
 )
+from spherekit.checked import checked_class
 from spherekit.errors import OutputError
 from spherekit.view import charts, colours, diagrams, entities, shapes
 from spherekit.view.blueprint import MOST_COMPARED, Layout, Panel, Plot
@@ -75,6 +76,7 @@ curves have a gap.
 
 
 @final
+@checked_class(OutputError)
 class RerunRecorder:
     """Turns scenes into one rerun recording that goes to one or more places.
 

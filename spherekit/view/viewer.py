@@ -5,9 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+from spherekit.checked import checked
 from spherekit.errors import OutputError
 
 
+@checked(OutputError)
 def open_viewer(recording: Path | str) -> str:
     """Open a recording in a viewer of its own, which stays when this process ends.
 

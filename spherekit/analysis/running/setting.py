@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal, final
 
+from spherekit.checked import checked_class
+from spherekit.errors import AnalysisError
 from spherekit.rates.routes import ROUTES, Route
 
 RateEngine = Literal["numpy", "compiled", "extended"]
@@ -23,6 +25,7 @@ REPRESENTATIONS: dict[Representation, str] = {
 
 
 @final
+@checked_class(AnalysisError)
 @dataclass(frozen=True)
 class Setting:
     """One way to compute what analyses read.

@@ -1,0 +1,76 @@
+"""What the analyses whose tables have rows at every sample share: columns and plots."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.plugin import Batch, Floats, Scene, Series, TableData, input_columns
+from spherekit.plugin.motion import Motion
+
+
+def row_columns(batch: Batch, timed: bool = False) -> dict[str, NDArray[Any]]:
+    """Return sample, assembly mode and inputs of all rows, and their time if asked for."""
+    return {
+        "sample": batch.sample,
+        "assembly_mode": batch.assembly_mode,
+        **({"t": batch.t} if timed else {}),
+        **input_columns(batch.mechanism, batch.inputs),
+    }
+
+
+def repeated(columns: TableData, subjects: Sequence[str], name: str) -> TableData:
+    """Return columns with a row for each subject at every row, the subjects as `name`."""
+    count = len(next(iter(columns.values())))
+    return {
+        **{key: np.repeat(values, len(subjects)) for key, values in columns.items()},
+        name: np.tile(np.array(subjects, dtype=str), count),
+    }
+
+
+def curve(
+    group: str,
+    label: str,
+    title: str,
+    values: Floats,
+    unit: str = "",
+    link: int | None = None,
+) -> Series:
+    """Return a quantity (n,) to be plotted, with others of its group, against the rows."""
+    name = re.sub(r"[^A-Za-z0-9-]+", "_", label)
+    return Series(f"plots/{group}/{name}", label, title, values, unit, link)
+
+
+def plotted(batch: Batch, curves: Sequence[Series]) -> tuple[Scene, ...]:
+    """Return a scene for each assembly mode, with its part of every curve."""
+    return tuple(
+        Scene(mode, tuple(replace(one, values=one.values[rows]) for one in curves))
+        for mode, rows in batch.assembly_mode_rows().items()
+    )
+
+
+def largest_of(
+    before: Mapping[str, Any], now: Mapping[str, Any], size: str
+) -> dict[str, Any]:
+    """Return by name whichever record of two has the number `size` farther from 0."""
+    return {
+        name: max(
+            (records[name] for records in (before, now) if name in records),
+            key=lambda record: abs(record[size]),
+        )
+        for name in {**before, **now}
+    }
+
+
+def as_loads_see(batch: Batch) -> Motion:
+    """Return the configurations of a batch with the angles of its loads going on.
+
+    The batch needs the tracer, and continued values of the pairs that loads depend on.
+    """
+    values = batch.motion.values.copy()
+    for pair in batch.needs.continued_values:
+        values[:, batch.mechanism.angles[pair]] = batch.continued_value(pair)
+    return replace(batch.motion, values=values)

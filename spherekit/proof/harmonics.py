@@ -1,0 +1,240 @@
+"""The equations for real angles as sums of products of cosines and sines of multiples.
+
+Each equation is a polynomial of known degree in the cosine and sine of each angle, so that
+its values at evenly spaced angles, in balls, give its coefficients. With these, float64
+values and derivatives take few products, and what they are off by is known: rounding, and
+what sizes leave open, by the interpolation's norm (Ehlich and Zeller 1966) and Bernstein's
+inequality for the derivatives.
+"""
+
+from itertools import product
+from math import prod
+from typing import TYPE_CHECKING, Any, Protocol, final
+
+import numpy as np
+
+from spherekit.proof.balls import UNIT, Ball, exact, middle, pi, upper
+from spherekit.proof.jets import values_and_slopes
+from spherekit.sphere.rotation import Floats
+
+if TYPE_CHECKING:
+    from spherekit.proof.equations import Equations
+
+CHUNK = 2000
+"""Configurations at once, so that the sums stay in the processor's cache."""
+MOST_NODES = 20000
+"""Values that coefficients are computed from at most."""
+
+
+class Real(Protocol):
+    """Values and derivatives of the equations at real angles, in float64.
+
+    Derivatives are off by at most `error` (k,) times products of degrees, as in `Bounds`.
+    """
+
+    error: Floats
+
+    def first(self, turns: Floats) -> tuple[Floats, Floats]:
+        """Return values (n, k) and slopes (n, k, v) at cosines and sines (n, v, 2)."""
+
+    def second(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return values (k,), slopes (k, v), curvatures (k, v, v) at turns (v, 2)."""
+
+
+def real_equations(equations: "Equations") -> Real:
+    """Return what computes equations at real angles: by coefficients if these are few."""
+    sides = 2 * equations.construction.degrees + 1
+    few = np.max(np.prod(sides.astype(float), axis=1)) <= MOST_NODES
+    return Harmonics(equations) if few else Placed(equations)
+
+
+@final
+class Placed:
+    """Equations at real angles by placing the links at each configuration."""
+
+    def __init__(self, equations: "Equations") -> None:
+        self.floats, self.variables = equations.floats, equations.variables
+        self.error = equations.floats.bounds.error
+
+    def first(self, turns: Floats) -> tuple[Floats, Floats]:
+        """See `Real`."""
+        return values_and_slopes(self.floats.at(turns, 1), self.variables)
+
+    def second(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
+        """See `Real`."""
+        jets = self.floats.at(turns[None], 2)
+        values, slopes = values_and_slopes(jets, self.variables)
+        curvatures = np.zeros((len(jets), self.variables, self.variables))
+        for row, jet in enumerate(jets):
+            for key, entry in jet.items():
+                if len(key) == 2:
+                    curvatures[row][key] = curvatures[row][key[::-1]] = entry[0]
+        return values[0], slopes[0], curvatures
+
+
+@final
+class Harmonics:
+    """Equations at real angles by their coefficients."""
+
+    def __init__(self, equations: "Equations") -> None:
+        degrees = equations.construction.degrees
+        self.count, self.variables = degrees.shape
+        self.waves = int(np.max(degrees, initial=1))
+        self.terms = [_Term(row) for row in degrees]
+        nodes = _Nodes(equations)
+        self.error = np.array([term.fill(nodes, k) for k, term in enumerate(self.terms)])
+
+    def first(self, turns: Floats) -> tuple[Floats, Floats]:
+        """See `Real`."""
+        values = np.zeros((len(turns), self.count))
+        slopes = np.zeros((len(turns), self.count, self.variables))
+        for start in range(0, len(turns), CHUNK):
+            rows = slice(start, start + CHUNK)
+            waves = _waves(np.moveaxis(turns[rows], 0, -1), self.waves, 1)
+            for k, term in enumerate(self.terms):
+                values[rows, k], by_variable = term.first(waves)
+                for variable, slope in by_variable.items():
+                    slopes[rows, k, variable] = slope
+        return values, slopes
+
+    def second(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
+        """See `Real`."""
+        waves = _waves(turns, self.waves, 2)
+        values = np.zeros(self.count)
+        slopes = np.zeros((self.count, self.variables))
+        curvatures = np.zeros((self.count, self.variables, self.variables))
+        for k, term in enumerate(self.terms):
+            derivatives = term.second(waves)
+            values[k] = derivatives[0]
+            slopes[k, term.variables] = derivatives[term.single]
+            curvatures[k][term.block] = derivatives[term.double]
+        return values, slopes, curvatures
+
+
+def _waves(turns: Floats, most: int, order: int) -> Floats:
+    """Return 1, cos x, sin x, cos 2x, ... and derivatives (v, order + 1, 2 most + 1, ...).
+
+    `turns` (v, 2, ...) are cosines and sines.
+    """
+    cosine, sine = turns[:, 0], turns[:, 1]
+    out = np.zeros((len(turns), order + 1, 2 * most + 1, *turns.shape[2:]))
+    out[:, 0, 0] = 1.0
+    c, s = cosine, sine
+    for wave in range(1, most + 1):
+        if wave > 1:
+            c, s = c * cosine - s * sine, s * cosine + c * sine
+        out[:, 0, 2 * wave - 1], out[:, 0, 2 * wave] = c, s
+        for k in range(order):
+            out[:, k + 1, 2 * wave - 1] = -wave * out[:, k, 2 * wave]
+            out[:, k + 1, 2 * wave] = wave * out[:, k, 2 * wave - 1]
+    return out
+
+
+@final
+class _Nodes:
+    """Values of the equations in balls at evenly spaced angles."""
+
+    def __init__(self, equations: "Equations") -> None:
+        self.equations = equations
+        self._kept: dict[tuple[tuple[int, int], ...], list[Ball]] = {}
+
+    def at(self, place: tuple[tuple[int, int], ...], k: int) -> Ball:
+        """Return equation k where each angle is so many parts of so many of a turn."""
+        if place not in self._kept:
+            angles = [2 * pi() * part / parts for part, parts in place]
+            jets = self.equations.at(angles, 0)
+            self._kept[place] = [jet[()][0, 0].real for jet in jets]
+        return self._kept[place][k]
+
+
+@final
+class _Term:
+    """One equation: its variables and the coefficients, an axis of each variable."""
+
+    def __init__(self, degrees: Any) -> None:
+        self.degrees = [int(degree) for degree in degrees]
+        self.variables = [j for j, degree in enumerate(self.degrees) if degree]
+        self.shape = [2 * self.degrees[j] + 1 for j in self.variables]
+        count = len(self.variables)
+        places = 3 ** np.arange(count - 1, -1, -1, dtype=np.intp)
+        self.single, self.double = places, places[:, None] + places
+        self.block = np.ix_(self.variables, self.variables)
+        self.coefficients = np.zeros(self.shape)
+
+    def fill(self, nodes: _Nodes, k: int) -> float:
+        """Compute the coefficients of equation k; return what float64 values are off by."""
+        sides = [2 * degree + 1 for degree in self.degrees]
+        balls = np.empty(prod(sides), dtype=object)
+        for number, place in enumerate(product(*(range(side) for side in sides))):
+            balls[number] = nodes.at(tuple(zip(place, sides, strict=True)), k)
+        open_ = max(upper(ball - _centre(ball)) for ball in balls)
+        norm = prod(_norm(side) for side in sides)
+        sums = np.array([_centre(ball) for ball in balls], dtype=object)
+        sums = sums.reshape(self.shape)
+        for axis, side in enumerate(self.shape):
+            sums = np.moveaxis(np.tensordot(_transform(side), sums, (1, axis)), 0, axis)
+        self.coefficients = np.array([middle(e) for e in sums.ravel()]).reshape(self.shape)
+        pairs = zip(sums.ravel(), self.coefficients.ravel(), strict=True)
+        missed = float(sum(upper(ball - exact(near)) for ball, near in pairs))
+        size = float(np.sum(np.abs(self.coefficients)))
+        steps = sum(side + 2 + 4 * 2 ** (side // 2) for side in self.shape)
+        return float(1.001 * (open_ * norm + missed) + 2.0 * steps * UNIT * size)
+
+    def first(self, waves: Floats) -> tuple[Floats, dict[int, Floats]]:
+        """Return values (n,) and slopes (n,) by variable, of waves (v, 2, w, n)."""
+        *before, last = self.variables
+        flat = self.coefficients.reshape(-1, self.shape[-1])
+        value = flat @ waves[last, 0, : self.shape[-1]]
+        slopes = {last: flat @ waves[last, 1, : self.shape[-1]]}
+        for variable, side in zip(before[::-1], self.shape[-2::-1], strict=True):
+            plain, turned = waves[variable, 0, :side], waves[variable, 1, :side]
+            slopes = {j: _summed(part, plain) for j, part in slopes.items()}
+            slopes[variable] = _turned(value, turned)
+            value = _summed(value, plain)
+        return value[0], {j: slope[0] for j, slope in slopes.items()}
+
+    def second(self, waves: Floats) -> Floats:
+        """Return all derivatives up to the second by each variable, of waves (v, 3, w)."""
+        left = self.coefficients
+        for variable, side in zip(self.variables, self.shape, strict=True):
+            left = left.reshape(side, -1).T @ waves[variable, :, :side].T
+        return left.ravel()
+
+
+def _summed(parts: Floats, waves: Floats) -> Floats:
+    """Return sums over the last axis but one, that of waves (w, n); the first is 1."""
+    split = parts.reshape(-1, *waves.shape)
+    total = split[:, 1] * waves[1]
+    total += split[:, 0]
+    for wave in range(2, len(waves)):
+        total += split[:, wave] * waves[wave]
+    return np.asarray(total)
+
+
+def _turned(parts: Floats, waves: Floats) -> Floats:
+    """Return the same of derivatives of waves, of which the first is 0."""
+    split = parts.reshape(-1, *waves.shape)
+    total = split[:, 1] * waves[1]
+    for wave in range(2, len(waves)):
+        total += split[:, wave] * waves[wave]
+    return np.asarray(total)
+
+
+def _centre(ball: Ball) -> Ball:
+    return type(ball)(ball.mid())
+
+
+def _norm(nodes: int) -> float:
+    """Return the norm of interpolation at an odd number of evenly spaced angles."""
+    halves = (2 * np.arange(nodes) + 1) * np.pi / (2 * nodes)
+    return float(np.sum(1.0 / np.abs(np.sin(halves))) / nodes) * (1 + 1e-9)
+
+
+def _transform(nodes: int) -> Any:
+    """Return what takes values at evenly spaced angles to coefficients (nodes, nodes)."""
+    rows = [[exact(1.0) / nodes] * nodes]
+    for wave in range(1, nodes // 2 + 1):
+        angles = [2 * pi() * (wave * part % nodes) / nodes for part in range(nodes)]
+        rows.append([2 * angle.cos() / nodes for angle in angles])
+        rows.append([2 * angle.sin() / nodes for angle in angles])
+    return np.array(rows, dtype=object)
