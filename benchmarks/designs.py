@@ -120,8 +120,8 @@ def run(quick: bool) -> list[Section]:
     for case in CASES:
         evaluator = case.evaluator()
         count = 4096 if quick else 32768
-        if evaluator.part == FOLLOWED:
-            count = FOLLOWED // 4 if quick else FOLLOWED
+        if evaluator.is_followed:
+            count = FOLLOWED // 12 if quick else FOLLOWED
         designs = case.designs(count)
         changed = [case.design(values) for values in designs[:, :2].T]
         jobs = {

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.design.sensitivity import Sensitivity
 from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.read import read
 
@@ -172,3 +173,33 @@ def test_wheels_and_contacts_in_any_group_are_those_of_runs(case, tmp_path):
             assert len(mine) == len(wanted) > 0
             order = [np.lexsort(np.round(each.T, 6)) for each in (mine, wanted)]
             assert mine[order[0]] == pytest.approx(wanted[order[1]], rel=1e-12, abs=1e-12)
+
+
+def test_wheels_that_deviate_mesh_as_gears_do(tmp_path):
+    """By the contacts as they are, and by ratios and offsets: two formulations."""
+    wheels = sk.load(written(tmp_path, WHEELS))
+    motion = sk.trace(wheels, samples=5)
+    rest = np.zeros_like(motion.q)
+    samples = np.stack([motion.q, rest + 1.0, rest, rest], axis=1)
+    sizes = ("links.1.angles.c", "links.1.arcs.c", "links.5.arc")
+    quantities = ("theta_c", "theta_56", "rate_56")
+    given = Sensitivity(wheels, sizes, quantities).at(samples, motion.values)
+    more = (*sizes, "pairs.m1.profiles.2.radius")
+    ratios = Sensitivity(wheels, more, quantities).at(samples, motion.values)
+    assert np.sin(ratios[0]) == pytest.approx(np.sin(given[0]), abs=1e-11)
+    assert ratios[1][:3] == pytest.approx(given[1], abs=1e-9)
+    assert np.max(np.abs(ratios[1][3])) > 0.1
+
+
+def test_a_differential_has_derivatives_though_its_equations_repeat(tmp_path):
+    made = sk.load(written(tmp_path, DIFFERENTIAL))
+    motion = sk.trace(made, samples=(2, 2))
+    motion = motion.rows(np.flatnonzero(~motion.failed))
+    key = "pairs.knee.latitude"
+    sensitivity = Sensitivity(made, [key], ["theta_foot"])
+    samples = sensitivity.at_rest(motion.inputs)
+    _, gradients = sensitivity.at(samples, motion.values)
+    step = 1e-4
+    drawn = sensitivity.scattered(samples, motion.values, np.array([[step, -step]]))
+    slope = (drawn[0, :, 0] - drawn[0, :, 1]) / (2.0 * step)
+    assert gradients[0, 0] == pytest.approx(slope, abs=1e-6)

@@ -55,8 +55,11 @@ from spherekit.sphere.rotation import Floats
 BLOCK = 4096
 """Designs evaluated together: their rows stay in the cache."""
 
-PART, FOLLOWED, SINGLY = 16384, 256, 16
+PART, FOLLOWED, SINGLY = 16384, 768, 16
 """Designs in a part: in closed form, followed, and one by one."""
+
+FEWEST, PARTS = 256, 8
+"""Designs that are followed in a part at least, and parts that are made of more."""
 
 ON_THE_WAY = 2**25
 """Variables of all solutions of designs that are followed together, at all samples."""
@@ -323,12 +326,18 @@ class Evaluator:
     def _joined(self, parts: Sequence[Evaluated]) -> Evaluated:
         return Evaluated.joined(parts, [merit.name for merit in self.merits])
 
-    @property
-    def part(self) -> int:
-        """How many designs pay together."""
+    def part(self, count: int) -> int:
+        """Return how many of so many designs pay together."""
         if self.kernel is None:
             return SINGLY
-        return PART if self._paths is None else self._followed_together
+        if self._paths is None:
+            return PART
+        return min(max(FEWEST, count // PARTS), self._followed_together)
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether all solutions are followed from design to design."""
+        return self._paths is not None
 
     @property
     def _followed_together(self) -> int:

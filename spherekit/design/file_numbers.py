@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from spherekit.design.variables import ACTIONS, DesignVariable, designed, with_actions
 from spherekit.engine.actions import Actions
 from spherekit.engine.hinges import Hinged, hinged
+from spherekit.engine.wheel_train import ONE_LINE
 from spherekit.errors import SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.mechanism import Mechanism
@@ -36,8 +37,8 @@ class FileNumbers:
 
     `with_contacts` is the mechanism with links for its contacts, if it has some; `whole`
     says that masses follow sizes, so that the whole file is read. `nominal` are all numbers
-    of the file as it is, those of contacts first, and `differing` which of them follow the
-    variables, as far as these could be `varied`.
+    of the file as it is, those of contacts first (wheels may be `apart`, rad), and
+    `differing` which of them follow the variables, as far as these could be `varied`.
     """
 
     def __init__(
@@ -48,10 +49,12 @@ class FileNumbers:
         inputs: Sequence[str],
         with_contacts: Hinged | None,
         whole: bool,
+        apart: float = ONE_LINE,
     ) -> None:
         self.document, self.mechanism = document, mechanism
         self.variables = tuple(variables)
         self.inputs = tuple(inputs)
+        self.apart = apart
         self.hinged = with_contacts
         self.whole = whole or with_contacts is not None
         self._form = Actions.of(mechanism).form
@@ -98,7 +101,7 @@ class FileNumbers:
                 made = with_actions(self.document, self.mechanism, self.variables, numbers)
             actions = Actions.of(made)
             if self.hinged is not None:
-                with_contacts = hinged(made, self.inputs)
+                with_contacts = hinged(made, self.inputs, self.apart)
                 if with_contacts is None or with_contacts.form != self.hinged.form:
                     return UNLIKE
                 contacts = with_contacts.numbers

@@ -32,7 +32,7 @@ from spherekit.engine.design_kernel import (
     sample_names,
 )
 from spherekit.engine.hinges import Hinged, hinged
-from spherekit.errors import DesignError
+from spherekit.errors import DesignError, EngineError
 from spherekit.files.change import document_of
 from spherekit.model.geometry import COLLINEAR
 from spherekit.model.joints import Track
@@ -49,6 +49,8 @@ TOGETHER = 8192
 """Deviating configurations that are solved together."""
 CLOSED = 1e-12
 """A configuration whose pairs miss each other by less (rad) is closed."""
+GEARED = 0.2
+"""Wheels that deviations take off each other by less (rad) mesh as before."""
 
 
 @final
@@ -124,7 +126,12 @@ class Sensitivity:
         self.inputs = tuple(item.pair for item in mechanism.inputs)
         self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
-        self.keys = tuple(keys) or sizes_of(mechanism)
+        self.keys = tuple(keys) or sizes_of(mechanism) or self._of_profiles()
+        if not self.keys:
+            raise DesignError(
+                f"{mechanism.name}: no link of it has sizes, for none has two axes; name "
+                "numbers of the file"
+            )
         self.variables = tuple(self._variable(key) for key in self.keys)
         check_variables(self.document, self.variables)
         self.quantities = tuple(quantities) or quantities_of(mechanism)
@@ -137,6 +144,19 @@ class Sensitivity:
                     "velocity_coefficient_LINK_OTHER"
                 )
         need_no_accelerations(mechanism, self.quantities, "ask for these")
+
+    def _of_profiles(self) -> tuple[str, ...]:
+        """Return the keys of radii and harmonics."""
+        made = []
+        for pair, table in self.document.data["pairs"].items():
+            for link, profile in table.get("profiles", {}).items():
+                for name in ("radius", "cosines", "sines"):
+                    key, number = f"pairs.{pair}.profiles.{link}.{name}", profile.get(name)
+                    if isinstance(number, list):
+                        made += [f"{key}.{k}" for k in range(len(number))]
+                    elif number is not None:
+                        made.append(key)
+        return tuple(made)
 
     @cached_property
     def _profiled(self) -> bool:
@@ -159,9 +179,31 @@ class Sensitivity:
         return hinged(self.mechanism, self.inputs)
 
     @cached_property
+    def _as_given(self) -> DesignTerms | None:
+        """Terms of the mechanism with its contacts; None if wheels repeat too much."""
+        chosen = self.variables
+        if self._profiled:
+            chosen = tuple(chosen[k] for k in self._sized)
+        try:
+            return DesignTerms.of(
+                self.mechanism,
+                self.inputs,
+                [variable.name for variable in chosen],
+                lambda numbers: designed_pairs(
+                    self.mechanism, chosen, numbers, self._profiled
+                ),
+                closed_form=False,
+            )
+        except EngineError:
+            if self._hinged is None or self._hinged.train is None:
+                raise
+            return None
+
+    @cached_property
     def _numbers(self) -> FileNumbers | None:
         """The numbers of contacts that follow the sizes, where some are of contacts."""
-        if self._profiled or all(v.slot is not None for v in self.variables):
+        sized = all(variable.slot is not None for variable in self.variables)
+        if self._profiled or (sized and self._as_given is not None):
             return None
         made = FileNumbers(
             self.document,
@@ -170,6 +212,7 @@ class Sensitivity:
             self.inputs,
             self._hinged,
             False,
+            GEARED,
         )
         if not made.varied:
             raise DesignError(
@@ -214,16 +257,8 @@ class Sensitivity:
                 lambda numbers: contacts.pairs({k: numbers[n] for k, n in names.items()}),
                 closed_form=False,
             )
-        chosen = self.variables
-        if self._profiled:
-            chosen = tuple(chosen[k] for k in self._sized)
-        return DesignTerms.of(
-            self.mechanism,
-            self.inputs,
-            [variable.name for variable in chosen],
-            lambda numbers: designed_pairs(self.mechanism, chosen, numbers, self._profiled),
-            closed_form=False,
-        )
+        assert self._as_given is not None
+        return self._as_given
 
     @cached_property
     def _gradient(self) -> DesignKernel:
@@ -316,16 +351,17 @@ class Sensitivity:
         By Newton's method from each configuration; NaN where that does not close.
         """
         draws = deviations.shape[1]
+        sizes = self._deviating(deviations)
         if self._profiles is not None:
             profiles = self._profiles.drawn(deviations)
             drawn = [
-                self._closed(samples, values, deviations[:, [k]], tracks)
+                self._closed(samples, values, sizes[:, [k]], tracks)
                 for k, tracks in enumerate(profiles)
             ]
             return np.concatenate(drawn, axis=2)
         together = max(1, TOGETHER // draws)
         made = [
-            self._closed(samples[k : k + together], values[k : k + together], deviations)
+            self._closed(samples[k : k + together], values[k : k + together], sizes)
             for k in range(0, len(samples), together)
         ]
         return np.concatenate(made, axis=1)
@@ -334,14 +370,14 @@ class Sensitivity:
         self,
         samples: Floats,
         values: Floats,
-        deviations: Floats,
+        of_draws: Floats,
         tracks: Sequence[Track] | None = (),
     ) -> Floats:
-        """Return the quantities (c, n, draws) of deviating mechanisms, with profiles."""
-        newton, n, draws = self._newton, len(samples), deviations.shape[1]
+        """Return the quantities (c, n, draws) of mechanisms with sizes (k, draws)."""
+        newton, n, draws = self._newton, len(samples), of_draws.shape[1]
         if tracks is None:
             return np.full((len(self.quantities), n, draws), np.nan)
-        sizes = np.tile(self._deviating(deviations), n)
+        sizes = np.tile(of_draws, n)
         prepared = newton.prepare(sizes)
         now = np.repeat(self._placed(values).T, draws, axis=1)
         closed: NDArray[np.bool_] = np.zeros(n * draws, dtype=bool)
@@ -382,9 +418,20 @@ def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def quantities_of(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the angles that say where outputs are, else those of all passive pairs."""
+    """Return the angles that say where outputs are, else those of all passive pairs.
+
+    Without any, how outputs turn while the inputs move.
+    """
     driven = {item.pair for item in mechanism.inputs}
     ends = {frozenset((output.link, output.relative_to)) for output in mechanism.outputs}
     passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name not in driven]
     chosen = [p for p in passive if frozenset(p.links) in ends] or passive
-    return tuple(f"theta_{pair.name}" for pair in chosen)
+    if chosen:
+        return tuple(f"theta_{pair.name}" for pair in chosen)
+    possible = row_quantities(mechanism)
+    speeds = [f"velocity_coefficient_{o.link}_{o.relative_to}" for o in mechanism.outputs]
+    return tuple(
+        name
+        for name in possible
+        if any(name == speed or name.startswith(f"{speed}_by_") for speed in speeds)
+    )

@@ -140,7 +140,7 @@ class Sweep:
     @cached_property
     def part_size(self) -> int:
         """Designs in a part."""
-        return self.evaluator.part
+        return self.evaluator.part(self.space.count)
 
     @property
     def parts(self) -> int:

@@ -38,7 +38,6 @@ class TableFigures:
     """
 
     kernel = None
-    part = SINGLY
 
     def __init__(
         self,
@@ -57,6 +56,10 @@ class TableFigures:
 
     def classes(self, values: Floats) -> None:
         """Return no Grashof classes."""
+
+    def part(self, count: int) -> int:
+        """Return how many of so many designs are taken together."""
+        return min(count, SINGLY)
 
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""

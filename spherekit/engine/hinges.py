@@ -114,8 +114,12 @@ class Hinged:
         return TurningPairs(tuple(chains), tuple(spins), twin, {}, followers)
 
 
-def hinged(mechanism: Mechanism, driven: Sequence[str]) -> Hinged | None:
+def hinged(
+    mechanism: Mechanism, driven: Sequence[str], apart: float = ONE_LINE
+) -> Hinged | None:
     """Return a mechanism driven at pairs without contacts; None if some are of other kinds.
+
+    Wheels that miss each other by less than `apart` (rad) roll as gears do.
 
     Raises
     ------
@@ -144,7 +148,7 @@ def hinged(mechanism: Mechanism, driven: Sequence[str]) -> Hinged | None:
     train = None
     if rolling:
         train = wheel_train(
-            mechanism, pairs, [mechanism.pair_number[name] for name in driven]
+            mechanism, pairs, [mechanism.pair_number[name] for name in driven], apart
         )
         if train is None:
             return None

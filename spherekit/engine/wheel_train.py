@@ -69,18 +69,22 @@ class _Mesh:
 
 
 def wheel_train(
-    mechanism: Mechanism, pairs: TurningPairs, driven: Sequence[int]
+    mechanism: Mechanism,
+    pairs: TurningPairs,
+    driven: Sequence[int],
+    apart: float = ONE_LINE,
 ) -> WheelTrain | None:
     """Return how wheels follow the inputs, pairs `driven`.
 
     None if a rolling contact has no common carrier, or the contacts do not fix all the
     angles that they relate. Wheels are put together as the reference pose has them, without
-    one so that they have rolled least at inputs of zero.
+    one so that they have rolled least at inputs of zero. Circles that miss each other by
+    less than `apart` (rad) roll where they are nearest, as gears do.
     """
     rolling = [
         number for number, pair in enumerate(mechanism.pairs) if pair.kind.may_repeat
     ]
-    meshes = [_mesh(mechanism, pairs, number) for number in rolling]
+    meshes = [_mesh(mechanism, pairs, number, apart) for number in rolling]
     if not meshes:
         return None
     made = [mesh for mesh in meshes if mesh is not None]
@@ -106,19 +110,21 @@ def wheel_train(
     return None if put is None else WheelTrain(tuple(followers), ratios, put)
 
 
-def _mesh(mechanism: Mechanism, pairs: TurningPairs, number: int) -> _Mesh | None:
+def _mesh(
+    mechanism: Mechanism, pairs: TurningPairs, number: int, apart: float
+) -> _Mesh | None:
     """Return what a contact says of pairs; None unless a link carries its wheels."""
     chain = pairs.chains[number]
     turns = [turn for turn in chain.turns if isinstance(turn, AxisRotation)]
     way = _way(mechanism, pairs, number)
     if way is None or len(turns) != 2:
         return None
-    start = _rolled(chain, _between(pairs, way, {}))
+    start = _rolled(chain, _between(pairs, way, {}), apart)
     if start is None:
         return None
     rates = np.zeros((2, len(mechanism.pairs)))
     for pair, _ in way:
-        there = _rolled(chain, _between(pairs, way, {pair: TURNED}))
+        there = _rolled(chain, _between(pairs, way, {pair: TURNED}), apart)
         if there is None:
             return None
         moved = there - start
@@ -187,7 +193,7 @@ def _between(pairs: TurningPairs, way: Way, angles: Mapping[int, float]) -> Floa
     return np.asarray(made, dtype=float)
 
 
-def _rolled(chain: Chain, rotation: Floats) -> Floats | None:
+def _rolled(chain: Chain, rotation: Floats, apart: float) -> Floats | None:
     """Return the turns (2,) of a contact that lead to a rotation; None if none do.
 
     In M = Z(a) C Z(b) the last column is that of C turned by a, the last row that of C
@@ -195,7 +201,7 @@ def _rolled(chain: Chain, rotation: Floats) -> Floats | None:
     """
     before, between, after = (np.asarray(item, dtype=float) for item in chain.constants)
     needed = before.T @ rotation @ after.T
-    if abs(needed[2, 2] - between[2, 2]) > ONE_LINE:
+    if abs(needed[2, 2] - between[2, 2]) > apart:
         return None
     (x, y, _), (u, v, _) = needed[:, 2], between[:, 2]
     (p, q, _), (r, s, _) = needed[2], between[2]
