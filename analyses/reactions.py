@@ -164,6 +164,12 @@ class ReactionAnalysis(AbstractAnalysis):
                 "distances_of_contacts": list(more.distances),
                 "floating_pairs": list(more.floating),
                 "repeated_constraints": not more.enough,
+                "wanted": more.wanted,
+                "pressure_angles": [
+                    pair.name
+                    for pair in batch.mechanism.pairs
+                    if pair.rolls and pair.pressure_angle is None
+                ],
             },
             "links_that_slide": [link for link, slides in links if slides],
             "asks_for_forces": _asks_for_forces(batch.mechanism),
@@ -271,9 +277,11 @@ def _said(figures: Mapping[str, Any]) -> Findings:
     ]
     loose = [name for name, facts in pairs.items() if facts["is_open"]]
     if loose:
+        meshes = [x for x in figures["forces_need"]["pressure_angles"] if x in loose]
+        hint = f"; teeth at {listing(meshes)} would have a pressure_angle" if meshes else ""
         warnings.append(
             "redundant constraints leave open how reactions are shared among the pairs "
-            f"{listing(loose)}; what is open is left empty"
+            f"{listing(loose)}; what is open is left empty{hint}"
         )
     remarks = []
     for key, unit, what in (
@@ -283,7 +291,7 @@ def _said(figures: Mapping[str, Any]) -> Findings:
     ):
         facts = pairs if key in next(iter(pairs.values())) else figures["bearings"]
         given = {name: x[key] for name, x in facts.items() if x[key] is not None}
-        if given:
+        if given and (facts is pairs or len(given) == len(facts)):
             name = max(given, key=lambda one: given[one])
             where = f"in pair {name}" if facts is pairs else f"({name})"
             remarks.append(f"largest {what}: {given[name]:.6g} {unit} {where}")
@@ -304,22 +312,7 @@ def _on_forces(figures: Mapping[str, Any]) -> list[str]:
     loose = [name for name, facts in pairs.items() if facts["force_is_open"]]
     if not loose:
         return []
-    need = figures["forces_need"]
-    wanted = []
-    if need["centres_of_mass"]:
-        links = listing(need["centres_of_mass"])
-        wanted.append(f"mass and centre of the links {links} (mass.LINK)")
-    if need["distances_of_contacts"]:
-        contacts = listing(need["distances_of_contacts"])
-        wanted.append(f"the distance of the contacts {contacts} from the centre")
-    if need["floating_pairs"]:
-        floating = listing(need["floating_pairs"])
-        wanted.append(
-            f"that the pairs {floating}, or others in their loops, float (bearings, axial)"
-        )
-    if need["repeated_constraints"]:
-        wanted.append("constraints that do not repeat each other")
     return [
         f"forces through the centre are open in the pairs {listing(loose)}; a file that "
-        f"says {listing(wanted)} determines them"
+        f"says {listing(figures['forces_need']['wanted'])} determines them"
     ]

@@ -156,12 +156,13 @@ def moments(mechanism, turns, w, angle, t, joint):
     return found
 
 
-def spatial(mechanism, values, angle, t, dq, ddq, joint):
+def spatial(mechanism, values, angle, t, dq, ddq, joint, sides=None):
     """Return the forces on bearings and contacts of links that nothing holds at O.
 
     Every R pair has two bearings, each a point that holds its links together across the
     axis, the one with `axial` 1 along it too; contacts hold theirs at their distance. So
     each link is a free body with Newton's equation and Euler's about its centre of mass.
+    Teeth push along the normal of a flank, which has +1 or -1 in `sides`, and do not pull.
     The forces (3,) in ground axes are of the first link on the second, by pair, or by the
     load of the bearings and the number of the bearing; then how many are not determined,
     and what misses the equations.
@@ -207,6 +208,10 @@ def spatial(mechanism, values, angle, t, dq, ddq, joint):
             for n, (at, share) in enumerate(zip(load.positions, load.axial, strict=True)):
                 for vector in (x, y, z) if share else (x, y):
                     column(a, b, at * z, vector, (load.name, n))
+        elif pair.pressure_angle is not None:
+            # Normal to the flank: y of the pair points to the side of the first wheel.
+            vector = sides[pair.name] * x - np.tan(pair.pressure_angle) * y
+            column(a, b, pair.distance * z, vector, (pair.name, 0))
         else:
             for vector in (y,) if pair.type == "Cs" else (x, y):
                 column(a, b, pair.distance * z, vector, (pair.name, 0))

@@ -1,6 +1,7 @@
 """Forces through the centre and loads of bearings, against links held by these alone."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from spherekit.model.laws import Polynomial
 from spherekit.motion.motion import Tracer
 from spherekit.motion.timing import by_laws
 
-PLACES = (0.4, 0.9)
+PLACES, TEETH = (0.4, 0.9), np.radians(20.0)
+STARTS = STARTS | {"bevel_differential": (0.3, 0.2)}
 
 
 def borne(name, seed=3, distance=0.7):
@@ -22,7 +24,11 @@ def borne(name, seed=3, distance=0.7):
     made, joint = loaded(name, np.random.default_rng(seed))
     made = made.with_inputs(*[item.pair for item in made.inputs])
     pairs = tuple(
-        pair if pair.kind.has_axis else replace(pair, distance=distance)
+        pair
+        if pair.kind.has_axis
+        else replace(
+            pair, distance=distance, pressure_angle=TEETH if pair.type == "Cr" else None
+        )
         for pair in made.pairs
     )
     made = replace(made, pairs=pairs)
@@ -48,7 +54,7 @@ def test_links_that_bearings_alone_hold_give_the_same_loads(name):
     assert not np.any(found.open_forces) and not found.lacking
     torques = found.torques
     for row, t in enumerate(torques.t):
-        forces, loose, missed = spatial(
+        given = (
             made,
             torques.values[row],
             torques.values[row, made.angles[joint]],
@@ -57,6 +63,20 @@ def test_links_that_bearings_alone_hold_give_the_same_loads(name):
             torques.input_accelerations[row],
             joint,
         )
+        meshes = [pair.name for pair in made.pairs if pair.pressure_angle is not None]
+        solved = [
+            spatial(*given, dict(zip(meshes, sides, strict=True)))
+            for sides in product((1.0, -1.0), repeat=len(meshes))
+        ]
+        # Of the flanks those that push are the ones that touch.
+        ((forces, loose, missed),) = [
+            one
+            for one in solved
+            if all(
+                one[0][name, 0] @ found.frames[row, made.pair_number[name]][:, 1] < 0.0
+                for name in meshes
+            )
+        ]
         size = max(np.max(np.abs(force)) for force in forces.values())
         assert loose == 0 and missed < 1e-12 * size
         for k, pair in enumerate(made.pairs):
@@ -237,3 +257,16 @@ def test_what_would_determine_the_forces_is_said():
     (analysis,) = run.summary["analyses"]
     need = analysis["findings"]["forces_need"]
     assert need["centres_of_mass"] == [light.link] and len(need["floating_pairs"]) == 6
+
+
+def test_gears_keep_their_pressure_angle_and_distance_in_files(tmp_path):
+    made, _ = borne("bevel_differential")
+    sk.dump(made, tmp_path / "gears.toml")
+    again = sk.load(tmp_path / "gears.toml")
+    assert [x.pressure_angle for x in again.pairs] == pytest.approx(
+        [x.pressure_angle for x in made.pairs]
+    )
+    assert [x.distance for x in again.pairs] == [x.distance for x in made.pairs]
+    with pytest.raises(sk.SpherekitError, match="pressure_angle: found 2 rad"):
+        pairs = [replace(x, pressure_angle=2.0) if x.distance else x for x in made.pairs]
+        replace(made, pairs=tuple(pairs))

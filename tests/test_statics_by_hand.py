@@ -102,3 +102,28 @@ def test_the_bearings_of_hookes_joint():
         assert found.torques.tau[0] == pytest.approx(100.0, rel=1e-4)
         forces = [found.couples[name][0, 0] for name in ("front", "back")]
         assert forces == pytest.approx([driving, driven], rel=1e-4, abs=1e-9)
+
+
+def test_the_thrust_of_bevel_gears(tmp_path):
+    """Teeth press along the normal of their flanks, 20 degrees off the pitch circles.
+
+    So the force W = 1807 N of the test above comes with W tan 20 = 657.7 N that presses the
+    wheels apart, at right angles to the line of contact in the plane of the shafts: of it
+    sin g = 1/sqrt(10) pushes the pinion away from the centre along its shaft, 208.0 N, and
+    the gear 3/sqrt(10), 623.9 N.
+    """
+    text = BEVEL_GEARS.replace(
+        "teeth =", "pressure_angle = 20\ndistance = 0.10385\nteeth ="
+    )
+    (tmp_path / "gears.toml").write_text(text)
+    made = sk.load(tmp_path / "gears.toml")
+    found = at_rest(made, "pinion_shaft", [0.3, 1.0])
+    assert not np.any(found.is_open) and not np.any(found.open_forces)
+    for pair, thrust in (("pinion_shaft", 208.0), ("gearshaft", 623.9)):
+        number = made.pair_number[pair]
+        z = found.frames[:, number, :, 2]
+        outwards = np.sign(
+            np.sum(z * found.frames[:, made.pair_number["mesh"], :, 2], axis=1)
+        )
+        # The bearings push back, towards the centre.
+        assert found.forces[:, number, 2] * outwards == pytest.approx(-thrust, rel=1e-3)

@@ -6,6 +6,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import listing
 from spherekit.dynamics.transmitted import DEPENDENT, DETERMINED, Balance, without_centre
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
@@ -28,9 +29,26 @@ class Lacking:
     floating: tuple[str, ...] = ()
     enough: bool = True
 
+    @property
+    def wanted(self) -> list[str]:
+        """What that is, in words."""
+        wanted = []
+        if self.centres:
+            wanted.append(f"mass and centre of the links {listing(self.centres)}")
+        if self.distances:
+            contacts = listing(self.distances)
+            wanted.append(f"the distance of the contacts {contacts} from the centre")
+        if self.floating:
+            pairs = listing(self.floating)
+            wanted.append(
+                f"that the pairs {pairs}, or others in their loops, float (bearings, axial)"
+            )
+        if not self.enough:
+            wanted.append("constraints that do not repeat each other")
+        return wanted
+
     def __bool__(self) -> bool:
-        asked = self.centres or self.distances or self.floating
-        return bool(asked) or not self.enough
+        return bool(self.wanted)
 
 
 def lacking(mechanism: Mechanism, joints: Sequence[Joint], frames: Floats) -> Lacking:

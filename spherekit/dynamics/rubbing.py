@@ -18,9 +18,11 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import listing
 from spherekit.dynamics.forces import Loads, rates_by_time
+from spherekit.dynamics.lacking import lacking
 from spherekit.dynamics.link_wrenches import accelerating
-from spherekit.dynamics.transmitted import Balance, Driven, left_over
+from spherekit.dynamics.transmitted import Driven, balanced
 from spherekit.errors import SolveError
 from spherekit.model.joints import Joint
 from spherekit.sphere.rotation import Floats
@@ -68,22 +70,24 @@ def rubbed(
     parts = [loads.components[k] for k in loads.rubbing]
     bearings = [part.bearings for part in parts if part.bearings is not None]
     whole = any(one.axial is not None for one in bearings)
-    balance = Balance(mechanism, joints, driven.at.frames, forces=whole)
+    solved = balanced(driven, joints, whole)
+    balance = solved.balance
     pairs = [mechanism.pair_number[one.pair] for one in bearings]
     is_open = balance.on_pairs(balance.is_open.astype(float)) != 0.0
     for one, pair in zip(bearings, pairs, strict=True):
-        if np.any(is_open[:, pair, :3]):
+        if np.any(is_open[:, pair, :3]) or not np.all(solved.settled):
             raise SolveError(
                 f"{mechanism.name}: loads.{one.name}: redundant constraints leave the "
                 f"reaction of pair {one.pair} open, and so the friction of its bearings; "
-                "take a load of kind friction"
+                "take a load of kind friction, or give gears their pressure_angle"
             )
         if one.axial is not None and (np.any(is_open[:, pair]) or np.any(balance.slides)):
+            wanted = lacking(mechanism, joints, driven.at.frames[0]).wanted
+            more = f"; a file that says {listing(wanted)} determines it" if wanted else ""
             raise SolveError(
                 f"{mechanism.name}: loads.{one.name}: the force through the centre in pair "
                 f"{one.pair} is not determined, and so the friction of its bearings that "
-                "axial asks for; the analysis reactions says what would determine it, and "
-                "without axial the friction is that of the couple alone"
+                f"axial asks for{more}; without axial it is that of the couple alone"
             )
     n, count = len(motion.values), len(pairs)
 
@@ -97,7 +101,7 @@ def rubbed(
             forces[:, k, : len(one.positions)] = on_each
         return forces
 
-    still = on_bearings(left_over(driven, balance)[0])
+    still = on_bearings(solved.left)
     change = np.empty((n, count, 2, 3, count))
     inputs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
     for k, pair in enumerate(pairs):

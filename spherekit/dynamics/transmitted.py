@@ -25,6 +25,9 @@ from spherekit.sphere.rotation import Floats, transpose
 DEPENDENT = 1e-9
 """Reactions whose relative singular value is below this balance each other."""
 
+SIDES = 6
+"""Times that teeth may change the side on which they press before it is left open."""
+
 DETERMINED = 1e-7
 """A reaction that takes a larger part than this in such a balance is not determined."""
 
@@ -45,7 +48,7 @@ class Driven:
     torques: Floats
     carried: Floats | None
 
-    def rows(self, good: NDArray[np.bool_]) -> "Driven":
+    def rows(self, good: NDArray[np.bool_] | NDArray[np.intp]) -> "Driven":
         """Return some of the rows."""
         motion = self.motion
         part = CoordinateMotion(
@@ -111,34 +114,39 @@ class Balance:
         frames: Floats,
         *,
         forces: bool = False,
+        sides: Floats | None = None,
     ) -> None:
         """`frames` (n, pairs, 3, 3) are those of the pairs in ground axes.
 
-        Without `forces` the equations of moments alone are solved.
+        Without `forces` the equations of moments alone are solved. `sides` (n, pairs) are
+        the signs of the moments about y of teeth with a pressure angle, 1 if left out.
         """
         self.mechanism, self.frames = mechanism, frames
-        numbered = enumerate(joints)
-        self.columns = [(pair, k) for pair, joint in numbered for k in _held(joint)]
-        distances = {}
+        self.columns = [
+            (number, k)
+            for number, (pair, joint) in enumerate(
+                zip(mechanism.pairs, joints, strict=True)
+            )
+            for k in _held(joint)
+            if k or pair.pressure_angle is None
+        ]
+        distances = []
         if forces:
             self.columns += _force_columns(mechanism, joints)
-            items = enumerate(mechanism.pairs)
-            distances = {k: pair.distance for k, pair in items if pair.distance is not None}
+            distances = [x.distance for x in mechanism.pairs if x.distance is not None]
         # A length makes forces comparable with moments where contacts tie them.
-        self.length = float(np.mean(list(distances.values()))) if distances else 1.0
+        self.length = float(np.mean(distances)) if distances else 1.0
         n, links = len(frames), len(mechanism.links)
+        self.wrenches = self._wrenches(
+            np.ones(frames.shape[:2]) if sides is None else sides
+        )
         matrix = np.zeros((n, links, 6, len(self.columns)))
-        for k, (pair, component) in enumerate(self.columns):
+        for k, (pair, _) in enumerate(self.columns):
             first, second = mechanism.ends[pair]
-            half, axis = divmod(component, 3)
-            rows = slice(3 * half, 3 * half + 3)
-            matrix[:, second, rows, k] = frames[:, pair, :, axis]
-            matrix[:, first, rows, k] = -frames[:, pair, :, axis]
-            if pair in distances and not half:
-                acts, sense = at_its_point(axis)
-                force = sense * self.length / distances[pair] * frames[:, pair, :, acts]
-                matrix[:, second, 3:, k] = force
-                matrix[:, first, 3:, k] = -force
+            by_half = self.wrenches[:, k].reshape(n, 2, 3) * [[1.0], [self.length]]
+            column = np.einsum("nab,nhb->nha", frames[:, pair], by_half).reshape(n, 6)
+            matrix[:, second, :, k] += column
+            matrix[:, first, :, k] -= column
         self._rows = np.zeros((links, 6), dtype=bool)
         self._rows[1:, :3] = True
         if forces:
@@ -173,6 +181,24 @@ class Balance:
         by_link[:, self._rows] = unheld
         self.slides = np.any(by_link[..., 3:], axis=2)
 
+    def _wrenches(self, sides: Floats) -> Floats:
+        """Return the wrench (n, columns, 6) of each reaction of size one, in pair axes.
+
+        The force at a point of z is along y against its moment about x, and along x as that
+        about y.
+        """
+        wrenches = np.zeros((len(sides), len(self.columns), 6))
+        for k, (number, component) in enumerate(self.columns):
+            pair = self.mechanism.pairs[number]
+            wrench = wrenches[:, k]
+            wrench[:, component] = 1.0 if component < 3 else 1.0 / self.length
+            if component < 3 and pair.pressure_angle is not None:
+                wrench[:, 0] = np.tan(pair.pressure_angle) * sides[:, number]
+            if component < 3 and pair.distance is not None:
+                wrench[:, 3] = wrench[:, 1] / pair.distance
+                wrench[:, 4] = -wrench[:, 0] / pair.distance
+        return wrenches
+
     def left_by(self, needed: Floats, about: Floats) -> Floats:
         """Return what is left for reactions (n, links, 6), `about` (n, pairs) taken off.
 
@@ -194,30 +220,14 @@ class Balance:
         reactions = reactions + self._inverse @ (right - self.matrix @ reactions)
         missed = right - self.matrix @ reactions
         worst = np.max(np.abs(missed[..., 0]), axis=1, initial=0.0)
-        by_column = np.array([scale[component] for _, component in self.columns])
-        return reactions[..., 0] / by_column, worst
+        return reactions[..., 0], worst
 
     def on_pairs(self, reactions: Floats) -> Floats:
-        """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes.
-
-        Of contacts whose distance from O is not known the force is that of its columns.
-        """
+        """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes."""
         wrenches = np.zeros((len(reactions), len(self.mechanism.pairs), 6))
-        for k, (pair, component) in enumerate(self.columns):
-            wrenches[:, pair, component] = reactions[:, k]
-            distance = self.mechanism.pairs[pair].distance
-            if distance is not None:
-                acts, sense = at_its_point(component)
-                wrenches[:, pair, 3 + acts] = sense / distance * reactions[:, k]
+        for k, (pair, _) in enumerate(self.columns):
+            wrenches[:, pair] += reactions[:, k, None] * self.wrenches[:, k]
         return wrenches
-
-
-def at_its_point(axis: int) -> tuple[int, float]:
-    """Return the axis of the force at a point of z whose moment is about x or y, its sense.
-
-    z x F is about x as F is against y, and about y as F is along x.
-    """
-    return (1, -1.0) if axis == 0 else (0, 1.0)
 
 
 def without_centre(mechanism: Mechanism) -> list[str]:
@@ -241,8 +251,9 @@ def _force_columns(mechanism: Mechanism, joints: Sequence[Joint]) -> list[tuple[
     columns = []
     for number, (pair, joint) in enumerate(zip(mechanism.pairs, joints, strict=True)):
         if not pair.kind.has_axis:
-            acting = () if pair.distance is not None else map(at_its_point, _held(joint))
-            columns += [(number, 3 + axis) for axis, _ in acting]
+            # Against the moment about x the force is along y, as that about y along x.
+            acting = () if pair.distance is not None else _held(joint)
+            columns += [(number, 4 - axis) for axis in acting]
         else:
             most = 2 if pair.name in floating else 3
             columns += [(number, 3 + axis) for axis in range(most)]
@@ -261,31 +272,69 @@ def transmitted(
 
     Where links slide, forces are not determined, for the loads would move the links.
     """
-    mechanism, frames = driven.mechanism, driven.at.frames
-    n, pairs = len(frames), len(mechanism.pairs)
+    mechanism = driven.mechanism
+    n, pairs = len(driven.at.frames), len(mechanism.pairs)
     wrenches = np.full((n, pairs, 6), np.nan)
     is_open = np.zeros((n, pairs, 6), dtype=bool)
     unbalanced = np.zeros(n)
     slides = np.zeros((n, len(mechanism.links)), dtype=bool)
-    if forces:
-        balance = Balance(mechanism, joints, frames, forces=True)
-        slides = balance.slides
-    held = ~np.any(slides, axis=1)
-    for rows, whole in ((held, forces), (~held, False)):
-        if not np.any(rows):
-            continue
-        part = driven if np.all(rows) else driven.rows(rows)
-        if not (whole and np.all(rows)):
-            balance = Balance(mechanism, joints, frames[rows], forces=whole)
-        left, about = left_over(part, balance)
-        reactions, unbalanced[rows] = balance.held(left)
-        solved = balance.on_pairs(reactions)
-        solved[..., 2] = about
-        opened = balance.on_pairs(balance.is_open.astype(float)) != 0.0
+    rest = np.arange(n)
+    for whole in (True, False) if forces else (False,):
+        if not len(rest):
+            break
+        solved = balanced(driven if len(rest) == n else driven.rows(rest), joints, whole)
+        balance = solved.balance
+        if whole:
+            slides = balance.slides
+        held = ~np.any(balance.slides, axis=1) if whole else np.ones(len(rest), dtype=bool)
+        rows = rest[held]
+        values = balance.on_pairs(solved.reactions)[held]
+        values[..., 2] = solved.about[held]
+        opened = balance.on_pairs(balance.is_open.astype(float))[held] != 0.0
+        opened[~solved.settled[held]] = True
         if not whole:
-            solved[..., 3:], opened[..., 3:] = np.nan, forces
-        wrenches[rows], is_open[rows] = np.where(opened, np.nan, solved), opened
+            values[..., 3:], opened[..., 3:] = np.nan, forces
+        wrenches[rows], is_open[rows] = np.where(opened, np.nan, values), opened
+        unbalanced[rows] = solved.missed[held]
+        rest = rest[~held]
     return Transmitted(wrenches, is_open, unbalanced, slides)
+
+
+@final
+@dataclass(frozen=True)
+class Balanced:
+    """Equations solved for the loads: what was left for reactions, and these.
+
+    `left` (n, links, 6), `about` (n, pairs), `reactions` (n, columns), `missed` (n,) N m
+    what misses the equations, `settled` (n,) whether it is known on which side teeth bear.
+    """
+
+    balance: Balance
+    left: Floats
+    about: Floats
+    reactions: Floats
+    missed: Floats
+    settled: NDArray[np.bool_]
+
+
+def balanced(driven: Driven, joints: Sequence[Joint], forces: bool) -> Balanced:
+    """Return the equations of all links solved for what moves and drives them.
+
+    Teeth press on the side on which they turn the wheels, and that follows from the
+    solution: so it is solved again where they were taken to press on the other.
+    """
+    mechanism, frames = driven.mechanism, driven.at.frames
+    toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
+    sides = np.ones(frames.shape[:2])
+    for _ in range(SIDES):
+        balance = Balance(mechanism, joints, frames, forces=forces, sides=sides)
+        left, about = left_over(driven, balance)
+        reactions, missed = balance.held(left)
+        turned = (balance.on_pairs(reactions)[..., 1] * sides < 0.0) & toothed
+        if not np.any(turned):
+            break
+        sides = np.where(turned, -sides, sides)
+    return Balanced(balance, left, about, reactions, missed, ~np.any(turned, axis=1))
 
 
 def left_over(driven: Driven, balance: Balance) -> tuple[Floats, Floats]:

@@ -42,6 +42,9 @@ class Contacts(DocumentValues):
             (start[0], start[1]),
             item.get("one_sided", False),
             item.get("distance"),
+            self.angle((*path, "pressure_angle"), item["pressure_angle"])
+            if "pressure_angle" in item
+            else None,
         )
 
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, Profile]:

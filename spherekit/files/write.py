@@ -157,6 +157,8 @@ def _pair(mechanism: Mechanism, pair: Pair, unit: AngleUnit) -> _Table:
         table["one_sided"] = True
     if pair.distance is not None:
         table["distance"] = float(pair.distance)
+    if pair.pressure_angle is not None:
+        table["pressure_angle"] = angle_text(pair.pressure_angle, unit)
     if pair.profiles is not None:
         table["profiles"] = {
             link: _profile(profile, unit)

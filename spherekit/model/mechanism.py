@@ -66,7 +66,8 @@ class Pair:
     lengths (rad) along both profiles at which the variable of a rolling contact is zero. A
     `one_sided` contact can press and not pull: a simulation ends where it lifts off. The
     force of a contact acts at `distance` (m) from the centre of the sphere, where it is
-    said.
+    said. Teeth with a `pressure_angle` (rad) press the wheels apart by its tangent times
+    what they turn them by.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Pair:
     start: tuple[float, float] = (0.0, 0.0)
     one_sided: bool = False
     distance: float | None = None
+    pressure_angle: float | None = None
 
     @property
     def kind(self) -> Kind:
@@ -87,6 +89,11 @@ class Pair:
     def constraints(self) -> int:
         """How many relative freedoms it takes away, of three."""
         return 3 - self.kind.freedoms
+
+    @property
+    def rolls(self) -> bool:
+        """Whether its links roll on each other."""
+        return not self.kind.has_axis and self.kind.freedoms == 1
 
 
 @final
@@ -563,6 +570,13 @@ def _check(mechanism: Mechanism) -> None:
             raise ModelError(
                 f"{where}: pairs.{pair.name}.distance: found {pair.distance}, needs more "
                 "than 0 m: how far from the centre the contact force acts"
+            )
+        teeth = pair.pressure_angle
+        if teeth is not None and not (pair.rolls and 0.0 <= teeth < math.pi / 2):
+            raise ModelError(
+                f"{where}: pairs.{pair.name}.pressure_angle: found {teeth:g} rad in a "
+                f"{pair.type} pair, needs a rolling contact (Cr) and at least 0, less than "
+                "a right angle"
             )
         if pair.links[0] == pair.links[1]:
             raise ModelError(
