@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.design.gradients import FigureGradients
 from spherekit.design.sensitivity import Sensitivity
 from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.read import read
@@ -203,3 +204,17 @@ def test_a_differential_has_derivatives_though_its_equations_repeat(tmp_path):
     drawn = sensitivity.scattered(samples, motion.values, np.array([[step, -step]]))
     slope = (drawn[0, :, 0] - drawn[0, :, 1]) / (2.0 * step)
     assert gradients[0, 0] == pytest.approx(slope, abs=1e-6)
+
+
+def test_gradients_of_figures_on_wheels_are_those_of_differences(tmp_path):
+    """Whole turns with which wheels are put together are no change."""
+    keys = {"links.1.arcs.c": [70.0], "links.1.arcs.b": [50.0]}
+    merit = "there=at(rate_56, 100)"
+    found = sk.sweep(written(tmp_path, WHEELS), keys, merit, samples=5)
+    gradients = FigureGradients(found.sweep.evaluator)
+    place, step = np.array([70.0, 50.0]), 1e-3
+    _, exact, _ = gradients.at(place, [1.0])
+    for k, change in enumerate(step * np.eye(2)):
+        ends = [gradients.at(place + sense * change, [1.0])[0] for sense in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / (2.0 * step)
+        assert exact[:, k] == pytest.approx(slope, rel=1e-6, abs=1e-9)

@@ -27,6 +27,7 @@ PARTS = (1e-2, 1e-4, 1e-6)
 """Their steps, as parts of a number: shorter ones where no design is that far."""
 SAME = 1e-14
 """Numbers that differ by less are the same but for rounding."""
+TURN = 2.0 * np.pi
 STEADY = 1e-10
 """Derivatives that differ by less, relative, are the same."""
 
@@ -167,6 +168,10 @@ class FileNumbers:
             beside[k] += np.concatenate([away, -away])
             numbers, reasons = self.at(beside)
             if np.all(reasons == OK):
+                # Of angles whole turns do not matter, and wheels are put together by them.
+                turns = np.round((numbers - numbers[:, :1]) / TURN)
+                turns[len(self.of_contacts) :] = 0.0
+                numbers = numbers - TURN * turns
                 more, less = np.split(numbers, 2, axis=1)
                 return np.asarray((more - less) @ np.array(EIGHTH) / step)
         return np.full(len(self.differing), np.nan)
