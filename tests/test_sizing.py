@@ -58,6 +58,7 @@ def test_the_peak_torque_is_less_than_that_of_random_designs():
 
 def check_front(name, designs, count, starts):
     """Compare a front with random designs: none beats it in both objectives."""
+    pytest.importorskip("pymoo")
     found = sk.size_of(EXAMPLES / name, designs=designs, starts=starts)
     assert np.all(np.diff(found.objectives[:, 0]) >= 0.0)
     sizing = sizing_of(EXAMPLES / name, designs=count, seed=7)

@@ -115,10 +115,11 @@ def test_a_run_that_misses_its_tolerance_is_taken_back(monkeypatch, tmp_path):
     assert order.samples == [*range(COUNT), *range(COUNT)]
     frame = result.frame("motion")
     t = frame["t"].to_numpy()
-    tight = sk.simulate("four_bar", START, 2.0, engine="numpy", tolerance=1e-11).at(t)
-    loose = sk.simulate("four_bar", START, 2.0, engine="numpy").at(t)
+    loose = sk.simulate("four_bar", START, 2.0, engine="numpy")
+    tighter = forward.TIGHTER * loose.tolerance  # 1e-11 but for the last bit
+    tight = sk.simulate("four_bar", START, 2.0, engine="numpy", tolerance=tighter).at(t)
     assert np.array_equal(tight.q, frame["theta_21"])
-    assert not np.array_equal(loose.q, tight.q)
+    assert not np.array_equal(loose.at(t).q, tight.q)
 
 
 def test_a_simulation_that_ends_early_has_its_end_as_the_last_row(monkeypatch):

@@ -79,7 +79,8 @@ def test_numbers_change_as_their_units_say(folders):
         if path.stem == "columns":
             continue
         one, other = (
-            pd.read_csv(folders[degrees] / path.name) for degrees in (False, True)
+            pd.read_csv(folders[degrees] / path.name, engine="pyarrow")
+            for degrees in (False, True)
         )
         before, after = (stated(folders[degrees])[path.stem] for degrees in (False, True))
         headers = dict(zip(one, other, strict=True))
