@@ -77,14 +77,20 @@ def folder(tmp_path, monkeypatch):
     sys.modules.pop(PLUGIN, None)
 
 
-NEEDS = {"exchange.md": "mujoco", "measured.md": "sphinx"}
-"""What the Python of a page imports from an extra."""
+NEEDS = {
+    "import_mechanism(": "mujoco",
+    "matplotlib": "matplotlib",
+    ".plot(": "matplotlib",
+    "site_pages": "sphinx",
+}
+"""The packages of extras, by what the Python of a page has in it that needs them."""
 
 
 @pytest.mark.parametrize("page", pages_with("python"))
 def test_python_runs(page, folder):
-    if page in NEEDS:
-        pytest.importorskip(NEEDS[page])
+    for word, package in NEEDS.items():
+        if any(word in code for code in blocks(page, "python")):
+            pytest.importorskip(package)
     for number, code in enumerate(blocks(page, "python")):
         script = folder / f"block_{number}.py"
         script.write_text(code, encoding="utf-8")

@@ -9,6 +9,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+pytest.importorskip("matplotlib")
+
 import spherekit as sk
 from spherekit.analysis.contract import AbstractAnalysis, Needs
 from spherekit.analysis.placed_labels import placed_labels

@@ -463,7 +463,7 @@ def documented():
 
 
 DOCUMENTED = dict(documented())
-NEEDS = {"import_mechanism": "mujoco"}
+NEEDS = {"import_mechanism": "mujoco", "RunResult.plot": "matplotlib"}
 
 
 @pytest.mark.parametrize("name", DOCUMENTED)

@@ -3,6 +3,9 @@
 import re
 
 import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
 
 from spherekit.analysis.running.setting import Setting
 from spherekit.cli.main import main
