@@ -400,7 +400,7 @@ def test_degrees_in_files_come_back_in_rad(tmp_path):
 def test_csv_gives_every_number_back(tmp_path):
     result = sk.run(sk.load("stephenson"), "poles", samples=200, folder=tmp_path)
     frame, types = result.frame(), {"link": str, "relative_to": str, "moving": str}
-    read = pd.read_csv(tmp_path / "poles.csv", dtype=types)
+    read = pd.read_csv(tmp_path / "poles.csv", dtype=types, engine="pyarrow")
     for column in frame.select_dtypes(float):
         assert np.array_equal(frame[column], read[column], equal_nan=True)
     assert list(frame["link"]) == list(read["link"])
@@ -471,7 +471,7 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
     assert rows == [32, 32, 32, 24]
     monkeypatch.undo()
     pd.testing.assert_frame_equal(
-        pd.read_csv(tmp_path / "motion.csv")[["assembly_mode", "q"]],
+        pd.read_csv(tmp_path / "motion.csv", engine="pyarrow")[["assembly_mode", "q"]],
         four_bar().frame("motion")[["assembly_mode", "q"]],
         check_exact=True,
     )

@@ -6,10 +6,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
-import yaml
 
 import spherekit
 
+yaml = pytest.importorskip("yaml", reason="it comes with the packages of the site")
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 PIXI = PROJECT["tool"]["pixi"]

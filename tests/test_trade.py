@@ -304,6 +304,7 @@ def test_nothing_to_trade():
 
 
 def test_the_command_says_what_is_reached(capsys, tmp_path):
+    pytest.importorskip("matplotlib")
     given = ["four_bar", "--samples", "13", "--rounds", "1"]
     assert main(["trade", *given, "--tol", "1e-30", "-o", str(tmp_path)]) == 0
     text = capsys.readouterr().out
