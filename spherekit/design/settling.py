@@ -1,4 +1,4 @@
-"""Descents of a sizing that end where no design nearby, nor from other starts, is better."""
+"""Descents of a sizing until no design nearby, nor one from other starts, is better."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

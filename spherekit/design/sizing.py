@@ -99,7 +99,8 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     """Return the best designs of a sizing: a sweep, then descents from its best rows.
 
     With several objectives an evolution of the sweep's best (NSGA-II, Deb and others
-    2002, by pymoo) is between these. Descents follow exact gradients (SciPy's SLSQP);
+    2002, by pymoo) is between these, and points of the front are attacked from other
+    starts. Descents follow exact gradients (SciPy's SLSQP, and cutting planes at kinks);
     each keeps to its assembly mode, and to inputs at which it closes.
 
     Raises

@@ -16,7 +16,7 @@ _NUMERIC = _WORDS | {"type", "minimum", "maximum", "exclusiveMinimum"}
 @final
 @dataclass(frozen=True)
 class Limits:
-    """The numbers that are allowed: from `low` to `high`, `above`, and if `whole` integers."""
+    """Numbers allowed: from `low` to `high`, greater than `above`, if `whole` integers."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -26,7 +26,8 @@ class Limits:
     def allow(self, number: float) -> bool:
         """Return whether a number is allowed."""
         inside = self.low <= number <= self.high and number > self.above
-        return inside and math.isfinite(number) and (not self.whole or float(number).is_integer())
+        likely = inside and math.isfinite(number)
+        return likely and (not self.whole or float(number).is_integer())
 
 
 NONE = Limits(math.inf, -math.inf)
@@ -52,7 +53,9 @@ def limits_of(document: Document, path: KeyPath) -> Limits:
     return made
 
 
-def _parts(part: Mapping[str, Any], value: Any, path: KeyPath) -> Iterator[Mapping[str, Any]]:
+def _parts(
+    part: Mapping[str, Any], value: Any, path: KeyPath
+) -> Iterator[Mapping[str, Any]]:
     """Yield what the schema asks of the number at a path of a value."""
     if "$ref" in part:
         name = part["$ref"].removeprefix("#/$defs/")
