@@ -38,8 +38,8 @@ class Order:
 
         monkeypatch.setattr(Collocation, "advance", noted)
 
-    def start(self, scenes, inputs, **rest):
-        self.times = rest["times"]
+    def start(self, head):
+        self.times = head.times
 
     def log(self, scene, samples, inputs=None, times=None):
         if scene.page == 0 and scene.source == MOTION:
