@@ -174,6 +174,6 @@ class Descent:
                 np.array([value for value, _ in limits]),
                 np.array([slope for _, slope in limits]).reshape(-1, len(y)),
             )
-            return made if all(np.all(np.isfinite(each)) for each in made) else None
+            return made if all(np.all(np.isfinite(part)) for part in made) else None
 
         return least_greatest(parts, x, enough)
