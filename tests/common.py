@@ -13,20 +13,10 @@ class Listener:
     def __init__(self):
         self.rows, self.paths, self.when = {}, set(), []
 
-    def start(
-        self,
-        scenes,
-        inputs,
-        *,
-        assembly_modes=None,
-        properties=None,
-        focus=None,
-        row=None,
-        times=None,
-    ):
-        self.inputs, self.assembly_modes, self.focus = inputs, assembly_modes, focus
-        self.row = row
-        self.still = [p.path for scene in scenes for p in scene.primitives]
+    def start(self, head):
+        self.inputs, self.focus, self.row = head.inputs, head.focus, head.row
+        self.assembly_modes = head.assembly_modes
+        self.still = [p.path for scene in head.scenes for p in scene.primitives]
 
     def log(self, scene, samples, inputs=None, times=None):
         self.when.append(len(samples))

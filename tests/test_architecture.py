@@ -258,13 +258,9 @@ def test_what_carries_a_run_takes_few_parameters():
                 if isinstance(node, ast.FunctionDef):
                     named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
                     count = sum(each.arg not in ("self", "cls") for each in named)
-                    if count > MOST_PARAMETERS and (path.name, node.name) not in LONG:
+                    if count > MOST_PARAMETERS:
                         too_many.append(f"{path.name}: {node.name} takes {count}")
     assert not too_many, "\n".join(too_many)
-
-
-LONG = {("recording.py", "start"), ("figures.py", "start")}
-"""What a recorder of a viewer is given once, by keyword."""
 
 
 def test_options_of_a_run_are_shown_and_are_fields():

@@ -163,7 +163,7 @@ class Listener:
     def __init__(self):
         self.portraits, self.rows = [], []
 
-    def start(self, scenes, inputs, **rest):
+    def start(self, head):
         pass
 
     def log(self, scene, samples, inputs=None, times=None):
@@ -276,8 +276,8 @@ class Pages:
     def __init__(self):
         self.logged = []
 
-    def start(self, scenes, inputs, **rest):
-        self.inputs, self.times = inputs, rest["times"]
+    def start(self, head):
+        self.inputs, self.times = head.inputs, head.times
 
     def log(self, scene, samples, inputs=None, times=None):
         if isinstance(scene.page, str):

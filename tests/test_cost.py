@@ -358,7 +358,7 @@ class Counted:
     def __exit__(self, *error):
         pass
 
-    def start(self, scenes, inputs, **rest):
+    def start(self, head):
         pass
 
     def log(self, scene, samples, inputs=None, times=None):

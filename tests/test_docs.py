@@ -221,7 +221,7 @@ def test_plugin_tutorial_has_a_scene(folder):
     seen = []
 
     class Listener:
-        def start(self, scenes, inputs, **words):
+        def start(self, head):
             pass
 
         def log(self, scene, samples, inputs=None, times=None):

@@ -41,7 +41,7 @@ class Listener:
     def __init__(self):
         self.pages = {}
 
-    def start(self, scenes, inputs, **words):
+    def start(self, head):
         pass
 
     def log(self, scene, samples, inputs=None, times=None):

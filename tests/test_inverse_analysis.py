@@ -310,7 +310,7 @@ class Watcher:
     def __init__(self):
         self.pages = {}
 
-    def start(self, scenes, inputs, **options):
+    def start(self, head):
         pass
 
     def log(self, scene, samples, inputs=None, times=None):

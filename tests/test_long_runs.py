@@ -590,8 +590,8 @@ class Listener:
     def __init__(self):
         self.samples, self.inputs, self.properties = {}, None, {}
 
-    def start(self, scenes, inputs, **rest):
-        self.inputs, self.properties, self.row = inputs, rest["properties"], rest["row"]
+    def start(self, head):
+        self.inputs, self.properties, self.row = head.inputs, head.properties, head.row
 
     def log(self, scene, samples, inputs=None, times=None):
         for primitive in scene.primitives if scene.page is not None else ():

@@ -11,9 +11,11 @@ from spherekit import progress
 from spherekit.cli.main import main
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.groups import group_closure
 from spherekit.motion.motion import Tracer
 from spherekit.motion.range_search import RangeSearch
 from spherekit.motion.search import STARTS, Census
+from spherekit.motion.solutions import in_order, solutions
 from spherekit.planning.assembly import plan_assembly
 
 
@@ -162,3 +164,20 @@ def test_runs_and_curves_have_every_mode(made):
         judge(tally, made(seed), seed)
     assert tally.modes > 30
     assert tally.missed_by_run == tally.missed_by_curves == 0
+
+
+def test_the_order_of_modes_does_not_hang_on_rounding_at_half_turns():
+    """The agile eye has modes with such angles, which rounding puts on either side."""
+    tracer = Tracer(sk.load("agile_eye"), samples=[1, 1, 1])
+    solver, q = tracer.solver, tracer.input_grid.q[0]
+    group = solver.assembly.groups[0]
+    closure = group_closure(solver.start(q[None]), group, solver.mechanism.ends)
+    values, _ = solutions(group, closure)
+    angles = np.array(values)
+    assert np.any(np.abs(np.abs(angles) - np.pi) < 1e-9)
+    random = np.random.default_rng(3)
+    for _ in range(5):
+        noisy = [mode + random.uniform(-1e-12, 1e-12, len(mode)) for mode in values]
+        mixed = [noisy[k] for k in random.permutation(len(noisy))]
+        again = np.array(sorted(mixed, key=in_order))
+        assert np.max(np.abs(np.sin(0.5 * (again - angles)))) < 1e-11

@@ -31,7 +31,7 @@ class Listener:
     def __init__(self):
         self.scenes = []
 
-    def start(self, scenes, inputs, **rest):
+    def start(self, head):
         pass
 
     def log(self, scene, samples, inputs=None, times=None):

@@ -81,7 +81,7 @@ class Pages:
     def __init__(self):
         self.parts = []
 
-    def start(self, *scenes, **more):
+    def start(self, head):
         """Take what does not move."""
 
     def log(self, scene, samples, inputs=None, times=None):

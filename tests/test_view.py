@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.analysis.link_scenes import link_bodies
+from spherekit.analysis.recording_head import RecordingHead
 from spherekit.analysis.scene import (
     Arrow,
     Body,
@@ -145,7 +146,8 @@ def record(
 ) -> Path:
     """Record both modes of a four-bar."""
     with RerunRecorder("four bar", path=path, **places) as recorder:
-        recorder.start([resting(arcs)], INPUTS, assembly_modes={0: "Mode 0", 1: "Mode 1"})
+        titles = {0: "Mode 0", 1: "Mode 1"}
+        recorder.start(RecordingHead([resting(arcs)], INPUTS, titles))
         for mode in (0, 1):
             whole = block(mode, SAMPLES, arcs)
             for samples in np.array_split(SAMPLES, blocks):
@@ -257,7 +259,8 @@ def of_assembly_modes(path: Path, count: int) -> Path:
     """Record five samples of so many assembly modes."""
     samples = SAMPLES[:5]
     with RerunRecorder.to_file(path, "x") as recorder:
-        recorder.start([], INPUTS, assembly_modes={k: f"Mode {k}" for k in range(count)})
+        titles = {k: f"Mode {k}" for k in range(count)}
+        recorder.start(RecordingHead([], INPUTS, titles))
         for mode in range(count):
             scene = Scene(mode, block(0, samples).primitives)
             recorder.log(scene, samples, INPUTS[samples])
@@ -395,7 +398,7 @@ def test_interrupted_run_keeps_its_part(tmp_path: Path) -> None:
         pytest.raises(KeyboardInterrupt) as caught,
         RerunRecorder.to_file(path, "four bar") as recorder,
     ):
-        recorder.start([resting(FOUR_BAR_ARCS)], INPUTS)
+        recorder.start(RecordingHead([resting(FOUR_BAR_ARCS)], INPUTS))
         recorder.log(block(0, SAMPLES[:50]), SAMPLES[:50], INPUTS[:50])
         raise KeyboardInterrupt
     part = tmp_path / "a.rrd.part"
@@ -409,7 +412,7 @@ def test_wrong_number_of_rows(tmp_path: Path) -> None:
         pytest.raises(ValueError, match="link/2 has 50 rows, the block has 49"),
         RerunRecorder.to_file(tmp_path / "a.rrd", "four bar") as recorder,
     ):
-        recorder.start([], INPUTS)
+        recorder.start(RecordingHead([], INPUTS))
         recorder.log(block(0, SAMPLES[:50]), SAMPLES[:49], INPUTS[:49])
 
 
@@ -466,7 +469,8 @@ def test_lost_viewer_does_not_stop_the_file(tmp_path: Path, recording: Path) -> 
     server = RerunRecorder.serving(port, "server")
     url = f"rerun+http://127.0.0.1:{port}/proxy"
     with server, RerunRecorder("four bar", path=tmp_path / "a.rrd", url=url) as recorder:
-        recorder.start([resting(FOUR_BAR_ARCS)], INPUTS, assembly_modes={0: "0", 1: "1"})
+        titles = {0: "0", 1: "1"}
+        recorder.start(RecordingHead([resting(FOUR_BAR_ARCS)], INPUTS, titles))
         for mode in (0, 1):
             if mode == 1:
                 server.__exit__(None, None, None)
@@ -519,7 +523,7 @@ def test_picture_starts_where_the_mechanism_closes(tmp_path: Path) -> None:
     path, turned = tmp_path / "a.rrd", np.roll(SAMPLES, -180)
     whole = block(0, SAMPLES, NO_CRANK)
     with RerunRecorder("four bar", path=path) as recorder:
-        recorder.start([resting(NO_CRANK)], INPUTS, assembly_modes={0: "Mode 0"})
+        recorder.start(RecordingHead([resting(NO_CRANK)], INPUTS, {0: "Mode 0"}))
         moving = part(whole, turned).primitives[:3]  # links, and no plot beside them
         recorder.log(Scene(0, moving), SAMPLES, INPUTS)
     closes = np.isfinite(four_bar_angles(INPUTS[turned], NO_CRANK, 0))

@@ -434,7 +434,7 @@ class Watcher:
     def __init__(self):
         self.pages = {}
 
-    def start(self, *args, **kwargs):
+    def start(self, head):
         pass
 
     def log(self, scene, *args, **kwargs):

@@ -36,15 +36,8 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
 
     With `degrees`, angles and their rates are in degrees; what is per rad stays so.
     """
-    import pandas as pd
-
     rows = RowsInMemory(table, data)
-    frames = [_frame(table, piece, rows.words, degrees) for piece in rows.chunks()]
-    if len(frames) == 1:
-        return frames[0]
-    whole = pd.concat(frames, ignore_index=True)
-    whole.attrs = frames[0].attrs
-    return whole
+    return _frame(table, rows.columns, rows.words, degrees)
 
 
 def _frame(

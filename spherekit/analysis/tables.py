@@ -1,7 +1,7 @@
 """Declared tables: every column's name, unit and meaning, stated once."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Literal, final
@@ -184,6 +184,24 @@ class Interleaved:
             made[:, number] = part[rows]
 
 
+def held(columns: Iterable[Any]) -> list[NDArray[Any]]:
+    """Return what columns read of what was set aside: it is there while it is held."""
+    return [
+        np.asarray(part)
+        for column in columns
+        for part in (column.parts if isinstance(column, Interleaved) else (column,))
+        if isinstance(part, SetAside)
+    ]
+
+
+class JoinedColumns(Mapping[str, NDArray[Any]]):
+    """Columns that are put together when they are read, several at less cost than each."""
+
+    @abstractmethod
+    def join(self, names: Iterable[str]) -> None:
+        """Put together the columns of these names, as far as they are not."""
+
+
 TableArrays = Mapping[str, NDArray[Any]]
 TableData = Mapping[str, NDArray[Any] | Interleaved]
 """A table's columns, and these as an analysis may give them."""
@@ -233,6 +251,8 @@ class RowsInMemory(AbstractRows):
     """The rows of arrays."""
 
     def __init__(self, table: Table, data: TableArrays) -> None:
+        if isinstance(data, JoinedColumns):
+            data.join(column.name for column in table.columns)
         self._columns = table.typed(data)
         self.count = len(next(iter(self._columns.values())))
         self.words = {}
@@ -241,6 +261,11 @@ class RowsInMemory(AbstractRows):
                 texts = np.unique(self._columns[column.name], return_inverse=True)
                 self.words[column.name] = [str(word) for word in texts[0]]
                 self._columns[column.name] = texts[1]
+
+    @property
+    def columns(self) -> TableArrays:
+        """All rows in one piece."""
+        return self._columns
 
     def chunks(self) -> Iterator[TableArrays]:
         """Yield pieces of the arrays."""

@@ -1,11 +1,11 @@
 """`--figures`: what a run shows, drawn into its folder."""
 
 import sys
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
 
+from spherekit.analysis.recording_head import RecordingHead
 from spherekit.analysis.scene import Floats, Scene
 from spherekit.conventions import counted
 from spherekit.figures.collector import Collector
@@ -46,28 +46,10 @@ class Both:
     first: Any
     second: Any
 
-    def start(
-        self,
-        scenes: Sequence[Scene],
-        inputs: Floats | None,
-        *,
-        assembly_modes: Mapping[int, str] | None = None,
-        properties: Mapping[str, str] | None = None,
-        focus: Floats | None = None,
-        row: int | None = None,
-        times: Floats | None = None,
-    ) -> None:
+    def start(self, head: RecordingHead) -> None:
         """Pass on the beginning of a run."""
         for recorder in (self.first, self.second):
-            recorder.start(
-                scenes,
-                inputs,
-                assembly_modes=assembly_modes,
-                properties=properties,
-                focus=focus,
-                row=row,
-                times=times,
-            )
+            recorder.start(head)
 
     def log(
         self,

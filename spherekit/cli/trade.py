@@ -121,11 +121,12 @@ def _record(result: Any, options: argparse.Namespace) -> None:
 
     import numpy as np
 
+    from spherekit.analysis.recording_head import RecordingHead
     from spherekit.tradeoff.chart import scene
     from spherekit.view.rerun_view import RerunRecorder
 
     with RerunRecorder(result.mechanism, path=Path(options.save)) as recorder:
-        recorder.start([], None)
+        recorder.start(RecordingHead())
         recorder.log(scene(result, options.tol), np.arange(1))
     if not options.quiet:
         print(f"recording in {options.save}", file=sys.stderr)

@@ -1,11 +1,12 @@
 """A recorder that keeps the scenes of a run, its blocks put together again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
 
+from spherekit.analysis.recording_head import RecordingHead
 from spherekit.analysis.scene import (
     Arrow,
     Axis,
@@ -33,21 +34,10 @@ class Collector:
     titles: dict[int, str] = field(default_factory=dict)
     _blocks: dict[tuple[str, Page], list[Scene]] = field(default_factory=dict)
 
-    def start(
-        self,
-        scenes: Sequence[Scene],
-        inputs: Floats | None,
-        *,
-        assembly_modes: Mapping[int, str] | None = None,
-        properties: Mapping[str, str] | None = None,
-        focus: Floats | None = None,
-        row: int | None = None,
-        times: Floats | None = None,
-    ) -> None:
+    def start(self, head: RecordingHead) -> None:
         """Take the names of the assembly modes, and what does not move."""
-        del inputs, properties, focus, row, times
-        self.titles = dict(assembly_modes or {})
-        for scene in scenes:
+        self.titles = dict(head.assembly_modes)
+        for scene in head.scenes:
             self._blocks.setdefault((scene.source, scene.page), []).append(scene)
 
     def log(

@@ -14,6 +14,8 @@ from spherekit.motion.search import POLISHING_STEPS, Census, search
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats
 
+DIGITS = 6
+"""Decimals of an angle (rad) that tell modes apart where they are put in order."""
 MOVED = 1e-2
 """Farthest (rad) that an angle of a real root moves until the group is closed."""
 
@@ -87,8 +89,18 @@ def solutions(
         census = search(closure, distinct, given)
         method = replace(method, census=census)
     values = distinct.values
-    values.sort(key=lambda mode: [round(float(value), 6) for value in wrap(mode)])
+    values.sort(key=in_order)
     return values, method
+
+
+def in_order(mode: Floats) -> list[float]:
+    """Return a key that puts modes in order by their angles, whatever rounding does.
+
+    Angles of a half turn are above zero, on either side of where they begin anew.
+    """
+    angles = np.round(wrap(mode), DIGITS)
+    turned = np.where(angles <= np.round(-np.pi, DIGITS), -angles, angles)
+    return [float(angle) for angle in turned]
 
 
 def least_complete(one: Method | None, other: Method | None) -> Method | None:

@@ -25,32 +25,41 @@ LARGE_PAGE = 1 << 21
 class _Loan:
     """What an array and all its views keep alive: its end gives the memory back."""
 
-    def __init__(self, memory: Floats) -> None:
+    def __init__(self, memory: Floats, lender: "LentMemory") -> None:
         self.__array_interface__ = memory.__array_interface__
+        self.lender = lender
         self.refilled: Refilled | None = None
 
 
 @final
 class Refilled:
-    """What fills lent memory again, once, with what it held."""
+    """What fills lent memory again with what it held, as long as somebody reads it."""
 
     def __init__(self, lent: Floats, fill: Callable[[Floats], None]) -> None:
         """Take an array that was lent, and what fills one like it."""
         self._shape, self._fill = lent.shape, fill
-        self._made: Floats | None = None
         loan = _loan_of(lent)
         assert loan is not None
-        loan.refilled = self
+        self._lender, loan.refilled = loan.lender, self
+        self._loan: Callable[[], _Loan | None] = _nothing
 
     @property
     def memory(self) -> Floats:
         """An array like the one that was lent, with what that held."""
-        if self._made is None:
-            size = int(np.prod(self._shape))
-            made = _new(size)[:size].reshape(self._shape)
-            self._fill(made)
-            self._made = made
-        return self._made
+        rows, columns = self._shape
+        loan = self._loan()
+        if loan is not None:
+            return np.asarray(loan)[: rows * columns].reshape(rows, columns)
+        made = self._lender.array(rows, columns)
+        self._fill(made)
+        loan = _loan_of(made)
+        assert loan is not None
+        self._loan = weakref.ref(loan)
+        return made
+
+
+def _nothing() -> None:
+    """Return what a reference to something that is gone does."""
 
 
 @final
@@ -113,7 +122,7 @@ class LentMemory:
         """Return an array (rows, columns) that holds anything."""
         size = rows * columns
         memory = self._taken(size)
-        loan = _Loan(memory)
+        loan = _Loan(memory, self)
         weakref.finalize(loan, self._free.append, memory).atexit = False
         return np.asarray(loan)[:size].reshape(rows, columns)
 

@@ -1,6 +1,7 @@
 """Recordings for the rerun viewer, and pictures of them; only here is it known.
 
-`RerunRecorder` takes a run's scenes, as in ``spherekit.run(..., recorder=recorder)``;
+`RerunRecorder` takes a run's scenes, as in ``spherekit.run(..., recorder=recorder)``, which
+begin with a `RecordingHead`;
 `open_viewer` shows a recording, `screenshot` takes a picture of it.
 """
 
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
+    from spherekit.analysis.recording_head import RecordingHead as RecordingHead
     from spherekit.view.pictures import screenshot as screenshot
     from spherekit.view.rerun_view import RerunRecorder as RerunRecorder
     from spherekit.view.viewer import open_viewer as open_viewer

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from spherekit.analysis.link_scenes import link_shapes, motion_scenes, static_scene
+from spherekit.analysis.recording_head import RecordingHead
 from spherekit.analysis.scene import Mark, Primitive, Scene, SphereCurves, Text
 from spherekit.errors import SolveError
 from spherekit.model.geometry import link_axes
@@ -51,12 +52,8 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     size = np.linalg.norm(middle)
     with RerunRecorder.to_file(path, mechanism.name) as recorder:
         still = static_scene(plans(mechanism, tracer.by_rank), shapes)
-        recorder.start(
-            [still],
-            None,
-            assembly_modes=titles,
-            focus=middle / size if size > 1e-9 else None,
-        )
+        focus = middle / size if size > 1e-9 else None
+        recorder.start(RecordingHead([still], assembly_modes=titles, focus=focus))
         sample = np.zeros(1, dtype=np.int64)
         for row, scene in enumerate(motion_scenes(motion, shapes)):
             recorder.log(scene, sample)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.plotted import map_range
+from spherekit.analysis.recording_head import RecordingHead
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.scene import (
     Arrow,
@@ -208,40 +209,9 @@ class RerunRecorder:
                 if left and error is not None:
                     error.add_note(left)
 
-    def start(
-        self,
-        scenes: Sequence[Scene],
-        inputs: Floats | None,
-        *,
-        assembly_modes: Mapping[int, str] | None = None,
-        properties: Mapping[str, str] | None = None,
-        focus: Floats | None = None,
-        row: int | None = None,
-        times: Floats | None = None,
-    ) -> None:
-        """Begin the recording with all that does not move.
-
-        Parameters
-        ----------
-        scenes : sequence of Scene
-            Primitives without samples: the ground, the graph, texts.
-        inputs : array (n,) rad, or None
-            All input values of the run, which fix the unit of the input timeline.
-            None if the run has no single input.
-        assembly modes : mapping, optional
-            Number and title of each assembly mode to come, in the order of their pages.
-            An assembly mode left out gets its page when its first block comes.
-        properties : mapping, optional
-            Words about the run that the recording carries: versions, hashes.
-        focus : array (3,), optional
-            Unit vector to the middle of the mechanism, which the eye faces at first.
-        row : int, optional
-            Number of successive samples that are neighbours, in a grid of inputs; the
-            paths of poles are cut after each such row. All samples by default.
-        times : array (n,) s, optional
-            All times of the run, if its samples are times, instead of the inputs.
-
-        """
+    def start(self, head: RecordingHead) -> None:
+        """Begin the recording with all that does not move."""
+        times, inputs = head.times, head.inputs
         if times is not None and len(times) > 0:
             self._span = span = float(times[0]), float(times[-1])
             step = (span[1] - span[0]) / max(len(times) - 1, 1)
@@ -257,27 +227,27 @@ class RerunRecorder:
         else:
             layout = Layout(self.root, SAMPLE, 1, None)
             words = ""
-        if properties and "logged" in properties:
-            words += f" This recording has {properties['logged']}."
+        if "logged" in head.properties:
+            words += f" This recording has {head.properties['logged']}."
         self._layout = layout
-        self._row = row
-        layout.sight = Sight.facing(focus)
+        self._row = head.row
+        layout.sight = Sight.facing(head.focus)
         self._names[None] = Names(layout.sight)
-        for number, title in (assembly_modes or {}).items():
+        for number, title in head.assembly_modes.items():
             layout.pages[number] = title
         for output in self._outputs:
             output.stream.send_recording_name(self.name)
-            if properties:
-                output.stream.send_property("run", rr.AnyValues(False, **properties))
+            if head.properties:
+                output.stream.send_property("run", rr.AnyValues(False, **head.properties))
         self._still(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for suffix, archetype in entities.world():
             self._still(f"{self.root}/{suffix}", archetype)
-        for scene in map(in_degrees, scenes):
+        for scene in map(in_degrees, head.scenes):
             named = self._links_named(scene)
             for primitive in scene.primitives:
                 names = named.get(primitive.path, ())
                 self._introduce(scene.page, primitive, False, names)
-        if scenes or layout.pages:
+        if head.scenes or layout.pages:
             self._introduce(None, Text("notes", "About", _about(self.name, words)))
         if layout.pages:
             self._lay_out()

@@ -21,9 +21,11 @@ from spherekit.analysis.tables import (
     TYPES,
     AbstractRows,
     Interleaved,
+    JoinedColumns,
     Table,
     TableArrays,
     TableData,
+    held,
 )
 from spherekit.errors import OutputError
 from spherekit.files.atomic import refused
@@ -68,6 +70,7 @@ class InMemory(AbstractStore):
 
     def __init__(self) -> None:
         self._blocks: dict[Key, list[_Kept]] = defaultdict(list)
+        self._pieces: dict[Key, list[_Pieces]] = defaultdict(list)
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
@@ -77,26 +80,32 @@ class InMemory(AbstractStore):
             else set_aside(np.asarray(values, dtype=TYPES.get(column.kind)))
             for column in table.columns
         }
-        self._blocks[analysis, table.name].append(kept)
+        key = analysis, table.name
+        self._blocks[key].append(kept)
+        self._pieces[key].append(_pieces(data) if table.in_assembly_modes else None)
 
     def clear(self) -> None:
         """Forget all rows."""
         self._blocks.clear()
+        self._pieces.clear()
 
     def table(self, analysis: str, table: Table) -> Mapping[str, NDArray[Any]]:
         """Return all rows: by assembly mode, then sample, where they belong to these."""
-        return _Joined(self._blocks[analysis, table.name], table)
+        key = analysis, table.name
+        return _Joined(self._blocks[key], self._pieces[key], table)
 
 
 @final
-class _Joined(Mapping[str, NDArray[Any]]):
+class _Joined(JoinedColumns):
     """The columns of blocks, each joined when it is first read.
 
     By assembly mode, then sample, where rows belong to these.
     """
 
-    def __init__(self, blocks: Sequence[_Kept], table: Table) -> None:
-        self._blocks = [dict(block) for block in blocks]
+    def __init__(
+        self, blocks: Sequence[_Kept], pieces: Sequence["_Pieces"], table: Table
+    ) -> None:
+        self._blocks, self._pieces = [dict(block) for block in blocks], list(pieces)
         self._names = [column.name for column in table.columns]
         self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
         self._made: dict[str, NDArray[Any]] = {}
@@ -110,23 +119,29 @@ class _Joined(Mapping[str, NDArray[Any]]):
         whole = [(k, slice(0, len(next(iter(b.values()))))) for k, b in enumerate(blocks)]
         if len(blocks) < 2 or not self._in_modes:
             return whole
-        in_order = _parts_in_order(blocks)
+        in_order = _parts_in_order(self._pieces)
         if in_order is None:
             vars(self)["_parts"] = whole
             keys = SAMPLE.name, ASSEMBLY_MODE.name
-            self._order = _order({name: self._joined(name) for name in keys})
+            self._order = _order(self._joined(keys))
         return in_order or whole
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        if name not in self._made:
-            if name not in self._names:
-                raise KeyError(name)
-            _ = self._parts  # which says in which order, if in none of its own
-            made = self._joined(name)
+        if name not in self._names:
+            raise KeyError(name)
+        self.join([name])
+        return self._made[name]
+
+    def join(self, names: Iterable[str]) -> None:
+        """Put together the columns of these names, as far as they are not."""
+        wanted = [name for name in names if name not in self._made]
+        if not wanted:
+            return
+        _ = self._parts  # which says in which order, if in none of its own
+        for name, made in self._joined(wanted).items():
             self._made[name] = made if self._order is None else made[self._order]
             for block in self._blocks:
                 del block[name]
-        return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
@@ -134,51 +149,86 @@ class _Joined(Mapping[str, NDArray[Any]]):
     def __len__(self) -> int:
         return len(self._names)
 
-    def _joined(self, name: str) -> NDArray[Any]:
-        blocks = [block[name] for block in self._blocks]
-        if len(blocks) == 1 and isinstance(blocks[0], np.ndarray):
-            return blocks[0]
-        kind = self._types[name] or np.result_type(*(part.dtype for part in blocks))
-        made = np.empty(sum(len(part) for part in blocks), dtype=kind)
-        at = 0
-        for number, rows in self._parts:
-            block, out = blocks[number], made[at : at + rows.stop - rows.start]
-            if isinstance(block, Interleaved):
-                count = len(block.parts)
-                block.put(out, slice(rows.start // count, rows.stop // count))
-            else:
-                out[:] = block[rows]
-            at += len(out)
-        return made
+    def _joined(self, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+        """Return columns, block after block, so that each is made again once."""
+        joined = {name: self._empty(name) for name in names}
+        ends = itertools.accumulate(rows.stop - rows.start for _, rows in self._parts)
+        places: dict[int, list[tuple[slice, int]]] = defaultdict(list)
+        for (number, rows), end in zip(self._parts, ends, strict=True):
+            places[number].append((rows, end))
+        for number, parts in places.items():
+            block = self._blocks[number]
+            reading = held(block[name] for name in joined)
+            for (rows, end), name in itertools.product(parts, joined):
+                out = joined[name][end - (rows.stop - rows.start) : end]
+                _copied(block[name], rows, out)
+            del reading
+        return joined
+
+    def _empty(self, name: str) -> NDArray[Any]:
+        columns = [block[name] for block in self._blocks]
+        kind = self._types[name] or np.result_type(*(part.dtype for part in columns))
+        return np.empty(sum(len(part) for part in columns), dtype=kind)
 
 
-def _parts_in_order(blocks: Sequence[_Kept]) -> list[tuple[int, slice]] | None:
+def _copied(
+    column: NDArray[Any] | SetAside | Interleaved, rows: slice, out: NDArray[Any]
+) -> None:
+    """Write the rows of a column into an array."""
+    if isinstance(column, Interleaved):
+        count = len(column.parts)
+        column.put(out, slice(rows.start // count, rows.stop // count))
+    else:
+        out[:] = column[rows]
+
+
+_Pieces = list[tuple[int, int, int, slice]] | None
+"""Runs of rows of one block in one mode: it, the first and last sample, and the rows.
+
+None where modes fall in a block, or samples in a mode.
+"""
+
+
+def _pieces(block: TableData) -> _Pieces:
+    """Return the runs of rows of a block, mode after mode."""
+    (modes, repeats), (samples, _) = (
+        _once(block[column.name]) for column in (ASSEMBLY_MODE, SAMPLE)
+    )
+    if len(modes) != len(samples):
+        return None
+    changes = np.flatnonzero(modes[1:] != modes[:-1]) + 1
+    edges = [0, *changes.tolist(), len(modes)] if len(modes) else []
+    if np.any(np.diff(modes[edges[:-1]]) < 0):
+        return None
+    pieces = []
+    for start, stop in itertools.pairwise(edges):
+        piece = samples[start:stop]
+        if not np.all(piece[1:] >= piece[:-1]):
+            return None
+        rows = slice(repeats * start, repeats * stop)
+        pieces.append((int(modes[start]), int(piece[0]), int(piece[-1]), rows))
+    return pieces
+
+
+def _parts_in_order(blocks: Sequence[_Pieces]) -> list[tuple[int, slice]] | None:
     """Return pieces of successive blocks, mode after mode; None if that is not their order.
 
     In each block modes rise, in each mode samples, and from block to block these go on.
     """
     parts: list[tuple[int, int, slice]] = []
     last: dict[int, int] = {}
-    for number, block in enumerate(blocks):
-        (modes, repeats), (samples, _) = (
-            _once(block[column.name]) for column in (ASSEMBLY_MODE, SAMPLE)
-        )
-        if len(modes) != len(samples):
+    for number, pieces in enumerate(blocks):
+        if pieces is None:
             return None
-        changes = np.flatnonzero(modes[1:] != modes[:-1]) + 1
-        edges = [0, *changes.tolist(), len(modes)] if len(modes) else []
-        if np.any(np.diff(modes[edges[:-1]]) < 0):
-            return None
-        for start, stop in itertools.pairwise(edges):
-            piece, mode = samples[start:stop], int(modes[start])
-            if not np.all(piece[1:] >= piece[:-1]) or piece[0] < last.get(mode, piece[0]):
+        for mode, lowest, highest, rows in pieces:
+            if lowest < last.get(mode, lowest):
                 return None
-            last[mode] = int(piece[-1])
-            parts.append((mode, number, slice(repeats * start, repeats * stop)))
+            last[mode] = highest
+            parts.append((mode, number, rows))
     return [(number, rows) for _, number, rows in sorted(parts, key=lambda part: part[:2])]
 
 
-def _once(column: NDArray[Any] | SetAside | Interleaved) -> tuple[NDArray[Any], int]:
+def _once(column: NDArray[Any] | Interleaved) -> tuple[NDArray[Any], int]:
     """Return a column without the rows that repeat, and how often each is there."""
     if not isinstance(column, Interleaved):
         return np.asarray(column), 1
@@ -244,7 +294,7 @@ class OnDisk(AbstractStore):
             return
         if not len(rows):
             return
-        parts = _parts_in_order([data])
+        parts = _parts_in_order([_pieces(data)])
         if parts is None:
             rows = rows[_order({name: rows[name] for name in rows.dtype.names or ()})]
             modes = rows[ASSEMBLY_MODE.name]

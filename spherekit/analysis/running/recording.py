@@ -1,6 +1,6 @@
 """What of a run goes to a recorder: the scenes of every sample, or of every k-th."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, final, runtime_checkable
 
@@ -13,6 +13,7 @@ from spherekit.analysis.link_scenes import (
     motion_scenes,
     static_scene,
 )
+from spherekit.analysis.recording_head import RecordingHead
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.scene import Axis, Portrait, Primitive, Scene
@@ -33,23 +34,8 @@ With all its poles a four-bar then takes 31 MB.
 class Recorder(Protocol):
     """What a run tells a viewer while it goes on; see `spherekit.view`."""
 
-    def start(
-        self,
-        scenes: Sequence[Scene],
-        inputs: Floats | None,
-        *,
-        assembly_modes: Mapping[int, str] | None = None,
-        properties: Mapping[str, str] | None = None,
-        focus: Floats | None = None,
-        row: int | None = None,
-        times: Floats | None = None,
-    ) -> None:
-        """Take what does not move, all inputs (samples,) rad, the assembly modes' names.
-
-        `focus` (3,) is the unit vector to the middle of the mechanism. Samples of a grid
-        come in rows of `row` neighbours; `times` (samples,) s are given instead of inputs
-        where the samples are times.
-        """
+    def start(self, head: RecordingHead) -> None:
+        """Take what is known before the first block."""
 
     def log(
         self,
@@ -142,14 +128,17 @@ class RecordingSession:
             properties["logged"] = f"one of {thinning.every} successive samples"
         if first:
             properties["resumed"] = f"samples before {first} are not in this recording"
+        row = -(-thinning.row // thinning.every) if len(course.shape) > 1 else None
         recorder.start(
-            [static_scene(plans, self._shapes)],
-            self._inputs,
-            assembly_modes=course.titles,
-            properties=properties,
-            focus=course.middle,
-            row=-(-thinning.row // thinning.every) if len(course.shape) > 1 else None,
-            times=self._times,
+            RecordingHead(
+                [static_scene(plans, self._shapes)],
+                self._inputs,
+                course.titles,
+                properties,
+                course.middle,
+                row,
+                self._times,
+            )
         )
 
     def goes_on(self, course: Sampling, again: bool) -> None:
