@@ -170,13 +170,12 @@ def test_near_zero_the_measure_has_its_digits():
         with mp.workdps(50):
             normals = mp.matrix(3, 3)
             for leg in range(3):
-                b, c = (mp.matrix(axes[3 * leg + k].tolist()) for k in (1, 2))
+                b, c = ([*map(mp.mpf, axes[3 * leg + k])] for k in (1, 2))
                 n = [b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2] for k in range(3)]
                 size = mp.sqrt(sum(x * x for x in n))
                 for k in range(3):
                     normals[leg, k] = n[k] / size
-            squares = mp.eigsy(normals * normals.T, eigvals_only=True)
-            least = mp.sqrt(min(squares) / 3)
+            least = min(mp.svd_r(normals, compute_uv=False)) / mp.sqrt(3)
         given = np.empty((1, 9, 3))
         given[0, order] = axes
         assert own.at(given)[0] == pytest.approx(float(least), rel=1e-3, abs=3e-15)
