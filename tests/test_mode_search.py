@@ -167,7 +167,7 @@ def test_runs_and_curves_have_every_mode(made):
 
 
 def test_the_order_of_modes_does_not_hang_on_rounding_at_half_turns():
-    """Modes of the agile eye have angles of a half turn, which rounding puts on both sides."""
+    """The agile eye has modes with such angles, which rounding puts on either side."""
     tracer = Tracer(sk.load("agile_eye"), samples=[1, 1, 1])
     solver, q = tracer.solver, tracer.input_grid.q[0]
     group = solver.assembly.groups[0]
