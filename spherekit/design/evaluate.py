@@ -1,7 +1,7 @@
 """Figures of merit of designs: by a kernel for all of them at once, or one by one."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any, final
 
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from spherekit.analysis.merit import Merit, Reducing
 from spherekit.conventions import counted, listing
 from spherekit.design.all_solutions import StartSet, start_set
+from spherekit.design.at_samples import BLOCK, at_modes, at_variables, in_mode
+from spherekit.design.evaluated import Evaluated, without
 from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers, first_line
 from spherekit.design.followed_modes import followed_modes
 from spherekit.design.profile_numbers import (
-    columns_of,
     has_other_profiles,
     need_no_accelerations,
     tracks_of,
@@ -44,16 +45,12 @@ from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
 from spherekit.model.expression import Expression
-from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism, SizeGeometry
 from spherekit.motion.input_grid import InputGrid
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import plan_assembly
 from spherekit.singular.grashof import class_of, four_bar_links
 from spherekit.sphere.rotation import Floats
-
-BLOCK = 4096
-"""Designs evaluated together: their rows stay in the cache."""
 
 PART, FOLLOWED, SINGLY = 16384, 768, 16
 """Designs in a part: in closed form, followed, and one by one."""
@@ -75,43 +72,6 @@ ACCELERATIONS_OF_ROWS = (
 )
 INERTIAL = ("B", "dB_dq", "torque")
 DEG = np.pi / 180.0
-
-
-@final
-@dataclass(frozen=True)
-class Evaluated:
-    """Designs in their assembly modes: one row for each that closes, one for the others.
-
-    `design` (n,) counts within what was given, `mode` (n,) says which assembly mode, ""
-    where none closes; `closes` (n,) is the share of samples that do, `status` (n,) OK or
-    why not, `claim` (n,) what is guaranteed of the modes of the design at the samples,
-    `merits` the figures (n,) by name, in rad and SI.
-    """
-
-    design: NDArray[np.int64]
-    mode: NDArray[np.object_]
-    closes: Floats
-    status: NDArray[np.object_]
-    claim: NDArray[np.object_]
-    merits: Mapping[str, Floats]
-
-    @staticmethod
-    def joined(parts: "Sequence[Evaluated]", names: Sequence[str]) -> "Evaluated":
-        """Return several in order of design, then as they come."""
-        design = np.concatenate([part.design for part in parts])
-        order = np.argsort(design, kind="stable")
-
-        def of(arrays: Sequence[Any]) -> Any:
-            return np.concatenate(arrays)[order]
-
-        return Evaluated(
-            design[order],
-            of([part.mode for part in parts]),
-            of([part.closes for part in parts]),
-            of([part.status for part in parts]),
-            of([part.claim for part in parts]),
-            {name: of([part.merits[name] for part in parts]) for name in names},
-        )
 
 
 @final
@@ -425,10 +385,10 @@ class Evaluator:
         reducing = [Reducing(merit, count) for merit in self.merits]
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, columns, closed in _at_modes(kernel, prepared, values, samples):
+            for sample, columns, closed in at_modes(kernel, prepared, values, samples):
                 closes += closed
                 self._take(reducing, sample, columns, closed, ())
-            for sample, columns, closed in _at_modes(
+            for sample, columns, closed in at_modes(
                 kernel, prepared, values[:, k:], points
             ):
                 self._take(reducing, sample, columns, closed, self._point(sample))
@@ -549,7 +509,7 @@ class Evaluator:
         reducing = [Reducing(merit, count) for merit in self.merits]
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, columns, closed in _at_variables(kernel, motion, rows, tracks):
+            for sample, columns, closed in at_variables(kernel, motion, rows, tracks):
                 closes += closed
                 self._take(reducing, sample, columns, closed, ())
             if len(points):
@@ -559,7 +519,7 @@ class Evaluator:
                     if len(self.inputs) == 1
                     else tracer.samples(place[len(rows) :])
                 )
-                for sample, columns, closed in _at_variables(kernel, there, points, tracks):
+                for sample, columns, closed in at_variables(kernel, there, points, tracks):
                     self._take(reducing, sample, columns, closed, self._point(sample))
         claim = tracer.claim.guarantee.value
         if not np.any(closes):
@@ -576,92 +536,9 @@ class Evaluator:
         return Tracer(mechanism, self.inputs, samples=lattice.shape)
 
 
-Sampled = Iterator[tuple[Floats, Floats, NDArray[np.bool_]]]
-"""A sample, the kernel's columns (c, n) there, and who closes (n,)."""
-
-
-def in_mode(
-    kernel: DesignKernel, prepared: Floats, signs: Sequence[float], samples: Floats
-) -> Sampled:
-    """Yield designs in an assembly mode at samples (k, w), as many at once as pay."""
-    n, width = prepared.shape[1], samples.shape[1]
-    together = max(1, BLOCK // n)
-    fixed = width + len(signs)
-    for start in range(0, len(samples), together):
-        some = samples[start : start + together]
-        rows = np.empty((fixed + len(prepared), len(some), n))
-        rows[:width] = some.T[:, :, None]
-        rows[width:fixed] = np.array(signs)[:, None, None]
-        rows[fixed:] = prepared[:, None, :]
-        outputs = kernel.evaluate(rows.reshape(len(rows), -1))
-        shaped = np.reshape(outputs, (-1, len(some), n))
-        for k, sample in enumerate(some):
-            closed = np.all(shaped[: kernel.reaches, k] >= 0.0, axis=0)
-            yield sample, shaped[kernel.reaches :, k], closed
-
-
-def _at_variables(
-    kernel: DesignKernel, motion: Motion, samples: Floats, tracks: Sequence[Track]
-) -> Sampled:
-    """Yield the assembly modes of one design, with profiles, at samples (k, w)."""
-    modes = len(motion.assembly_modes)
-    if not modes:
-        return
-    shape = modes, len(samples)
-    closed = ~motion.failed.reshape(shape)
-    every = np.tile(samples, (modes, 1)).T
-    given = [every, motion.values.T]
-    if tracks:
-        given.append(columns_of(tracks, motion.values))
-    outputs = kernel.evaluate(np.concatenate(given))
-    shaped = np.reshape(outputs, (-1, *shape))
-    for k, sample in enumerate(samples):
-        yield sample, shaped[:, :, k], closed[:, k]
-
-
-def _at_modes(
-    kernel: DesignKernel, prepared: Floats, values: Floats, samples: Floats
-) -> Sampled:
-    """Yield modes at samples (k, w) where they have these values (variables, k, n)."""
-    n, width = prepared.shape[1], samples.shape[1]
-    if not n:
-        return
-    together = max(1, BLOCK // n)
-    fixed = width + len(values)
-    for start in range(0, len(samples), together):
-        some = samples[start : start + together]
-        rows = np.empty((fixed + len(prepared), len(some), n))
-        rows[:width] = some.T[:, :, None]
-        rows[width:fixed] = values[:, start : start + len(some)]
-        rows[fixed:] = prepared[:, None, :]
-        outputs = kernel.evaluate(rows.reshape(len(rows), -1))
-        shaped = np.reshape(outputs, (-1, len(some), n))
-        closed = np.isfinite(rows[width])
-        for k, sample in enumerate(some):
-            yield sample, shaped[:, k], closed[k]
-
-
 def _value(expression: Expression, quantities: Mapping[str, Any], count: int) -> Floats:
     value = expression.evaluate({name: quantities[name] for name in expression.names})
     return np.broadcast_to(value, count)
-
-
-def without(
-    rows: NDArray[np.intp],
-    why: NDArray[np.object_],
-    merits: Sequence[Merit],
-    claim: str = "",
-) -> Evaluated:
-    """Return rows of designs that have no figures, with the reason of each."""
-    nothing = np.full(len(rows), np.nan)
-    return Evaluated(
-        rows,
-        np.full(len(rows), "", dtype=object),
-        np.zeros(len(rows)),
-        why[rows],
-        np.full(len(rows), claim, dtype=object),
-        {merit.name: nothing for merit in merits},
-    )
 
 
 def _signed(mechanism: Mechanism, variable: DesignVariable) -> bool:

@@ -12,7 +12,8 @@ from spherekit.analysis.merit import Merit, Reducing
 from spherekit.analysis.result import MOTION, RunResult
 from spherekit.analysis.run import executed
 from spherekit.conventions import Status, counted, listing, nearest
-from spherekit.design.evaluate import SINGLY, Evaluated, without
+from spherekit.design.evaluate import SINGLY
+from spherekit.design.evaluated import Evaluated, without
 from spherekit.design.file_numbers import OK, first_line
 from spherekit.design.variables import DesignVariable, designed
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
