@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.design.cutting_planes import least_greatest
 from spherekit.design.gradients import FigureGradients
 from spherekit.design.pareto import nondominated
 from spherekit.errors import AnalysisError, DesignError, FileError
@@ -56,9 +57,10 @@ def test_the_peak_torque_is_less_than_that_of_random_designs():
     assert run.frame("eksergian")["tau"].abs().max() == pytest.approx(row["peak"], rel=1e-9)
 
 
-def check_front(name, designs, count, starts):
+def check_front(name, designs, count, starts, seed=0):
     """Compare a front with random designs: none beats it in both objectives."""
-    found = sk.size_of(EXAMPLES / name, designs=designs, starts=starts)
+    found = sk.size_of(EXAMPLES / name, designs=designs, starts=starts, seed=seed)
+    assert np.all(found.tolerance <= 1e-5 * np.max(np.abs(found.objectives), axis=0))
     assert np.all(np.diff(found.objectives[:, 0]) >= 0.0)
     sizing = sizing_of(EXAMPLES / name, designs=count, seed=7)
     for number in range(sizing.sweep.parts):
@@ -67,8 +69,7 @@ def check_front(name, designs, count, starts):
             own = wanted[rows["mode"] == mode]
             front = found.objectives[np.array(found.modes) == mode]
             for each in front:
-                margin = 1e-9 * np.abs(each)
-                assert not np.any(np.all(own < each - margin, axis=1))
+                assert not np.any(np.all(own < each - found.tolerance, axis=1))
     return found
 
 
@@ -85,6 +86,30 @@ def test_a_front_is_beaten_by_no_random_design():
     turned = np.radians(np.linspace(0.0, 360.0, 181))
     theta = np.unwrap(sk.evaluate(made, turned, assembly_mode=mode).variable("41"))
     assert np.degrees(np.ptp(theta)) == pytest.approx(last["swing"], rel=1e-9)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_fronts_of_other_seeds_are_beaten_by_no_random_design(seed):
+    check_front("trade_off.toml", 1024, 65536, 1, seed)
+
+
+def test_cutting_planes_find_the_centre_of_the_smallest_ball():
+    rng = np.random.default_rng(3)
+    corners = np.array([[0.1, 0.2, 0.3], [0.9, 0.2, 0.3], [0.5, 0.2 + 0.16**0.5, 0.3]])
+    points = np.concatenate([corners, corners[:1] + [[0.4, 0.0, 0.399]]])
+    limit = np.array([[0.0, 1.0, 0.0]])
+
+    def parts(y, least):
+        away = y - points
+        far = np.linalg.norm(away, axis=1)
+        return far, away / far[:, None], np.array([least - y[1]]), -limit
+
+    for least, centre in ((-1.0, [0.5, 0.2, 0.3]), (0.5, [0.5, 0.5, 0.3])):
+        for start in rng.uniform(0.5, 1.0, (4, 3)):
+            x, radius = least_greatest(lambda y: parts(y, least), start, 1e-12)  # noqa: B023
+            assert x == pytest.approx(centre, abs=1e-4)
+            assert radius == pytest.approx(np.hypot(0.4, centre[1] - 0.2), abs=1e-8)
 
 
 @pytest.mark.long

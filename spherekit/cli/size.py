@@ -83,7 +83,11 @@ def execute(options: argparse.Namespace) -> int:
             )
         if len(sized.headings) > 1:
             count = counted(len(sized.objectives), "design")
-            print(f"{count} that none of their mode beats in all objectives:")
+            least = " and ".join(f"{value:.2g}" for value in sized.tolerance)
+            print(
+                f"{count} that none met beats, of their mode, in all objectives by more "
+                f"than {least}:"
+            )
         hidden = [name for name in frame.columns if name in sized.sizing.matched]
         few = np.unique(np.linspace(0, len(frame) - 1, SHOWN).astype(int))
         rows = slice(SHOWN) if len(sized.headings) == 1 else few

@@ -6,6 +6,7 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.design.conditions import Condition
+from spherekit.design.cutting_planes import Parts, least_greatest
 from spherekit.design.evaluate import DEG, Evaluator
 from spherekit.design.gradients import FigureGradients, with_derivatives
 from spherekit.design.sweep import Columns
@@ -14,8 +15,8 @@ from spherekit.engine.arrays import ArrayFunction
 from spherekit.engine.design_kernel import row_quantities
 from spherekit.sphere.rotation import Floats
 
-STEPS = 200
-"""Most steps of a descent."""
+STEPS = 50
+"""Most steps of a descent by quadratic programming."""
 SLACK = 1e-9
 """A condition that is missed by less, of its size, holds."""
 
@@ -144,3 +145,35 @@ class Descent:
         better = objective(ends)[0] <= objective(x)[0]
         holds = bool(np.all(slack(ends) >= -SLACK * (1.0 + np.abs(slack(x)))))
         return ends if better and holds else x
+
+    def towards(
+        self, x: Floats, signs: Sequence[float], aim: Floats, size: Floats, enough: float
+    ) -> tuple[Floats, float]:
+        """Return where objectives come nearest to an aim (k,) from x, and by how much.
+
+        By how many sizes (k,) the objective that misses its aim most does, < 0 where all
+        are less: the scalarisation of Pascoletti and Serafini 1984. Where the aim is what
+        the objectives are at x, this is a descent of all of them, and ends where nothing
+        beside makes all smaller.
+        """
+        closes = self.at(x, signs)[2]
+
+        def parts(y: Floats) -> Parts | None:
+            if self.at(y, signs)[2] < closes:
+                return None
+            wanted = [self.value(objective, y, signs) for objective in self.objectives]
+            limits = []
+            for condition, sides in self.conditions:
+                left, right = (self.value(side, y, signs) for side in sides)
+                sense = 1.0 if condition.sign.startswith("<") else -1.0
+                limits.append((sense * (left[0] - right[0]), sense * (left[1] - right[1])))
+            missed = (np.array([value for value, _ in wanted]) - aim) / size
+            made = (
+                missed,
+                np.array([slope for _, slope in wanted]) / size[:, None],
+                np.array([value for value, _ in limits]),
+                np.array([slope for _, slope in limits]).reshape(-1, len(y)),
+            )
+            return made if all(np.all(np.isfinite(part)) for part in made) else None
+
+        return least_greatest(parts, x, enough)

@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 
 from spherekit.analysis.merit import Merit
-from spherekit.design.evaluate import Evaluator, in_mode
+from spherekit.design.evaluate import Evaluator
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.derivatives import derivatives
 from spherekit.engine.design_kernel import design_kernel
@@ -65,18 +65,18 @@ class FigureGradients:
         self, sizes: Floats, signs: Sequence[float], samples: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """Return who closes (n,), quantities (c, n) and derivatives (sizes, c, n)."""
-        columns, count = len(self._kernel.columns), len(sizes)
-        prepared = self._kernel.prepare(sizes[:, None])
-        closed, outputs = [], []
+        kernel, count = self._kernel, len(sizes)
+        fixed = np.concatenate([np.array(signs)[:, None], kernel.prepare(sizes[:, None])])
+        rows = np.concatenate([samples.T, np.repeat(fixed, len(samples), axis=1)])
         with np.errstate(all="ignore"):
-            for sample, rows, who in in_mode(self._kernel, prepared, signs, samples):
-                closed.append(bool(who[0]))
-                outputs.append(np.concatenate([sample, rows[:, 0]]))
-        whole = np.array(outputs).T
-        fixed = len(self.evaluator.sample)
-        changes = np.zeros((count, fixed + columns, len(samples)))
-        changes[:, fixed:] = whole[fixed + columns :].reshape(count, columns, -1)
-        return np.array(closed), whole[: fixed + columns], changes
+            outputs = kernel.evaluate(rows)
+        closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
+        columns = len(kernel.columns)
+        whole = np.concatenate([samples.T, outputs[kernel.reaches :]])
+        first = len(self.evaluator.sample)
+        changes = np.zeros((count, first + columns, len(samples)))
+        changes[:, first:] = whole[first + columns :].reshape(count, columns, -1)
+        return closed, whole[: first + columns], changes
 
     def _reduced(
         self, merit: Merit, k: int, quantities: Floats, changes: Floats

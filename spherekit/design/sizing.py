@@ -10,6 +10,7 @@ from spherekit.conventions import counted
 from spherekit.design.descent import Descent
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.pareto import front_of, nondominated
+from spherekit.design.settling import BESIDE, End, Settling, unbeaten
 from spherekit.design.sweep import Columns
 from spherekit.design.variables import designed
 from spherekit.design.wanted import MATCH, Sizing
@@ -25,8 +26,6 @@ MOST = 32
 """Best rows of a part that are kept for each descent."""
 FRONT = 5
 """Points of the front of a mode for each descent that one objective would have."""
-BESIDE = 0.1
-"""Rows nearer than this part of every range lead to the same place."""
 SAME = 1e-3
 """Ends of descents nearer than this part of every range are one."""
 
@@ -55,6 +54,9 @@ class Sized:
         How many designs were looked at first, and in how many rows conditions held.
     before
         (k,) the least of each objective among these.
+    tolerance
+        (k,) by how much of each objective a design has to be better to beat another: with
+        several objectives no descent found one that beats a design here by more.
     """
 
     sizing: Sizing
@@ -65,6 +67,7 @@ class Sized:
     explored: int
     feasible: int
     before: Floats
+    tolerance: Floats
 
     def mechanism(self, number: int = 0) -> Mechanism:
         """Return the mechanism of a design, the best by default."""
@@ -96,7 +99,8 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     """Return the best designs of a sizing: a sweep, then descents from its best rows.
 
     With several objectives an evolution of the sweep's best (NSGA-II, Deb and others
-    2002, by pymoo) is between these. Descents follow exact gradients (SciPy's SLSQP);
+    2002, by pymoo) is between these, and points of the front are attacked from other
+    starts. Descents follow exact gradients (SciPy's SLSQP, and cutting planes at kinks);
     each keeps to its assembly mode, and to inputs at which it closes.
 
     Raises
@@ -137,14 +141,19 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     else:
         chosen = _spread(rows["mode"], places, wanted[:, 0], starts)
         begun = [(str(rows["mode"][row]), places[row]) for row in chosen]
+    settling = Settling(descent, rows["mode"], places, wanted)
     ends = []
     for k, (mode, start) in enumerate(begun):
-        signs = [1.0 if letter == "+" else -1.0 for letter in mode]
-        x = descent.go(start, signs)
-        columns, _, _ = descent.at(x, signs)
-        ends.append(_End(mode, x, descent.wanted(x, signs), columns))
+        ends.append(settling.down(mode, start))
         working.tell(lambda k=k: f"{k + 1} of {counted(len(begun), 'descent')}")  # type: ignore[misc]
+    if len(sizing.minimise) > 1:
+        ends = unbeaten(_apart(ends), settling.tolerance)
+        for k in range(len(ends)):
+            ends[k] = settling.attacked(ends[k], ends)
+            working.tell(lambda k=k: f"{k + 1} of {counted(len(ends), 'point')} attacked")  # type: ignore[misc]
     kept = _apart(ends)
+    if len(sizing.minimise) > 1:
+        kept = unbeaten(kept, settling.tolerance)
     names = [merit.name for merit in sweep.merits] + [MATCH] * bool(sizing.matched)
     first = len(sweep.variables)
     return Sized(
@@ -159,18 +168,8 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
         sweep.space.count,
         feasible,
         np.min(wanted, axis=0),
+        settling.tolerance,
     )
-
-
-@final
-@dataclass(frozen=True)
-class _End:
-    """Where a descent ended."""
-
-    mode: str
-    x: Floats
-    wanted: Floats
-    columns: Floats
 
 
 def _best(rows: Columns, wanted: Floats, count: int) -> tuple[Columns, Floats]:
@@ -196,19 +195,13 @@ def _spread(modes: Sequence[str], places: Floats, wanted: Floats, count: int) ->
     return chosen
 
 
-def _apart(ends: Sequence[_End]) -> list[_End]:
-    """Return ends of descents in order, those that came to the same place once.
-
-    With several objectives those alone that none of their mode beats.
-    """
-    kept: list[_End] = []
+def _apart(ends: Sequence[End]) -> list[End]:
+    """Return ends of descents in order, those that came to the same place once."""
+    kept: list[End] = []
     for end in sorted(ends, key=lambda descent: tuple(descent.wanted)):
         if not any(
             end.mode == other.mode and np.max(np.abs(end.x - other.x)) < SAME
             for other in kept
         ):
             kept.append(end)
-    if not kept or len(kept[0].wanted) == 1:
-        return kept
-    modes = np.array([end.mode for end in kept])
-    return [kept[k] for k in nondominated(np.array([end.wanted for end in kept]), modes)]
+    return kept

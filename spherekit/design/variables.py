@@ -9,9 +9,11 @@ from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError
 from spherekit.files.change import number_at, number_path, with_numbers
+from spherekit.files.check import check
 from spherekit.files.document import Document
+from spherekit.files.limits import Limits, limits_of
 from spherekit.files.locate import KeyPath
-from spherekit.files.read import read
+from spherekit.files.read import stated
 from spherekit.files.read_dynamics import DynamicsReader
 from spherekit.model.mechanism import Mechanism
 
@@ -41,6 +43,8 @@ class DesignVariable:
         Whether it is an angle, in the file's unit of angles.
     slot
         Which size of a kernel it is, if it is one.
+    limits
+        Which numbers the format allows there.
     """
 
     key: str
@@ -48,6 +52,7 @@ class DesignVariable:
     value: float
     is_angle: bool
     slot: tuple[str, Any] | None
+    limits: Limits
 
     @property
     def name(self) -> str:
@@ -70,7 +75,10 @@ def design_variable(document: Document, key: str) -> DesignVariable:
             f"are the same for all; vary numbers of {listing(DESIGNED)}"
         )
     slot = _slot(document, path)
-    return DesignVariable(key, path, number_at(document, path), slot is not None, slot)
+    limits = limits_of(document, path)
+    return DesignVariable(
+        key, path, number_at(document, path), slot is not None, slot, limits
+    )
 
 
 def _slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
@@ -116,14 +124,18 @@ def designed(
 ) -> Mechanism:
     """Return the mechanism of a design, with values in the file's units.
 
+    Of a document that fits the format, only the values are held against it.
+
     Raises
     ------
     FileError
         If there is no such mechanism.
     """
-    paths = [variable.path for variable in variables]
-    numbers = dict(zip(paths, map(float, values), strict=True))
-    return read(with_numbers(document, numbers))
+    numbers = dict(zip([v.path for v in variables], map(float, values), strict=True))
+    changed = with_numbers(document, numbers)
+    if not all(variable.limits.allow(numbers[variable.path]) for variable in variables):
+        check(changed)
+    return stated(changed)
 
 
 def with_actions(

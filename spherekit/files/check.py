@@ -56,7 +56,7 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
     faults = list(_not_numbers(document.data))
     if faults:
         raise document.faults(faults)
-    errors = _validator(kind).iter_errors(document.data)
+    errors = validator(kind).iter_errors(document.data)
     explained = (fault for error in errors for fault in _explain(error, kind))
     faults = list(islice(explained, 100))
     if faults:
@@ -82,7 +82,8 @@ def mismatch(value: object, wanted: str) -> str:
 
 
 @cache
-def _validator(kind: Kind) -> Any:
+def validator(kind: Kind = "mechanism") -> Any:
+    """Return what holds data against the schema of a kind of file."""
     # jsonschema takes longer to import than a mechanism file takes to read.
     from jsonschema import Draft202012Validator
     from jsonschema.validators import extend

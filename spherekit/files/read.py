@@ -102,6 +102,17 @@ def read(document: Document) -> Mechanism:
         With one line for each fault; of data without a text `ModelError`.
     """
     check(document)
+    return stated(document)
+
+
+def stated(document: Document) -> Mechanism:
+    """Return the mechanism that a document states which fits the format.
+
+    Raises
+    ------
+    FileError
+        With what makes no sense in it; of data without a text `ModelError`.
+    """
     name = document.data["name"]
     try:
         mechanism = _Reader(document, document.data["angle_unit"]).mechanism()
