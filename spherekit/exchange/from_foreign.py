@@ -7,7 +7,7 @@ from typing import Any, final
 
 import numpy as np
 
-from spherekit.conventions import MAX_NAME_LENGTH, listing
+from spherekit.conventions import MAX_NAME_LENGTH, listing, numbered
 from spherekit.errors import FileError
 from spherekit.exchange.common_point import Line, common_point
 from spherekit.exchange.foreign import ForeignHinge, ForeignHold, ForeignLoad, ForeignModel
@@ -376,7 +376,7 @@ class _Import:
         if added:
             what = "has" if len(added) == 1 else "have"
             self.notes.append(
-                f"input {listing(added)} {what} no actuator; there are more freedoms than "
+                f"{numbered('input', added)} {what} no actuator; there are more freedoms than "
                 "actuators"
             )
         spare = [self.pairs[k].name for k in driven if k not in chosen]
