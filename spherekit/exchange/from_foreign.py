@@ -376,8 +376,8 @@ class _Import:
         if added:
             what = "has" if len(added) == 1 else "have"
             self.notes.append(
-                f"{numbered('input', added)} {what} no actuator; there are more freedoms than "
-                "actuators"
+                f"{numbered('input', added)} {what} no actuator; there are more freedoms "
+                "than actuators"
             )
         spare = [self.pairs[k].name for k in driven if k not in chosen]
         if spare:
