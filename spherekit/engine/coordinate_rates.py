@@ -36,7 +36,7 @@ class CoordinateRates:
             for v in range(len(mechanism.variable_owners))
         ]
         self.vectors = [
-            vector_sum([axis * size for size, _, axis in spins]) for spins in self._spins
+            vector_sum([spin.axis * spin.size for spin in spins]) for spins in self._spins
         ]
         self.tau: list[list[Expr]] = []
         for moving in structure.input_pairs:
@@ -94,9 +94,9 @@ class CoordinateRates:
             # w_first x (rate axis), and rate axis = w_second - w_first.
             first, second = mechanism.ends[pair]
             return cross(w[first], w[second])
-        axes = [
-            cross(w[link], axis * size) * rates[v]
+        changes = [
+            spin.change(w[spin.link], rates[v]) * (spin.size * rates[v])
             for v in variables
-            for size, link, axis in self._spins[v]
+            for spin in self._spins[v]
         ]
-        return vector_sum(axes)
+        return vector_sum(changes)

@@ -122,8 +122,8 @@ def _closed(
     vectors = []
     for v in range(len(mechanism.variable_owners)):
         total = vector([0.0, 0.0, 0.0])
-        for size, _, axis in spin_vectors(structure.pairs, links, v):
-            total = total + axis * size
+        for spin in spin_vectors(structure.pairs, links, v):
+            total = total + spin.axis * spin.size
         vectors.append(total)
     solver = HomogeneousRates(mechanism, driven, vectors, structure.span, misfit)
     for rows in structure.groups:
