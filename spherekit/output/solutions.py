@@ -47,9 +47,9 @@ def solved(
 ) -> PoseSolutions:
     """Return every configuration of a mechanism at inputs (n, inputs), row by row.
 
-    Where `solver` holds the output, `released` is that of the mechanism itself, whose variables
-    come first; those and its inputs are told. Inputs are in (-pi, pi] unless wheels count
-    their turns.
+    Where `solver` holds the output, `released` is that of the mechanism itself, whose
+    variables come first; those and its inputs are told. Inputs are in (-pi, pi] unless
+    wheels count their turns.
     """
     told = solver if released is None else released
     driven, count = list(told.driven), len(told.mechanism.variable_owners)
