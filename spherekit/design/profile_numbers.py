@@ -177,7 +177,7 @@ def numbers_of(profile: Profile) -> Floats:
 
 def varied(profile: Profile, change: Floats, backwards: bool) -> VariedCurve:
     """Return a profile with its derivatives, `change` being that of its numbers."""
-    if profile.kind == "points":
+    if profile.points:
         moved = change.reshape(-1, 3)
         return varied_through(profile.points, moved, profile.closed, backwards)
     centre = np.array(profile.centre), change[:3]

@@ -151,7 +151,7 @@ def _rolling(
     relative, slope, curvature = line.relative, line.slope, sides[near].curvature
     more = sides[0].most_bent + sides[1].most_bent
     swing = size_of(relative) * root(1.0 + curvature * curvature)
-    vector, slide = sides[0].rolling(sides[1], line.tangent, line.point)
+    vector, slide = sides[0].rolled(sides[1], line.tangent, line.point)
     return CarriedVector(
         vector,
         line.link,
@@ -171,7 +171,7 @@ def _sliding(
         return CarriedVector(vector(list(axis)), link, abs(side.turn.scale))
     _, normal, point = _frame(side, placed, angles)
     k, slope = side.curvature, side.slope
-    along, slide = side.sliding(sense, normal, point)
+    along, slide = side.slid(sense, normal, point)
     return CarriedVector(
         along,
         link,

@@ -106,12 +106,12 @@ class ProfileSide:
         """A bound of the second derivative of the curvature."""
         return 0.0 if self.columns is None else self.columns.series.most_bent
 
-    def sliding(self, sense: float, normal: Exprs, point: Exprs) -> tuple[Exprs, Exprs]:
+    def slid(self, sense: float, normal: Exprs, point: Exprs) -> tuple[Exprs, Exprs]:
         """Return n + k p, or the opposite, and how that slides along the profile."""
         vector = (normal + point * self.curvature) * sense
         return np.asarray(vector), np.asarray(point * (sense * self.slope))
 
-    def rolling(
+    def rolled(
         self, other: "ProfileSide", tangent: Exprs, point: Exprs
     ) -> tuple[Exprs, Exprs]:
         """Return (k1 - k2) p, and how that slides along the profiles."""
@@ -228,10 +228,10 @@ def _add_spins(
         assert side.columns is not None
         tangent, normal, point = side.columns.frame.T
         if one != other:
-            vector, slide = side.sliding(1.0, normal, point)
+            vector, slide = side.slid(1.0, normal, point)
             spins[variable] = (AxisTerm(sense, link, vector, slide),)
         elif sense > 0.0:
-            vector, slide = side.rolling(sides[1], tangent, point)
+            vector, slide = side.rolled(sides[1], tangent, point)
             spins[variable] = (AxisTerm(1.0, link, vector, slide),)
 
 
