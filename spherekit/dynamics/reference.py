@@ -11,7 +11,7 @@ from spherekit.errors import EngineError, SolveError
 from spherekit.exact.arithmetic import Arithmetic, wide
 from spherekit.exact.simulation import ExactSimulation
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.model.dynamics import need_no_rubbing
+from spherekit.model.bearings import need_no_rubbing
 from spherekit.model.laws import Start
 from spherekit.sphere.rotation import Floats
 

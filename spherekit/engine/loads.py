@@ -16,16 +16,10 @@ from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.expression_terms import BY_OPERATOR
 from spherekit.engine.kinematics import RateExpressions
 from spherekit.engine.pose import LinkOrientation
-from spherekit.model.dynamics import (
-    Called,
-    Component,
-    Load,
-    TorqueTable,
-    Vector,
-    expression_of,
-)
 from spherekit.model.expression import Expression, fold
+from spherekit.model.load import Called, Component, Load, Vector, expression_of
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
 
 FULL_TURN = 6.283185307179586
 

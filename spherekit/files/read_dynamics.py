@@ -12,10 +12,11 @@ from spherekit.files.angles import angle_at, to_radians
 from spherekit.files.document import Document
 from spherekit.files.locate import KeyPath
 from spherekit.model.changes import AngleUnit
-from spherekit.model.dynamics import LOADS, Form, Load, Mass, PairTorque, Stop, Vector
+from spherekit.model.dynamics import LOADS, Mass, PairTorque, Stop
 from spherekit.model.dynamics_checks import check_tensor
 from spherekit.model.geometry import link_axes
 from spherekit.model.inertia import axes_frame, moved_to_sphere_centre, uniform_arc
+from spherekit.model.load import Form, Load, Vector
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
