@@ -198,7 +198,7 @@ class RowQuantities:
             [0.0] * len(angles),
             motion.rates,
             self.sample["t"],
-            lambda condition: function("sign", condition),
+            _sign,
             self._no_table,
         )
         force = self._force(state, moving)
@@ -312,7 +312,7 @@ class RowQuantities:
             [0.0] * len(angles),
             speed,
             t,
-            lambda condition: function("sign", condition),
+            _sign,
             self._no_table,
         )
         force = self._force(state, 0)
@@ -323,6 +323,10 @@ class RowQuantities:
             f"{self.structure.mechanism.name}: loads.{name}: a table of torques cannot be "
             "part of a kernel; write the torque as an expression"
         )
+
+
+def _sign(condition: Expr) -> Expr:
+    return function("sign", condition)
 
 
 def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:

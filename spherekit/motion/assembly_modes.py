@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
@@ -28,7 +28,7 @@ from spherekit.motion.groups import (
 )
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import DEPENDENT, left_inverse, rank_mobility
-from spherekit.motion.meshes import TURN, Meshes, meshes_of
+from spherekit.motion.meshes import Meshes, meshes_of
 from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.pairs import pair_states, penetrates
 from spherekit.motion.trains import Frames, WheelPlacement, train_of

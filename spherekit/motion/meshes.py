@@ -17,7 +17,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN
 from spherekit.model.graph import spanning
 from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
@@ -32,7 +32,6 @@ from spherekit.planning.wheel_train import WheelTrain
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.triangle import Bools
 
-TURN = 2.0 * np.pi
 TRIED = (0.0, 1.0, -1.0, 2.0, -2.0, 0.5, -0.5, 1.5, -1.5, 2.5, -2.5, 3.1)
 """Inputs (rad) at which a configuration is looked for, from the anchor."""
 WAYS = 8

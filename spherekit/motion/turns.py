@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import TURN
 from spherekit.sphere.rotation import Floats
 
 ROUNDED = 1e-12
 """An input outside a range by less (rad) is at its end."""
-TURN = 2.0 * np.pi
 
 
 def into_range(
