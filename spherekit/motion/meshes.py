@@ -247,7 +247,7 @@ def _least_rolled(
     tried = []
     for turns in product(range(-MOST_TURNS, MOST_TURNS + 1), np.eye(len(driven))):
         least = values[determined] - grown - TURN * turns[0] * rates[determined] @ turns[1]
-        choices = map(_whole_turns_apart, joints, map(float, least))
+        choices = map(whole_turns_apart, joints, map(float, least))
         tried += list(islice(product(*choices), MOST_SORTED))
     lengths = np.array(sorted(tried, key=_rolled)[:MOST_ASSEMBLIES])
     closes = np.ones(len(lengths), dtype=bool)
@@ -266,7 +266,7 @@ def _rolled(lengths: Sequence[float]) -> tuple[int, ...]:
     )
 
 
-def _whole_turns_apart(joint: Joint, length: float) -> list[float]:
+def whole_turns_apart(joint: Joint, length: float) -> list[float]:
     """Return lengths that differ from one by whole turns of a wheel, the least first."""
     lengths = {round(length / SAME_LENGTH): length}
     for lap in joint.laps:
