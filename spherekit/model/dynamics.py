@@ -19,6 +19,7 @@ from spherekit.model.load import (
     Vector,
     law_of,
     number_text,
+    vector_of,
 )
 from spherekit.model.needs import (
     need_angle,
@@ -123,7 +124,7 @@ class Gravity(Load):
                 continue
             assert mass.mass is not None and mass.centre is not None
             x, y, z = (mass.mass * float(part) for part in self.acceleration)
-            at = _floats(mass.centre)
+            at = vector_of(mass.centre)
             weights.append(LinkMoment(mass.link, (x, y, z), "ground", at))
         return (Component(law_of(mechanism, "1"), moments=tuple(weights)),)
 
@@ -155,7 +156,7 @@ class PointForce(Load):
         _check_on_link(key, "force", self.force, mechanism)
 
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
-        return _on_link(mechanism, self, self.force, _floats(self.point))
+        return _on_link(mechanism, self, self.force, vector_of(self.point))
 
 
 @final
@@ -293,11 +294,6 @@ LOADS: Mapping[str, type[Load]] = MappingProxyType(
 
 
 _UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
-
-def _floats(given: Vector) -> Vector:
-    x, y, z = map(float, given)
-    return x, y, z
 
 
 def _on_link(

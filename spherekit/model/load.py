@@ -1,7 +1,7 @@
 """What a load is made of: magnitudes, and what they work on."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
@@ -143,6 +143,12 @@ class Load(ABC):
     @abstractmethod
     def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
         """Return what it is made of: magnitudes, and what they work on."""
+
+
+def vector_of(numbers: Iterable[float]) -> Vector:
+    """Return three numbers as floats."""
+    x, y, z = map(float, numbers)
+    return x, y, z
 
 
 def law_of(mechanism: "Mechanism", text: str) -> Expression:
