@@ -31,7 +31,7 @@ def spanning(
 
 
 def joined(count: int, couples: Iterable[tuple[int, int]]) -> list[int]:
-    """Return for label of so many things the smallest of those that couples join it to."""
+    """Return for each of so many things the smallest of those that couples join it to."""
     owner = list(range(count))
     for couple in couples:
         low, high = sorted((owner[couple[0]], owner[couple[1]]))
