@@ -139,9 +139,9 @@ class Sensitivity:
             possible = row_quantities(mechanism)
         except CountError as counted:
             raise DesignError(
-                f"{mechanism.name}: some of its constraints are redundant, so that it closes "
-                "with its sizes as they are and with none that deviate; leave redundant "
-                f"pairs out of a copy of the file ({counted})"
+                f"{mechanism.name}: some of its constraints are redundant, so that it "
+                "closes with its sizes as they are and with none that deviate; leave "
+                f"redundant pairs out of a copy of the file ({counted})"
             ) from None
         for name in self.quantities:
             if name not in possible:
