@@ -55,7 +55,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.files.read import load
     from spherekit.motion.motion import Tracer
     from spherekit.planning.inputs import driven_pairs
-    from spherekit.planning.poles import plan
+    from spherekit.planning.plan import plan
     from spherekit.planning.table import as_dict, as_markdown, as_text, describe
 
     mechanism = with_locks(load(options.file), options.lock, options.file)
