@@ -124,7 +124,7 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
     for link, places in link_axes(mechanism).items():
         names = list(places)
         sizes = [
-            f"{a}\u2013{b} {_degrees(arc(places[a], places[b]))}"
+            f"{a}\u2013{b} {_degrees(float(arc(places[a], places[b])))}"
             for a, b in pairwise(names)
         ]
         lines.append(f"| {link} | {', '.join(sizes) or ', '.join(names)} |")
