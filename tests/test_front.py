@@ -18,8 +18,8 @@ from spherekit.dynamics.tabulate import online_model
 from spherekit.engine import kernel
 from spherekit.errors import SpherekitError
 from spherekit.exchange.mjcf import mjcf
-from spherekit.model.dynamics import Load
 from spherekit.model.laws import ConstantSpeed, Cycloidal, Start, Tabulated
+from spherekit.model.load import Load
 from spherekit.motion.motion import Tracer
 from spherekit.tradeoff.trade import trade
 
@@ -301,3 +301,8 @@ def test_what_the_types_allow_passes():
         asked()
     with pytest.raises(SpherekitError, match=r'asked: no argument is "cnt"; did you mean'):
         asked(cnt=3)
+
+
+def test_too_many_arguments_are_told_beside_a_correct_option():
+    with pytest.raises(SpherekitError, match="run: too many positional arguments"):
+        sk.run(FOUR_BAR, "poles", "statics", samples=3)

@@ -17,7 +17,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN
 from spherekit.model.graph import spanning
 from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
@@ -28,10 +28,12 @@ from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import rolled_lengths
 from spherekit.motion.search import search
 from spherekit.motion.steps import nodes_at, walk
+from spherekit.motion.turns import whole_laps
+from spherekit.planning.wheel_train import WheelTrain
+from spherekit.planning.wheels import SAME_LENGTH
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.triangle import Bools
 
-TURN = 2.0 * np.pi
 TRIED = (0.0, 1.0, -1.0, 2.0, -2.0, 0.5, -0.5, 1.5, -1.5, 2.5, -2.5, 3.1)
 """Inputs (rad) at which a configuration is looked for, from the anchor."""
 WAYS = 8
@@ -44,8 +46,6 @@ SPREAD = 1e-3
 """Inputs (rad) that compared rates lie apart at least."""
 FLAT = 1e-5
 """Configurations of a smaller relative singular value say nothing precise of rates."""
-SAME_LENGTH = 1e-7
-"""Lengths (rad) that differ by less are one."""
 SAME_RATIO = 1e-9
 """Laps in a turn of an input that differ by less are the same."""
 MOST_CHOICES, MOST_SORTED, MOST_ASSEMBLIES = 8, 4096, 64
@@ -86,7 +86,7 @@ class Meshes:
 
     def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> list[Floats]:
         """Return the closed configurations (variables,) found at inputs q (k,)."""
-        far, q = q, self._less_periods(q)
+        far, q = q, q - whole_laps(q - self.anchor, self.periods)
         held = dict(zip(driven, map(float, q), strict=True)) | self.at(q)
         locked = _lock_all(closure, held)
         values = np.zeros((1, 0))
@@ -101,24 +101,15 @@ class Meshes:
             for configuration in whole[gap < CLOSURE_TOLERANCE]
         ]
 
-    def _less_periods(self, q: Floats) -> Floats:
-        """Return inputs (k,) as near to the anchor as whole periods bring them."""
-        finite = np.isfinite(self.periods)
-        periods = np.where(finite, self.periods, 1.0)
-        laps = np.where(finite, np.round((q - self.anchor) / periods), 0.0)
-        return np.asarray(q - laps * periods)
-
     def moved(self, values: Floats, driven: Sequence[int], q: Floats) -> Floats:
         """Return the same configuration (variables,) at inputs nearest to q (k,).
 
         The inputs grow by whole periods.
         """
         values, held = values.copy(), list(driven)
-        finite = np.isfinite(self.periods)
-        periods = np.where(finite, self.periods, 1.0)
-        laps = np.where(finite, np.round((q - values[held]) / periods), 0.0)
-        values[held] += laps * periods
-        values[list(self.variables)] += self.ratios @ (laps * periods)
+        grown = whole_laps(q - values[held], self.periods)
+        values[held] += grown
+        values[list(self.variables)] += self.ratios @ grown
         return values
 
 
@@ -137,17 +128,25 @@ def _lock_all(closure: Closure, held: dict[int, float]) -> Locked:
 
 
 def meshes_of(
-    closure: Closure, driven: Sequence[int], reference: Floats | None
+    closure: Closure,
+    driven: Sequence[int],
+    reference: Floats | None,
+    train: WheelTrain | None,
 ) -> Meshes | None:
     """Return what is known of the lengths rolled, None where no contact rolls.
 
     `driven` are the variables of the inputs, `reference` (variables,) those of a reference
-    pose.
+    pose. Without a `train` of wheels on carriers the lengths are those whose rates are
+    seen to be the same everywhere.
     """
     rolling = [variable for variable, _ in rolled_lengths(closure.joints)]
     if not rolling:
         return None
-    count = len(driven)
+    anchor = np.zeros(len(driven)) if reference is None else reference[list(driven)]
+    if train is not None:
+        lengths = train.lengths + train.length_ratios @ anchor
+        periods = _periods(closure, rolling, train.length_ratios)
+        return Meshes(tuple(rolling), anchor, lengths, train.length_ratios, periods, True)
     for values in _configurations(closure, driven, reference):
         rates = _constant_rates(closure, driven, values)
         if rates is None:
@@ -157,17 +156,16 @@ def meshes_of(
         ]
         ratios = rates[determined]
         if reference is not None:
-            anchor, lengths = reference[list(driven)], reference[determined]
+            lengths = reference[determined]
         else:
-            anchor = np.zeros(count)
             lengths = _least_rolled(closure, driven, values, rates, determined)
         all_known = len(determined) == len(rolling)
-        periods = np.full(count, np.inf if determined else np.nan)
+        periods = np.full(len(driven), np.inf if determined else np.nan)
         if all_known:
-            periods = np.array([_period(closure, determined, ratio) for ratio in ratios.T])
+            periods = _periods(closure, determined, ratios)
         return Meshes(tuple(determined), anchor, lengths, ratios, periods, all_known)
-    none = np.zeros((0, count))
-    return Meshes((), np.zeros(count), none[:, 0], none, np.full(count, np.nan), False)
+    none = np.zeros((0, len(driven)))
+    return Meshes((), anchor, none[:, 0], none, np.full(len(driven), np.nan), False)
 
 
 def _configurations(
@@ -240,7 +238,7 @@ def _least_rolled(
     tried = []
     for turns in product(range(-MOST_TURNS, MOST_TURNS + 1), np.eye(len(driven))):
         least = values[determined] - grown - TURN * turns[0] * rates[determined] @ turns[1]
-        choices = map(_whole_turns_apart, joints, map(float, least))
+        choices = map(whole_turns_apart, joints, map(float, least))
         tried += list(islice(product(*choices), MOST_SORTED))
     lengths = np.array(sorted(tried, key=_rolled)[:MOST_ASSEMBLIES])
     closes = np.ones(len(lengths), dtype=bool)
@@ -259,7 +257,7 @@ def _rolled(lengths: Sequence[float]) -> tuple[int, ...]:
     )
 
 
-def _whole_turns_apart(joint: Joint, length: float) -> list[float]:
+def whole_turns_apart(joint: Joint, length: float) -> list[float]:
     """Return lengths that differ from one by whole turns of a wheel, the least first."""
     lengths = {round(length / SAME_LENGTH): length}
     for lap in joint.laps:
@@ -330,15 +328,22 @@ def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
         )
 
 
-def _period(closure: Closure, determined: list[int], ratios: Floats) -> float:
-    """Return the growth (rad) of an input, in whole turns, that all wheels return with."""
+def _periods(closure: Closure, determined: list[int], ratios: Floats) -> Floats:
+    """Return the growth (inputs,) of inputs, rad, with which all wheels return.
+
+    It is in whole turns.
+    """
+    laps = periods_of(closure)[determined]
+    return np.array([_period(laps, ratio) for ratio in ratios.T])
+
+
+def _period(laps: Floats, ratios: Floats) -> float:
     turns = 1
-    periods = periods_of(closure)[determined]
-    if np.any(np.isinf(periods) & (np.abs(ratios) > SAME_RATIO)):
+    if np.any(np.isinf(laps) & (np.abs(ratios) > SAME_RATIO)):
         return float(np.inf)
-    for laps in TURN * ratios / periods:
-        whole = Fraction(float(laps)).limit_denominator(MOST_TEETH)
-        if abs(float(whole) - laps) > SAME_RATIO:
+    for passed in TURN * ratios / laps:
+        whole = Fraction(float(passed)).limit_denominator(MOST_TEETH)
+        if abs(float(whole) - passed) > SAME_RATIO:
             return float(np.inf)
         turns = lcm(turns, whole.denominator)
     return TURN * turns
