@@ -109,8 +109,8 @@ class Search:
 
     def _known(self, place: Floats, off: float) -> bool:
         """Return whether a configuration is on a curve known already, or at a crossing."""
-        known = bool(self.cover.count) and self.cover.holds(place, off)
-        return known or self.crossings.may_hold(place, off)
+        on_chain = bool(self.cover.count) and self.cover.holds(place, off)
+        return on_chain or self.crossings.may_hold(place, off)
 
     def overlapping(self) -> bool:
         """Return whether two chains may go through one configuration of the range."""
