@@ -40,7 +40,8 @@ class Budget:
         self._working.tell(lambda: f"{doing}, {self.taken:.0f} s")
         if self.taken < self.seconds:
             return True
-        self._note = f"stopped after {self.seconds:.3g} s of processor time before {doing}"
+        spent = f"stopped after {self.seconds:.3g} s of processor time"
+        self._note = f"{spent if self.seconds else 'no processor time was left'} before {doing}"
         return False
 
     @property
