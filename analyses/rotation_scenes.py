@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     Arrow,
     Axis,
+    Floats,
     GreatCircle,
     InputMarks,
     Mark,
@@ -29,8 +29,6 @@ from spherekit.plugin.rotations import (
     Timetable,
     link_axes,
 )
-
-Floats = NDArray[np.float64]
 
 DRAWN = 181
 """Points with which the whole rotation is drawn."""

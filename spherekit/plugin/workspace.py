@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from spherekit.workspace.workspace import DirectionWorkspace as DirectionWorkspace
     from spherekit.workspace.workspace import Judged as Judged
     from spherekit.workspace.workspace import OrientationWorkspace as OrientationWorkspace
-    from spherekit.workspace.workspace import chosen_modes as chosen_modes
     from spherekit.workspace.workspace import direction_workspaces as direction_workspaces
     from spherekit.workspace.workspace import judge as judge
     from spherekit.workspace.workspace import nearest_poses as nearest_poses

@@ -7,8 +7,6 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.errors import AnalysisError
-from spherekit.motion.assembly_modes import label_of
 from spherekit.output.dyads import Signs
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.region import Region, find_region
@@ -110,29 +108,6 @@ def _known(rows: Rows) -> tuple[Floats, Floats, Floats]:
 
 def _poses(kinematics: ClosedKinematics, places: Floats) -> Floats:
     return places if kinematics.points else from_quaternion(places)
-
-
-def chosen_modes(kinematics: ClosedKinematics, mode: str) -> tuple[Signs, ...]:
-    """Return the modes that a text names: all for ``""``, else a label or a number.
-
-    Raises
-    ------
-    AnalysisError
-        If it names none.
-    """
-    modes = kinematics.modes
-    labels = [label_of(signs) for signs in modes]
-    if not mode:
-        return modes
-    if mode in labels:
-        return (modes[labels.index(mode)],)
-    if mode.isdecimal() and int(mode) < len(modes):
-        return (modes[int(mode)],)
-    raise AnalysisError(
-        f'workspace of {kinematics.mechanism.name}: mode "{mode}" is none of '
-        f"{', '.join(labels)}, nor a number below {len(modes)}; the signs are those of: "
-        f"{'; '.join(kinematics.legs)}"
-    )
 
 
 def direction_workspaces(
