@@ -22,7 +22,7 @@ from spherekit.motion.turns import in_range, less_periods
 from spherekit.singular.curves import ranges_of
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.mesh import Mesh
-from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
+from spherekit.singular.points import SingularPoints, TypeName, View
 from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.starts import Seeding
 from spherekit.singular.stationarity import output_of
@@ -161,8 +161,8 @@ def singular_surface(
             f"{mechanism.name}: three inputs move a direction in more ways than it has; "
             "ask for type I of the link's orientation, without `pointing`"
         )
-    locus, _ = loci_of(solver, rest, kind)
     view = View(solver, rest, kind)
+    locus = view.locus
     budget = budget or Budget()
     ranges = ranges_of(mechanism, whole_turn)
     if made is None and slices_of_each:
@@ -173,7 +173,7 @@ def singular_surface(
     for points in source.batches():
         inside = np.ones(len(points), dtype=bool)
         if not whole_turn:
-            inside = view.points(locus, points).inside
+            inside = view.points(points).inside
         irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
         for row in np.flatnonzero(inside):
             source.met(front.grow(points.rows(slice(row, row + 1))))
@@ -191,7 +191,7 @@ def singular_surface(
             mesh = mesh.within(number, item.start, item.stop)
     return SingularSurface(
         kind,
-        view.points(locus, mesh.points),
+        view.points(mesh.points),
         mesh.triangles,
         mesh.border,
         mesh.component,
@@ -303,7 +303,7 @@ class _Front:
         """
         if self.view is None:
             return True
-        inputs = self.view.points(self.locus, point).inputs[0]
+        inputs = self.view.points(point).inputs[0]
         declared = self.view.solver.mechanism.inputs
         low, high = np.array([(item.start, item.stop) for item in declared]).T
         room = BEYOND * self.side
