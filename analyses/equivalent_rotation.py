@@ -44,6 +44,7 @@ from spherekit.plugin.rotations import (
     mirror_angles,
     quickest,
     tilt_torsion,
+    wrap,
 )
 
 from .pose_text import read_end, read_pose
@@ -457,8 +458,7 @@ def _checked(
         )
     except SolveError as problem:
         return None, str(problem)
-    off = np.abs(graph.at(samples.theta).inputs - samples.inputs)
-    off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi)
+    off = np.abs(wrap(graph.at(samples.theta).inputs - samples.inputs))
     finite = off[np.all(np.isfinite(off), axis=1)]
     if not len(finite):
         return None, "the graph could not be followed"

@@ -15,7 +15,7 @@ from spherekit.plugin import (
     Table,
     input_columns,
 )
-from spherekit.plugin.rotations import azimuth_tilt, quaternion, tilt_torsion
+from spherekit.plugin.rotations import azimuth_tilt, quaternion, tilt_torsion, wrap
 from spherekit.plugin.workspace import (
     ClosedKinematics,
     InverseRows,
@@ -164,7 +164,7 @@ def forward_rows(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats)
     if isinstance(solver, ClosedKinematics):
         rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
         off = rows.values - solutions.values[rows.pose]
-        off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi).max(axis=1)
+        off = np.abs(wrap(off)).max(axis=1)
         same = np.flatnonzero(off < SAME_VALUES)
         working[rows.pose[same]] = rows.mode[same]
     places = _places(

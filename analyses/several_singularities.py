@@ -16,6 +16,7 @@ from spherekit.plugin import (
     input_columns,
     numbered,
 )
+from spherekit.plugin.rotations import wrap
 from spherekit.plugin.singularities import (
     Aspects,
     Budget,
@@ -149,8 +150,7 @@ class SeveralInputs:
                 if curve.why:
                     whole["condition"] = curve.why
                 away = curve.both.values[:, None] - met
-                lap = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
-                fresh = ~np.any(np.max(lap, axis=2) < SAME, axis=1)
+                fresh = ~np.any(np.max(np.abs(wrap(away)), axis=2) < SAME, axis=1)
                 both = _rows(batch, curve.both.rows(fresh), output, claim)
                 both |= {"kind": "III", "curve": number, "note": "of both types"}
                 parts += [whole, both]

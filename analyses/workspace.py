@@ -222,9 +222,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
         Of orientations how far the link can turn about each direction, and the margin.
         """
-        found = self._found(batch)
-        samples = {item.signs: self._judged(batch, item) for item in found}
-        return WorkspaceScenes(self._limited(batch), found, samples).pages()
+        workspaces = self._found(batch)
+        samples = {item.signs: self._judged(batch, item) for item in workspaces}
+        return WorkspaceScenes(self._limited(batch), workspaces, samples).pages()
 
     def _limits(self, mechanism: Mechanism) -> Limited:
         """Return the output under the limits of the mechanism and of the parameters."""

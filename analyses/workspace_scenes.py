@@ -44,13 +44,13 @@ class WorkspaceScenes:
     """Pages about workspaces; `samples` are those of each mode, with how they fare."""
 
     limited: Limited
-    found: Sequence[DirectionWorkspace | OrientationWorkspace]
+    workspaces: Sequence[DirectionWorkspace | OrientationWorkspace]
     samples: Mapping[tuple[int, ...], tuple[Judged, Floats]]
 
     def pages(self) -> tuple[Scene, ...]:
         """Return a page or two for each workspace that is not that of another mode."""
         pages = []
-        distinct = [item for item in self.found if item.same_as is None]
+        distinct = [item for item in self.workspaces if item.same_as is None]
         for item in distinct:
             one = len(distinct) == 1
             title = "Workspace" if one else f"Workspace {label_of(item.signs)}"
@@ -168,7 +168,7 @@ class WorkspaceScenes:
         kinematics, names = self.limited.kinematics, self.limited.names
         alike = [
             label_of(other.signs)
-            for other in self.found
+            for other in self.workspaces
             if item.signs in (other.signs, other.same_as)
         ]
         lines = [

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.assembly_modes import Solver, wrap
+from spherekit.motion.assembly_modes import Solver
+from spherekit.numeric.turns import wrap
 from spherekit.sphere.rotation import Floats, transpose
 
 

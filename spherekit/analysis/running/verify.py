@@ -38,9 +38,9 @@ from spherekit.exact.field import (
     exact_motion,
 )
 from spherekit.exact.rows import ExactRows, exact_rows_by_input
-from spherekit.motion.continued import TURN
 from spherekit.motion.motion import Motion
 from spherekit.numeric.rows import ArrayRows
+from spherekit.numeric.turns import TURN, wrap
 from spherekit.planning.poles import Pole
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
@@ -443,7 +443,7 @@ def _compared(
         )
         off = np.abs(one - other)
         if column.unit == "rad":
-            off = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
+            off = np.abs(wrap(off))
         rounding = EPS * np.maximum(1.0, np.abs(other)) * rows.condition[row]
         share = off / rounding
         compared = bool(np.any(np.isfinite(off)))
