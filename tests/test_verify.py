@@ -11,7 +11,8 @@ from independent import arcs_of, closed_form
 
 import spherekit as sk
 from spherekit.analysis import run as runner
-from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.running import evaluation, verify
 from spherekit.analysis.running.evaluation import Evaluation
 from spherekit.analysis.running.run_plan import Asked, RunPlan

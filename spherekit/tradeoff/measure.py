@@ -8,10 +8,12 @@ from typing import Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import computed
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder.store import InMemory
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.running.evaluation import Evaluation
 from spherekit.analysis.running.sampling import Sampling

@@ -12,7 +12,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.analysis.contract import Needs
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.running.setting import Setting
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError

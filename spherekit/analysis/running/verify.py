@@ -16,8 +16,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import computed
-from spherekit.analysis.contract import Batch, Needs
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.run_plan import RunPlan
 from spherekit.analysis.tables import (
