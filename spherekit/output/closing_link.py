@@ -18,7 +18,8 @@ from spherekit.errors import CountError
 from spherekit.model.joints import revolutes
 from spherekit.motion.assembly_modes import Solver
 from spherekit.numeric.turns import wrap
-from spherekit.output.dyads import Dyads, Fraction, Placed, Signs, difference
+from spherekit.output.dyads import Dyads, Signs
+from spherekit.output.placed import Fraction, Placed, difference
 from spherekit.output.virtual_output import VirtualOutputChain
 from spherekit.planning.assembly import Assembly, split
 from spherekit.planning.inputs import merged
