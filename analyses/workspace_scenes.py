@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     Floats,
@@ -18,6 +17,7 @@ from spherekit.plugin import (
     Text,
 )
 from spherekit.plugin.rotations import (
+    azimuth_tilt,
     from_quaternion,
     from_tilt_torsion,
     quaternion,
@@ -30,6 +30,7 @@ from spherekit.plugin.workspace import (
     Part,
     Region,
     label_of,
+    sphere_mesh,
 )
 
 from .limits import Limited
@@ -93,7 +94,8 @@ class WorkspaceScenes:
         The margins are in the space of tilt and torsion, tilts as polar coordinates.
         """
         kinematics = self.limited.kinematics
-        vertices, triangles, azimuth, tilt = _sphere()
+        vertices, triangles = sphere_mesh(COLUMNS, ROWS)
+        azimuth, tilt = azimuth_tilt(vertices).T
         torsion = 2.0 * np.pi * np.arange(TORSIONS) / TORSIONS
         angles = np.stack(
             [
@@ -191,28 +193,6 @@ class WorkspaceScenes:
         ]
         numbers = {arc.margin for boundary in region.boundaries for arc in boundary.arcs}
         return "\n".join([*lines, *(f"- {names[number]}" for number in sorted(numbers))])
-
-
-def _sphere() -> tuple[Floats, NDArray[np.int64], Floats, Floats]:
-    """Return vertices and triangles of a sphere, with the azimuth and tilt of each."""
-    tilts, turns = (
-        np.linspace(0.0, np.pi, ROWS + 1),
-        np.linspace(0.0, 2.0 * np.pi, COLUMNS + 1),
-    )
-    tilt, azimuth = (grid.ravel() for grid in np.meshgrid(tilts, turns, indexing="ij"))
-    sine = np.sin(tilt)
-    vertices = np.stack(
-        [sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(tilt)], axis=1
-    )
-    corner = (np.arange(ROWS)[:, None] * (COLUMNS + 1) + np.arange(COLUMNS)).ravel()
-    below = corner + COLUMNS + 1
-    triangles = np.concatenate(
-        [
-            np.stack([corner, below, corner + 1], axis=1),
-            np.stack([corner + 1, below, below + 1], axis=1),
-        ]
-    )
-    return vertices, triangles, azimuth, tilt
 
 
 def sure_of(region: Region, parts: Sequence[Part]) -> list[Part]:

@@ -80,7 +80,7 @@ def report(summary: Any) -> str:
             )
         lines.append(line)
     if "verified" in summary:
-        from spherekit.analysis.running.verify import told
+        from spherekit.analysis.running.verdict_words import told
 
         lines += told(summary["verified"])
     lines += spent(summary["cost"])

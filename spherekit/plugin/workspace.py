@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.numbers import columns_of as columns_of
     from spherekit.analysis.numbers import read_numbers as read_numbers
     from spherekit.motion.assembly_modes import label_of as label_of
+    from spherekit.region.mesh import sphere_mesh as sphere_mesh
     from spherekit.region.region import Part as Part
     from spherekit.region.region import Region as Region
     from spherekit.region.region import find_region as find_region

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.output.dyads import Signs
+from spherekit.region.mesh import spread
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.region import Region, find_region
 from spherekit.sphere.rotation import Floats, from_quaternion
@@ -154,15 +155,6 @@ def _region(margins: Callable[[Floats], Floats], tolerance: float) -> Region:
     if region.error > goal > 0.0 and part == LEAST_PART:
         region = find_region(margins, goal)
     return region
-
-
-def spread(count: int) -> Floats:
-    """Return directions (count, 3) spread evenly, on a spiral by the golden section."""
-    number = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * number / count
-    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * number
-    side = np.sqrt(1.0 - z * z)
-    return np.stack([side * np.cos(azimuth), side * np.sin(azimuth), z], axis=1)
 
 
 def orientation_workspaces(
