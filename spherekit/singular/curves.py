@@ -71,8 +71,7 @@ class FoundCurve:
 class SingularCurves:
     """The curves of one type, and what is known of those not found.
 
-    `slices` counts the configuration curves that were searched, `starts` the random starts
-    instead, and `seeds` the singular configurations met. `stray` (n, V) are singular
+    `stray` (n, V) are singular
     configurations that no curve could be followed from: the locus crosses itself there, or
     fills a part of the configurations. `branching` (n, V) are
     configurations next to those in which slices end, as the motions of the mechanism
@@ -82,9 +81,6 @@ class SingularCurves:
     kind: TypeName
     curves: tuple[CurveSeen, ...]
     claim: Claim
-    slices: int
-    starts: int
-    seeds: int
     stray: Floats
     branching: Floats
 
@@ -148,7 +144,7 @@ def singular_curves(
     locus, ranges = view.locus, ranges_of(mechanism, whole_turn)
     if made is None and slices_of_each:
         made = cut(solver, ranges, slices_of_each, budget.part(0.6))
-    source = Seeding(solver, locus, ranges, made, budget)
+    source = Seeding(view, ranges, made, budget)
     traced: list[SingularCurve] = []
     none = np.zeros((0, len(mechanism.variable_owners)))
     stray, branching = [none], [none]
@@ -178,9 +174,6 @@ def singular_curves(
         kind,
         tuple(_found(curve, view) for curve in traced),
         source.claim("curve"),
-        source.searched,
-        source.starts,
-        source.hits,
         np.concatenate(stray),
         np.concatenate(branching),
     )

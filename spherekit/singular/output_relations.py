@@ -64,18 +64,16 @@ class OutputRelations:
     def at(self, along: AlongCurve, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve.
 
-        Derivatives are by arc length. c and d are NaN where an axis is not known.
+        Rates are by arc length. c and d are NaN where an axis is not known.
         """
         links = self.first_links[output]
-        q, dq = rate_between(along, links.i, links.r, s)
-        y, dy = rate_between(along, links.o, links.s, s)
+        q, _ = rate_between(along, links.i, links.r, s)
+        y, _ = rate_between(along, links.o, links.s, s)
         made = self.made(output, along.oriented(s, self.poles(output)))
         return AlongOutput(
             s,
             q,
             y,
-            dq,
-            dy,
             tuple(relation for _, _, relation in made),
             tuple(four for four, _, _ in made),
             tuple(six for _, six, _ in made),

@@ -397,11 +397,7 @@ def ordered_pole(
 def _volume(rates: LinkRates, links: FourLinks) -> tuple[Floats, Floats]:
     """Return (n,) the triple product of three relative rates of four links, and slope."""
     (a, da), (b, db), (c, dc) = (
-        (
-            rates.w[:, link] - rates.w[:, links.r],
-            rates.dw[:, link] - rates.dw[:, links.r],
-        )
-        for link in (links.i, links.o, links.s)
+        rates.relative(links.r, link) for link in (links.i, links.o, links.s)
     )
     normal = cross(b, c)
     slope = np.sum(da * normal, axis=1)

@@ -69,12 +69,9 @@ class SingularSurface:
         Length (rad, in the variables) of the edges aimed at, after halving.
     claim
         What is known of surfaces that were not found.
-    slices, starts, seeds
-        Number of configuration curves searched, of random starts instead, and of singular
-        configurations met.
     irregular
-        How many of those within the ranges lie where the locus is not a regular surface: it
-        crosses itself there, or fills a part of the configurations.
+        How many singular configurations met within the ranges lie where the locus is not a
+        regular surface: it crosses itself there, or fills a part of the configurations.
     full
         Whether the mesh ended at the greatest number of vertices.
     """
@@ -86,9 +83,6 @@ class SingularSurface:
     component: NDArray[np.int64]
     side: float
     claim: Claim
-    slices: int
-    starts: int
-    seeds: int
     irregular: int
     full: bool
 
@@ -167,7 +161,7 @@ def singular_surface(
     ranges = ranges_of(mechanism, whole_turn)
     if made is None and slices_of_each:
         made = cut(solver, ranges, slices_of_each, budget.part(0.6))
-    source = Seeding(solver, locus, ranges, made, budget)
+    source = Seeding(view, ranges, made, budget)
     front = _Front(locus, None if whole_turn else view, side, most, budget)
     irregular = 0
     for points in source.batches():
@@ -197,9 +191,6 @@ def singular_surface(
         mesh.component,
         side / 2**halved,
         source.claim("surface"),
-        source.searched,
-        source.starts,
-        source.hits,
         irregular,
         len(front.values) >= most,
     )
