@@ -34,6 +34,8 @@ Row = dict[str, Any]
 
 RESTS = 1e-8
 """A rate by arc length below this is none."""
+SAYS_NOTHING = 1e-12
+"""Where c and d are smaller, or none, axes coincide that say nothing of the rates."""
 
 
 @final
@@ -121,10 +123,10 @@ class OneInput:
             figures["grashof"] = made.name
             remarks.append(str(made))
         for name in names:
-            remarks += places(points, name, pair)
+            remarks += places(sampled, points, name, pair)
         if sampled.report.everywhere is None:
             remarks += swings(sampled, names)
-        remarks += least_transmission(relation, pair)
+        remarks += least_transmission(sampled, points, relation, pair)
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     def _coming_near(
@@ -133,6 +135,7 @@ class OneInput:
         """Return a line for each output that comes near a type without meeting it."""
         lines = []
         slow = np.abs(relation[rate]) <= np.sin(np.radians(self.near))
+        slow &= np.fmax(np.abs(relation["c"]), np.abs(relation["d"])) > SAYS_NOTHING
         angles = np.where(slow, np.degrees(relation[f"angle_{kind}"]), np.inf)
         for output in dict.fromkeys(relation["output"].tolist()):
             near = (relation["output"] == output) & (angles <= self.near)
