@@ -316,39 +316,18 @@ def _check_effect(study: "Study", options: argparse.Namespace) -> None:
     from spherekit.errors import AnalysisError
 
     recorded = study.recording is not None or options.serve is not None or options.connect
+    folder = "a folder: give that of the run with -o"
+    tables = "tables: write them with -o DIR"
+    simulation = "a simulation: give --start"
+    recording = "a recording: give --save, --serve, --connect or --view"
     without = [
-        (
-            study.folder,
-            options.resume,
-            "--resume",
-            "a folder: give that of the run with -o",
-        ),
-        (
-            study.folder,
-            options.restart,
-            "--restart",
-            "a folder: give that of the run with -o",
-        ),
-        (
-            study.folder,
-            options.format is not None,
-            "--format",
-            "tables: write them with -o DIR",
-        ),
-        (
-            study.folder,
-            options.figures is not None,
-            "--figures",
-            "a folder: give that of the run with -o",
-        ),
-        (study.start, options.engine != "auto", "--engine", "a simulation: give --start"),
-        (study.start, options.crossings, "--crossings", "a simulation: give --start"),
-        (
-            recorded,
-            options.log_every is not None,
-            "--log-every",
-            "a recording: give --save, --serve, --connect or --view",
-        ),
+        (study.folder, options.resume, "--resume", folder),
+        (study.folder, options.restart, "--restart", folder),
+        (study.folder, options.format is not None, "--format", tables),
+        (study.folder, options.figures is not None, "--figures", folder),
+        (study.start, options.engine != "auto", "--engine", simulation),
+        (study.start, options.crossings, "--crossings", simulation),
+        (recorded, options.log_every is not None, "--log-every", recording),
     ]
     for needed, given, flag, hint in without:
         if given and not needed:
