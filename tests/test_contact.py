@@ -24,7 +24,8 @@ from spherekit.model.mechanism import (
     SizeGeometry,
 )
 from spherekit.motion.motion import Tracer
-from spherekit.planning.poles import all_poles, plan
+from spherekit.planning.plan import plan
+from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 

@@ -53,7 +53,7 @@ def execute(options: argparse.Namespace) -> int:
     """Print the plan, or one plan for each of several inputs."""
     from spherekit.files.read import load
     from spherekit.planning.inputs import driven_pairs
-    from spherekit.planning.poles import plan
+    from spherekit.planning.plan import plan
     from spherekit.planning.table import as_dict, as_markdown, as_text, describe
 
     mechanism = with_locks(load(options.file), options.lock, options.file)

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.model.dynamics import Gravity, Load, Moment, PointForce
+from spherekit.model.dynamics import Gravity, Moment, PointForce
 from spherekit.model.geometry import axes_from_sizes, reference_frame
 from spherekit.model.link_axes import turned_mass, turned_texts, turned_vector
+from spherekit.model.load import Load
 from spherekit.model.mechanism import (
     LinkSizes,
     Mechanism,

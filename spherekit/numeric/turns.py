@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-TURN = 2.0 * np.pi
+from spherekit.conventions import TURN
 
 
 def wrap(angles: ArrayLike) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from spherekit.errors import SolveError
 from spherekit.model.geometry import link_axes
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.planning.poles import plans
+from spherekit.planning.plan import plans
 from spherekit.sphere.rotation import arc
 from spherekit.view.rerun_view import RerunRecorder
 

@@ -31,7 +31,7 @@ from spherekit.analysis.tables import (
     TableArrays,
     arrays,
 )
-from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.errors import SpherekitError
 from spherekit.exact.arithmetic import DIGITS, Digits
 from spherekit.exact.field import (
@@ -42,7 +42,7 @@ from spherekit.exact.field import (
 from spherekit.exact.rows import ExactRows, exact_rows_by_input
 from spherekit.motion.motion import Motion
 from spherekit.numeric.rows import ArrayRows
-from spherekit.numeric.turns import TURN, wrap
+from spherekit.numeric.turns import wrap
 from spherekit.planning.poles import Pole
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
