@@ -11,12 +11,7 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.actions import Actions
-from spherekit.engine.algebra import (
-    Exprs,
-    constants,
-    cross,
-    dot,
-)
+from spherekit.engine.algebra import Exprs, constants, cross, dot
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
 from spherekit.engine.derivatives import derivatives

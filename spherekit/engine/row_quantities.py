@@ -7,18 +7,9 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from spherekit.conventions import listing, nearest
-from spherekit.engine.algebra import (
-    Exprs,
-    SeriesExpressions,
-    by_coordinate,
-    cross,
-    dot,
-)
+from spherekit.engine.algebra import Exprs, SeriesExpressions, by_coordinate, cross, dot
 from spherekit.engine.coordinate_rates import CoordinateRates
-from spherekit.engine.expression_graph import (
-    Expr,
-    function,
-)
+from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.inertia import inertia
 from spherekit.engine.input_moments import InputMoments
 from spherekit.engine.kinematics import RateExpressions

@@ -18,13 +18,7 @@ from spherekit.model.mechanism import (
     SizeGeometry,
 )
 from spherekit.sphere.profile import Curve, circle, fourier, great_circle, through
-from spherekit.sphere.rotation import (
-    Floats,
-    about_z,
-    cross,
-    frame_from,
-    perpendicular,
-)
+from spherekit.sphere.rotation import Floats, about_z, cross, frame_from, perpendicular
 from spherekit.sphere.touching import nearest_frames
 
 Vector = tuple[float, float, float]

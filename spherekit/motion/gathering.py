@@ -20,11 +20,7 @@ from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_si
 from spherekit.motion.distinct import SAME_MODE
 from spherekit.motion.elimination import has_elimination
 from spherekit.motion.follow import ModeCurve, follow
-from spherekit.motion.groups import (
-    group_variables,
-    place_dyad,
-    place_group,
-)
+from spherekit.motion.groups import group_variables, place_dyad, place_group
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.mode_over_grid import ModeOverGrid, spread
