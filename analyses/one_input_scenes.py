@@ -108,11 +108,9 @@ class OneInputScenes:
         curves: list[PlaneCurve] = []
         marks: list[Mark] = []
         x, y = np.full(len(batch), np.nan), np.full(len(batch), np.nan)
-        for number, curve in enumerate(sampled.curves):
-            s = np.linspace(0.0, curve.length * (1.0 - 1e-12), DRAWN)
-            q, turned = sampled.input_at(number, s), sampled.output_angle(number, output, s)
-            line = without_jumps(np.stack([q, turned], axis=1))
-            curves.append(PlaneCurve(line, LINE_TONE))
+        for number in range(len(sampled.curves)):
+            s, line = _drawn(sampled, number, output)
+            curves.append(PlaneCurve(without_jumps(line), LINE_TONE))
             (on_curve,) = np.nonzero(sampled.curve == number)
             nearest = np.clip(np.searchsorted(s, sampled.s[on_curve]), 0, DRAWN - 1)
             x[on_curve], y[on_curve] = batch.q[on_curve], line[nearest, 1]
@@ -185,12 +183,18 @@ class OneInputScenes:
             y = np.full(n, np.nan)
             for row in np.flatnonzero(here).tolist():
                 curve, s = places[row]
-                along = np.linspace(0.0, sampled.curves[curve].length, DRAWN)
-                line = whole.curves[curve].points
+                along, line = _drawn(sampled, curve, output)
                 y[row] = line[int(np.argmin(np.abs(along - s))), 1]
             parts.append(replace(whole, x=x, y=y))
         over = Axis("singularity", "", np.arange(n, dtype=float))
         return Scene("Singularities", tuple(parts), (over,))
+
+
+def _drawn(sampled: SampledSingularities, curve: int, output: int) -> tuple[Floats, Floats]:
+    """Return places (k,) along a curve, and the input and the output (k, 2) there."""
+    s = np.linspace(0.0, sampled.curves[curve].length * (1.0 - 1e-12), DRAWN)
+    q, turned = sampled.input_at(curve, s), sampled.output_angle(curve, output, s)
+    return s, np.stack([q, turned], axis=1)
 
 
 def _planes(six: SixPoles, kind: str) -> Floats:

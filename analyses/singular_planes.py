@@ -10,9 +10,9 @@ TONES = {"I": 1, "II": 2, "III": 3}
 
 
 def without_jumps(line: Floats) -> Floats:
-    """Return points (n, 2) rad, NaN where an angle goes on a whole turn away."""
-    jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > np.pi
-    return np.where(np.any(jumps, axis=1)[:, None], np.nan, line)
+    """Return points (n, 2) rad with NaN between two where an angle jumps by a turn."""
+    jumps = np.max(np.abs(np.diff(line, axis=0)), axis=1) > np.pi
+    return np.insert(line, np.flatnonzero(jumps) + 1, np.nan, axis=0)
 
 
 def plane(
