@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -335,17 +336,30 @@ def _draw(boxes: Any, names: list[str], path: str) -> None:
     certified_map.draw_certified_map(areas, counts, names).savefig(path)
 
 
+def _degrees(q: float) -> str:
+    """Return an input (rad) in degrees, zero but for rounding without a sign."""
+    return f"{round(math.degrees(q), 9) + 0.0:.9f}"
+
+
 def _curve_lines(curves: Any, located: Any) -> list[str]:
     import numpy as np
 
     lines = []
     for low, high, count in curves.intervals:
         lines.append(
-            f"  {np.degrees(low):.9f} to {np.degrees(high):.9f} deg: "
-            f"{count} mode{'s' * (count != 1)}"
+            f"  {_degrees(low)} to {_degrees(high)} deg: {count} mode{'s' * (count != 1)}"
         )
+    words = {0: "curves cross", None: "curves cross, or miss each other by"}
+    for saddle in curves.saddles:
+        q = curves.inside(float(saddle.centre[curves.driven]))
+        if q is not None:
+            by = f" at most {saddle.gap:.0e} rad" if saddle.level != 0 else ""
+            what = words.get(saddle.level, "curves miss each other by")
+            lines.append(f"  {what}{by} at {np.degrees(q):.9f} deg")
+    for q in curves.still_at:
+        lines.append(f"  a whole curve of modes at {np.degrees(q):.9f} deg")
     for low, high in curves.undecided[:8]:
-        lines.append(f"  undecided: {np.degrees(low):.9f} to {np.degrees(high):.9f} deg")
+        lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
     for point in located.points:
         where = "" if point.inside else ", out of the range"
         lines.append(
@@ -354,6 +368,8 @@ def _curve_lines(curves: Any, located: Any) -> list[str]:
         )
     if located.undecided:
         lines.append(f"  singularities undecided in {located.undecided} parts of curves")
+    for name, curve in located.resting:
+        lines.append(f"  output {name}: at rest all along curve {curve}")
     for name in located.skipped:
         lines.append(f"  output {name}: no pair measures it; type II only")
     return lines

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from spherekit.conventions import listing, nearest
 from spherekit.design.file_numbers import FileNumbers
 from spherekit.design.profile_numbers import (
+    APART,
     ProfileNumbers,
     columns_of,
     has_other_profiles,
-    need_no_accelerations,
 )
 from spherekit.design.variables import (
     DesignVariable,
@@ -32,7 +32,7 @@ from spherekit.engine.design_kernel import (
     sample_names,
 )
 from spherekit.engine.hinges import Hinged, hinged
-from spherekit.errors import DesignError, EngineError
+from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
 from spherekit.model.geometry import COLLINEAR
 from spherekit.model.joints import Track
@@ -49,8 +49,6 @@ TOGETHER = 8192
 """Deviating configurations that are solved together."""
 CLOSED = 1e-12
 """A configuration whose pairs miss each other by less (rad) is closed."""
-GEARED = 0.2
-"""Wheels that deviations take off each other by less (rad) mesh as before."""
 
 
 @final
@@ -135,7 +133,14 @@ class Sensitivity:
         self.variables = tuple(self._variable(key) for key in self.keys)
         check_variables(self.document, self.variables)
         self.quantities = tuple(quantities) or quantities_of(mechanism)
-        possible = row_quantities(mechanism)
+        try:
+            possible = row_quantities(mechanism)
+        except CountError as counted:
+            raise DesignError(
+                f"{mechanism.name}: some of its constraints are redundant, so that it "
+                "closes with its sizes as they are and with none that deviate; leave "
+                f"redundant pairs out of a copy of the file ({counted})"
+            ) from None
         for name in self.quantities:
             if name not in possible:
                 raise DesignError(
@@ -143,7 +148,6 @@ class Sensitivity:
                     f"{nearest(name, possible) or ';'} such are theta_PAIR, rate_PAIR and "
                     "velocity_coefficient_LINK_OTHER"
                 )
-        need_no_accelerations(mechanism, self.quantities, "ask for these")
 
     def _of_profiles(self) -> tuple[str, ...]:
         """Return the keys of radii and harmonics."""
@@ -212,7 +216,7 @@ class Sensitivity:
             self.inputs,
             self._hinged,
             False,
-            GEARED,
+            APART,
         )
         if not made.varied:
             raise DesignError(
@@ -352,7 +356,8 @@ class Sensitivity:
         """
         draws = deviations.shape[1]
         sizes = self._deviating(deviations)
-        if self._profiles is not None:
+        tracks = () if self._profiles is None else self._profiles.tracks
+        if self._profiles is not None and self._profiles.vary:
             profiles = self._profiles.drawn(deviations)
             drawn = [
                 self._closed(samples, values, sizes[:, [k]], tracks)
@@ -361,7 +366,7 @@ class Sensitivity:
             return np.concatenate(drawn, axis=2)
         together = max(1, TOGETHER // draws)
         made = [
-            self._closed(samples[k : k + together], values[k : k + together], sizes)
+            self._closed(samples[k : k + together], values[k : k + together], sizes, tracks)
             for k in range(0, len(samples), together)
         ]
         return np.concatenate(made, axis=1)

@@ -17,11 +17,7 @@ from spherekit.checked import checked
 from spherekit.conventions import EPS, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
-from spherekit.dynamics.kinematics import (
-    CoordinateMotion,
-    by_arc_length,
-    by_variables,
-)
+from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length, by_variables
 from spherekit.dynamics.model_metadata import ModelMetadata, StoredFunction
 from spherekit.dynamics.stored_loads import own_velocities, stored_loads
 from spherekit.dynamics.tabulated import TabulatedModel

@@ -23,11 +23,7 @@ from spherekit.dynamics.model_archive import (
     stored_heading,
     write_archive,
 )
-from spherekit.dynamics.model_metadata import (
-    SLACK,
-    ModelMetadata,
-    StoredFunction,
-)
+from spherekit.dynamics.model_metadata import SLACK, ModelMetadata, StoredFunction
 from spherekit.dynamics.scalar_evaluation import ScalarEvaluation, ScalarFunctions
 from spherekit.errors import FileError, ModelError, SolveError, SpherekitError
 from spherekit.model.dynamics import DRIVE

@@ -7,18 +7,9 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from spherekit.conventions import listing, nearest
-from spherekit.engine.algebra import (
-    Exprs,
-    SeriesExpressions,
-    by_coordinate,
-    cross,
-    dot,
-)
+from spherekit.engine.algebra import Exprs, SeriesExpressions, by_coordinate, cross, dot
 from spherekit.engine.coordinate_rates import CoordinateRates
-from spherekit.engine.expression_graph import (
-    Expr,
-    function,
-)
+from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.inertia import inertia
 from spherekit.engine.input_moments import InputMoments
 from spherekit.engine.kinematics import RateExpressions
@@ -270,8 +261,8 @@ class RowQuantities:
 
     def _axis(self, pair: int) -> Exprs:
         (variable,) = self.structure.mechanism.variables_of(pair)
-        ((_, _, axis),) = spin_vectors(self.structure.pairs, self.links, variable)
-        return axis
+        (spin,) = spin_vectors(self.structure.pairs, self.links, variable)
+        return spin.axis
 
     def _two_links(self, text: str) -> tuple[str, str]:
         mechanism = self.structure.mechanism

@@ -4,10 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, final
 
-from spherekit.model.changes import (
-    Sizes,
-    changed,
-)
+from spherekit.model.changes import Sizes, changed
 from spherekit.model.joints import KINDS, Kind, PairType
 
 ProfileKind = Literal["circle", "great_circle", "points", "fourier"]
@@ -76,7 +73,7 @@ class Pair:
 
     @property
     def rolls(self) -> bool:
-        """Whether its links roll on each other."""
+        """Whether its links roll on each other, which may repeat constraints of others."""
         return not self.kind.has_axis and self.kind.freedoms == 1
 
 

@@ -13,14 +13,8 @@ from spherekit.checked import checked_class
 from spherekit.conventions import counted
 from spherekit.errors import ModelError
 from spherekit.model.laws import need_increasing
-from spherekit.model.load import (
-    Component,
-    Load,
-)
-from spherekit.model.needs import (
-    need_angle,
-    need_finite,
-)
+from spherekit.model.load import Component, Load
+from spherekit.model.needs import need_angle, need_finite
 
 if TYPE_CHECKING:
     from spherekit.model.mechanism import Mechanism

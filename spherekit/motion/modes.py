@@ -16,10 +16,7 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.assemblies import MOST_ASSEMBLY_MODES, signs_at
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.gathering import MOST_COST, MOST_TIME, Gathering, other_rank
-from spherekit.motion.groups import (
-    State,
-    place_dyad,
-)
+from spherekit.motion.groups import State, place_dyad
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.solutions import CLOSED_FORM, ONE_WAY, Method

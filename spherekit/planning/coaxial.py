@@ -12,13 +12,9 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import EPS
-from spherekit.model.geometry import link_axes
+from spherekit.model.geometry import SAME_AXIS, link_axes
 from spherekit.model.graph import joined
 from spherekit.model.mechanism import Mechanism
-
-SAME_AXIS = 16 * EPS
-"""Sine below which two axes of a link are one: rounding of their arcs and angles."""
 
 
 @final
