@@ -19,9 +19,9 @@ from benchmarks.timing import median, rounds
 from spherekit.analysis.running import rows_at_once
 from spherekit.analysis.running.row_block import SLICE
 from spherekit.analysis.running.rows_at_once import REFERENCES
-from spherekit.engine.columns import pole_kernel
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.kernels import kernel
+from spherekit.engine.row_kernel import pole_kernel
 from spherekit.errors import EngineError, SpherekitError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer

@@ -16,13 +16,15 @@ from numpy.typing import NDArray
 from spherekit.analysis.merit import Merit
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import Interleaved, Table, TableData
-from spherekit.conventions import Status
+from spherekit.conventions import Status, listing
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Extent, Timing
+from spherekit.numeric.lent_memory import SetAside
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.pole_field import PoleField
+from spherekit.rates.unread_columns import Unread
 from spherekit.sphere.rotation import Floats
 
 Values = TypeVar("Values", bound=NDArray[Any])
@@ -243,12 +245,42 @@ class Batch:
         return made
 
     @staticmethod
-    def interleaved(parts: Sequence[NDArray[Any]]) -> Interleaved:
+    def interleaved(parts: Sequence[NDArray[Any] | SetAside]) -> Interleaved:
         """Return a column with a row for each of several subjects at every row.
 
         `parts` (n,) are those of one subject each; they are not copied.
         """
         return Interleaved(parts)
+
+    def column(
+        self,
+        quantity: str,
+        pole: Pole,
+        moved: int = 0,
+        component: int | None = None,
+    ) -> NDArray[Any] | SetAside:
+        """Return a column (n,) for a table: a quantity of a pole, of vectors a component.
+
+        `quantity` is the name of the method that gives it as an array. Here it may be left
+        to be made when the table is read, so a run of many samples that only hands columns
+        on takes less time.
+
+        Raises
+        ------
+        AnalysisError
+            If there is no such quantity.
+        """
+        if quantity not in _QUANTITIES:
+            raise AnalysisError(
+                f"column of {quantity!r} was asked for; give one of {listing(_QUANTITIES)}"
+            )
+        i, j = pole
+        values = getattr(self._found(moved), _QUANTITIES[quantity])
+        if isinstance(values, Unread) and pole_of(i, j) in values:
+            self._declared(i, j, quantity)
+            return values.column(pole_of(i, j), component)
+        made = np.asarray(getattr(self, quantity)(i, j, moved))
+        return made if component is None else made[:, component]
 
     def assembly_mode_rows(self) -> Mapping[int, slice]:
         """Return the rows of each assembly mode, by its number."""
@@ -260,65 +292,57 @@ class Batch:
 
     def direction(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return the pole axis of two links: unit vectors (n, 3) in ground axes."""
-        return self._pole(i, j, "directions", self._found(moved).direction)
+        return self._pole(i, j, "direction", self._found(moved).direction)
 
     def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) how far the links' angular velocities are from cancelling.
 
         ``|w_j - w_i|`` over ``|w_i| + |w_j|``; 1 for the axis of a pair.
         """
-        return self._pole(i, j, "directions", self._found(moved).angle)
+        return self._pole(i, j, "conditioning", self._found(moved).angle)
 
     def error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of the pole's direction, rad.
 
         Of rounding, and of what the configuration is off by.
         """
-        return self._pole(i, j, "directions", self._found(moved).error)
+        return self._pole(i, j, "error_bound", self._found(moved).error)
 
     def pole_status(self, i: int, j: int, moved: int = 0) -> NDArray[np.int8]:
         """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
-        return self._pole(i, j, "directions", self._found(moved).pole_status)
+        return self._pole(i, j, "pole_status", self._found(moved).pole_status)
 
     def velocity_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the coefficient of link max(i, j) relative to the other."""
-        return self._pole(i, j, "rates", self._found(moved).velocity_coefficient)
+        return self._pole(
+            i, j, "velocity_coefficient", self._found(moved).velocity_coefficient
+        )
 
     def acceleration_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the derivative of the coefficient by the input, 1/rad."""
-        if not self.needs.derivatives:
-            raise UndeclaredNeed(
-                "acceleration_coefficient was read; declare Needs(derivatives=True)"
-            )
-        return self._pole(i, j, "rates", self._found(moved).acceleration_coefficient)
+        values = self._found(moved).acceleration_coefficient
+        return self._pole(i, j, "acceleration_coefficient", values)
 
     def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 3) the derivative of the pole axis by the input, 1/rad.
 
         NaN where the velocity coefficient is too small to know it.
         """
-        if not self.needs.derivatives or pole_of(i, j) not in self.needs.turns:
-            links = self.mechanism.links
-            raise UndeclaredNeed(
-                f"how the pole of links {links[j]} and {links[i]} turns was read; "
-                "declare it in Needs(turns=..., derivatives=True)"
-            )
+        self._declared(i, j, "direction_dq")
         with np.errstate(invalid="ignore"):
             return _sealed(self._found(moved).turned(self.plans[moved], pole_of(i, j)))
 
     def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of `rate`."""
-        return self._pole(i, j, "rates", self._found(moved).velocity_coefficient_error)
+        values = self._found(moved).velocity_coefficient_error
+        return self._pole(i, j, "velocity_coefficient_error_bound", values)
 
     def acceleration_coefficient_error_bound(
         self, i: int, j: int, moved: int = 0
     ) -> Floats:
         """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
-        if not self.needs.derivatives:
-            raise UndeclaredNeed(
-                "rate_dq_error_bound was read; declare Needs(derivatives=True)"
-            )
-        return self._pole(i, j, "rates", self._found(moved).acceleration_coefficient_error)
+        values = self._found(moved).acceleration_coefficient_error
+        return self._pole(i, j, "acceleration_coefficient_error_bound", values)
 
     def rates_loss(self, moved: int = 0) -> Floats:
         """Return (n,) the part of the angular velocities or their derivatives in doubt.
@@ -422,18 +446,46 @@ class Batch:
             raise UndeclaredNeed("a pole was read; declare it in needs()")
         return self._fields[moved]
 
-    def _pole(self, i: int, j: int, what: str, values: Mapping[Pole, Values]) -> Values:
-        pole = pole_of(i, j)
-        declared = getattr(self.needs, what)
-        if what == "directions":
-            declared = declared | self.needs.rates | self.needs.planes
+    def _pole(self, i: int, j: int, quantity: str, values: Mapping[Pole, Values]) -> Values:
+        self._declared(i, j, quantity)
+        return _sealed(values[pole_of(i, j)])
+
+    def _declared(self, i: int, j: int, quantity: str) -> None:
+        """Raise `UndeclaredNeed` if a quantity of a pole was not said to be read."""
+        pole, links, needs = pole_of(i, j), self.mechanism.links, self.needs
+        if quantity == "direction_dq":
+            if not needs.derivatives or pole not in needs.turns:
+                raise UndeclaredNeed(
+                    f"how the pole of links {links[j]} and {links[i]} turns was read; "
+                    "declare it in Needs(turns=..., derivatives=True)"
+                )
+            return
+        if quantity.startswith("acceleration") and not needs.derivatives:
+            raise UndeclaredNeed(f"{quantity} was read; declare Needs(derivatives=True)")
+        what = "planes" if quantity == "planes" else "directions"
+        declared = needs.planes
+        if "coefficient" in quantity:
+            what, declared = "rates", needs.rates
+        elif what == "directions":
+            declared = needs.directions | needs.rates | needs.planes
         if pole not in declared:
-            links = self.mechanism.links
             raise UndeclaredNeed(
                 f"the pole of links {links[pole[1]]} and {links[pole[0]]} was read; "
                 f"declare it in Needs({what}=...)"
             )
-        return _sealed(values[pole])
+
+
+_QUANTITIES: Mapping[str, str] = {
+    "direction": "direction",
+    "direction_dq": "direction_dq",
+    "velocity_coefficient": "velocity_coefficient",
+    "acceleration_coefficient": "acceleration_coefficient",
+    "conditioning": "angle",
+    "error_bound": "error",
+    "velocity_coefficient_error_bound": "velocity_coefficient_error",
+    "acceleration_coefficient_error_bound": "acceleration_coefficient_error",
+}
+"""What `PoleField` calls them."""
 
 
 def _sealed(values: Values) -> Values:
@@ -451,7 +503,8 @@ def run_status(motion: Motion, fields: Sequence[PoleField]) -> NDArray[np.int8]:
     """Return (n,) status codes of a motion, or of the first input that says more."""
     status = motion.status
     for pole_field in fields:
-        status = np.where(status == Status.OK, pole_field.status, status)
+        if pole_field.status is not motion.status:
+            status = np.where(status == Status.OK, pole_field.status, status)
     return np.asarray(status, dtype=np.int8)
 
 
