@@ -4,8 +4,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spherekit.plugin import Floats, numbered
+from spherekit.plugin import Floats, Status, numbered
 from spherekit.plugin.singularities import SampledSingularities
 
 Row = Mapping[str, Any]
@@ -16,21 +17,29 @@ SAME_PLACE = 1e-6
 """Inputs (deg) that differ by less are one place."""
 TRACED = 721
 """Points of a curve among which an output's extremes are looked for."""
-MEANING = {
-    "I": "it rests or turns back",
-    "II": "the locked input does not hold it",
-    "III": "curves of configurations cross",
-}
+FULL_TURN = 355.0
+"""An output that turned by more (deg) between the points of a curve turns fully."""
+CROSSED = "curves of configurations cross"
+MEANING = (
+    ("I", "it rests or turns back"),
+    ("II", "the locked input does not hold it"),
+    ("III", "it rests with the input while other links move"),
+    ("III", CROSSED),
+)
 
 
-def places(points: Row, output: str, input_pair: str) -> list[str]:
+def places(
+    sampled: SampledSingularities, points: Row, output: str, input_pair: str
+) -> list[str]:
     """Return a line for each type of singularity of an output within the range."""
     lines = []
-    for kind, meaning in MEANING.items():
+    crossed = _crossed(sampled, points)
+    for kind, meaning in MEANING:
         here = (
             (points["kind"] == kind)
             & (points["output"] == output)
             & (points["inside"] == "yes")
+            & (crossed == (meaning == CROSSED))
         )
         if not np.any(here):
             continue
@@ -61,28 +70,32 @@ def _by_modes(at: Floats, modes: Iterable[str]) -> dict[str, list[float]]:
 
 def _angles(values: list[float]) -> str:
     rest = len(values) - MOST_SHOWN
-    shown = ", ".join(f"{value:.6g}" for value in values[:MOST_SHOWN])
+    shown = ", ".join(_degrees(value) for value in values[:MOST_SHOWN])
     return f"{shown} and {rest} more" if rest > 0 else shown
+
+
+def _degrees(value: float) -> str:
+    """Return an angle (deg) as text, zero but for rounding as 0."""
+    return f"{round(value, 6) + 0.0:.6g}"
+
+
+def _crossed(sampled: SampledSingularities, points: Row) -> NDArray[np.bool_]:
+    """Return whether each row is a place at which curves cross."""
+    ends = {
+        (curve, s)
+        for curve in range(len(sampled.curves))
+        for s, _ in sampled.crossing_ends(curve)
+    }
+    places = zip(points["curve"].tolist(), points["s"].tolist(), strict=True)
+    return np.array([place in ends for place in places], dtype=bool)
 
 
 def swings(sampled: SampledSingularities, names: list[str]) -> list[str]:
     """Return how far each output turns on the configuration curves, curves alike in one."""
     lines: dict[tuple[str, str], list[int]] = {}
-    for number, curve in enumerate(sampled.curves):
-        s = np.linspace(0.0, curve.length * (1.0 - 1e-12), TRACED)
-        turning = [
-            p.s for p in sampled.report.points if p.curve == number and np.isfinite(p.s)
-        ]
-        s = np.unique(np.concatenate([s, np.array(turning)]))
+    for number in range(len(sampled.curves)):
         for output, name in enumerate(names):
-            angle = np.degrees(np.unwrap(sampled.output_angle(number, output, s)))
-            low, high = float(np.min(angle)), float(np.max(angle))
-            around = abs(angle[-1] - angle[0]) > 180.0 and high - low > 355.0
-            words = (
-                "turns fully"
-                if around
-                else f"swings {high - low:.6g} deg, from {low:.6g} to {high:.6g} deg"
-            )
+            words = _turning(sampled, number, output)
             lines.setdefault((name, words), []).append(number)
     every = len(sampled.curves)
     return [
@@ -92,18 +105,72 @@ def swings(sampled: SampledSingularities, names: list[str]) -> list[str]:
     ]
 
 
-def least_transmission(relation: Row, input_pair: str) -> list[str]:
-    """Return the least transmission angle of each output that has one, at the samples."""
+def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
+    """Return how far an output turns on a configuration curve.
+
+    It swings where it turns back, or where the curve ends before it has turned fully.
+    """
+    curve, links = sampled.curves[number], sampled.report.outputs[output]
+    variable = sampled.tracer.mechanism.angle_between(*links)
+    points = [p for p in sampled.report.points if p.curve == number and np.isfinite(p.s)]
+    s = np.linspace(0.0, curve.length * (1.0 - 1e-12), TRACED)
+    s = np.unique(np.concatenate([s, np.array([p.s for p in points])]))
+    along = np.unwrap(sampled.output_angle(number, output, s))
+    beyond = []
+    if variable is not None:
+        ends = curve.at(s[[0, -1]]).values[:, variable] - along[[0, -1]]
+        for place, values in sampled.crossing_ends(number):
+            beyond.append(values[variable] - ends[0 if place == 0.0 else 1])
+    angle = np.append(along, beyond)
+    low, high = np.degrees([np.min(angle), np.max(angle)])
+    reverses = any(p.output == links and p.output_turns for p in points)
+    left = not curve.closed and Status.OK in curve.ends
+    far = ", as far as the curve was followed" if left else ""
+    if variable is None:
+        to_and_fro = "to and fro " if reverses else ""
+        return f"turns {to_and_fro}by {_degrees(high - low)} deg about its moving pole{far}"
+    if abs(along[-1] - along[0]) > np.pi and high - low > FULL_TURN:
+        return "turns fully"
+    if left and not reverses:
+        return f"turns in one sense, by {_degrees(high - low)} deg{far}"
+    return (
+        f"swings {_degrees(high - low)} deg, from {_degrees(low)} to {_degrees(high)} deg"
+        f"{far}"
+    )
+
+
+def least_transmission(
+    sampled: SampledSingularities, points: Row, relation: Row, input_pair: str
+) -> list[str]:
+    """Return the least transmission angle of each output that has one.
+
+    Of the samples, and of the places within the range at which the locked input does not
+    hold the output.
+    """
     lines = []
-    for output in dict.fromkeys(relation["output"].tolist()):
-        angle = np.where(relation["output"] == output, relation["transmission"], np.nan)
+    for output, name in enumerate(dict.fromkeys(relation["output"].tolist())):
+        rows = relation["output"] == name
+        angles = [np.where(rows, relation["transmission"], np.nan)]
+        inputs, modes = [relation["q"]], [str(k) for k in relation["assembly_mode"]]
+        held_not = (points["output"] == name) & (points["inside"] == "yes")
+        held_not &= np.isin(points["kind"], ("II", "III")) & np.isfinite(points["s"])
+        for row in np.flatnonzero(held_not).tolist():
+            curve, s = int(points["curve"][row]), float(points["s"][row])
+            ends = dict(sampled.crossing_ends(curve))
+            values = ends.get(s, sampled.curves[curve].at(s).values[0])
+            angles.append(sampled.transmission_angles(values[None])[output])
+            inputs.append(points["q"][[row]])
+            modes.append(points["assembly_mode"][row])
+        angle, q = np.concatenate(angles), np.concatenate(inputs)
         if not np.any(np.isfinite(angle)):
             continue
-        row = int(np.nanargmin(angle))
-        alike = np.flatnonzero(np.abs(angle - angle[row]) < np.radians(SAME_PLACE))
-        modes = numbered("mode", np.unique(relation["assembly_mode"][alike]))
+        least = int(np.nanargmin(angle))
+        alike = np.flatnonzero(np.abs(angle - angle[least]) < np.radians(SAME_PLACE))
+        having = {int(k) for row in alike for k in modes[row].split("+") if k}
+        shown = float(f"{np.degrees(angle[least]):.4g}")
         lines.append(
-            f"least transmission angle of {output}: {np.degrees(angle[row]):.4g} deg at "
-            f"{input_pair} = {np.degrees(relation['q'][row]):.6g} deg in {modes}"
+            f"least transmission angle of {name}: {_degrees(shown)} deg at "
+            f"{input_pair} = {_degrees(np.degrees(q[least]))} deg in "
+            f"{numbered('mode', sorted(having))}"
         )
     return lines

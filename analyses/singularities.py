@@ -61,6 +61,8 @@ TONES = {"I": 1, "II": 2, "III": 3, "apparent": 0}
 NUMBERED = ("I", "II", "III")
 RESTS = 1e-8
 """A rate by arc length below this is none."""
+SAYS_NOTHING = 1e-12
+"""Where c and d are smaller, or none, axes coincide that say nothing of the rates."""
 DRAWN = 721
 """Points with which a whole configuration curve is drawn."""
 
@@ -295,6 +297,7 @@ class SingularityAnalysis(AbstractAnalysis):
         names = [_named(batch.mechanism, links) for links in sampled.report.outputs]
         for kind, rate in (("I", "output_rate"), ("II", "input_rate")):
             slow = np.abs(relation[rate]) <= np.sin(np.radians(self.near))
+            slow &= np.fmax(np.abs(relation["c"]), np.abs(relation["d"])) > SAYS_NOTHING
             angles = np.where(slow, np.degrees(relation[f"angle_{kind}"]), np.inf)
             for output in dict.fromkeys(relation["output"].tolist()):
                 near = (relation["output"] == output) & (angles <= self.near)
@@ -324,10 +327,10 @@ class SingularityAnalysis(AbstractAnalysis):
             figures["grashof"] = made.name
             remarks.append(str(made))
         for name in names:
-            remarks += places(points, name, pair)
+            remarks += places(sampled, points, name, pair)
         if sampled.report.everywhere is None:
             remarks += swings(sampled, names)
-        remarks += least_transmission(relation, pair)
+        remarks += least_transmission(sampled, points, relation, pair)
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     @property

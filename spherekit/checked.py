@@ -1,8 +1,12 @@
 """Arguments of public functions against the types that their signatures state."""
 
+import ast
+import contextlib
 import functools
+import importlib
 import inspect
 import os
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from types import NoneType, UnionType
 from typing import (
@@ -29,6 +33,7 @@ Class = TypeVar("Class")
 NUMBERS = "biuf"
 """Kinds of NumPy's types that arrays of numbers have: truth values, integers, floats."""
 
+_MARK = "_judges_arguments"
 _SIMPLE: Mapping[Any, tuple[tuple[type, ...], str]] = {
     bool: ((bool, np.bool_), "True or False"),
     int: ((int, np.integer), "a whole number"),
@@ -69,14 +74,25 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
                     signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
                 )
                 for item in value if several else (value,):
-                    complaint = _fault(name, item, hints().get(name, Any))
+                    complaint = _fault(name, item, hints()[name])
                     if complaint:
                         raise error(f"{_called(function)}: {complaint}")
             return function(*args, **kwargs)
 
-        return _judged
+        return marked(_judged)
 
     return decorate
+
+
+def marked(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a function, marked as one that judges what it is called with."""
+    vars(function)[_MARK] = True
+    return function
+
+
+def judges(function: object) -> bool:
+    """Return whether a function judges what it is called with."""
+    return _MARK in getattr(function, "__dict__", ())
 
 
 def checked_class(
@@ -100,9 +116,10 @@ def _called(function: Callable[..., Any]) -> str:
 
 def _unbound(signature: inspect.Signature, named: Iterable[str], fault: TypeError) -> str:
     """Return in words why arguments do not fit a signature."""
+    kinds = {item.kind for item in signature.parameters.values()}
     parameters = [name for name in signature.parameters if name != "self"]
     for name in named:
-        if name not in parameters:
+        if name not in parameters and inspect.Parameter.VAR_KEYWORD not in kinds:
             hint = nearest(name, parameters) or "."
             return f'no argument is "{name}"{hint} Arguments: {listing(parameters, 30)}'
     return f"{fault}. Arguments: {listing(parameters, 30)}"
@@ -123,14 +140,30 @@ def _hints_of(kind: Any) -> dict[str, Any]:
 
 
 def _resolved(function: Callable[..., Any], hint: Any) -> Any:
-    """Return the type that an annotation says; of one for type checkers only, any."""
+    """Return the type that an annotation says; of one that is nowhere, any."""
     if hint is inspect.Parameter.empty:
         return Any
     holder = type("_Holder", (), {"__annotations__": {"hint": hint}})
-    try:
-        return get_type_hints(holder, inspect.unwrap(function).__globals__)["hint"]
-    except NameError:
-        return Any
+    names = inspect.unwrap(function).__globals__
+    with contextlib.suppress(NameError):
+        return get_type_hints(holder, names)["hint"]
+    with contextlib.suppress(NameError, OSError):
+        return get_type_hints(holder, names, _for_type_checkers(names["__name__"]))["hint"]
+    return Any
+
+
+@functools.cache
+def _for_type_checkers(module: str) -> dict[str, Any]:
+    """Return what a module imports for type checkers only; by now it can be imported."""
+    imported = {}
+    for block in ast.parse(inspect.getsource(sys.modules[module])).body:
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING":
+            for line in block.body:
+                if isinstance(line, ast.ImportFrom) and line.module:
+                    home = importlib.import_module(line.module)
+                    for alias in line.names:
+                        imported[alias.asname or alias.name] = getattr(home, alias.name)
+    return imported
 
 
 def _fault(name: str, value: Any, hint: Any) -> str:
@@ -144,7 +177,10 @@ def _fault(name: str, value: Any, hint: Any) -> str:
         return f'{name} "{value}" is not known{hint_of} allowed: {words}'
     shown = repr(value)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
-    return f"{name} is {shown} ({type(value).__name__}), it has to be {_words(hint)}"
+    words = _words(hint)
+    if isinstance(value, str | os.PathLike) and "Mechanism" in words:
+        words += "; spherekit.load reads it by its name or path"
+    return f"{name} is {shown} ({type(value).__name__}), it has to be {words}"
 
 
 def _choices(hint: Any) -> list[str]:
@@ -184,8 +220,8 @@ def _fits(value: Any, hint: Any) -> bool:
             value, str | bytes
         )
         return holds and all(_fits(item, inner[0]) for item in value)
-    if origin is Mapping:
-        return isinstance(value, Mapping) and all(
+    if origin in (Mapping, dict):
+        return isinstance(value, origin) and all(
             _fits(key, inner[0]) and _fits(item, inner[1]) for key, item in value.items()
         )
     if origin is Iterable:
@@ -193,6 +229,10 @@ def _fits(value: Any, hint: Any) -> bool:
             return False
         several = isinstance(value, Sequence | Set | np.ndarray)
         return not several or all(_fits(item, inner[0]) for item in value)
+    if origin in (list, set, frozenset):
+        return isinstance(value, origin) and all(_fits(item, inner[0]) for item in value)
+    if origin is type:
+        return inspect.isclass(value) and (inner[0] is Any or issubclass(value, inner[0]))
     if origin is Callable:
         return callable(value)
     kind = origin or hint
@@ -222,20 +262,23 @@ def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
 
 
 def _is_numeric(value: Any, hint: Any) -> bool:
-    """Return whether an array of numbers can be made of a value."""
-    text = hint is not ArrayLike and "str" in str(hint)
+    """Return whether an array of numbers, or of text, can be made of a value."""
     try:
-        return text or np.asarray(value).dtype.kind in NUMBERS
+        return np.asarray(value).dtype.kind in ("U" if _is_text(hint) else NUMBERS)
     except (TypeError, ValueError):
         return False
 
 
+def _is_text(hint: Any) -> bool:
+    return hint is not ArrayLike and "str" in str(hint)
+
+
 def _words(hint: Any) -> str:
     """Return what values of a type are, in words."""
-    if hint is Any:
+    if hint in (Any, object):
         return "anything"
     if hint is ArrayLike or get_origin(hint) is np.ndarray:
-        return "numbers"
+        return "texts" if _is_text(hint) else "numbers"
     if hint in _SIMPLE:
         return _SIMPLE[hint][1]
     origin, inner = get_origin(hint), get_args(hint)
@@ -245,8 +288,12 @@ def _words(hint: Any) -> str:
         return " or ".join(dict.fromkeys(map(_words, _parts(inner))))
     if origin is tuple and inner[1:] != (...,):
         return f"({', '.join(map(_words, inner))})"
-    if origin is Mapping:
+    if origin in (Mapping, dict):
         return f"a mapping of {_words(inner[0])} to {_words(inner[1])}"
+    if origin in (list, set, frozenset):
+        return f"a {origin.__name__}, each {_words(inner[0])}"
+    if origin is type:
+        return f"a class, {_words(inner[0])} or one that extends it"
     if origin in (Sequence, Iterable, tuple):
         return f"a sequence, each {_words(inner[0])}"
     if origin is os.PathLike:

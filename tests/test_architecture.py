@@ -22,7 +22,7 @@ PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
     ("errors", "conventions", "guarantee", "version", "progress"),
-    ("budget", "checked", "cores", "lazily", "markup"),
+    ("boundary", "budget", "checked", "cores", "lazily", "markup"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),

@@ -301,3 +301,8 @@ def test_what_the_types_allow_passes():
         asked()
     with pytest.raises(SpherekitError, match=r'asked: no argument is "cnt"; did you mean'):
         asked(cnt=3)
+
+
+def test_too_many_arguments_are_told_beside_a_correct_option():
+    with pytest.raises(SpherekitError, match="run: too many positional arguments"):
+        sk.run(FOUR_BAR, "poles", "statics", samples=3)

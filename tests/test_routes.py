@@ -149,12 +149,12 @@ def test_only_the_best_route_changes_over():
 def pole_31(axes):
     """Return the direction of P_31 of a four-bar, 50 digits, from its axes (4, 3)."""
     mpmath.mp.dps = 50
-    u12, u23, u34, u14 = (mpmath.matrix([mpmath.mpf(float(x)) for x in u]) for u in axes)
+    u12, u23, u34, u14 = ([mpmath.mpf(float(x)) for x in u] for u in axes)
 
     def cross(a, b):
-        return mpmath.matrix([a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)])
+        return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
 
-    vector = cross(cross(u12, u23), cross(u14, u34))
+    vector = mpmath.matrix(cross(cross(u12, u23), cross(u14, u34)))
     return vector / mpmath.norm(vector)
 
 

@@ -20,6 +20,7 @@ from spherekit.model.dynamics import Mass
 from spherekit.model.gears import pitch_angles
 from spherekit.model.laws import ConstantSpeed, Start
 from spherekit.model.mechanism import Input, Pair, PoseGeometry, Profile
+from spherekit.motion.meshes import meshes_of
 from spherekit.motion.motion import Tracer
 from spherekit.output.forward import ForwardKinematics
 
@@ -319,3 +320,17 @@ def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
     apart = motion.values[motion.sample == 40] - tracer.solver.geometry.reference
     assert np.min(np.max(np.abs(np.sin(0.5 * apart)), axis=1)) < 1e-9
     assert "mode of the reference pose" in tracer.claim.reason
+
+
+@pytest.mark.parametrize(
+    "name", ["bevel_pair", "rolling_cones", "planetary_bevel", "bevel_differential"]
+)
+def test_lengths_of_a_train_are_those_whose_rates_are_the_same_everywhere(name):
+    """A train is read from the carriers, the other from closed configurations."""
+    solver = Tracer(sk.load(name), samples=3).solver
+    read = solver.meshes
+    seen = meshes_of(solver.closure, solver.driven, solver.geometry.reference, None)
+    assert seen.variables == read.variables and seen.all_known
+    assert np.max(np.abs(seen.ratios - read.ratios)) < 1e-9
+    assert np.max(np.abs(seen.lengths - read.lengths)) < 1e-9
+    assert np.array_equal(seen.periods, read.periods)

@@ -245,7 +245,9 @@ class Batch:
         return made
 
     @staticmethod
-    def interleaved(parts: Sequence[NDArray[Any] | SetAside]) -> Interleaved:
+    def interleaved(
+        parts: Sequence[NDArray[Any] | NDArray[np.str_] | SetAside],
+    ) -> Interleaved:
         """Return a column with a row for each of several subjects at every row.
 
         `parts` (n,) are those of one subject each; they are not copied.

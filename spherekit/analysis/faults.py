@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spherekit.errors import PluginError, SpherekitError
+from spherekit.errors import ArgumentError, PluginError, SpherekitError
 
 LOG = logging.getLogger("spherekit.plugins")
 """Gets the trace of every mistake, at the level of debugging."""
@@ -23,6 +23,8 @@ INSTALLED = sysconfig.get_path("purelib")
 def faults_of(analysis: str, what: str) -> Iterator[None]:
     """Turn whatever a plugin raises into `PluginError`; errors of spherekit stay.
 
+    An `ArgumentError` is a mistake of the plugin's.
+
     Parameters
     ----------
     analysis
@@ -32,9 +34,9 @@ def faults_of(analysis: str, what: str) -> Iterator[None]:
     """
     try:
         yield
-    except SpherekitError:
-        raise
     except (Exception, SystemExit) as problem:
+        if isinstance(problem, SpherekitError) and not isinstance(problem, ArgumentError):
+            raise
         LOG.debug("%s: %s", analysis, what, exc_info=True)
         raise PluginError(f"{analysis}: {what} raises {described(problem)}") from problem
 

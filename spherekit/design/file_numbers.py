@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from spherekit.design.variables import ACTIONS, DesignVariable, designed, with_actions
 from spherekit.engine.actions import Actions
 from spherekit.engine.hinges import Hinged, hinged
-from spherekit.engine.wheel_train import ONE_LINE
 from spherekit.errors import SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.wheels import ONE_LINE
 from spherekit.sphere.rotation import Floats
 
 OK = "OK"

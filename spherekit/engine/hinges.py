@@ -26,11 +26,12 @@ from spherekit.engine.turns import (
     TurningPairs,
     turning_pairs,
 )
-from spherekit.engine.wheel_train import ONE_LINE, WheelTrain, wheel_train
 from spherekit.errors import EngineError
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import revolute
 from spherekit.model.mechanism import LinkSizes, Mechanism, Pair, SizeGeometry
+from spherekit.planning.wheel_train import WheelTrain, wheel_train
+from spherekit.planning.wheels import ONE_LINE
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward
 
 
@@ -147,9 +148,8 @@ def hinged(
             )
     train = None
     if rolling:
-        train = wheel_train(
-            mechanism, pairs, [mechanism.pair_number[name] for name in driven], apart
-        )
+        inputs = [mechanism.pair_number[name] for name in driven]
+        train = wheel_train(mechanism, inputs, apart)
         if train is None:
             return None
     kept = [n for n in range(len(mechanism.pairs)) if n not in rolling]

@@ -146,7 +146,7 @@ def rigid_bodies(
         if pair.kind.has_axis and pair.name not in held
     )
     ratios = tuple(
-        ratio_of(mechanism, at, k, ways)
+        ratio_of(mechanism, at.joints, k, [pair for pair, _, _ in ways])
         for k, pair in enumerate(pairs)
         if not pair.kind.has_axis
     )

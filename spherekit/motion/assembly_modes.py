@@ -33,6 +33,7 @@ from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.pairs import pair_states, penetrates
 from spherekit.motion.trains import Frames, WheelPlacement, train_of
 from spherekit.planning.assembly import Assembly
+from spherekit.planning.wheel_train import wheel_train
 from spherekit.sphere.rotation import Floats
 
 FLAT_DYAD = 1e-6
@@ -101,7 +102,8 @@ class Solver:
     @cached_property
     def meshes(self) -> Meshes | None:
         """How far wheels have rolled at inputs, None without rolling contacts."""
-        return meshes_of(self.closure, self.driven, self.geometry.reference)
+        train = wheel_train(self.mechanism, self.assembly.inputs)
+        return meshes_of(self.closure, self.driven, self.geometry.reference, train)
 
     @property
     def periods(self) -> Floats:

@@ -1,5 +1,6 @@
 """Looking for the configuration curves of a mechanism, and checking what was found."""
 
+from collections.abc import Iterable, Iterator
 from typing import final
 
 import numpy as np
@@ -10,7 +11,7 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.assembly_modes import Solver, wrap
 from spherekit.motion.crossing import ways_out
 from spherekit.motion.input_turning_points import InputTurningPoints
 from spherekit.motion.monotone_segments import MonotoneSegments, turning_inputs
@@ -72,10 +73,8 @@ class CurveSearch:
 
         On some of them the input may stand still, so that no input leads to them.
         """
-        for curve in self.curves:  # which grow on the way
-            for why, end in zip(curve.ends, curve.nodes.values[[0, -1]], strict=True):
-                if why == Status.AT_SINGULARITY:
-                    self.add(ways_out(self.solver.closure, end))
+        for end in _crossing_ends(self.curves):  # which grow on the way
+            self.add(ways_out(self.solver.closure, end))
 
     def sweep(self, drive: Solver, dead: InputTurningPoints, step: float) -> Claim:
         """Follow the curves of all modes of `drive` between its dead inputs."""
@@ -124,11 +123,14 @@ class CurveSearch:
                 values, all_found = _modes(self.solver, float(q))
                 if all_found:
                     self.counted.append((float(q), len(values)))
+        ends = np.array(
+            [end for part in monotone_segments for end in (*part.lowest, *part.highest)]
+        )
+        crossed = np.array([end[self.solver.single] for end in _crossing_ends(self.curves)])
         for q, modes in self.counted:
-            ends = [
-                end for part in monotone_segments for end in (*part.lowest, *part.highest)
-            ]
-            if np.min(np.abs(np.array(ends) - q), initial=np.inf) < NEAR_DEAD:
+            if np.min(np.abs(ends - q), initial=np.inf) < NEAR_DEAD:
+                continue
+            if np.min(np.abs(wrap(crossed - q)), initial=np.inf) < NEAR_CROSSING:
                 continue
             crossings = sum(part.count(q) for part in monotone_segments)
             if crossings < modes or (complete and crossings != modes):
@@ -157,13 +159,19 @@ def _modes(solver: Solver, q: float) -> tuple[Floats, bool]:
     return values, all(m is None or m.is_complete for m in modes.methods)
 
 
+def _crossing_ends(curves: Iterable[ArcCurve]) -> Iterator[Floats]:
+    """Yield the last nodes (variables,) of curves that end because others cross them."""
+    for curve in curves:
+        for why, end in zip(curve.ends, curve.nodes.values[[0, -1]], strict=True):
+            if why == Status.AT_SINGULARITY:
+                yield end
+
+
 def _ends_at(curve: ArcCurve, values: Floats) -> bool:
     """Return whether a curve ends at a configuration because others cross it there."""
-    ends = zip(curve.ends, curve.nodes.values[[0, -1]], strict=True)
     return any(
-        status == Status.AT_SINGULARITY
-        and np.max(np.abs(curve.wrapped(values - end))) < NEAR_CROSSING
-        for status, end in ends
+        np.max(np.abs(curve.wrapped(values - end))) < NEAR_CROSSING
+        for end in _crossing_ends([curve])
     )
 
 

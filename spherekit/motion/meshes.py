@@ -28,6 +28,7 @@ from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import rolled_lengths
 from spherekit.motion.search import search
 from spherekit.motion.steps import nodes_at, walk
+from spherekit.planning.wheel_train import WheelTrain
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.triangle import Bools
 
@@ -137,17 +138,25 @@ def _lock_all(closure: Closure, held: dict[int, float]) -> Locked:
 
 
 def meshes_of(
-    closure: Closure, driven: Sequence[int], reference: Floats | None
+    closure: Closure,
+    driven: Sequence[int],
+    reference: Floats | None,
+    train: WheelTrain | None,
 ) -> Meshes | None:
     """Return what is known of the lengths rolled, None where no contact rolls.
 
     `driven` are the variables of the inputs, `reference` (variables,) those of a reference
-    pose.
+    pose. Without a `train` of wheels on carriers the lengths are those whose rates are
+    seen to be the same everywhere.
     """
     rolling = [variable for variable, _ in rolled_lengths(closure.joints)]
     if not rolling:
         return None
-    count = len(driven)
+    anchor = np.zeros(len(driven)) if reference is None else reference[list(driven)]
+    if train is not None:
+        lengths = train.lengths + train.length_ratios @ anchor
+        periods = _periods(closure, rolling, train.length_ratios)
+        return Meshes(tuple(rolling), anchor, lengths, train.length_ratios, periods, True)
     for values in _configurations(closure, driven, reference):
         rates = _constant_rates(closure, driven, values)
         if rates is None:
@@ -157,17 +166,16 @@ def meshes_of(
         ]
         ratios = rates[determined]
         if reference is not None:
-            anchor, lengths = reference[list(driven)], reference[determined]
+            lengths = reference[determined]
         else:
-            anchor = np.zeros(count)
             lengths = _least_rolled(closure, driven, values, rates, determined)
         all_known = len(determined) == len(rolling)
-        periods = np.full(count, np.inf if determined else np.nan)
+        periods = np.full(len(driven), np.inf if determined else np.nan)
         if all_known:
-            periods = np.array([_period(closure, determined, ratio) for ratio in ratios.T])
+            periods = _periods(closure, determined, ratios)
         return Meshes(tuple(determined), anchor, lengths, ratios, periods, all_known)
-    none = np.zeros((0, count))
-    return Meshes((), np.zeros(count), none[:, 0], none, np.full(count, np.nan), False)
+    none = np.zeros((0, len(driven)))
+    return Meshes((), anchor, none[:, 0], none, np.full(len(driven), np.nan), False)
 
 
 def _configurations(
@@ -240,7 +248,7 @@ def _least_rolled(
     tried = []
     for turns in product(range(-MOST_TURNS, MOST_TURNS + 1), np.eye(len(driven))):
         least = values[determined] - grown - TURN * turns[0] * rates[determined] @ turns[1]
-        choices = map(_whole_turns_apart, joints, map(float, least))
+        choices = map(whole_turns_apart, joints, map(float, least))
         tried += list(islice(product(*choices), MOST_SORTED))
     lengths = np.array(sorted(tried, key=_rolled)[:MOST_ASSEMBLIES])
     closes = np.ones(len(lengths), dtype=bool)
@@ -259,7 +267,7 @@ def _rolled(lengths: Sequence[float]) -> tuple[int, ...]:
     )
 
 
-def _whole_turns_apart(joint: Joint, length: float) -> list[float]:
+def whole_turns_apart(joint: Joint, length: float) -> list[float]:
     """Return lengths that differ from one by whole turns of a wheel, the least first."""
     lengths = {round(length / SAME_LENGTH): length}
     for lap in joint.laps:
@@ -330,15 +338,22 @@ def _trains(closure: Closure, rates: Floats) -> Iterator[_Train]:
         )
 
 
-def _period(closure: Closure, determined: list[int], ratios: Floats) -> float:
-    """Return the growth (rad) of an input, in whole turns, that all wheels return with."""
+def _periods(closure: Closure, determined: list[int], ratios: Floats) -> Floats:
+    """Return the growth (inputs,) of inputs, rad, with which all wheels return.
+
+    It is in whole turns.
+    """
+    laps = periods_of(closure)[determined]
+    return np.array([_period(laps, ratio) for ratio in ratios.T])
+
+
+def _period(laps: Floats, ratios: Floats) -> float:
     turns = 1
-    periods = periods_of(closure)[determined]
-    if np.any(np.isinf(periods) & (np.abs(ratios) > SAME_RATIO)):
+    if np.any(np.isinf(laps) & (np.abs(ratios) > SAME_RATIO)):
         return float(np.inf)
-    for laps in TURN * ratios / periods:
-        whole = Fraction(float(laps)).limit_denominator(MOST_TEETH)
-        if abs(float(whole) - laps) > SAME_RATIO:
+    for passed in TURN * ratios / laps:
+        whole = Fraction(float(passed)).limit_denominator(MOST_TEETH)
+        if abs(float(whole) - passed) > SAME_RATIO:
             return float(np.inf)
         turns = lcm(turns, whole.denominator)
     return TURN * turns

@@ -76,7 +76,7 @@ class Motion(ArrayRows):
             f"{counted(len(self.assembly_modes), 'assembly mode')}; {statuses}>"
         )
 
-    def rows(self, chosen: Any) -> Self:
+    def rows(self, chosen: slice | NDArray[Any]) -> Self:
         """Return some rows only, as a motion of one nameless assembly mode."""
         part = super().rows(chosen)
         return replace(part, samples=len(part))

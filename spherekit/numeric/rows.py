@@ -5,6 +5,7 @@ from dataclasses import fields
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 class ArrayRows:
@@ -13,7 +14,7 @@ class ArrayRows:
     So have those of its records of this kind, dictionaries and tuples; the rest is kept.
     """
 
-    def rows(self, chosen: Any) -> Self:
+    def rows(self, chosen: slice | NDArray[Any]) -> Self:
         """Return some rows, chosen by a mask, a slice or numbers."""
         return type(self)(
             **{name: _taken(part, chosen) for name, part in _parts(self).items()}

@@ -106,8 +106,7 @@ class ForwardKinematics:
         q = given_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
         if self.solver.assembly.has_closed_form:
             return self._dyads(q)
-        count = len(self.mechanism.variable_owners)
-        return solved(self.solver, self.output, q, self.solver.driven, count)
+        return solved(self.solver, self.output, q)
 
     def _dyads(self, q: Floats) -> PoseSolutions:
         modes = _signs(len(self.solver.assembly.groups))

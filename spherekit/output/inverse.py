@@ -334,6 +334,10 @@ class InverseKinematics:
         )
 
     @cached_property
+    def _own_solver(self) -> Solver:
+        return Solver(self.own, plan_assembly(self.own))
+
+    @cached_property
     def _transmission(self) -> Transmission:
         return Transmission.of(self.own, self.wrist.output)
 
@@ -379,8 +383,7 @@ class InverseKinematics:
             with np.errstate(invalid="ignore", divide="ignore"):
                 return self._every_turn(self._turned, given)
         coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
-        count = len(self.own.variable_owners)
-        return solved(self.solver, self.wrist.output, coordinates, self.driven, count)
+        return solved(self.solver, self.wrist.output, coordinates, self._own_solver)
 
     def _every_turn(self, turned: DyadsWithClosingLink, given: Floats) -> PoseSolutions:
         """Return the solutions of all modes at directions (n, 3), in order of rows."""

@@ -1,6 +1,5 @@
 """Every configuration of a mechanism at given inputs, as poses of its output."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -9,7 +8,8 @@ from numpy.typing import NDArray
 
 from spherekit.model.mechanism import Mechanism, Output
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.assembly_modes import Solver, wrap
+from spherekit.motion.assembly_modes import Solver
+from spherekit.output.wheel_turns import as_assembled
 from spherekit.sphere.rotation import Floats, transpose
 
 
@@ -43,13 +43,16 @@ def pose_of(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
 
 
 def solved(
-    solver: Solver, output: Output, inputs: Floats, told: Sequence[int], count: int
+    solver: Solver, output: Output, inputs: Floats, released: Solver | None = None
 ) -> PoseSolutions:
     """Return every configuration of a mechanism at inputs (n, inputs), row by row.
 
-    `told` are the variables whose values are the solutions' inputs, in (-pi, pi] unless
-    wheels count their turns; the first `count` variables are kept.
+    Where `solver` holds the output, `released` is that of the mechanism itself, whose
+    variables come first; those and its inputs are told. Inputs are in (-pi, pi] unless
+    wheels count their turns.
     """
+    told = solver if released is None else released
+    driven, count = list(told.driven), len(told.mechanism.variable_owners)
     row, values, signs = [], [], []
     complete = np.ones(len(inputs), dtype=bool)
     for number, q in enumerate(inputs):
@@ -57,16 +60,20 @@ def solved(
             continue
         here = assemblies(solver, q)
         complete[number] = all(m is None or m.is_complete for m in here.methods)
-        for mode, configuration in here.modes:
+        for mode, closed in here.modes:
+            configuration = (
+                closed if released is None else as_assembled(solver, released, closed)
+            )
+            if configuration is None:
+                continue
             row.append(number)
             values.append(configuration)
             signs.append(mode)
     every = np.array(values).reshape(-1, len(solver.mechanism.variable_owners))
     turned = pose_of(solver.mechanism, output, solver.closure.at(every).placed)
-    inputs = every[:, list(told)]
     return PoseSolutions(
         np.array(row, dtype=np.intp),
-        solver.reduced(inputs) if tuple(told) == solver.driven else wrap(inputs),
+        told.reduced(every[:, driven]),
         every[:, :count],
         turned,
         None if output.direction is None else turned @ np.array(output.direction),

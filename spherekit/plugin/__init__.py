@@ -7,6 +7,7 @@ Names are imported when they are first read.
 """
 
 from typing import TYPE_CHECKING
+from typing import Any as _Any
 
 from spherekit.lazily import offered as _offered
 
@@ -64,4 +65,12 @@ if TYPE_CHECKING:
     from spherekit.planning.poles import pole_of as pole_of
     from spherekit.sphere.rotation import Floats as Floats
 
-__all__, __getattr__, __dir__ = _offered(__name__, __file__)
+
+def _offer(value: _Any, package: str) -> _Any:
+    """Return something of ours as one that judges what it is called with."""
+    from spherekit.boundary import offer
+
+    return offer(value, package)
+
+
+__all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from spherekit.lazily import offered as _offered
+from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
     from spherekit.analysis.merit import REDUCTIONS as REDUCTIONS
@@ -13,4 +14,4 @@ if TYPE_CHECKING:
     from spherekit.engine.design_kernel import middle_pairs as middle_pairs
     from spherekit.engine.design_kernel import row_quantities as row_quantities
 
-__all__, __getattr__, __dir__ = _offered(__name__, __file__)
+__all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

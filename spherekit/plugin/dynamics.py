@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from spherekit.lazily import offered as _offered
+from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
     from spherekit.dynamics.equation import driving_torques as driving_torques
@@ -23,4 +24,4 @@ if TYPE_CHECKING:
     from spherekit.model.actions import used_pairs as used_pairs
     from spherekit.model.dynamics import Bearings as Bearings
 
-__all__, __getattr__, __dir__ = _offered(__name__, __file__)
+__all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

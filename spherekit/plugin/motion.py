@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from spherekit.lazily import offered as _offered
+from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
     from spherekit.motion.configuration import configuration_curves as configuration_curves
@@ -14,4 +15,4 @@ if TYPE_CHECKING:
     from spherekit.planning.poles import PrimaryPole as PrimaryPole
     from spherekit.planning.table import describe as describe
 
-__all__, __getattr__, __dir__ = _offered(__name__, __file__)
+__all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from spherekit.lazily import offered as _offered
+from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
     from spherekit.guidance.follow import follow_rotation as follow_rotation
@@ -39,4 +40,4 @@ if TYPE_CHECKING:
     from spherekit.sphere.tilt_torsion import pointing as pointing
     from spherekit.sphere.tilt_torsion import tilt_torsion as tilt_torsion
 
-__all__, __getattr__, __dir__ = _offered(__name__, __file__)
+__all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from spherekit.lazily import offered as _offered
+from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
     from spherekit.budget import Budget as Budget
@@ -35,4 +36,4 @@ if TYPE_CHECKING:
     from spherekit.singular.surface import SingularSurface as SingularSurface
     from spherekit.singular.surface import singular_surface as singular_surface
 
-__all__, __getattr__, __dir__ = _offered(__name__, __file__)
+__all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

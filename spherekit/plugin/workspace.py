@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from spherekit.lazily import offered as _offered
+from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
     from spherekit.analysis.numbers import columns_of as columns_of
@@ -35,4 +36,4 @@ if TYPE_CHECKING:
         orientation_workspaces as orientation_workspaces,
     )
 
-__all__, __getattr__, __dir__ = _offered(__name__, __file__)
+__all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

@@ -1,64 +1,29 @@
-"""Wheels in mesh: angles that follow from the inputs through rolling circles.
+"""Trains of wheels as balls: angles that follow from the inputs through rolling circles.
 
-Two wheels that one link carries, each about the centre of its circle, turn relative to
-it by angles f and g with sin(r) f -+ sin(s) g constant, r and s the radii: a linear
-relation of the angles of the pairs between them. Where such relations fix all these
-angles by the inputs, the pairs are known like inputs. A wheel repeats what its carrier
+Where the relations of all rolling contacts (`planning.wheels`) fix the angles that they
+relate by the inputs, the pairs are known like inputs. A wheel repeats what its carrier
 says of the distance of the axes; decimal numbers can say both only nearly, so that
-circles that touch to `REPEATED` are taken to touch.
+circles that touch nearly are taken to touch.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.errors import PlanError
+from spherekit.planning.wheels import Mesh, Way, back, least_rolled, mesh_of
 from spherekit.proof.balls import Ball, complex_ball, exact, matrix, middle, pi, solved
 from spherekit.proof.circles import Touching
 from spherekit.proof.structure import Structure
 from spherekit.proof.vectors import Frame, Vector, carried
 from spherekit.sphere.rotation import Floats
 
-REPEATED = 1e-9
-"""Lines and arcs (rad) that differ by less are meant to be the same."""
-SAME_LENGTH = 1e-7
-"""Lengths (rad) that differ by less are one."""
-MOST_MESHES = 5
-MOST_TURNS = (2, 2, 2, 2, 1)
-"""Whole turns of wheels of one contact among so many that are tried."""
-
 Frames = Sequence[tuple[Frame, Frame]]
-Way = tuple[tuple[int, int], ...]
-Terms = Mapping[int, float]
-"""Angles of pairs by number, with factors."""
 
 
-@final
-@dataclass(frozen=True)
-class Mesh:
-    """Two wheels on a carrier: by which pairs each is turned in it, and the signs.
-
-    `contact` is the number of the rolling contact among the pairs of the mechanism. `ways`
-    have the pairs from each wheel to the carrier, each with the side of the link that is
-    nearer to the wheel.
-    """
-
-    contact: int
-    carrier: int
-    turned: tuple[Terms, Terms]
-    ways: tuple[Way, Way]
-
-    @property
-    def pairs(self) -> set[int]:
-        """The pairs whose angles it relates."""
-        return {*self.turned[0], *self.turned[1]}
-
-
-def mesh_of(
+def carried_wheels(
     structure: Structure,
     contact: int,
     wheels: tuple[int, int],
@@ -66,53 +31,12 @@ def mesh_of(
     frames: Frames,
 ) -> Mesh | None:
     """Return how a carrier holds the wheels of a contact, None if none does."""
-    turning = [
-        _turning(structure, wheel, circle.centre, frames)
-        for wheel, circle in zip(wheels, touching.circles, strict=True)
-    ]
-    shared = set(turning[0]) & set(turning[1])
-    cosine = np.cos(middle(touching.arc))
-    best = None
-    for link in sorted(shared):
-        (one, terms, way), (other, turned, back) = (table[link] for table in turning)
-        apart = abs(float(one @ other) - cosine)
-        fits = apart < REPEATED and np.linalg.norm(np.cross(one, other)) > REPEATED
-        if fits and (best is None or len(way) + len(back) < len(best.pairs)):
-            best = Mesh(contact, link, (terms, turned), (way, back))
-    return best
-
-
-_Turning = dict[int, tuple[Floats, dict[int, float], Way]]
-
-
-def _turning(structure: Structure, wheel: int, centre: Vector, frames: Frames) -> _Turning:
-    """Return the links relative to which a wheel turns about its centre only.
-
-    By link: the centre in it, the angle as factors of pairs, and the pairs on the way.
-    """
-    reached: _Turning = {wheel: (_near(centre), {}, ())}
-    waiting = [wheel]
-    while waiting:
-        link = waiting.pop(0)
-        line, terms, way = reached[link]
-        for pair, ends in enumerate(structure.ends):
-            if link not in ends:
-                continue
-            side = ends.index(link)
-            further = ends[1 - side]
-            axis, beyond = _near(frames[pair][side][2]), _near(frames[pair][1 - side][2])
-            if further in reached or not np.linalg.norm(np.cross(axis, line)) < REPEATED:
-                continue
-            sense = float(np.sign(axis @ line))
-            # the angle moves the second link of a pair
-            factor = sense if side else -sense
-            reached[further] = (
-                sense * beyond,
-                {**terms, pair: factor},
-                (*way, (pair, side)),
-            )
-            waiting.append(further)
-    return reached
+    axes = {
+        pair: (_near(one[2]), _near(other[2])) for pair, (one, other) in enumerate(frames)
+    }
+    first, second = (_near(circle.centre) for circle in touching.circles)
+    cosine = float(np.cos(middle(touching.arc)))
+    return mesh_of(structure.ends, axes, (contact, wheels), (first, second), cosine)
 
 
 def _near(vector: Vector) -> Floats:
@@ -197,12 +121,8 @@ def _of(row: Mapping[int, Ball], pair: int) -> Ball:
 
 def _relation(mesh: Mesh, touching: Touching) -> dict[int, Ball]:
     """Return the factors by pair of the sum of angles that stays the same."""
-    row: dict[int, Ball] = {}
-    for side, sense in ((0, 1), (1, -touching.sense)):
-        size = touching.circles[side].sine * sense
-        for pair, factor in mesh.turned[side].items():
-            row[pair] = _of(row, pair) + size * exact(factor)
-    return row
+    one, other = (circle.sine for circle in touching.circles)
+    return mesh.relation((one, -touching.sense * other))
 
 
 def _rolled(
@@ -224,8 +144,7 @@ def _rolled(
     lengths = []
     for side, direction in enumerate(touching.towards(lines[0], lines[1])):
         circle = touching.circles[side]
-        back = tuple((pair, 1 - end) for pair, end in reversed(mesh.ways[side]))
-        azimuth = circle.azimuth(_carried(direction, back, frames))
+        azimuth = circle.azimuth(_carried(direction, back(mesh.ways[side]), frames))
         length = circle.sine * (azimuth + 2 * pi() * turns[side])
         length = length * touching.sense if side else length
         lengths.append(length - start[side] * circle.sine / circle.radius.sin())
@@ -274,14 +193,13 @@ def train_of(
         raise problem from None
     if reference is not None:
         return train
-    if count > MOST_MESHES:
+    turns = _least_rolled(train, touching, starts, frames)
+    if turns is None:
         raise PlanError(
-            f"{structure.name}: it has {count} rolling contacts; proofs are for at most "
-            f"{MOST_MESHES}"
+            f"{structure.name}: it has {count} rolling contacts; without a reference pose "
+            "proofs are for fewer, whose turns can all be tried"
         )
-    return Train(
-        structure, tuple(meshes), None, _least_rolled(train, touching, starts, frames)
-    )
+    return Train(structure, tuple(meshes), None, turns)
 
 
 def _least_rolled(
@@ -289,12 +207,8 @@ def _least_rolled(
     touching: Sequence[Touching],
     starts: Sequence[tuple[Ball, Ball]],
     frames: Frames,
-) -> tuple[tuple[int, int], ...]:
-    """Return the turns with which wheels have rolled least at inputs of zero.
-
-    Of those that have rolled as far, the ones with the greatest first length.
-    """
-    count = len(train.meshes)
+) -> tuple[tuple[int, int], ...] | None:
+    """Return the turns with which wheels have rolled least at inputs of zero."""
     rolled = np.array(
         [
             [middle(ball) for ball in _rolled(mesh, two, start, frames, (0, 0))]
@@ -302,25 +216,14 @@ def _least_rolled(
         ]
     )
     sizes = np.array([[middle(circle.sine) for circle in two.circles] for two in touching])
-    sizes[:, 1] *= [two.sense for two in touching]
-    scale = sizes[:, 0] / [middle(two.circles[0].radius.sin()) for two in touching]
+    laps = 2.0 * np.pi * sizes * [(1, two.sense) for two in touching]
+    scale = sizes[:, :1] / [[middle(two.circles[0].radius.sin())] for two in touching]
     rows = [_relation(mesh, two) for mesh, two in zip(train.meshes, touching, strict=True)]
     square = np.array([[middle(_of(row, p)) for p in train.followers] for row in rows])
-    first = np.array(
-        [
-            [mesh.turned[0].get(pair, 0.0) for pair in train.followers]
-            for mesh in train.meshes
-        ]
+    on_first = [[p in mesh.turned[0] for p in train.followers] for mesh in train.meshes]
+    turns = least_rolled(
+        rolled / scale, laps / scale, square * on_first / scale, square / scale
     )
-    most = MOST_TURNS[count - 1]
-    whole_turns = range(-most, most + 1)
-    turns: NDArray[np.int64] = np.array(list(product(whole_turns, repeat=2 * count)))
-    turns = turns.reshape(-1, count, 2)
-    grown = rolled + 2.0 * np.pi * sizes * turns
-    angles = np.linalg.solve(square, (grown[..., 0] - grown[..., 1]).T).T
-    lengths = (grown[..., 0] - sizes[:, 0] * (angles @ first.T)) / scale
-    keys = np.round(
-        np.column_stack([np.sum(np.abs(lengths), axis=1), -lengths]) / SAME_LENGTH
-    )
-    best = np.lexsort(keys.T[::-1])[0]
-    return tuple((int(one), int(other)) for one, other in turns[best])
+    if turns is None:
+        return None
+    return tuple((int(one), int(other)) for one, other in turns)

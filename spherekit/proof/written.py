@@ -18,7 +18,7 @@ from spherekit.model.geometry import COLLINEAR, axes_from_sizes
 from spherekit.model.mechanism import Mechanism, PoseGeometry, SizeGeometry
 from spherekit.proof.balls import Ball, decimal, exact, middle, pi, wide
 from spherekit.proof.circles import Touching, touching
-from spherekit.proof.gears import Train, mesh_of, train_of
+from spherekit.proof.gears import Train, carried_wheels, train_of
 from spherekit.proof.structure import Structure, structure_of
 from spherekit.proof.vectors import Frame, Vector, cross, unit
 
@@ -127,7 +127,8 @@ class Written:
         meshes = []
         for contact in structure.wheels:
             pair, wheels = mechanism.pairs[contact], mechanism.ends[contact]
-            made = mesh_of(structure, contact, wheels, self._touching(contact), frames)
+            touch = self._touching(contact)
+            made = carried_wheels(structure, contact, wheels, touch, frames)
             if made is None:
                 raise PlanError(
                     f"{mechanism.name}: pair {pair.name} is a rolling contact, and no link "

@@ -195,7 +195,7 @@ class SampledSingularities:
             if not len(rows):
                 continue
             s = self.s[rows]
-            angles = self._transmission_angles(number, s)
+            angles = self.transmission_angles(self.curves[number].at(s).values)
             for output in range(len(self.report.outputs)):
                 at = self.at(number, s, output)
                 rates = {
@@ -222,15 +222,14 @@ class SampledSingularities:
             for (output, form), columns in sorted(measured.items())
         ]
 
-    def _transmission_angles(self, curve: int, s: Floats) -> list[Floats]:
-        """Return the transmission angle (n,) of each output at places on a curve."""
-        followed = self.curves[curve]
-        axes = followed.segments.closure.at(followed.at(s).values).axes
+    def transmission_angles(self, values: Floats) -> list[Floats]:
+        """Return the transmission angle (n,) of each output at configurations (n, V)."""
+        axes = self.tracer.solver.closure.at(values).axes
         angles = []
         for output in self.report.outputs:
             dyad = _dyad_of(output, self.tracer.solver.assembly)
             if dyad is None:
-                angles.append(np.full(len(s), np.nan))
+                angles.append(np.full(len(values), np.nan))
                 continue
             near, middle, far = (axes[:, dyad.pairs[place]] for place in dyad.dyad_places)
             one, other = cross(near, middle), cross(middle, far)
@@ -274,6 +273,21 @@ class SampledSingularities:
         arc_curve = self.curves[curve]
         return np.asarray(arc_curve.segments.closure.at(arc_curve.at([s]).values).placed[0])
 
+    def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
+        """Return where a curve ends at crossings: s, and the crossing (variables,).
+
+        A curve ends a little before; the crossing is on the same turns of the variables.
+        """
+        followed = self.curves[curve]
+        ends = []
+        for crossing in self.report.crossings:
+            for number, at_start in crossing.ends:
+                if number == curve:
+                    last = followed.nodes.values[0 if at_start else -1]
+                    values = last + followed.wrapped(crossing.values - last)
+                    ends.append((0.0 if at_start else followed.length, values))
+        return ends
+
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
         curve, driven = self.curves[number], self.tracer.solver.single
         links = self.report.outputs[output]
@@ -285,13 +299,9 @@ class SampledSingularities:
             and point.type in (kind, Type.III)
         ]
         inputs = list(curve.at(places).values[:, driven]) if places else []
-        for crossing in self.report.crossings:
-            for curve_number, at_start in crossing.ends:
-                if curve_number == number:
-                    last = curve.nodes.values[0 if at_start else -1]
-                    beyond = curve.wrapped(crossing.values - last)
-                    places.append(0.0 if at_start else curve.length)
-                    inputs.append(last[driven] + beyond[driven])
+        for s_end, values in self.crossing_ends(number):
+            places.append(s_end)
+            inputs.append(values[driven])
         if not places:
             return np.full(len(s), np.nan)
         order = np.argsort(places)

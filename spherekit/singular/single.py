@@ -383,7 +383,7 @@ class SingleFreedom:
                 four = ", ".join(names[k] for k in (links.i, links.r, links.o, links.s))
                 self.notes.append(
                     f"curve {number}: the six axes of the links {four} lie in one plane "
-                    "everywhere, so c = d = 0 says nothing; choose other links"
+                    "everywhere, so c = d = 0 says nothing: the rates tell the types"
                 )
                 continue
             roots = along.locate(function, grid)
@@ -413,7 +413,8 @@ class SingleFreedom:
                 )
                 self.notes.append(
                     f"curve {number}: the axes of the links {three} are one line "
-                    f"everywhere, so form {relation.form} says nothing; choose other links"
+                    f"everywhere, so form {relation.form} says nothing: the rates tell the "
+                    "types"
                 )
 
     def _crossings(self) -> tuple[CrossingPoint, ...]:

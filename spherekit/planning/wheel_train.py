@@ -1,0 +1,219 @@
+"""Wheels whose turning follows from the inputs: rolling circles on common carriers.
+
+Where the relations of all contacts (`wheels`) fix the angles that they relate by those of
+the inputs, these and the lengths rolled are linear functions of the inputs.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from spherekit.model.geometry import geometry_of
+from spherekit.model.joints import Joint, Track, revolute
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.wheels import (
+    ONE_LINE,
+    Mesh,
+    Way,
+    axes_of,
+    back,
+    least_rolled,
+    mesh_of,
+)
+from spherekit.sphere.rotation import Floats, cross
+
+SINGULAR = 1e-9
+"""Relations of a smaller relative singular value do not fix the angles."""
+TURN = 2.0 * np.pi
+
+
+@final
+@dataclass(frozen=True)
+class WheelTrain:
+    """The angles of pairs, and the lengths rolled, that follow from the inputs.
+
+    `followers` are the numbers of pairs; `ratios` (followers, inputs) the rates of their
+    angles, and `offsets` (followers,) these at inputs of zero, rad. Of `contacts`, pairs as
+    well, `length_ratios` (contacts, inputs) and `lengths` (contacts,), rad, say the same.
+    """
+
+    followers: tuple[int, ...]
+    ratios: Floats
+    offsets: Floats
+    contacts: tuple[int, ...]
+    length_ratios: Floats
+    lengths: Floats
+
+    @property
+    def numbers(self) -> list[float]:
+        """The ratios and the offset of each follower."""
+        both = np.column_stack([self.ratios, self.offsets])
+        return [float(number) for number in both.ravel()]
+
+
+@final
+@dataclass(frozen=True)
+class _Wheel:
+    """A circle in its link: its centre on the side of the contact's normal, and radius.
+
+    Azimuths about the centre are counted from `ahead`; the length along it is the sine of
+    the radius times the azimuth, less `start`.
+    """
+
+    centre: Floats
+    ahead: Floats
+    radius: float
+    start: float
+
+    @staticmethod
+    def of(track: Track) -> "_Wheel":
+        at = track.curve.at(np.zeros(1))
+        _, normal, point = at.frame[0].T
+        bend = float(at.curvature[0])
+        size = np.hypot(1.0, bend)
+        return _Wheel(
+            (normal + bend * point) / size,
+            (point - bend * normal) / size,
+            float(np.arctan2(1.0, bend)),
+            track.start,
+        )
+
+    def length(self, direction: Floats) -> float:
+        """Return the length (rad) where the contact lies in a direction (3,)."""
+        side = cross(self.centre, self.ahead)
+        azimuth = float(np.arctan2(side @ direction, self.ahead @ direction))
+        return float(np.sin(self.radius)) * azimuth - self.start
+
+
+@final
+@dataclass(frozen=True)
+class RollingOnCarrier:
+    """A contact with both its wheels, on a carrier."""
+
+    mesh: Mesh
+    wheels: tuple[_Wheel, _Wheel]
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """The sines of both radii, the second with its sense."""
+        one, other = (float(np.sin(wheel.radius)) for wheel in self.wheels)
+        return one, -other
+
+    def lengths(self, joints: Sequence[Joint]) -> list[float]:
+        """Return the lengths (2,) along both circles, rad, where all angles are zero."""
+        one, other = (
+            _carried(joints, wheel.centre, way)
+            for wheel, way in zip(self.wheels, self.mesh.ways, strict=True)
+        )
+        arc = self.wheels[0].radius - self.wheels[1].radius
+        sense = np.sign(np.sin(arc))
+        towards = other - (one @ other) * one, (one @ other) * other - one
+        return [
+            wheel.length(sense * _carried(joints, direction, back(way)))
+            for wheel, direction, way in zip(
+                self.wheels, towards, self.mesh.ways, strict=True
+            )
+        ]
+
+
+def _carried(joints: Sequence[Joint], vector: Floats, way: Way) -> Floats:
+    """Return a vector (3,) of the first link of a way in the last, all angles zero."""
+    for pair, side in way:
+        joint = revolute(joints[pair])
+        frames = joint.first, joint.second
+        vector = frames[1 - side] @ (frames[side].T @ vector)
+    return vector
+
+
+def held_meshes(mechanism: Mechanism) -> frozenset[int]:
+    """Return the numbers of the rolling pairs whose wheels another link carries.
+
+    That the wheels touch is then said twice, by the contact and by the link that carries
+    both axes; of the two constraints of the contact one is left, that they roll.
+    """
+    joints = geometry_of(mechanism).joints
+    return frozenset(n for n in _rolling(joints) if on_carrier(mechanism, joints, n))
+
+
+def _rolling(joints: Sequence[Joint]) -> list[int]:
+    return [number for number, joint in enumerate(joints) if joint.rolled]
+
+
+def on_carrier(
+    mechanism: Mechanism,
+    joints: Sequence[Joint],
+    number: int,
+    apart: float = np.inf,
+    pairs: Iterable[int] | None = None,
+) -> RollingOnCarrier | None:
+    """Return a rolling contact on its carrier; None unless a link carries two circles.
+
+    Wheels may miss each other by less than `apart` (rad). Only R pairs among `pairs`, where
+    these are given, lead to the carrier.
+    """
+    profiles = mechanism.pairs[number].profiles or ()
+    shaped = any(profile.round_axis is None for profile in profiles)
+    if shaped or not joints[number].rolled:
+        return None
+    one, other = (_Wheel.of(track) for track in joints[number].tracks)
+    made = mesh_of(
+        mechanism.ends,
+        axes_of(joints, pairs),
+        (number, mechanism.ends[number]),
+        (one.centre, other.centre),
+        float(np.cos(one.radius - other.radius)),
+        apart,
+    )
+    return None if made is None else RollingOnCarrier(made, (one, other))
+
+
+def wheel_train(
+    mechanism: Mechanism, driven: Sequence[int], apart: float = ONE_LINE
+) -> WheelTrain | None:
+    """Return how wheels follow the inputs, pairs `driven`.
+
+    None without rolling contacts, if one of them has no common carrier, or if they do not
+    fix all the angles that they relate. Wheels are put together as the reference pose has
+    them, without one so that they have rolled least at inputs of zero. Circles that miss
+    each other by less than `apart` (rad) roll where they are nearest, as gears do.
+    """
+    geometry = geometry_of(mechanism)
+    joints, contacts = geometry.joints, _rolling(geometry.joints)
+    rolling = [on_carrier(mechanism, joints, number, apart) for number in contacts]
+    made = [contact for contact in rolling if contact is not None]
+    if not contacts or len(made) < len(contacts):
+        return None
+    rows, first = np.zeros((2, len(made), len(mechanism.pairs)))
+    for k, contact in enumerate(made):
+        for pair, factor in contact.mesh.relation(contact.sizes).items():
+            rows[k, pair] = factor
+        for pair in contact.mesh.turned[0]:
+            first[k, pair] = rows[k, pair]
+    related = set().union(*(contact.mesh.pairs for contact in made))
+    followers, inputs = sorted(related - set(driven)), list(driven)
+    square = rows[:, followers]
+    if len(followers) != len(made) or np.linalg.cond(square) > 1.0 / SINGULAR:
+        return None
+    ratios = np.asarray(-np.linalg.solve(square, rows[:, inputs]))
+    length_ratios = -(first[:, followers] @ ratios + first[:, inputs])
+    if geometry.reference is not None:
+        pose = geometry.reference
+        at, turned, rolled = (
+            pose[[mechanism.variables_of(pair)[0] for pair in pairs]]
+            for pairs in (inputs, followers, contacts)
+        )
+        offsets, lengths = turned - ratios @ at, rolled - length_ratios @ at
+    else:
+        unrolled = np.array([contact.lengths(joints) for contact in made])
+        laps = TURN * np.abs([contact.sizes for contact in made])
+        turns = least_rolled(unrolled, laps, first[:, followers], square)
+        if turns is None:
+            return None
+        unrolled += turns * laps
+        offsets = np.linalg.solve(square, unrolled[:, 0] - unrolled[:, 1])
+        lengths = unrolled[:, 0] - first[:, followers] @ offsets
+    return WheelTrain(
+        tuple(followers), ratios, offsets, tuple(contacts), length_ratios, lengths
+    )

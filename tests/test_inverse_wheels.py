@@ -1,0 +1,85 @@
+"""Inverse kinematics of wrists whose wheels count the turns of their inputs."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.plugin.rotations import from_tilt_torsion
+
+RATIO = 1.5
+"""Teeth of a side gear for one of the hand's: half angles atan(1.5) and its complement."""
+SIDE = float(np.degrees(np.arctan(RATIO)))
+
+
+@pytest.fixture(scope="module")
+def wrist():
+    """A column that yaws, and on it a bevel differential whose planet is the hand."""
+    axles = {"yaw": ("base", "column", [0.0, 0.0, 1.0])}
+    across = {"left_axle": "left", "right_axle": "right", "pitch": "cage"}
+    axles |= {name: ("column", link, [0.0, 1.0, 0.0]) for name, link in across.items()}
+    axles["roll"] = ("cage", "hand", [1.0, 0.0, 0.0])
+    pairs = {
+        name: {"type": "R", "links": [one, other], "xyz": axis}
+        for name, (one, other, axis) in axles.items()
+    }
+    hand = {"kind": "circle", "centre_xyz": [1.0, 0.0, 0.0], "radius": 90.0 - SIDE}
+    for gear, way in (("left", 1.0), ("right", -1.0)):
+        circle = {"kind": "circle", "centre_xyz": [0.0, way, 0.0], "radius": SIDE}
+        pairs[f"{gear}_mesh"] = {
+            "type": "Cr",
+            "links": [gear, "hand"],
+            "profiles": {gear: circle, "hand": hand},
+        }
+    return sk.build(
+        "differential_wrist",
+        angle_unit="deg",
+        ground="base",
+        links={n: {} for n in ("base", "column", "left", "right", "cage", "hand")},
+        pairs=pairs,
+        inputs={name: {} for name in ("yaw", "left_axle", "right_axle")},
+        outputs={"hand": {"link": "hand"}},
+    )
+
+
+def turned(axis, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    rotation = np.eye(3)
+    one, other = (axis + 1) % 3, (axis + 2) % 3
+    rotation[[one, one, other, other], [one, other, one, other]] = [c, -s, s, c]
+    return rotation
+
+
+def by_hand(inputs):
+    """Yaw, then the mean of both side gears, then their difference by the ratio."""
+    yaw, left, right = inputs
+    return (
+        turned(2, yaw)
+        @ turned(1, (left + right) / 2)
+        @ turned(0, -RATIO * (left - right) / 2)
+    )
+
+
+def test_forward_is_the_formula_of_the_differential(wrist):
+    forward = sk.ForwardKinematics(wrist)
+    inputs = np.random.default_rng(3).uniform(-9.0, 9.0, (20, 3))
+    poses = forward.solutions(inputs)
+    assert np.all(poses.row == np.arange(20))
+    hand = np.array([by_hand(q) for q in inputs])
+    assert np.max(np.abs(poses.rotations - hand)) < 1e-12
+
+
+def test_inputs_of_a_pose_lead_back_to_it_over_all_turns_of_the_wheels(wrist):
+    """Both yaws, each with the side gears turned least of all that have the hand there."""
+    angles = np.random.default_rng(4).uniform([-3.0, 0.2, -3.0], [3.0, 2.9, 3.0], (12, 3))
+    poses = from_tilt_torsion(angles)
+    inverse = sk.InverseKinematics(wrist).solutions(poses)
+    assert np.all(np.bincount(inverse.row) == 2)
+    for row, inputs in zip(inverse.row, inverse.inputs, strict=True):
+        assert np.max(np.abs(by_hand(inputs) - poses[row])) < 1e-11
+        _, left, right = inputs
+        turns = np.array(list(product(range(-4, 5), repeat=2))) * 2.0 * np.pi
+        pitch, roll = turns[:, 0], turns[:, 1] / RATIO
+        others = np.abs(left + pitch + roll) + np.abs(right + pitch - roll)
+        assert abs(left) + abs(right) < np.min(others) + 1e-9

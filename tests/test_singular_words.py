@@ -1,0 +1,132 @@
+"""What a run says of singularities in a few lines, by hand formulas."""
+
+import numpy as np
+from singular_examples import four_bar
+
+import spherekit as sk
+
+NAME = "singularities"
+
+
+def said_of(mechanism, samples=73):
+    found = sk.run(mechanism, NAME, samples=samples)
+    assert not found.failures
+    return "\n".join(found.summary["remarks"]), found.summary["warnings"]
+
+
+def flapper():
+    """A crank-rocker whose coupler leads a second rocker by a tie, a Stephenson chain."""
+    links = {
+        "body": {"axes": ["motor", "shoulder", "aux"], "arcs": [60, 75], "angles": [55]},
+        "crank": {"axes": ["motor", "pin"], "arcs": [14]},
+        "coupler": {"axes": ["pin", "j1", "j2"], "arcs": [55, 62], "angles": [22]},
+        "wing": {"axes": ["shoulder", "j1"], "arcs": [32]},
+        "tie": {"axes": ["j2", "j3"], "arcs": [45]},
+        "vane": {"axes": ["aux", "j3"], "arcs": [50]},
+    }
+    joined = "motor body crank, pin crank coupler, j1 coupler wing, shoulder body wing"
+    return built("flapper", links, joined + ", j2 coupler tie, j3 tie vane, aux body vane")
+
+
+def built(name, links, joined, outputs=("wing", "vane")):
+    pairs = {}
+    for words in joined.split(", "):
+        pair, one, other = words.split()
+        pairs[pair] = {"type": "R", "links": [one, other]}
+    return sk.build(
+        name,
+        angle_unit="deg",
+        ground=next(iter(links)),
+        links=links,
+        pairs=pairs,
+        outputs={link: {"link": link} for link in outputs},
+    )
+
+
+def test_a_dyad_at_its_limit_is_no_crossing_for_an_output_before_it():
+    """Where the tie and the vane are in line crank and wing rest, and no curves cross."""
+    said, _ = said_of(flapper())
+    line = "it rests with the input while other links move: at motor = 4.31768, 108.184 deg"
+    assert f"type III of wing/body, {line}" in said
+    assert "curves of configurations cross" not in said
+    assert "least transmission angle of vane/body: 0 deg" in said
+
+
+def test_a_folding_loop_is_told_up_to_its_crossings():
+    said, warnings = said_of(four_bar(np.radians([60.0, 25.0, 60.0, 25.0])))
+    assert "curves of configurations cross: at 21 = 0, 180 deg" in said
+    assert "4/1 swings 180 deg, from 0 to 180 deg on configuration curves" in said
+    assert "4/1 swings 180 deg, from -180 to 0 deg on configuration curves" in said
+    assert "least transmission angle of 4/1: 0 deg" in said
+    assert "complete" in said and not warnings
+
+
+def test_a_plate_about_a_moving_pole_does_not_swing():
+    """A wobbling plate held by a gimbal: its rate's size is integrated over a turn."""
+    tilt = 18.0
+    links = {
+        "case": {"axes": ["shaft", "gimbal"], "arcs": [90.0]},
+        "swash": {"axes": ["shaft", "tilted"], "arcs": [tilt]},
+        "plate": {"axes": ["tilted", "trunnion"], "arcs": [90.0]},
+        "ring": {"axes": ["gimbal", "trunnion"], "arcs": [90.0]},
+    }
+    joined = "shaft case swash, tilted swash plate, trunnion plate ring, gimbal case ring"
+    said, _ = said_of(built("wobble", links, joined, outputs=["plate"]))
+    q = np.linspace(0.0, 2.0 * np.pi, 20001)
+    normal = np.stack(
+        [np.sin(q) * np.sin(np.radians(tilt)), np.cos(q) * np.sin(np.radians(tilt))]
+    )
+    normal = np.stack([*normal, np.full_like(q, np.cos(np.radians(tilt)))])
+    gimbal = np.array([0.0, 1.0, 0.0])
+    trunnion = np.cross(gimbal, normal.T)
+    trunnion /= np.linalg.norm(trunnion, axis=1)[:, None]
+    axes = np.stack([normal.T, trunnion, np.cross(normal.T, trunnion)], axis=2)
+    between = np.swapaxes(axes[:-1], 1, 2) @ axes[1:]
+    steps = np.arccos(np.clip((np.trace(between, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0))
+    turned = np.degrees(np.sum(steps))
+    (line,) = (x for x in said.splitlines() if "moving pole" in x)
+    assert "plate/case turns by " in line
+    assert abs(float(line.split(" deg")[0].split()[-1]) - turned) < 1e-3
+
+
+def test_wheels_that_never_return_turn_in_one_sense():
+    """A drum driven by a nutating plate: its curve does not close, and nothing is near."""
+    cones = {"fixed": (80.0, 85.0), "driven": (70.0, 75.0)}
+    sines = {k: np.sin(np.radians(v)) for k, v in cones.items()}
+    ratio = 1.0 - sines["fixed"][1] * sines["driven"][0] / (
+        sines["fixed"][0] * sines["driven"][1]
+    )
+    made = sk.build(
+        "nutator",
+        angle_unit="deg",
+        ground="case",
+        links={
+            "case": {"axes": ["shaft", "drum"], "arcs": [0.0]},
+            "crank": {"axes": ["shaft", "tilted"], "arcs": [5.0]},
+            "plate": {"axes": ["tilted"]},
+            "drum": {"axes": ["drum"]},
+        },
+        pairs={
+            "shaft": {"type": "R", "links": ["case", "crank"]},
+            "tilted": {"type": "R", "links": ["crank", "plate"]},
+            "drum": {"type": "R", "links": ["case", "drum"]},
+            **{
+                name: {
+                    "type": "Cr",
+                    "links": ["plate", wheel],
+                    "contact": "internal",
+                    "profiles": {
+                        link: {"kind": "circle", "centre_xyz": [0, 0, 1], "radius": radius}
+                        for link, radius in zip(("plate", wheel), cones[name], strict=True)
+                    },
+                }
+                for name, wheel in (("fixed", "case"), ("driven", "drum"))
+            },
+        },
+        outputs={"drum": {"link": "drum"}},
+    )
+    here = sk.evaluate(made, 0.3)
+    assert np.max(np.abs(here.velocity_coefficient("drum/case") - ratio)) < 1e-12
+    said, warnings = said_of(made)
+    assert "drum/case turns in one sense" in said and "swings" not in said
+    assert not [words for words in warnings if "without meeting" in words]
