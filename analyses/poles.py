@@ -222,10 +222,10 @@ class Poles(AbstractAnalysis):
         def named(names: Sequence[str]) -> Any:
             return per_pole([np.broadcast_to(np.array(name), n) for name in names])
 
+        column = batch.of_poles(wanted)
+
         def of(quantity: str, component: int | None = None) -> Any:
-            return per_pole(
-                [batch.column(quantity, (i, j), k, component) for i, j, k in wanted]
-            )
+            return column(quantity, component)
 
         links, pairs = mechanism.links, batch.moving_inputs
         return {

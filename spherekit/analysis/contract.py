@@ -245,38 +245,37 @@ class Batch:
         return made
 
     @staticmethod
-    def interleaved(
-        parts: Sequence[NDArray[Any] | NDArray[np.str_] | SetAside],
-    ) -> Interleaved:
+    def interleaved(parts: Sequence[NDArray[Any] | NDArray[np.str_]]) -> Interleaved:
         """Return a column with a row for each of several subjects at every row.
 
         `parts` (n,) are those of one subject each; they are not copied.
         """
         return Interleaved(parts)
 
-    def column(
-        self,
-        quantity: str,
-        pole: Pole,
-        moved: int = 0,
-        component: int | None = None,
-    ) -> NDArray[Any] | SetAside:
-        """Return a column (n,) for a table: a quantity of a pole, of vectors a component.
+    def of_poles(
+        self, poles: Sequence[tuple[int, int, int]]
+    ) -> Callable[[str, int | None], Interleaved]:
+        """Return what gives columns for a table, with a row for each pole at every row.
 
-        `quantity` is the name of the method that gives it as an array. Here it may be left
-        to be made when the table is read, so a run of many samples that only hands columns
-        on takes less time.
-
-        Raises
-        ------
-        AnalysisError
-            If there is no such quantity.
+        `poles` are two links and the position of the input that moves. What is returned is
+        called with the name of a method that takes these, such as ``"direction"``, and of
+        vectors a component, else None. What it gives may be left to be made when the table
+        is read, so a run of many samples that only hands columns on takes less time.
         """
-        if quantity not in _QUANTITIES:
-            raise AnalysisError(
-                f"column of {quantity!r} was asked for; give one of {listing(_QUANTITIES)}"
-            )
-        i, j = pole
+
+        def column(quantity: str, component: int | None) -> Interleaved:
+            if quantity not in _QUANTITIES:
+                raise AnalysisError(
+                    f"a column of {quantity!r} was asked for; give one of "
+                    f"{listing(_QUANTITIES)}"
+                )
+            return Interleaved([self._column(quantity, *pole, component) for pole in poles])
+
+        return column
+
+    def _column(
+        self, quantity: str, i: int, j: int, moved: int, component: int | None
+    ) -> NDArray[Any] | SetAside:
         values = getattr(self._found(moved), _QUANTITIES[quantity])
         if isinstance(values, Unread) and pole_of(i, j) in values:
             self._declared(i, j, quantity)
