@@ -549,13 +549,11 @@ class SingularityAnalysis(AbstractAnalysis):
         curves: list[PlaneCurve] = []
         marks: list[Mark] = []
         x, y = np.full(len(batch), np.nan), np.full(len(batch), np.nan)
-        for number, curve in enumerate(sampled.curves):
-            s = np.linspace(0.0, curve.length * (1.0 - 1e-12), DRAWN)
-            q, turned = sampled.input_at(number, s), sampled.output_angle(number, output, s)
-            line = np.stack([q, turned], axis=1)
-            jumps = np.max(np.abs(np.diff(line, axis=0, prepend=line[:1])), axis=1) > np.pi
-            line[jumps] = np.nan
-            curves.append(PlaneCurve(line, LINE_TONE))
+        for number in range(len(sampled.curves)):
+            s, line = _drawn(sampled, number, output)
+            jumps = np.max(np.abs(np.diff(line, axis=0)), axis=1) > np.pi
+            broken = np.insert(line, np.flatnonzero(jumps) + 1, np.nan, axis=0)
+            curves.append(PlaneCurve(broken, LINE_TONE))
             (on_curve,) = np.nonzero(sampled.curve == number)
             nearest = np.clip(np.searchsorted(s, sampled.s[on_curve]), 0, DRAWN - 1)
             x[on_curve], y[on_curve] = batch.q[on_curve], line[nearest, 1]
@@ -638,8 +636,7 @@ class SingularityAnalysis(AbstractAnalysis):
             y = np.full(n, np.nan)
             for row in np.flatnonzero(here).tolist():
                 curve, s = places[row]
-                along = np.linspace(0.0, sampled.curves[curve].length, DRAWN)
-                line = whole.curves[curve].points
+                along, line = _drawn(sampled, curve, output)
                 y[row] = line[int(np.argmin(np.abs(along - s))), 1]
             parts.append(replace(whole, x=x, y=y))
         over = Axis("singularity", "", np.arange(n, dtype=float))
@@ -658,6 +655,13 @@ _DTYPES: Mapping[str, Any] = {
     "text": str,
     "status": np.int8,
 }
+
+
+def _drawn(sampled: SampledSingularities, curve: int, output: int) -> tuple[Floats, Floats]:
+    """Return places (k,) along a curve, and the input and the output (k, 2) there."""
+    s = np.linspace(0.0, sampled.curves[curve].length * (1.0 - 1e-12), DRAWN)
+    q, turned = sampled.input_at(curve, s), sampled.output_angle(curve, output, s)
+    return s, np.stack([q, turned], axis=1)
 
 
 def _ends(mechanism: Mechanism, pair: str) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from benchmarks.report import Cell, Section
 from benchmarks.samples import grown
 from benchmarks.timing import median, ratio, rounds
 from spherekit.planning.assembly import plan_assembly
-from spherekit.planning.poles import plan
+from spherekit.planning.plan import plan
 
 SIZES = (4, 6, 8, 12, 16, 24, 32, 48, 64, 80, 100)
 QUICK = (4, 8, 16, 32)

@@ -71,7 +71,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.follow import follow_to as follow_to
     from spherekit.guidance.schedule import quickest as quickest
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
-    from spherekit.model.dynamics import Bearings as Bearings
+    from spherekit.model.bearings import Bearings as Bearings
     from spherekit.model.dynamics import Damper as Damper
     from spherekit.model.dynamics import Friction as Friction
     from spherekit.model.dynamics import Gravity as Gravity
@@ -79,7 +79,6 @@ if TYPE_CHECKING:
     from spherekit.model.dynamics import PairTorque as PairTorque
     from spherekit.model.dynamics import PointForce as PointForce
     from spherekit.model.dynamics import Spring as Spring
-    from spherekit.model.dynamics import TorqueTable as TorqueTable
     from spherekit.model.laws import ConstantSpeed as ConstantSpeed
     from spherekit.model.laws import Cycloidal as Cycloidal
     from spherekit.model.laws import Polynomial as Polynomial
@@ -88,6 +87,7 @@ if TYPE_CHECKING:
     from spherekit.model.locking import lock as lock
     from spherekit.model.mechanism import Mechanism as Mechanism
     from spherekit.model.study import Study as Study
+    from spherekit.model.torque_table import TorqueTable as TorqueTable
     from spherekit.motion.motion import Motion as Motion
     from spherekit.motion.motion import trace as trace
     from spherekit.output.forward import ForwardKinematics as ForwardKinematics

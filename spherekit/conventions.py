@@ -1,9 +1,12 @@
 """What is agreed once: status codes, tolerances, and how names are spelt."""
 
 import difflib
+import math
 import re
 from collections.abc import Iterable
 from enum import IntEnum
+
+TURN = 2.0 * math.pi
 
 
 class Status(IntEnum):

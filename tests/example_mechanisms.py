@@ -50,10 +50,10 @@ GROUND, ECCENTRICITY, DISC, ROLLER, ARM = (
 )
 
 
-FULL_TURN = (0.0, 2 * np.pi)
+TURN = (0.0, 2 * np.pi)
 
 
-def four_bar(arcs, span=FULL_TURN):
+def four_bar(arcs, span=TURN):
     """Return the four-bar of Di Gregorio 2024, Fig. 5, with these arcs (4,) rad."""
     base = sk.load("four_bar")
     sizes = {

@@ -12,6 +12,7 @@ from example_mechanisms import ARM, DEGREE, DISC, ECCENTRICITY, GROUND, ROLLER, 
 from oracles import locked_rates, off_axis
 
 import spherekit as sk
+from spherekit.cli.main import main
 from spherekit.conventions import Status
 from spherekit.errors import ModelError, PlanError
 from spherekit.model.mechanism import (
@@ -24,7 +25,8 @@ from spherekit.model.mechanism import (
     SizeGeometry,
 )
 from spherekit.motion.motion import Tracer
-from spherekit.planning.poles import all_poles, plan
+from spherekit.planning.plan import plan
+from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
@@ -323,6 +325,68 @@ def test_derivatives_of_mixed_mechanisms_by_taylor_remainder():
 
 SHIPPED_GEARS = ("bevel_pair", "rolling_cones", "planetary_bevel")
 SHIPPED_CAMS = ("roller_cam", "flat_cam", "shaped_cam", "shaped_flat_cam")
+
+
+HUMPAGE = """
+format = 1
+name = "humpage"
+angle_unit = "deg"
+ground = "case"
+[links]
+case = { axes = ["sun_shaft", "arm_shaft", "out_shaft"], arcs = [0.0, 180.0], angles = [0] }
+sun = { axes = ["sun_shaft"] }
+arm = { axes = ["arm_shaft", "pin"], arcs = [60.0] }
+planet = { axes = ["pin"] }
+out = { axes = ["out_shaft"] }
+[pairs]
+sun_shaft = { type = "R", links = ["case", "sun"] }
+arm_shaft = { type = "R", links = ["case", "arm"] }
+out_shaft = { type = "R", links = ["case", "out"] }
+pin = { type = "R", links = ["arm", "planet"] }
+[pairs.sun_mesh]
+type = "Cr"
+links = ["sun", "planet"]
+half_angles = [18.0, 42.0]
+axes = ["sun_shaft", "pin"]
+[pairs.ring_mesh]
+type = "Cr"
+links = ["case", "planet"]
+half_angles = [78.0]
+axes = ["out_shaft", "pin"]
+[pairs.out_mesh]
+type = "Cr"
+links = ["out", "planet"]
+half_angles = [95.0]
+axes = ["out_shaft", "pin"]
+"""
+
+
+def test_gears_of_a_train_turn_about_coaxial_pairs(tmp_path):
+    """Humpage's gear: sun and fixed ring, out wheel and arm turn about one line."""
+    path = tmp_path / "humpage.toml"
+    path.write_text(HUMPAGE)
+    made = sk.load(path)
+    sun, ring, beside, out = np.sin(np.radians([18.0, 78.0, 42.0, 95.0]))
+    arm = sun / (sun + ring)
+    here = sk.evaluate(made, 0.4)
+    assert np.max(np.abs(here.velocity_coefficient("arm/case") - arm)) < 1e-13
+    wheel = arm * (1.0 - ring * np.sin(np.radians(25.0)) / (beside * out))
+    assert np.max(np.abs(np.abs(here.velocity_coefficient("out/case")) - wheel)) < 1e-13
+    sk.dump(made, tmp_path / "again.toml")
+    assert sk.load(tmp_path / "again.toml") == made
+    path.write_text(HUMPAGE.replace('["arm_shaft", "pin"], arcs = [60.0]', '["pin"]'))
+    with pytest.raises(sk.SpherekitError, match="nor does a pair coaxial"):
+        sk.load(path)
+
+
+def test_a_train_with_coaxial_pairs_is_proven(tmp_path, capsys):
+    pytest.importorskip("flint")
+    path = tmp_path / "humpage.toml"
+    path.write_text(HUMPAGE)
+    sun, ring = np.sin(np.radians([18.0, 78.0]))
+    assert main(["certify", str(path)]) == 0
+    ratio = f"{sun / (sun + ring):+.10f}"
+    assert f"arm_shaft turns {ratio}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", [*SHIPPED_GEARS, *SHIPPED_CAMS])

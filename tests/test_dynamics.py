@@ -29,17 +29,10 @@ from spherekit.errors import (
     SolveError,
     SpherekitError,
 )
-from spherekit.model.dynamics import (
-    Friction,
-    Gravity,
-    Mass,
-    PairTorque,
-    Spring,
-    Stop,
-    TorqueTable,
-)
+from spherekit.model.dynamics import Friction, Gravity, Mass, PairTorque, Spring, Stop
 from spherekit.model.laws import ConstantSpeed, Polynomial, Start
 from spherekit.model.mechanism import Profile
+from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.motion import Tracer
 
 

@@ -35,10 +35,10 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
     Stop,
-    TorqueTable,
 )
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Input, Mass, Mechanism, Pair, PoseGeometry, Profile
+from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate

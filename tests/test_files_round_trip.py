@@ -17,8 +17,8 @@ from spherekit.files.check import schema
 from spherekit.files.document import LiteralNumber
 from spherekit.files.read import load, loads
 from spherekit.files.write import canonical_text, dump, dumps
+from spherekit.model.bearings import Bearings
 from spherekit.model.dynamics import (
-    Bearings,
     Damper,
     Friction,
     Mass,
@@ -27,7 +27,6 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
     Stop,
-    TorqueTable,
 )
 from spherekit.model.mechanism import (
     Input,
@@ -40,6 +39,7 @@ from spherekit.model.mechanism import (
     SizeGeometry,
     Source,
 )
+from spherekit.model.torque_table import TorqueTable
 
 UNITS = ("deg", "rad")
 USER = {

@@ -18,13 +18,13 @@ from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Tracer
+from spherekit.planning.plan import plans
 from spherekit.planning.poles import (
     BlockPoles,
     CoaxialPole,
     LinePole,
     PrimaryPole,
     all_poles,
-    plans,
 )
 from spherekit.planning.table import as_dict, as_text
 from spherekit.rates.field import evaluate

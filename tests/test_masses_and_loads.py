@@ -21,10 +21,10 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
     Stop,
-    TorqueTable,
 )
 from spherekit.model.geometry import link_axes
 from spherekit.model.inertia import uniform_arc
+from spherekit.model.torque_table import TorqueTable
 
 BASE = """\
 format = 1

@@ -12,7 +12,8 @@ import spherekit as sk
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry, Profile
 from spherekit.planning.assembly import plan_assembly
-from spherekit.planning.poles import LinePole, all_poles, plan
+from spherekit.planning.plan import plan
+from spherekit.planning.poles import LinePole, all_poles
 from spherekit.planning.table import as_dict, as_markdown, as_text, cells, describe
 
 

@@ -25,10 +25,10 @@ from spherekit.model.dynamics import (
     Moment,
     PointForce,
     Spring,
-    TorqueTable,
 )
 from spherekit.model.inertia import moments_of_point
 from spherekit.model.laws import Polynomial
+from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import parse_pole
 from spherekit.rates.field import evaluate

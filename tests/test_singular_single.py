@@ -17,7 +17,8 @@ from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.crossing import crossing_near, jacobian_rates, ways_out
 from spherekit.motion.motion import Tracer
 from spherekit.motion.segments import curve_points
-from spherekit.planning.poles import all_poles, plan, pole_of
+from spherekit.planning.plan import plan
+from spherekit.planning.poles import all_poles, pole_of
 from spherekit.rates.core import driven_rates
 from spherekit.rates.lines import evaluate_lines
 from spherekit.singular.record import Type

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -332,17 +333,21 @@ def _draw(boxes: Any, names: list[str], path: str) -> None:
     certified_map.draw_certified_map(areas, counts, names).savefig(path)
 
 
+def _degrees(q: float) -> str:
+    """Return an input (rad) in degrees, zero but for rounding without a sign."""
+    return f"{round(math.degrees(q), 9) + 0.0:.9f}"
+
+
 def _curve_lines(curves: Any, located: Any) -> list[str]:
     import numpy as np
 
     lines = []
     for low, high, count in curves.intervals:
         lines.append(
-            f"  {np.degrees(low):.9f} to {np.degrees(high):.9f} deg: "
-            f"{count} mode{'s' * (count != 1)}"
+            f"  {_degrees(low)} to {_degrees(high)} deg: {count} mode{'s' * (count != 1)}"
         )
     for low, high in curves.undecided[:8]:
-        lines.append(f"  undecided: {np.degrees(low):.9f} to {np.degrees(high):.9f} deg")
+        lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
     for point in located.points:
         where = "" if point.inside else ", out of the range"
         lines.append(

@@ -51,15 +51,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Print the plan, or one plan for each of several inputs."""
+    from spherekit.errors import CountError
     from spherekit.files.read import load
+    from spherekit.motion.motion import Tracer
     from spherekit.planning.inputs import driven_pairs
-    from spherekit.planning.poles import plan
+    from spherekit.planning.plan import plan
     from spherekit.planning.table import as_dict, as_markdown, as_text, describe
 
     mechanism = with_locks(load(options.file), options.lock, options.file)
     names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
     moved = [options.input] if options.input else names
-    planned = [plan(mechanism, options.poles, name) for name in moved]
+    try:
+        planned = [plan(mechanism, options.poles, name) for name in moved]
+    except CountError:
+        one = moved[0] if len(names) == 1 else None
+        if not Tracer(mechanism, one, samples=2).by_rank:
+            raise
+        planned = [plan(mechanism, options.poles, name, by_rank=True) for name in moved]
     if options.json:
         facts = [as_dict(made) for made in planned]
         shown = facts[0] if len(facts) == 1 else facts

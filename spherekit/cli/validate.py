@@ -71,7 +71,7 @@ def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
     from spherekit.files.study import load_study
     from spherekit.motion.loops import rank_mobility
     from spherekit.motion.motion import Tracer
-    from spherekit.planning.poles import plans
+    from spherekit.planning.plan import plans
     from spherekit.planning.rigidity import graph_mobility
 
     study = load_study(name)

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.model.dynamics import Gravity, Load, Mass, Moment, PointForce
+from spherekit.model.dynamics import Gravity, Mass, Moment, PointForce
 from spherekit.model.geometry import axes_from_sizes, reference_frame
+from spherekit.model.load import Load
 from spherekit.model.mechanism import (
     LinkSizes,
     Mechanism,

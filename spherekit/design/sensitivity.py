@@ -32,7 +32,7 @@ from spherekit.engine.design_kernel import (
     sample_names,
 )
 from spherekit.engine.hinges import Hinged, hinged
-from spherekit.errors import DesignError, EngineError
+from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
 from spherekit.model.geometry import COLLINEAR
 from spherekit.model.joints import Track
@@ -135,7 +135,14 @@ class Sensitivity:
         self.variables = tuple(self._variable(key) for key in self.keys)
         check_variables(self.document, self.variables)
         self.quantities = tuple(quantities) or quantities_of(mechanism)
-        possible = row_quantities(mechanism)
+        try:
+            possible = row_quantities(mechanism)
+        except CountError as counted:
+            raise DesignError(
+                f"{mechanism.name}: some of its constraints are redundant, so that it "
+                "closes with its sizes as they are and with none that deviate; leave "
+                f"redundant pairs out of a copy of the file ({counted})"
+            ) from None
         for name in self.quantities:
             if name not in possible:
                 raise DesignError(

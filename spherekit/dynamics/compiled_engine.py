@@ -6,7 +6,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from spherekit.conventions import STATUS_MEANING, Status
+from spherekit.conventions import STATUS_MEANING, TURN, Status
 from spherekit.dynamics.forces import rates_by_time
 from spherekit.dynamics.inertia import equivalent_inertia
 from spherekit.dynamics.kinematics import CoordinateMotion, reciprocal_condition
@@ -34,7 +34,6 @@ from spherekit.engine.equation import (
     compiled_equation,
 )
 from spherekit.engine.integration import CROSSED, MOST_STEPS, Begun, Run, integrate
-from spherekit.engine.loads import FULL_TURN
 from spherekit.engine.several_freedoms import STEEPEST, mass_size
 from spherekit.errors import EngineError, PlanError
 from spherekit.sphere.rotation import Floats
@@ -290,7 +289,7 @@ def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
     t = np.array([passage[0] for passage in passages])
     traced = path.at(t)
     driven = list(problem.driven)
-    inputs = traced.states[:, driven] + FULL_TURN * traced.turns[:, driven]
+    inputs = traced.states[:, driven] + TURN * traced.turns[:, driven]
     return tuple(
         Event(kind, t, tuple(q.tolist()), pair)  # type: ignore[arg-type]
         for (t, kind, pair), q in zip(passages, inputs, strict=True)
@@ -305,7 +304,7 @@ def _end(problem: Problem, path: TaylorPath) -> SimulationEnd:
         place = run.passages[-1].variable
         mechanism = problem.equation.mechanism
         traced = path.at(np.array([run.time]))
-        value = traced.states[0, place] + FULL_TURN * traced.turns[0, place]
+        value = traced.states[0, place] + TURN * traced.turns[0, place]
         name = mechanism.pairs[mechanism.variable_owners[place]].name
         return stop_end(run.time, name, float(value))
     if run.end == "singularity":
@@ -315,7 +314,7 @@ def _end(problem: Problem, path: TaylorPath) -> SimulationEnd:
     if run.end == "too_many":
         return SimulationEnd("too_fast", run.time, too_many(MOST_STEPS))
     traced = path.at(np.array([run.time]))
-    whole = FULL_TURN * traced.turns[0]
+    whole = TURN * traced.turns[0]
     if run.end == "not_finite" and _has_value(
         problem, run.time, traced.states[0], traced.frames[0], whole
     ):

@@ -22,7 +22,7 @@ from spherekit.dynamics.simulation import (
 )
 from spherekit.dynamics.start import STANDSTILL, Problem
 from spherekit.errors import SolveError
-from spherekit.model.dynamics import need_no_rubbing
+from spherekit.model.bearings import need_no_rubbing
 from spherekit.sphere.rotation import Floats
 
 REASON = "the scheme of the source is written with NumPy only"

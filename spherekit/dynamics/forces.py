@@ -7,8 +7,9 @@ import numpy as np
 
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.model.actions import steep
-from spherekit.model.dynamics import Called, Component, LinkMoment, TorqueTable, Vector
+from spherekit.model.load import Called, Component, LinkMoment, Vector
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
 from spherekit.sphere.rotation import Floats, cross
 
 

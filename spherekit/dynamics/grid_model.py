@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import Status, listing, nearest
-from spherekit.dynamics.model_archive import stored_loads, write_archive
-from spherekit.dynamics.model_metadata import StoredFunction, StoredLoad, magnitudes
+from spherekit.dynamics.model_archive import stored_heading, write_archive
+from spherekit.dynamics.model_metadata import StoredFunction, StoredHeading
 from spherekit.errors import FileError, ModelError, SolveError
-from spherekit.model.dynamics import DRIVE, TorqueTable
-from spherekit.model.expression import Expression, load_names, made_of, parse
+from spherekit.model.dynamics import DRIVE
+from spherekit.model.expression import Expression, made_of
+from spherekit.model.torque_table import TorqueTable
 from spherekit.numeric.cells import TensorCells, TensorChebyshev
 
 Floats = NDArray[np.float64]
@@ -33,35 +34,24 @@ LAYOUT = (
 
 @final
 @dataclass(frozen=True)
-class GridMetadata:
+class GridMetadata(StoredHeading):
     """What a stored model of several inputs is of, without its numbers.
 
     `inputs` name the pairs, `low`, `high` (rad) bound their variables, `covered` is the
     part of that box in which the functions are known: elsewhere the assembly mode does not
-    exist, or is too near to a singularity. The other entries are as in `ModelMetadata`.
+    exist, or is too near to a singularity. The other entries are as in `StoredHeading`.
     """
 
-    mechanism: str
-    mechanism_sha256: str
-    made_by: str
     inputs: tuple[str, ...]
-    assembly_mode: int
     low: tuple[float, ...]
     high: tuple[float, ...]
     covered: float
-    variables: tuple[str, ...]
-    angles: tuple[str, ...]
-    poles: tuple[str, ...]
-    loads: tuple[StoredLoad, ...]
     functions: tuple[StoredFunction, ...]
 
     def place(self, name: str) -> int:
         """Return the column of a function."""
         if name not in self._places:
-            raise SolveError(
-                f'{self.mechanism}: "{name}" is not stored'
-                f"{nearest(name, self._places) or ';'} Stored are {listing(self._places)}"
-            )
+            raise self.not_stored(f'"{name}"', name, self._places)
         return self._places[name]
 
     def by_inputs(self, name: str) -> list[str]:
@@ -155,14 +145,7 @@ class GridModel:
         by_component = self._forces(
             self._rows(q), np.atleast_2d(np.asarray(dq, dtype=float)), np.asarray(t)
         )
-        made: dict[str, Floats] = {}
-        at = 0
-        for load in self.heading.loads:
-            made[load.name] = np.sum(
-                by_component[:, :, at : at + len(load.works_on)], axis=2
-            )
-            at += len(load.works_on)
-        return made
+        return self.heading.by_load(by_component)
 
     def velocity(self, pole: str, q: ArrayLike) -> Floats:
         """Return angular velocities (m, 3) or (n, m, 3) per unit rate of each input.
@@ -171,14 +154,7 @@ class GridModel:
         ground axes. Its direction is the pole axis while that input moves alone, its length
         the coefficient.
         """
-        sense, name = 1.0, pole
-        if pole not in self.heading.poles:
-            sense, name = -1.0, "/".join(reversed(pole.split("/")))
-        if name not in self.heading.poles:
-            raise SolveError(
-                f'{self.heading.mechanism}: pole "{pole}" is not stored; stored are '
-                f"{listing(self.heading.poles) or 'none'}; make the model anew with it"
-            )
+        name, sense = self.heading.pole(pole)
         places = [
             [self.heading.place(f"velocity {name} {axis} by {pair}") for axis in "xyz"]
             for pair in self.heading.inputs
@@ -213,11 +189,7 @@ class GridModel:
                     f"{nearest(pair, heading.inputs) or ';'} Inputs: "
                     f"{listing(heading.inputs)}"
                 )
-            try:
-                parse(text, load_names(heading.angles))
-            except ModelError as error:
-                raise ModelError(f"{heading.mechanism}: torque: {error}") from None
-            loads.append(StoredLoad(f"{DRIVE}_{pair}", (f"theta_{pair}",), (text,)))
+            loads.append(heading.torque_load(f"{DRIVE}_{pair}", f"theta_{pair}", text))
         return GridModel(replace(heading, loads=(*heading.loads, *loads)), self.series)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -239,11 +211,7 @@ class GridModel:
     def read(where: str, header: dict[str, Any], arrays: dict[str, Floats]) -> "GridModel":
         """Return the model of an archive; `FileError` if its numbers cannot be."""
         functions = tuple(StoredFunction(**item) for item in header["functions"])
-        rest = {name: header[name] for name in GridMetadata.__dataclass_fields__}
-        for name in ("inputs", "low", "high", "variables", "angles", "poles"):
-            rest[name] = tuple(rest[name])
-        loads = stored_loads(header)
-        heading = GridMetadata(**{**rest, "loads": loads, "functions": functions})
+        heading = stored_heading(GridMetadata, header, {"functions": functions})
         low, high = np.array(heading.low), np.array(heading.high)
         made = TensorChebyshev(low, high, *(arrays[name] for name in _ARRAYS))
         shape, m = made.coefficients.shape, len(heading.inputs)
@@ -317,12 +285,10 @@ class GridModel:
             names[name] = rows[:, heading.place(name)]
             by = [heading.place(derivative) for derivative in heading.by_inputs(name)]
             names[f"d{name}"] = np.sum(rows[:, by] * dq, axis=1)
-        works_on = [name for load in heading.loads for name in load.works_on]
-        forces = np.empty((len(rows), len(heading.inputs), len(works_on)))
-        laws = magnitudes(heading.loads, heading.angles)
-        for k, (law, name) in enumerate(zip(laws, works_on, strict=True)):
+        sizes = heading.sizes(names, t)
+        forces = np.empty((len(rows), len(heading.inputs), len(sizes)))
+        for k, (size, name) in enumerate(zip(sizes, heading.works_on, strict=True)):
             by = [heading.place(derivative) for derivative in heading.by_inputs(name)]
-            size = law.at(t) if isinstance(law, TorqueTable) else law.evaluate(names)
             forces[:, :, k] = np.broadcast_to(size, len(rows))[:, None] * rows[:, by]
         return forces
 
@@ -345,15 +311,13 @@ class _State:
         unit = np.eye(count)
         self._m, self._products = m, [(i, k) for i in range(m) for k in range(i + 1)]
         self._width = m + len(self._products) + 1
-        laws = magnitudes(heading.loads, heading.angles)
         works_on = [
             [heading.place(part) for part in heading.by_inputs(name)]
-            for load in heading.loads
-            for name in load.works_on
+            for name in heading.works_on
         ]
         steady = np.zeros((count, m))
         changing: list[tuple[Expression | TorqueTable, list[int]]] = []
-        for law, places in zip(laws, works_on, strict=True):
+        for law, places in zip(heading.magnitudes, works_on, strict=True):
             if isinstance(law, Expression) and not law.names:
                 steady += float(law.evaluate({})) * unit[:, places]
             else:

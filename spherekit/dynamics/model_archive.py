@@ -5,12 +5,12 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.dynamics.model_metadata import StoredLoad
+from spherekit.dynamics.model_metadata import StoredHeading, StoredLoad
 from spherekit.errors import FileError
 from spherekit.version import __version__
 
@@ -53,8 +53,19 @@ def read_archive(
         return header, {name: archive[name] for name in archive.files if name != "header"}
 
 
-def stored_loads(header: Mapping[str, Any]) -> tuple[StoredLoad, ...]:
-    """Return the loads of a heading."""
+Heading = TypeVar("Heading", bound=StoredHeading)
+
+
+def stored_heading(
+    kind: type[Heading], header: Mapping[str, Any], made: Mapping[str, Any]
+) -> Heading:
+    """Return the heading of a file, whose lists are tuples, with what is made of it."""
+    given = {name: header[name] for name in kind.__dataclass_fields__ if name not in made}
+    rows = {name: tuple(x) if isinstance(x, list) else x for name, x in given.items()}
+    return kind(**{**rows, "loads": _stored_loads(header), **made})
+
+
+def _stored_loads(header: Mapping[str, Any]) -> tuple[StoredLoad, ...]:
     names = ("works_on", "components", "times", "torques")
     return tuple(
         StoredLoad(**{**given, **{name: tuple(given[name]) for name in names}})

@@ -23,7 +23,7 @@ from spherekit.conventions import Status
 from spherekit.dynamics.inverse import InverseSolution, needed_torques
 from spherekit.dynamics.lacking import Lacking, lacking
 from spherekit.dynamics.transmitted import Driven, transmitted
-from spherekit.model.dynamics import Bearings
+from spherekit.model.bearings import Bearings
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats

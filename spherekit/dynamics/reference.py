@@ -3,15 +3,14 @@
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import listing
+from spherekit.conventions import TURN, listing
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.simulation import Simulation
-from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import EngineError, SolveError
 from spherekit.exact.arithmetic import Arithmetic, wide
 from spherekit.exact.simulation import ExactSimulation
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.model.dynamics import need_no_rubbing
+from spherekit.model.bearings import need_no_rubbing
 from spherekit.model.laws import Start
 from spherekit.sphere.rotation import Floats
 
@@ -104,7 +103,7 @@ def refined(
         traced = path.at(np.clip(t, 0.0, last))
         rates = traced.rates[:, :count]
         beyond = np.maximum(t - last, 0.0)[:, None]
-        values = traced.states[:, :count] + FULL_TURN * traced.turns
+        values = traced.states[:, :count] + TURN * traced.turns
         return values + rates * beyond, rates
 
     reference = ExactSimulation(

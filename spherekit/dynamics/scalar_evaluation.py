@@ -6,8 +6,8 @@ from typing import final
 import numpy as np
 
 from spherekit.dynamics.model_metadata import ModelMetadata
-from spherekit.model.dynamics import TorqueTable
 from spherekit.model.expression import Expression
+from spherekit.model.torque_table import TorqueTable
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.local import LocalPolynomials
 
@@ -61,8 +61,8 @@ class ScalarEvaluation:
                 names.append(name)
             return names.index(name)
 
-        magnitudes = heading.magnitudes()
-        works_on = [column(name) for load in heading.loads for name in load.works_on]
+        magnitudes = heading.magnitudes
+        works_on = [column(name) for name in heading.works_on]
         stands_for = heading.read()
         used = {
             name for law in magnitudes if isinstance(law, Expression) for name in law.names

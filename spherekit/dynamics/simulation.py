@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
-from spherekit.conventions import counted
+from spherekit.conventions import TURN, counted
 from spherekit.dynamics.equation import coriolis
 from spherekit.dynamics.forces import rates_by_time
 from spherekit.dynamics.inertia import Inertia, inertia, inertia_matrix
@@ -18,7 +18,6 @@ from spherekit.dynamics.path import StatePath, Traced
 from spherekit.dynamics.start import Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
 from spherekit.dynamics.transmitted import Driven, Transmitted, transmitted
-from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.timing import Timing
@@ -299,7 +298,7 @@ class Simulation:
         equation = self.equation
         states, speed = traced.states, dynamics.speed
         values = states[:, : equation.variables]
-        whole = values + FULL_TURN * traced.turns
+        whole = values + TURN * traced.turns
         motion, masses, change = self._accelerated(traced, dynamics)
         bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         rates = rates_by_time(motion, speed)
@@ -328,7 +327,7 @@ class Simulation:
         t = np.atleast_1d(np.asarray(t, dtype=float))
         traced, dynamics = self._at(t)
         motion, _, change = self._accelerated(traced, dynamics)
-        motion = replace(motion, values=motion.values + FULL_TURN * traced.turns)
+        motion = replace(motion, values=motion.values + TURN * traced.turns)
         at = self.equation.closure.at(traced.states[:, : self.equation.variables])
         none = np.zeros((len(t), len(self.driven)))
         timing = Timing(np.asarray(t, dtype=float), dynamics.speed, change)
@@ -391,5 +390,5 @@ class Simulation:
             )
         t = np.clip(t, low, high)
         traced = self.path.at(t)
-        whole = FULL_TURN * traced.turns
+        whole = TURN * traced.turns
         return traced, self.equation.at(t, traced.states, traced.frames, whole)

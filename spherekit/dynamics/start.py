@@ -7,21 +7,17 @@ from typing import final
 import numpy as np
 
 from spherekit.checked import checked_class
-from spherekit.conventions import STATUS_MEANING, Status, counted, listing, nearest
+from spherekit.conventions import STATUS_MEANING, TURN, Status, counted, listing, nearest
 from spherekit.dynamics.inertia import need_inertia, need_moving_inertia
 from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.cache import Cache
-from spherekit.engine.loads import FULL_TURN
 from spherekit.errors import ModelError, SolveError
-from spherekit.model.dynamics import (
-    DRIVE,
-    PairTorque,
-    TorqueFunction,
-    TorqueTable,
-)
+from spherekit.model.dynamics import DRIVE, PairTorque
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
+from spherekit.model.load import TorqueFunction
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
@@ -91,7 +87,7 @@ class Problem:
     @property
     def whole(self) -> Floats:
         """The angles (variables,) of `turns`, rad."""
-        return FULL_TURN * self.turns
+        return TURN * self.turns
 
 
 def prepare(
@@ -152,7 +148,7 @@ def prepare(
     if freedoms == 1 and frame[0, moved[0]] < 0.0:
         frame = -frame
     need_moving_inertia(mechanism, equation.motion(values[None], frame))
-    _check_stops(mechanism, values + FULL_TURN * turns)
+    _check_stops(mechanism, values + TURN * turns)
     inside = tuple(t for t in times if 0.0 < t < until)
     speed = _speed(mechanism, frame, moved, rates)
     return Problem(equation, driven, values, turns, frame, speed, until, inside, passes)
@@ -307,7 +303,7 @@ def reduced(angles: Floats) -> Floats:
 
 def whole_turns(angles: Floats) -> Floats:
     """Return the number of whole turns by which angles (rad) exceed the reduced ones."""
-    return np.asarray(np.round((angles - reduced(angles)) / FULL_TURN))
+    return np.asarray(np.round((angles - reduced(angles)) / TURN))
 
 
 def into_range(tracer: Tracer, q: Floats) -> Floats:
@@ -319,7 +315,7 @@ def into_range(tracer: Tracer, q: Floats) -> Floats:
     (period,) = tracer.solver.periods
     if not np.isfinite(period):
         return q
-    scale = period / FULL_TURN
+    scale = period / TURN
     moved = turned_into(scale * reduced(q / scale), low, high, period)
     return np.asarray(np.where((q >= low) & (q <= high), q, moved))
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.model_metadata import StoredLoad
-from spherekit.model.dynamics import TorqueTable
 from spherekit.model.expression import Expression
+from spherekit.model.torque_table import TorqueTable
 
 
 def own_velocities(loads: Loads) -> dict[int, str]:

@@ -17,31 +17,21 @@ from spherekit.checked import checked
 from spherekit.conventions import EPS, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
-from spherekit.dynamics.kinematics import (
-    CoordinateMotion,
-    by_arc_length,
-    by_variables,
-)
+from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length, by_variables
 from spherekit.dynamics.model_metadata import ModelMetadata, StoredFunction
 from spherekit.dynamics.stored_loads import own_velocities, stored_loads
 from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
-from spherekit.model.dynamics import need_no_rubbing
+from spherekit.model.bearings import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.motion import Motion, Tracer, motion_of
 from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev
-from spherekit.planning.poles import (
-    CoaxialPole,
-    Pole,
-    PrimaryPole,
-    all_poles,
-    parse_pole,
-    plan,
-)
+from spherekit.planning.plan import plan
+from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole, all_poles, parse_pole
 from spherekit.progress import Working
 from spherekit.rates.lines import evaluate_lines
 from spherekit.sphere.rotation import Floats

@@ -24,7 +24,7 @@ from spherekit.dynamics.tabulate import LEAST, pole_name
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
-from spherekit.model.dynamics import need_no_rubbing
+from spherekit.model.bearings import need_no_rubbing
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.cells import TensorChebyshev

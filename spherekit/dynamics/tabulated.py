@@ -9,7 +9,7 @@ import os
 import zipfile
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, final, overload
+from typing import final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,19 +20,13 @@ from spherekit.dynamics.grid_model import GridModel
 from spherekit.dynamics.model_archive import (
     FORMAT,
     read_archive,
-    stored_loads,
+    stored_heading,
     write_archive,
 )
-from spherekit.dynamics.model_metadata import (
-    SLACK,
-    ModelMetadata,
-    StoredFunction,
-    StoredLoad,
-)
+from spherekit.dynamics.model_metadata import SLACK, ModelMetadata, StoredFunction
 from spherekit.dynamics.scalar_evaluation import ScalarEvaluation, ScalarFunctions
 from spherekit.errors import FileError, ModelError, SolveError, SpherekitError
-from spherekit.model.dynamics import DRIVE, TorqueTable
-from spherekit.model.expression import load_names, parse
+from spherekit.model.dynamics import DRIVE
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.zeros import zeros
 
@@ -104,13 +98,7 @@ class TabulatedModel:
         """Return each load's generalised force Q (N m) by x, by its name."""
         rows = self._rows(0, x)
         parts = self._forces(rows, np.asarray(dx, dtype=float), np.asarray(t, dtype=float))
-        forces: dict[str, Floats] = {}
-        at = 0
-        for load in self.heading.loads:
-            count = len(load.works_on)
-            forces[load.name] = np.sum(parts[..., at : at + count], axis=-1)
-            at += count
-        return forces
+        return self.heading.by_load(parts)
 
     @overload
     def inertia(self, x: float) -> float: ...
@@ -222,12 +210,8 @@ class TabulatedModel:
         heading = self.heading
         if any(load.name == DRIVE for load in heading.loads):
             raise ModelError(f"{heading.mechanism}: torque: the model has one already")
-        try:
-            parse(torque, load_names(heading.angles))
-        except ModelError as error:
-            raise ModelError(f"{heading.mechanism}: torque: {error}") from None
         works_on = heading.derivative(f"theta_{heading.input}")
-        drive = StoredLoad(DRIVE, (works_on,), (torque,))
+        drive = heading.torque_load(DRIVE, works_on, torque)
         return TabulatedModel(replace(heading, loads=(*heading.loads, drive)), self.groups)
 
     @cached_property
@@ -262,17 +246,7 @@ class TabulatedModel:
         return np.asarray(rows[..., self.heading.place(name)[1]])
 
     def _pole(self, name: str) -> str:
-        poles = self.heading.poles
-        if name in poles:
-            return name
-        reverse = "/".join(reversed(name.split("/")))
-        if reverse in poles:
-            return reverse
-        raise SolveError(
-            f'{self.heading.mechanism}: pole "{name}" is not stored'
-            f"{nearest(name, poles) or ';'} Stored are {listing(poles) or 'none'}; make "
-            "the model anew with it"
-        )
+        return self.heading.pole(name)[0]
 
     def _rows(self, number: int, x: ArrayLike) -> Floats:
         """Return the functions of a group (..., m) at x of any shape."""
@@ -299,12 +273,11 @@ class TabulatedModel:
         for name, (function, is_rate) in heading.read().items():
             column = self._column(rows, function)
             names[name] = column * dx if is_rate else column
-        works_on = [name for load in heading.loads for name in load.works_on]
+        sizes = heading.sizes(names, t)
         shape = np.broadcast_shapes(rows.shape[:-1], dx.shape, t.shape)
-        forces = np.empty((*shape, len(works_on)))
-        for k, (law, name) in enumerate(zip(heading.magnitudes(), works_on, strict=True)):
-            magnitude = law.at(t) if isinstance(law, TorqueTable) else law.evaluate(names)
-            forces[..., k] = magnitude * self._column(rows, name)
+        forces = np.empty((*shape, len(sizes)))
+        for k, (size, name) in enumerate(zip(sizes, heading.works_on, strict=True)):
+            forces[..., k] = size * self._column(rows, name)
         return forces
 
 
@@ -323,7 +296,10 @@ def load_reduced(path: str | os.PathLike[str]) -> TabulatedModel | GridModel:
         header, arrays = read_archive(path)
         if "inputs" in header:
             return GridModel.read(where, header, arrays)
-        heading = _heading(header)
+        groups = tuple(
+            tuple(StoredFunction(**item) for item in group) for group in header["groups"]
+        )
+        heading = stored_heading(ModelMetadata, header, {"groups": groups})
         return TabulatedModel(heading, _groups(where, heading, arrays))
     except OSError as error:
         raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
@@ -333,17 +309,6 @@ def load_reduced(path: str | os.PathLike[str]) -> TabulatedModel | GridModel:
         raise FileError(
             f"{where}: is not a complete {FORMAT} ({error}); make it anew"
         ) from None
-
-
-def _heading(header: dict[str, Any]) -> ModelMetadata:
-    loads = stored_loads(header)
-    groups = tuple(
-        tuple(StoredFunction(**item) for item in group) for group in header["groups"]
-    )
-    rest = {name: header[name] for name in ModelMetadata.__dataclass_fields__}
-    for name in ("variables", "angles", "poles", "rise"):
-        rest[name] = tuple(rest[name])
-    return ModelMetadata(**{**rest, "loads": loads, "groups": groups})
 
 
 def _groups(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.dynamics.link_wrenches import accelerating, applied, gyroscopic
-from spherekit.model.dynamics import Bearings
+from spherekit.model.bearings import Bearings
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.linearisation import Linearisation

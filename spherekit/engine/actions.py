@@ -12,8 +12,8 @@ import numpy as np
 
 from spherekit.engine.expression_graph import Expr
 from spherekit.engine.turns import Entries
-from spherekit.model.dynamics import Component, LinkMoment
 from spherekit.model.expression import Call, Expression, Name, Node, Number
+from spherekit.model.load import Component, LinkMoment
 from spherekit.model.mechanism import Mechanism
 
 _Each = Callable[[Any], Any]

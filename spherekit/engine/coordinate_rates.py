@@ -5,7 +5,7 @@ moves at the rate 1 and the others rest. The scale vanishes where these inputs d
 how all variables move.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
@@ -14,7 +14,6 @@ from spherekit.engine.algebra import Exprs, cross, vector_sum
 from spherekit.engine.expression_graph import Expr
 from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import LinkOrientation, spin_vectors
-from spherekit.engine.rates import HomogeneousRates
 from spherekit.motion.loops import LoopTree
 
 
@@ -35,26 +34,13 @@ class CoordinateRates:
             spin_vectors(structure.pairs, placed, v)
             for v in range(len(mechanism.variable_owners))
         ]
-        self.vectors = [
-            vector_sum([axis * size for size, _, axis in spins]) for spins in self._spins
-        ]
+        self.vectors = structure.vectors(placed)
         self.tau: list[list[Expr]] = []
         for moving in structure.input_pairs:
-            solver = self._solver(structure.moving(moving), None)
+            solver = structure.solved(structure.moving(moving), self.vectors)
             self.tau.append([solver.rates[v] for v in range(len(self.vectors))])
             self.scale = solver.scale
         self.w = [self.links(self._parts(tau)) for tau in self.tau]
-
-    def _solver(
-        self, driven: Mapping[int, Expr], misfits: dict[int, Exprs] | None
-    ) -> HomogeneousRates:
-        structure = self.structure
-        solver = HomogeneousRates(
-            structure.mechanism, driven, self.vectors, structure.span, misfits
-        )
-        for rows in structure.groups:
-            solver.close(rows)
-        return solver
 
     def _parts(self, rates: Sequence[Expr]) -> list[Exprs]:
         """Return what pairs turn by (3,) at rates of their variables."""
@@ -80,7 +66,7 @@ class CoordinateRates:
         """
         turning = [self._turning(pair, rates, w) for pair in range(len(self.tree.ends))]
         misfits = {pair: np.asarray(turned * -1.0) for pair, turned in enumerate(turning)}
-        solver = self._solver(self.structure.at_rest, misfits)
+        solver = self.structure.solved(self.structure.at_rest, self.vectors, misfits)
         share = 1.0 / solver.scale
         second = [solver.rates[v] * share for v in range(len(self.vectors))]
         accelerated = self._parts(second)

@@ -13,7 +13,7 @@ import numpy as np
 from spherekit.engine.algebra import Exprs, constants, cross, dot
 from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.kinematics import Structure
-from spherekit.engine.pose import Angles, LinkOrientation, ground_placement, placed_by
+from spherekit.engine.pose import Angles, LinkOrientation, ground_placement, placed_along
 from spherekit.engine.turns import Entries
 from spherekit.errors import EngineError
 from spherekit.model.graph import spanning
@@ -69,13 +69,8 @@ def place_by_inputs(
     for variable, angle in driven.items():
         variables[variable] = angle
     angles = Angles(variables)
-    within = [ground_placement()] * len(mechanism.links)
-    for pair, parent, child in spanning(mechanism.ends, assembly.bodies, assembly.inputs):
-        chain = structure.pairs.chains[pair]
-        ahead = mechanism.ends[pair][0] == parent
-        within[child] = placed_by(
-            chain if ahead else chain.reversed(), within[parent], angles
-        )
+    ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)
+    within = placed_along(mechanism, structure.pairs, angles, ways)
     dyads = [
         _close(structure, group, sign, within)
         for group, sign in zip(assembly.groups, signs, strict=True)

@@ -37,8 +37,10 @@ from spherekit.engine.system import (
 )
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
-from spherekit.model.dynamics import Bearings, Stop, TorqueTable
+from spherekit.model.bearings import Bearings
+from spherekit.model.dynamics import Stop
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
 from spherekit.sphere.rotation import Floats
 
 LOOSEST = 1e-12

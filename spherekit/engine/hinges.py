@@ -135,7 +135,7 @@ def hinged(
         pairs = turning_pairs(mechanism)
     except EngineError:
         return None
-    rolling = [n for n in contacts if mechanism.pairs[n].kind.may_repeat]
+    rolling = [n for n in contacts if mechanism.pairs[n].rolls]
     contacts = [n for n in contacts if n not in rolling]
     for n in contacts:
         bends = [

@@ -14,13 +14,13 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import TURN
 from spherekit.engine.compiler import MOST_SWITCHES, Integrator, StepEnd
 from spherekit.engine.equation import CompiledEquation
-from spherekit.engine.loads import FULL_TURN
 from spherekit.engine.probes import good_until
 from spherekit.engine.system import EventKind, ParameterLayout
-from spherekit.model.dynamics import TorqueTable
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
@@ -423,8 +423,8 @@ class _Integration:
         """Take whole turns off the angles, set work aside, adapt the unit of momentum."""
         state = integrator.state
         values = state[: self.count]
-        turns = np.round(values.astype(float) / FULL_TURN) * self.period
-        values -= turns * FULL_TURN
+        turns = np.round(values.astype(float) / TURN) * self.period
+        values -= turns * TURN
         values -= turns * _FULL_TURN_REST
         if self.stretches and len(self.stretches) % CLOSED == 0:
             values[:], gap = self.close(values.astype(float))

@@ -6,7 +6,7 @@ the dead centres of every pair. Rates by the input are those by p over tau_q, ra
 arc length of the curve in the space of all variables those over |tau|.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -171,6 +171,24 @@ class Structure:
             return dot(both, both)
         return None
 
+    def vectors(self, placed: Sequence[LinkOrientation]) -> list[Exprs]:
+        """Return the vectors (3,) of all variables, in ground axes, links placed."""
+        variables = range(len(self.mechanism.variable_owners))
+        spins = [spin_vectors(self.pairs, placed, v) for v in variables]
+        return [vector_sum([axis * size for size, _, axis in spin]) for spin in spins]
+
+    def solved(
+        self,
+        driven: Mapping[int, Expr],
+        vectors: Sequence[Exprs],
+        misfits: Mapping[int, Exprs] | None = None,
+    ) -> HomogeneousRates:
+        """Return the rates of all variables at those of the driven pairs."""
+        solver = HomogeneousRates(self.mechanism, driven, vectors, self.span, misfits)
+        for rows in self.groups:
+            solver.close(rows)
+        return solver
+
     def single_spins(self, variable: int) -> list[AxisTerm]:
         """Return a variable's vector as an axis of one link, for each link it suits."""
         spins = self.pairs.spins[variable]
@@ -243,9 +261,7 @@ class RateExpressions:
         structure, k = self.structure, len(self.tau)
         moving = [series(list(orders)) for orders in zip(*self.vectors, strict=True)]
         driven = structure.moving(structure.input_pairs[0])
-        solver = HomogeneousRates(structure.mechanism, driven, moving, structure.span)
-        for rows in structure.groups:
-            solver.close(rows)
+        solver = structure.solved(driven, moving)
         rates = [solver.rates[v] for v in range(len(moving))]
         return [
             rate.coefficients[k]

@@ -11,23 +11,16 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import TURN
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.expression_terms import BY_OPERATOR
 from spherekit.engine.kinematics import RateExpressions
 from spherekit.engine.pose import LinkOrientation
-from spherekit.model.dynamics import (
-    Called,
-    Component,
-    Load,
-    TorqueTable,
-    Vector,
-    expression_of,
-)
 from spherekit.model.expression import Expression, fold
+from spherekit.model.load import Called, Component, Load, Vector, expression_of
 from spherekit.model.mechanism import Mechanism
-
-FULL_TURN = 6.283185307179586
+from spherekit.model.torque_table import TorqueTable
 
 
 @final
@@ -85,7 +78,7 @@ class LoadState:
     def angle(self, pair: str) -> Expr:
         """Return the angle of an R pair (rad), whole turns included."""
         number = self.variable(pair)
-        return self.variables[number] + FULL_TURN * self.turns[number]
+        return self.variables[number] + TURN * self.turns[number]
 
     def direction(self, pair: str) -> Expr:
         """Return the angle of an R pair up to whole turns: for sines and the like.

@@ -11,7 +11,7 @@ is nearly closed, x is Newton's step; with the rate of the misfit by a size, x i
 derivative of the variables by it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from spherekit.engine.algebra import Exprs, cross, vector
 from spherekit.engine.derivatives import derivatives
 from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.engine.kinematics import Structure
-from spherekit.engine.pose import Angles, LinkOrientation, placed_by, spin_vectors
-from spherekit.engine.rates import HomogeneousRates
+from spherekit.engine.pose import Angles, LinkOrientation, placed_by
 from spherekit.motion.loops import LoopTree
 
 
@@ -94,7 +93,7 @@ def answers(
     misfit: dict[int, Exprs],
 ) -> list[Expr]:
     """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
-    solver = _closed(structure, links, misfit, structure.at_rest)
+    solver = structure.solved(structure.at_rest, structure.vectors(links), misfit)
     return [solver.rates[v] / solver.scale for v in range(len(solver.vectors))]
 
 
@@ -105,27 +104,8 @@ def rates_by_inputs(
 
     It is that of the equations: its sign changes where modes meet.
     """
-    made = []
+    made, vectors = [], structure.vectors(links)
     for pair in structure.input_pairs:
-        solver = _closed(structure, links, None, structure.moving(pair))
+        solver = structure.solved(structure.moving(pair), vectors)
         made.append([solver.rates[v] / solver.scale for v in range(len(solver.vectors))])
     return made, solver.scale
-
-
-def _closed(
-    structure: Structure,
-    links: Sequence[LinkOrientation],
-    misfit: dict[int, Exprs] | None,
-    driven: Mapping[int, Expr],
-) -> HomogeneousRates:
-    mechanism = structure.mechanism
-    vectors = []
-    for v in range(len(mechanism.variable_owners)):
-        total = vector([0.0, 0.0, 0.0])
-        for size, _, axis in spin_vectors(structure.pairs, links, v):
-            total = total + axis * size
-        vectors.append(total)
-    solver = HomogeneousRates(mechanism, driven, vectors, structure.span, misfit)
-    for rows in structure.groups:
-        solver.close(rows)
-    return solver

@@ -1,6 +1,6 @@
 """Orientations of links as expressions of the pair variables."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -9,8 +9,8 @@ import numpy as np
 from spherekit.engine.algebra import Exprs, constants, vector
 from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.turns import AxisRotation, Chain, Entries, ProfileFrame, TurningPairs
+from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.loops import LoopTree
 
 
 @final
@@ -94,12 +94,23 @@ def place_by_variables(
     mechanism: Mechanism, pairs: TurningPairs, variables: Sequence[Expr]
 ) -> list[LinkOrientation]:
     """Return the placements of all links along the shortest ways from the ground."""
-    tree = LoopTree.of(mechanism)
-    angles = Angles(variables)
+    return placed_along(mechanism, pairs, Angles(variables), spanning(mechanism.ends))
+
+
+def placed_along(
+    mechanism: Mechanism,
+    pairs: TurningPairs,
+    angles: Angles,
+    ways: Iterable[tuple[int, int, int]],
+) -> list[LinkOrientation]:
+    """Return the placements of links on ways, those of others where the ground is.
+
+    `ways` are pairs with the links that they lead from and to, in order.
+    """
     placed = [ground_placement()] * len(mechanism.links)
-    for pair, parent, child in tree.placements:
+    for pair, parent, child in ways:
         chain = pairs.chains[pair]
-        ahead = tree.ends[pair][0] == parent
+        ahead = mechanism.ends[pair][0] == parent
         placed[child] = placed_by(
             chain if ahead else chain.reversed(), placed[parent], angles
         )

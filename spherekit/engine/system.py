@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, final
 
+from spherekit.conventions import TURN
 from spherekit.engine.compiler import EventFunction
 from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.engine.kinematics import Structure
-from spherekit.engine.loads import FULL_TURN, LoadState, Switches
-from spherekit.model.dynamics import TorqueTable
+from spherekit.engine.loads import LoadState, Switches
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
 
 (MOMENT,) = symbols(["moment"])
 
@@ -164,7 +165,7 @@ def stop_events(mechanism: Mechanism, state: Symbols) -> list[SystemEvent]:
     events: list[SystemEvent] = []
     for number, stop in enumerate(mechanism.stops):
         (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
-        value = state.variables[place] + FULL_TURN * constant(place)
+        value = state.variables[place] + TURN * constant(place)
         limits: tuple[tuple[int, Literal[-1, 1]], ...] = ((0, -1), (1, 1))
         for side, sense in limits:
             level = constant(state.layout.stop + 2 * number + side)

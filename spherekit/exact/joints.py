@@ -8,13 +8,7 @@ import numpy as np
 from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.exact.curves import ExactCurve, exact_curve, unit
 from spherekit.exact.linear import left_inverse
-from spherekit.exact.series import (
-    cosine_sine,
-    cross,
-    matrix_product,
-    skew_part,
-    transpose,
-)
+from spherekit.exact.series import cosine_sine, cross, matrix_product, skew_part, transpose
 from spherekit.model.geometry import COLLINEAR, axes_from_sizes, geometry_of
 from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
 from spherekit.sphere.rotation import Floats

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.exact.series import cross
-from spherekit.model.dynamics import LinkMoment, TorqueTable, expression_of
 from spherekit.model.expression import KINKED, Expression, fold
+from spherekit.model.load import LinkMoment, expression_of
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
 
 Sides = NDArray[np.float64] | None
 """The sides (switches,) +1 or -1 of all conditions; None takes those they are on."""

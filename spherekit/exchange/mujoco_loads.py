@@ -6,19 +6,17 @@ from typing import final
 
 from spherekit.exchange.affine import affine
 from spherekit.model.dynamics import (
-    Called,
-    Component,
     Damper,
     Friction,
     Gravity,
-    Load,
     Moment,
     PairTorque,
     PointForce,
     Spring,
-    TorqueTable,
 )
+from spherekit.model.load import Called, Component, Load
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
 
 Bias = tuple[float, float, float]
 

@@ -9,10 +9,9 @@ from typing import Any
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import FileError
-from spherekit.files.check import check
-from spherekit.files.document import Document, LiteralNumber, parse, read_text, spelt
-from spherekit.files.library import find
+from spherekit.files.document import Document, LiteralNumber, parse, spelt
 from spherekit.files.locate import KeyPath
+from spherekit.files.read import checked_document
 from spherekit.files.write import canonical_text
 from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism
@@ -40,10 +39,7 @@ def document_of(
     """
     if isinstance(given, Mechanism):
         return _with_lonlat(parse(canonical_text(given, unit), given.name))
-    path = find(given)
-    document = parse(read_text(path), str(path))
-    check(document)
-    return _with_lonlat(document)
+    return _with_lonlat(checked_document(given))
 
 
 def _with_lonlat(document: Document) -> Document:

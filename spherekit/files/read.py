@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 from spherekit.checked import checked
+from spherekit.conventions import TURN
 from spherekit.errors import FileError, ModelError, SpherekitError
 from spherekit.files.angles import Vector
 from spherekit.files.check import check
@@ -32,7 +33,6 @@ from spherekit.model.mechanism import (
 AnyMechanism = Mechanism | str | os.PathLike[str]
 """A mechanism, or where `load` finds it: its path, or the name of a shipped one."""
 
-FULL_TURN = 6.283185307179586
 _SIZES_OF_LINK = ("axes", "arcs", "angles", "signed_arcs", "unpaired")
 _SIZES_OF_PAIR = ("zero",)
 _ARC_OF_PAIR = ("through_xyz", "through_lonlat")
@@ -74,11 +74,16 @@ def mechanism_of(given: AnyMechanism) -> Mechanism:
 
 def angle_unit_of(name_or_path: str | os.PathLike[str]) -> AngleUnit:
     """Return the unit of the angles in a mechanism file; errors as of `load`."""
+    unit: AngleUnit = checked_document(name_or_path).data["angle_unit"]
+    return unit
+
+
+def checked_document(name_or_path: str | os.PathLike[str]) -> Document:
+    """Return the document of a file that keeps to the format; errors as of `load`."""
     path = find(name_or_path)
     document = parse(read_text(path), str(path))
     check(document)
-    unit: AngleUnit = document.data["angle_unit"]
-    return unit
+    return document
 
 
 @checked(FileError)
@@ -270,7 +275,7 @@ class _Reader(DocumentValues):
     def input(self, pair: str) -> Input:
         item, path = self.document.data["inputs"][pair], ("inputs", pair)
         start = self.angle((*path, "from"), item["from"]) if "from" in item else 0.0
-        stop = self.angle((*path, "to"), item["to"]) if "to" in item else FULL_TURN
+        stop = self.angle((*path, "to"), item["to"]) if "to" in item else TURN
         return Input(pair, start, stop)
 
 

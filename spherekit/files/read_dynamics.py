@@ -12,10 +12,11 @@ from spherekit.files.angles import angle_at, to_radians
 from spherekit.files.document import Document
 from spherekit.files.locate import KeyPath
 from spherekit.model.changes import AngleUnit
-from spherekit.model.dynamics import LOADS, Form, Load, Mass, PairTorque, Stop, Vector
+from spherekit.model.dynamics import LOADS, Mass, PairTorque, Stop
 from spherekit.model.dynamics_checks import check_tensor
 from spherekit.model.geometry import link_axes
 from spherekit.model.inertia import axes_frame, moved_to_sphere_centre, uniform_arc
+from spherekit.model.load import Form, Load, Vector, vector_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
@@ -85,7 +86,7 @@ class DynamicsReader:
                 tensor, centre = uniform_arc(first, second, mass, radius)
             except ModelError as error:
                 raise self.document.fault((*path, "arc"), str(error)) from None
-            return Mass(link, _symmetric(tensor), mass, _vector(centre))
+            return Mass(link, _symmetric(tensor), mass, vector_of(centre))
         if "tensor" in item:
             tensor = self._tensor(link, "tensor")
         else:
@@ -102,7 +103,7 @@ class DynamicsReader:
             tensor = frame @ tensor @ frame.T
             centre = None if centre is None else frame @ centre
         return Mass(
-            link, _symmetric(tensor), mass, None if centre is None else _vector(centre)
+            link, _symmetric(tensor), mass, None if centre is None else vector_of(centre)
         )
 
     def _tensor(self, link: str, key: str) -> Floats:
@@ -147,11 +148,6 @@ class DynamicsReader:
         return angle_at(self.document, path, number, self.unit)
 
 
-def _vector(numbers: Sequence[float] | Floats) -> Vector:
-    x, y, z = map(float, numbers)
-    return x, y, z
-
-
 def _texts(parts: Sequence[str]) -> tuple[str, str, str]:
     x, y, z = parts
     return x, y, z
@@ -168,7 +164,7 @@ _FIELDS: Mapping[Form, Callable[[Any], Any]] = {
     "texts": _texts,
     "number": float,
     "numbers": _numbers,
-    "vector": _vector,
+    "vector": vector_of,
     "flag": bool,
 }
 
@@ -176,4 +172,4 @@ _FIELDS: Mapping[Form, Callable[[Any], Any]] = {
 def _symmetric(tensor: Floats) -> tuple[Vector, Vector, Vector]:
     """Return a tensor with the rounding of its mirrored entries made equal."""
     first, second, third = (tensor + tensor.T) / 2
-    return _vector(first), _vector(second), _vector(third)
+    return vector_of(first), vector_of(second), vector_of(third)

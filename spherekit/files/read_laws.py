@@ -8,14 +8,7 @@ from spherekit.files.angles import angle_at, to_radians
 from spherekit.files.document import Document
 from spherekit.files.locate import KeyPath
 from spherekit.model.changes import AngleUnit
-from spherekit.model.laws import (
-    ConstantSpeed,
-    Cycloidal,
-    Law,
-    Polynomial,
-    Start,
-    Tabulated,
-)
+from spherekit.model.laws import ConstantSpeed, Cycloidal, Law, Polynomial, Start, Tabulated
 
 
 def read_laws(document: Document) -> dict[str, Law]:

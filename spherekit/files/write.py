@@ -12,12 +12,7 @@ from spherekit.files.atomic import write_text
 from spherekit.files.check import FORMAT
 from spherekit.files.read import AnyMechanism, loads, mechanism_of
 from spherekit.files.toml_text import assignment, tables
-from spherekit.files.write_dynamics import (
-    angle_text,
-    load_tables,
-    mass_tables,
-    stop_tables,
-)
+from spherekit.files.write_dynamics import angle_text, load_tables, mass_tables, stop_tables
 from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism, Output, Pair, PoseGeometry, Profile
 

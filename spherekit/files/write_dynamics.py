@@ -7,7 +7,8 @@ from spherekit.errors import EngineError
 from spherekit.files.angles import to_text
 from spherekit.files.toml_text import Literal
 from spherekit.model.changes import AngleUnit
-from spherekit.model.dynamics import Load, Mass, PairTorque, Stop, not_written
+from spherekit.model.dynamics import Mass, PairTorque, Stop
+from spherekit.model.load import Load, not_written
 
 _Table = dict[str, Any]
 

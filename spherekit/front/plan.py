@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from spherekit.checked import checked
 from spherekit.errors import PlanError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.planning import poles as planning
+from spherekit.planning import plan as planning
 from spherekit.planning.poles import Plan, Pole
 
 

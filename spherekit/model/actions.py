@@ -8,8 +8,8 @@ about the centre of the sphere.
 
 from collections.abc import Sequence
 
-from spherekit.model.dynamics import Component
 from spherekit.model.expression import Expression
+from spherekit.model.load import Component
 from spherekit.model.mechanism import Mechanism
 
 

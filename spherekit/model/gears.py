@@ -8,7 +8,13 @@ import numpy as np
 
 from spherekit.conventions import EPS
 from spherekit.errors import ModelError
-from spherekit.model.geometry import COLLINEAR, TOUCHING, Vector, given_axis
+from spherekit.model.geometry import (
+    COLLINEAR,
+    SAME_AXIS,
+    TOUCHING,
+    Vector,
+    given_axis,
+)
 from spherekit.model.mechanism import PoseGeometry, SizeGeometry
 from spherekit.sphere.rotation import arc
 
@@ -120,21 +126,82 @@ def gear_axes(
     """Return the gears' axes in their links, and the shaft angle (rad) between them.
 
     `joined` holds the two links of every R pair, `links` the two gears, `axes` the R pairs
-    they turn about; both pairs must join their gear to one common link.
+    they turn about.
     """
     first, second = (
         given_axis(geometry, joined, link, axis)
         for link, axis in zip(links, axes, strict=True)
     )
-    carriers = [set(joined[a]) - {link} for a, link in zip(axes, links, strict=True)]
-    common = carriers[0] & carriers[1]
-    if not common:
+    carrier, carried = carrier_of(geometry, joined, links, axes)
+    one, other = (
+        sense * np.array(given_axis(geometry, joined, carrier, pair))
+        for pair, sense in carried
+    )
+    return (first, second), float(arc(one, other))
+
+
+def carrier_of(
+    geometry: SizeGeometry | PoseGeometry,
+    joined: Mapping[str, tuple[str, str]],
+    links: tuple[str, str],
+    axes: tuple[str, str],
+) -> tuple[str, list[tuple[str, int]]]:
+    """Return the link that carries the axes of two gears, and by which R pairs.
+
+    These are the gears' own or coaxial ones: the sun of a planetary train turns about its
+    shaft in the frame, and so does the arm that carries the planet. With each is its
+    sense, -1 where it points the other way. The arguments are those of `gear_axes`.
+
+    Raises
+    ------
+    ModelError
+        If no link carries both.
+    """
+    one, other = (
+        _carried(geometry, joined, link, axis)
+        for link, axis in zip(links, axes, strict=True)
+    )
+    both = [link for link in one if link in other and link not in links]
+    if not both:
         raise ModelError(
-            f'R pairs "{axes[0]}" and "{axes[1]}" do not join the gears to a common link'
+            f'R pairs "{axes[0]}" and "{axes[1]}" do not join the gears to a common link, '
+            "nor does a pair coaxial with one of them; name the pairs whose axes one link "
+            "carries, or give each gear its circle under profiles"
         )
-    carrier = common.pop()
-    ends = [np.array(given_axis(geometry, joined, carrier, axis)) for axis in axes]
-    return (first, second), float(arc(ends[0], ends[1]))
+    carrier = min(both, key=lambda link: one[link][0] + other[link][0])
+    return carrier, [carried[carrier][1:] for carried in (one, other)]
+
+
+def _carried(
+    geometry: SizeGeometry | PoseGeometry,
+    joined: Mapping[str, tuple[str, str]],
+    link: str,
+    axis: str,
+) -> dict[str, tuple[int, str, int]]:
+    """Return the links that carry an axis of a link.
+
+    With how many pairs lead there, the R pair that has the axis in that link, and its
+    sense.
+    """
+    carried = {link: (0, axis, 1)}
+    order = [link]
+    for here in order:  # which grows on the way
+        steps, by, sense = carried[here]
+        line = np.array(given_axis(geometry, joined, here, by))
+        for pair, ends in joined.items():
+            beyond = next((end for end in ends if end not in carried), None)
+            if here not in ends or beyond is None:
+                continue
+            try:
+                one = np.array(given_axis(geometry, joined, here, pair))
+                given_axis(geometry, joined, beyond, pair)
+            except ModelError:
+                continue
+            if np.linalg.norm(np.cross(one, line)) < SAME_AXIS:
+                way = sense if one @ line > 0.0 else -sense
+                carried[beyond] = steps + 1, pair, way
+                order.append(beyond)
+    return carried
 
 
 def _degrees(angle: float) -> str:

@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import EPS, listing, nearest
 from spherekit.errors import ModelError
 from spherekit.model.joints import Joint, Revolute, Rolling, Sliding
 from spherekit.model.mechanism import (
@@ -18,17 +18,13 @@ from spherekit.model.mechanism import (
     SizeGeometry,
 )
 from spherekit.sphere.profile import Curve, circle, fourier, great_circle, through
-from spherekit.sphere.rotation import (
-    Floats,
-    about_z,
-    cross,
-    frame_from,
-    perpendicular,
-)
+from spherekit.sphere.rotation import Floats, about_z, cross, frame_from, perpendicular
 from spherekit.sphere.touching import nearest_frames
 
 Vector = tuple[float, float, float]
 
+SAME_AXIS = 16 * EPS
+"""Sine below which two axes of a link are one: rounding of their arcs and angles."""
 COLLINEAR = 1e-9
 """Below this sine two directions count as one line: they fix no arc."""
 

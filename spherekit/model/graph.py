@@ -30,8 +30,17 @@ def spanning(
     return tuple(ways)
 
 
+def joined(count: int, couples: Iterable[tuple[int, int]]) -> list[int]:
+    """Return for each of so many things the smallest of those that couples join it to."""
+    owner = list(range(count))
+    for couple in couples:
+        low, high = sorted((owner[couple[0]], owner[couple[1]]))
+        owner = [low if label == high else label for label in owner]
+    return owner
+
+
 def pieces(mechanism: Mechanism) -> list[list[str]]:
-    """Return the connected pieces, each as its links in file order, ground's first."""
+    """Return the connected pieces, label as its links in file order, ground's first."""
     left = list(range(len(mechanism.links)))
     components: list[list[str]] = []
     while left:

@@ -113,9 +113,6 @@ class Joint(ABC):
     plane of the contact."""
     carriers: ClassVar[int]
     """How many of its links, from the first, its axis moves with."""
-    may_repeat: ClassVar[bool]
-    """Whether it may repeat constraints of others at all configurations, which counting
-    freedoms does not see."""
 
     @staticmethod
     @abstractmethod
@@ -191,7 +188,6 @@ class Revolute(Joint):
     has_axis = True
     pole_line = "axis"
     carriers = 1
-    may_repeat = False
 
     first: Floats
     second: Floats
@@ -247,7 +243,6 @@ class Rolling(Joint):
     has_axis = False
     pole_line = "contact line"
     carriers = 2
-    may_repeat = True
 
     first: Curve
     second: Curve
@@ -321,7 +316,6 @@ class Sliding(Joint):
     has_axis = False
     pole_line = None
     carriers = 2
-    may_repeat = False
 
     first: Curve
     second: Curve

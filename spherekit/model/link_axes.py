@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.errors import ModelError
-from spherekit.model.dynamics import Load, Mass
+from spherekit.model.dynamics import Mass
+from spherekit.model.load import Load
 from spherekit.model.mechanism import Mechanism, Pair, Profile
 from spherekit.sphere.rotation import Floats
 

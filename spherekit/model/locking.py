@@ -12,16 +12,11 @@ from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.changes import AngleUnit, in_radians
-from spherekit.model.dynamics import Load, Mass
+from spherekit.model.dynamics import Mass
 from spherekit.model.geometry import axes_from_sizes, frames_of_sizes
 from spherekit.model.link_axes import turned, with_link_axes
-from spherekit.model.mechanism import (
-    LinkSizes,
-    Mechanism,
-    Pair,
-    PoseGeometry,
-    SizeGeometry,
-)
+from spherekit.model.load import Load
+from spherekit.model.mechanism import LinkSizes, Mechanism, Pair, PoseGeometry, SizeGeometry
 from spherekit.model.sized import given_by_sizes, zeros_from
 from spherekit.sphere.rotation import Floats, about_z
 

@@ -5,12 +5,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, final
+from typing import Any, final
 
 from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
-from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, counted, listing, nearest
+from spherekit.conventions import counted, listing
 from spherekit.errors import ModelError
 from spherekit.markup import html_table
 from spherekit.model.changes import (
@@ -18,178 +18,20 @@ from spherekit.model.changes import (
     Sizes,
     all_in_radians,
     along,
-    changed,
     in_radians,
     rows_of,
 )
-from spherekit.model.dynamics import Load, Mass, Stop
-from spherekit.model.dynamics_checks import check_mass, check_stop
-from spherekit.model.joints import KINDS, Kind, PairType
-
-ProfileKind = Literal["circle", "great_circle", "points", "fourier"]
-
-
-@final
-@dataclass(frozen=True)
-class Profile:
-    """The curve on the unit sphere along which a link touches in a contact pair.
-
-    `centre` is a unit vector in link axes: the centre of a circle, the pole of a great
-    circle, or the axis from which the colatitude of a Fourier profile is measured.
-    `radius` (rad) belongs to a circle. `points` are unit vectors in link axes along a
-    smooth curve. A Fourier profile has the colatitude ``sum cosines[k] cos(k a) +
-    sines[k] sin(k a)`` (rad) at azimuth `a` about `centre`.
-    """
-
-    kind: ProfileKind
-    centre: tuple[float, float, float] | None = None
-    radius: float | None = None
-    points: tuple[tuple[float, float, float], ...] = ()
-    closed: bool = True
-    cosines: tuple[float, ...] = ()
-    sines: tuple[float, ...] = ()
-
-    @property
-    def round_axis(self) -> tuple[float, float, float] | None:
-        """What a circle, a great circle too, is round about; None for other curves."""
-        return self.centre if self.kind in ("circle", "great_circle") else None
-
-
-@final
-@dataclass(frozen=True)
-class Pair:
-    """A kinematic pair; its variable moves the second link relative to the first.
-
-    `profiles`, for contact pairs, are the curves of the two links in that order. In an
-    external contact the two bodies lie on opposite sides of the common tangent, in an
-    internal one on the same side, the first within the second. `start` are the arc
-    lengths (rad) along both profiles at which the variable of a rolling contact is zero. A
-    `one_sided` contact can press and not pull: a simulation ends where it lifts off. The
-    force of a contact acts at `distance` (m) from the centre of the sphere, where it is
-    said. Teeth with a `pressure_angle` (rad) press the wheels apart by its tangent times
-    what they turn them by.
-    """
-
-    name: str
-    type: PairType
-    links: tuple[str, str]
-    profiles: tuple[Profile, Profile] | None = None
-    contact: Literal["external", "internal"] = "external"
-    start: tuple[float, float] = (0.0, 0.0)
-    one_sided: bool = False
-    distance: float | None = None
-    pressure_angle: float | None = None
-
-    @property
-    def kind(self) -> Kind:
-        """What all pairs of its type have in common."""
-        return KINDS[self.type]
-
-    @property
-    def constraints(self) -> int:
-        """How many relative freedoms it takes away, of three."""
-        return 3 - self.kind.freedoms
-
-    @property
-    def rolls(self) -> bool:
-        """Whether its links roll on each other."""
-        return not self.kind.has_axis and self.kind.freedoms == 1
-
-
-@final
-@dataclass(frozen=True)
-class LinkSizes:
-    """Where the axes sit in one link, as arcs and angles (rad).
-
-    The first of `axes` is the z axis of the link's frame. `arcs[k]` is the arc from
-    it to `axes[k + 1]`. The arc to `axes[1]` lies in the half-plane of positive y (the
-    frame of Di Gregorio 2024, Fig. 3); `angles[k]` is the angle, counter-clockwise
-    about the first axis, from that arc to the arc to `axes[k + 2]`. `unpaired` are those
-    of the axes that carry no pair: they stay because frames and zeros refer to them.
-
-    Arcs are between 0 and pi, unless they are `signed`: one below 0 or above pi runs on
-    around its great circle, to an axis on the other side of the first one.
-    """
-
-    axes: tuple[str, ...]
-    arcs: tuple[float, ...] = ()
-    angles: tuple[float, ...] = ()
-    unpaired: tuple[str, ...] = ()
-    signed: bool = False
-
-    def with_arcs(self, arcs: Sizes) -> "LinkSizes":
-        """Return the same link with other arcs (rad), all or some by the pair they end at.
-
-        Raises
-        ------
-        ModelError
-            If no arc ends at a pair that is named.
-        """
-        return replace(self, arcs=changed("arcs", self.axes[1:], self.arcs, arcs))
-
-    def with_angles(self, angles: Sizes) -> "LinkSizes":
-        """Return the same link with other angles (rad), as `with_arcs` has arcs."""
-        return replace(self, angles=changed("angles", self.axes[2:], self.angles, angles))
-
-
-@final
-@dataclass(frozen=True)
-class SizeGeometry:
-    """Geometry given within the links; assembly modes are to be found.
-
-    `zeros[pair]` is the angle (rad) about the pair's axis, from the reference arc of
-    the first link to that of the second, at which the pair variable reads zero. The
-    reference arc of a link at an axis leads to the first other axis it lists.
-    """
-
-    links: Mapping[str, LinkSizes]
-    zeros: Mapping[str, float] = field(default_factory=dict)
-
-
-@final
-@dataclass(frozen=True)
-class PoseGeometry:
-    """Geometry given by the axes of all pairs in one reference pose.
-
-    `axes[pair]` is a unit vector in ground axes; the frames of all links coincide with
-    the ground's there. `values[pair]` is the pair variable (rad) in that pose.
-    """
-
-    axes: Mapping[str, tuple[float, float, float]]
-    values: Mapping[str, float] = field(default_factory=dict)
-
-
-@final
-@dataclass(frozen=True)
-class Input:
-    """A driven pair and the range of its variable (rad)."""
-
-    pair: str
-    start: float
-    stop: float
-
-
-@final
-@dataclass(frozen=True)
-class Output:
-    """A link whose motion relative to another one is of interest.
-
-    `direction` is the unit vector, in axes of the link, of what it points with.
-    """
-
-    name: str
-    link: str
-    relative_to: str
-    direction: tuple[float, float, float] | None = None
-
-
-@final
-@dataclass(frozen=True)
-class Source:
-    """Where a mechanism comes from, and what had to be assumed."""
-
-    citation: str
-    assumed: str = ""
+from spherekit.model.dynamics import Mass, Stop
+from spherekit.model.load import Load
+from spherekit.model.mechanism_checks import check_mechanism, not_named
+from spherekit.model.parts import Input as Input
+from spherekit.model.parts import LinkSizes as LinkSizes
+from spherekit.model.parts import Output as Output
+from spherekit.model.parts import Pair as Pair
+from spherekit.model.parts import PoseGeometry as PoseGeometry
+from spherekit.model.parts import Profile as Profile
+from spherekit.model.parts import SizeGeometry as SizeGeometry
+from spherekit.model.parts import Source as Source
 
 
 @final
@@ -224,7 +66,7 @@ class Mechanism:
         if self.ground in self.links and self.links[0] != self.ground:
             rest = tuple(name for name in self.links if name != self.ground)
             object.__setattr__(self, "links", (self.ground, *rest))
-        _check(self)
+        check_mechanism(self)
 
     @cached_property
     def link_number(self) -> Mapping[str, int]:
@@ -295,20 +137,13 @@ class Mechanism:
     def pair(self, name: str) -> Pair:
         """Return the pair of this name; `ModelError` with the nearest match if none."""
         if name not in self.pair_number:
-            raise ModelError(
-                f'{self.name}: no pair is named "{name}"'
-                f"{nearest(str(name), self.pair_number) or ';'} Pairs: "
-                f"{listing(self.pair_number)}"
-            )
+            raise not_named(self.name, "pair", name, self.pair_number)
         return self.pairs[self.pair_number[name]]
 
     def link(self, name: str) -> int:
         """Return the number of the link of this name; `ModelError` as of `pair`."""
         if name not in self.link_number:
-            raise ModelError(
-                f'{self.name}: no link is named "{name}"'
-                f"{nearest(str(name), self.links) or ';'} Links: {listing(self.links)}"
-            )
+            raise not_named(self.name, "link", name, self.links)
         return self.link_number[name]
 
     def _repr_html_(self) -> str:
@@ -522,175 +357,7 @@ class Mechanism:
         kept = {load.name: load for load in self.loads}
         for name in without:
             if name not in kept:
-                raise ModelError(
-                    f'{self.name}: no load is named "{name}"{nearest(name, kept) or ";"} '
-                    f"Loads: {listing(kept) or 'none'}"
-                )
+                raise not_named(self.name, "load", name, kept)
             del kept[name]
         kept |= {load.name: load for load in loads}
         return replace(self, loads=tuple(kept.values()))
-
-
-def _check(mechanism: Mechanism) -> None:
-    where = mechanism.name or "mechanism"
-    if len(mechanism.links) < 2:
-        raise ModelError(f"{where}: a mechanism has at least two links")
-    _check_names(where, "link", mechanism.links)
-    _check_names(where, "pair", [pair.name for pair in mechanism.pairs])
-    _check_names(where, "input at a", [item.pair for item in mechanism.inputs])
-    _check_names(where, "output", [output.name for output in mechanism.outputs])
-    _check_names(where, "load", [load.name for load in mechanism.loads])
-    _check_names(where, "mass of a", [mass.link for mass in mechanism.masses])
-    _check_names(where, "stop of a", [stop.pair for stop in mechanism.stops])
-
-    def need_link(name: str, key: str) -> None:
-        if name not in mechanism.links:
-            raise ModelError(
-                f'{where}: {key}: no link is named "{name}"'
-                f"{nearest(name, mechanism.links) or ';'} Links: "
-                f"{listing(mechanism.links)}"
-            )
-
-    need_link(mechanism.ground, "ground")
-    pair_names = [pair.name for pair in mechanism.pairs]
-    for pair in mechanism.pairs:
-        if pair.type not in KINDS:
-            raise ModelError(
-                f'{where}: pairs.{pair.name}: type "{pair.type}" is not one of '
-                f"{listing(KINDS)}"
-            )
-        for name in pair.links:
-            need_link(name, f"pairs.{pair.name}.links")
-        if (pair.profiles is None) != pair.kind.has_axis:
-            raise ModelError(
-                f"{where}: pairs.{pair.name}: a contact pair (Cr, Cs) has a profile for "
-                "each of its links, an R pair has none"
-            )
-        if pair.distance is not None and not 0.0 < pair.distance < math.inf:
-            raise ModelError(
-                f"{where}: pairs.{pair.name}.distance: found {pair.distance}, needs more "
-                "than 0 m: how far from the centre the contact force acts"
-            )
-        teeth = pair.pressure_angle
-        if teeth is not None and not (pair.rolls and 0.0 <= teeth < math.pi / 2):
-            raise ModelError(
-                f"{where}: pairs.{pair.name}.pressure_angle: found {teeth:g} rad in a "
-                f"{pair.type} pair, needs a rolling contact (Cr) and at least 0, less than "
-                "a right angle"
-            )
-        if pair.links[0] == pair.links[1]:
-            raise ModelError(
-                f'{where}: pairs.{pair.name}: joins link "{pair.links[0]}" to itself; '
-                "a pair joins two different links"
-            )
-
-    def need_pair(name: str, key: str) -> None:
-        if name not in pair_names:
-            raise ModelError(
-                f'{where}: {key}: no pair is named "{name}"'
-                f"{nearest(name, pair_names) or ';'} Pairs: {listing(pair_names)}"
-            )
-
-    for item in mechanism.inputs:
-        need_pair(item.pair, f"inputs.{item.pair}")
-    for output in mechanism.outputs:
-        need_link(output.link, f"outputs.{output.name}.link")
-        need_link(output.relative_to, f"outputs.{output.name}.relative_to")
-    for mass in mechanism.masses:
-        need_link(mass.link, f"mass.{mass.link}")
-    for load in mechanism.loads:
-        for key, form in load.keys.items():
-            if form == "link":
-                need_link(getattr(load, key), f"loads.{load.name}.{key}")
-            elif form == "pair":
-                need_pair(getattr(load, key), f"loads.{load.name}.{key}")
-    for stop in mechanism.stops:
-        need_pair(stop.pair, f"stops.{stop.pair}")
-    _check_dynamics(where, mechanism)
-    geometry = mechanism.geometry
-    if isinstance(geometry, PoseGeometry):
-        named: Mapping[str, Any] = geometry.values
-        for name in geometry.axes:
-            need_pair(name, "pairs")
-        for pair in mechanism.pairs:
-            if pair.kind.has_axis and pair.name not in geometry.axes:
-                raise ModelError(
-                    f"{where}: pairs.{pair.name}: its axis in the reference pose is "
-                    "missing; give xyz = [x, y, z] or lonlat = [longitude, latitude]"
-                )
-    else:
-        named = geometry.zeros
-        for name in geometry.links:
-            need_link(name, "links")
-        _check_sizes(where, mechanism, geometry)
-    for name in named:
-        need_pair(name, "pairs")
-
-
-def _check_dynamics(where: str, mechanism: Mechanism) -> None:
-    try:
-        for mass in mechanism.masses:
-            check_mass(mass)
-        for load in mechanism.loads:
-            load.check(f"loads.{load.name}", mechanism)
-        for stop in mechanism.stops:
-            check_stop(stop, mechanism)
-    except ModelError as error:
-        raise ModelError(f"{where}: {error}") from None
-
-
-def _check_names(where: str, what: str, names: "list[str] | tuple[str, ...]") -> None:
-    seen: set[str] = set()
-    for name in names:
-        if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME_LENGTH:
-            raise ModelError(
-                f"{where}: {what} name {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
-                "letters (A-Z, a-z), digits and underscores"
-            )
-        if name in seen:
-            raise ModelError(f'{where}: {what} "{name}" is given twice; names are unique')
-        seen.add(name)
-
-
-def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
-    on_link: dict[str, list[str]] = {link: [] for link in mechanism.links}
-    for pair in mechanism.pairs:
-        for link in pair.links:
-            if pair.kind.has_axis:
-                on_link[link].append(pair.name)
-    for link, expected in on_link.items():
-        sizes = geometry.links.get(link, LinkSizes(()))
-        key = f"{where}: links.{link}"
-        if sorted(sizes.axes) != sorted([*expected, *sizes.unpaired]):
-            raise ModelError(
-                f"{key}.axes: has [{listing(sizes.axes)}], but the R pairs on this link "
-                f"are [{listing(expected)}]; list each of them once"
-            )
-        for place, arc in enumerate(sizes.arcs):
-            if not (0.0 <= arc <= math.pi or (sizes.signed and math.isfinite(arc))):
-                raise ModelError(f"{key}.arcs[{place}]: {_no_arc(arc)}")
-        count = len(sizes.axes)
-        arcs, angles = max(count - 1, 0), max(count - 2, 0)
-        if len(sizes.arcs) != arcs:
-            raise ModelError(
-                f"{key}.arcs: has {counted(len(sizes.arcs), 'value')}, needs {arcs}: the "
-                "arcs from the first axis to each of the others"
-            )
-        if len(sizes.angles) != angles:
-            raise ModelError(
-                f"{key}.angles: has {counted(len(sizes.angles), 'value')}, needs {angles}: "
-                "at the first axis, from the first arc to each further arc"
-            )
-
-
-def _no_arc(arc: float) -> str:
-    """Return what to say of an arc (rad) that is none between two axes."""
-    if not math.isfinite(arc):
-        return f"found {arc}, needs a finite number"
-    shorter = abs(math.remainder(arc, 2.0 * math.pi))
-    return (
-        f"found {math.degrees(arc):.6g} deg ({arc:.6g} rad); an arc between two axes is "
-        f"between 0 and 180 deg. This one leads to an axis {math.degrees(shorter):.6g} deg "
-        "away, perhaps on the other side of the first; if that is meant, say "
-        "signed_arcs = true in the link"
-    )

@@ -25,7 +25,7 @@ def given_by_sizes(made: Mechanism, where: str) -> Mechanism:
     ModelError
         If a contact rolls: how far it has is said by the pose.
     """
-    rolling = [pair.name for pair in made.pairs if pair.kind.may_repeat]
+    rolling = [pair.name for pair in made.pairs if pair.rolls]
     if rolling:
         raise ModelError(
             f"{where}: without that pose it is not known how far {rolling[0]} has rolled; "

@@ -13,9 +13,9 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import Status
+from spherekit.conventions import TURN, Status
 from spherekit.motion.segments import CurvePoints, Segments
-from spherekit.motion.turns import TURN, less_periods
+from spherekit.motion.turns import less_periods
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.periodic import Periodic
 from spherekit.numeric.zeros import Zeros, zeros

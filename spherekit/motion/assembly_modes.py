@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
@@ -28,9 +28,10 @@ from spherekit.motion.groups import (
 )
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import DEPENDENT, left_inverse, rank_mobility
-from spherekit.motion.meshes import TURN, Meshes, meshes_of
+from spherekit.motion.meshes import Meshes, meshes_of
 from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.pairs import pair_states, penetrates
+from spherekit.motion.steps import determinant_sign
 from spherekit.motion.trains import Frames, WheelPlacement, train_of
 from spherekit.planning.assembly import Assembly
 from spherekit.planning.wheel_train import wheel_train
@@ -304,8 +305,7 @@ def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:
     The sign is 1 throughout for a group with redundant constraints. Flatness does not
     depend on how near to each other all axes are: a small group is not a flat one.
     """
-    square = jacobian.shape[1] == jacobian.shape[2]
-    sign = np.linalg.slogdet(jacobian)[0] if square else np.ones(len(jacobian))
+    sign = determinant_sign(jacobian)
     reciprocal_condition = np.ones(len(jacobian))
     finite = np.all(np.isfinite(jacobian), axis=(1, 2))
     spread = _spread(jacobian[finite])

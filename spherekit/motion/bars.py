@@ -36,6 +36,12 @@ def bars_of(group: Group) -> tuple[Bar, ...]:
     return tuple(bars)
 
 
+def joined_by_three(bars: Sequence[Bar]) -> tuple[int, int] | None:
+    """Return the two bodies that all of three bars join, None of other bars."""
+    ends = {frozenset(bar.bodies) for bar in bars}
+    return bars[0].bodies if len(bars) == 3 and len(ends) == 1 else None
+
+
 @final
 @dataclass(frozen=True)
 class Frames:

@@ -14,7 +14,7 @@ import numpy as np
 
 from spherekit.model.joints import revolute
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.bars import bars_of
+from spherekit.motion.bars import bars_of, joined_by_three
 from spherekit.motion.elimination import all_solutions, count_orders
 from spherekit.motion.groups import group_closure
 from spherekit.planning.assembly import Group
@@ -55,10 +55,7 @@ def _platform(group: Group) -> tuple[int, int] | None:
     """Return the two bodies that the three bars of a triad join, None if it is none."""
     if not group.revolute or len(group.bodies) != 5:
         return None
-    bars = bars_of(group)
-    if len(bars) != 3 or len({frozenset(bar.bodies) for bar in bars}) != 1:
-        return None
-    return bars[0].bodies
+    return joined_by_three(bars_of(group))
 
 
 class ModeCoalescence(Protocol):

@@ -8,10 +8,9 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from spherekit.conventions import TURN
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats
-
-TURN = 2.0 * np.pi
 
 
 @final

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import Status
 from spherekit.motion.continuation import Rows, Verification, follow_paths
+from spherekit.motion.turns import whole_laps
 from spherekit.sphere.rotation import Floats
 
 NEARLY_THERE = 1e-6
@@ -163,9 +164,7 @@ class CurvePath(ABC, Generic[Node]):
         """Return the start, whole periods on, if a verified step runs through it."""
         at, start = self.at, self.start
         middle = 0.5 * (at.values + new.values)
-        laps = np.round((middle - start.values) / self.periods)
-        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
-        values = start.values + laps * finite
+        values = start.values + whole_laps(middle - start.values, self.periods)
         way = float(at.tangent @ (values - at.values))
         if not -NEARLY_THERE < way <= step or start.tangent @ at.tangent < 0.8:
             return None

@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.motion.bars import Arcs, Bar, Frames, bars_of
+from spherekit.motion.bars import Arcs, Bar, Frames, bars_of, joined_by_three
 from spherekit.motion.closure import Closure
 from spherekit.planning.assembly import Group
 from spherekit.sphere.quadrics import (
@@ -79,9 +79,10 @@ def has_elimination(group: Group) -> bool:
 def _triad(group: Group, frames: Frames) -> ModeCandidates | None:
     """Return the solutions of two bodies joined by three bars."""
     bars = bars_of(group)
-    if len(bars) != 3 or len({frozenset(bar.bodies) for bar in bars}) != 1:
+    both = joined_by_three(bars)
+    if both is None:
         return None
-    base, platform = bars[0].bodies
+    base, platform = both
     arcs = frames.arcs(bars)
     if np.min(arcs.sines) < POINTLIKE:
         return _none(group, COMMON_POINTS, "a link has an arc of about 0 or 180 deg")

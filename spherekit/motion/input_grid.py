@@ -7,8 +7,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import counted, listing
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import Input
+from spherekit.model.mechanism import Input, Mechanism
 from spherekit.sphere.rotation import Floats
 
 
@@ -32,6 +33,11 @@ class InputGrid:
         """Whether successive samples are neighbours."""
         return len(self.shape) == 1
 
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the greatest sampled value (rad) of a single input."""
+        return float(np.min(self.q)), float(np.max(self.q))
+
     def neighbours(self) -> NDArray[np.intp]:
         """Return (2 axes, n): the next and the previous sample along each axis, or -1."""
         number = np.arange(len(self)).reshape(self.shape)
@@ -54,6 +60,46 @@ class InputGrid:
         """Return at most about `most` evenly chosen samples, as a path."""
         rows = np.unique(np.linspace(0, len(self) - 1, min(most, len(self))).astype(int))
         return InputGrid(self.q[rows], (len(rows),))
+
+
+def sampled(
+    mechanism: Mechanism,
+    samples: int | Sequence[int],
+    wants_grid: bool,
+    path: Floats | None,
+) -> InputGrid:
+    """Return the samples of a mechanism: a path, a grid of its ranges, or a way through.
+
+    The parameters are those of `Tracer`.
+
+    Raises
+    ------
+    SolveError
+        If a range does not rise, or the samples are not those of its inputs.
+    """
+    inputs = mechanism.inputs
+    if path is not None:
+        return given_path(path, len(inputs))
+    for item in inputs:
+        if not item.start < item.stop:
+            raise SolveError(
+                f"{mechanism.name}: inputs.{item.pair}: the range must rise from `from` "
+                f"to `to`, but it is {item.start:.6g} to {item.stop:.6g} rad; give a "
+                "greater `to`, by a turn if it should go on past zero"
+            )
+    if isinstance(samples, Sequence):
+        if len(samples) != len(inputs):
+            raise SolveError(
+                f"{mechanism.name}: samples: {'x'.join(map(str, samples))} is of "
+                f"{counted(len(samples), 'input')}, but there "
+                f"{'is' if len(inputs) == 1 else 'are'} {counted(len(inputs), 'input')} "
+                f"({listing(i.pair for i in inputs)}); give one number for each, as 361 or "
+                "41x21"
+            )
+        return grid(inputs, samples)
+    if wants_grid:
+        return grid(inputs, [samples] * len(inputs))
+    return straight(inputs, samples)
 
 
 def straight(inputs: Sequence[Input], samples: int) -> InputGrid:

@@ -13,12 +13,7 @@ from numpy.typing import NDArray
 
 from spherekit.model.joints import Joint, PairRates, PairStates
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.pairs import (
-    pair_axes,
-    pair_rates,
-    pair_states,
-    variable_vectors,
-)
+from spherekit.motion.pairs import pair_axes, pair_rates, pair_states, variable_vectors
 from spherekit.sphere.rotation import Floats, rotation_vector, transpose
 
 KEPT = ("placed", "frames", "vectors", "jacobian", "residual")

@@ -77,6 +77,16 @@ class LoopTree:
             rows[row, chord] += 1.0
         return rows[:, list(self.owners)]
 
+    @property
+    def longest_loop(self) -> int:
+        """The number of variables in the longest loop."""
+        return int(np.max(np.count_nonzero(self.signs, axis=1), initial=0))
+
+    @property
+    def longest_path(self) -> int:
+        """The number of variables on the longest way from body 0."""
+        return int(np.max(np.count_nonzero(self.paths, axis=1)))
+
     @cached_property
     def incidence(self) -> Floats:
         """(pairs, bodies): -1 at the first body of each pair, 1 at the second."""
@@ -104,6 +114,22 @@ class LoopTree:
     def body_rates(self, vectors: Floats, rates: Floats) -> Floats:
         """Return angular velocities (n, bodies, 3) relative to body 0, in its axes."""
         return np.asarray(self.paths @ (rates[..., None] * vectors))
+
+
+def condition(matrices: Floats) -> Floats:
+    """Return the conditions (n,) of matrices (n, m, k) in the 2-norm.
+
+    Infinite where columns depend on each other, 1 where there is none, NaN of what is not
+    finite.
+    """
+    columns = matrices.shape[2]
+    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    conditions = np.where(finite, np.inf if columns else 1.0, np.nan)
+    sizes = np.linalg.svd(matrices[finite], compute_uv=False)
+    if 0 < sizes.shape[1] == columns:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            conditions[finite] = sizes[:, 0] / sizes[:, -1]
+    return np.asarray(conditions)
 
 
 def left_inverse(matrices: Floats) -> Floats:

@@ -17,7 +17,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN
 from spherekit.model.graph import spanning
 from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
@@ -28,11 +28,12 @@ from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import rolled_lengths
 from spherekit.motion.search import search
 from spherekit.motion.steps import nodes_at, walk
+from spherekit.motion.turns import whole_laps
 from spherekit.planning.wheel_train import WheelTrain
+from spherekit.planning.wheels import SAME_LENGTH
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.triangle import Bools
 
-TURN = 2.0 * np.pi
 TRIED = (0.0, 1.0, -1.0, 2.0, -2.0, 0.5, -0.5, 1.5, -1.5, 2.5, -2.5, 3.1)
 """Inputs (rad) at which a configuration is looked for, from the anchor."""
 WAYS = 8
@@ -45,8 +46,6 @@ SPREAD = 1e-3
 """Inputs (rad) that compared rates lie apart at least."""
 FLAT = 1e-5
 """Configurations of a smaller relative singular value say nothing precise of rates."""
-SAME_LENGTH = 1e-7
-"""Lengths (rad) that differ by less are one."""
 SAME_RATIO = 1e-9
 """Laps in a turn of an input that differ by less are the same."""
 MOST_CHOICES, MOST_SORTED, MOST_ASSEMBLIES = 8, 4096, 64
@@ -87,7 +86,7 @@ class Meshes:
 
     def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> list[Floats]:
         """Return the closed configurations (variables,) found at inputs q (k,)."""
-        far, q = q, self._less_periods(q)
+        far, q = q, q - whole_laps(q - self.anchor, self.periods)
         held = dict(zip(driven, map(float, q), strict=True)) | self.at(q)
         locked = _lock_all(closure, held)
         values = np.zeros((1, 0))
@@ -102,24 +101,15 @@ class Meshes:
             for configuration in whole[gap < CLOSURE_TOLERANCE]
         ]
 
-    def _less_periods(self, q: Floats) -> Floats:
-        """Return inputs (k,) as near to the anchor as whole periods bring them."""
-        finite = np.isfinite(self.periods)
-        periods = np.where(finite, self.periods, 1.0)
-        laps = np.where(finite, np.round((q - self.anchor) / periods), 0.0)
-        return np.asarray(q - laps * periods)
-
     def moved(self, values: Floats, driven: Sequence[int], q: Floats) -> Floats:
         """Return the same configuration (variables,) at inputs nearest to q (k,).
 
         The inputs grow by whole periods.
         """
         values, held = values.copy(), list(driven)
-        finite = np.isfinite(self.periods)
-        periods = np.where(finite, self.periods, 1.0)
-        laps = np.where(finite, np.round((q - values[held]) / periods), 0.0)
-        values[held] += laps * periods
-        values[list(self.variables)] += self.ratios @ (laps * periods)
+        grown = whole_laps(q - values[held], self.periods)
+        values[held] += grown
+        values[list(self.variables)] += self.ratios @ grown
         return values
 
 

@@ -5,11 +5,11 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import TURN
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.turns import in_range, turns_in_range
 from spherekit.sphere.rotation import Floats
 
-TURN = 2.0 * np.pi
 SHORTEST = 1e-6
 """Cuts of a curve (rad) nearer to each other than this are one."""
 

@@ -15,12 +15,11 @@ from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion import input_grid as grids
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.configuration import Configurations, configuration_curves
-from spherekit.motion.input_grid import InputGrid, given_path
+from spherekit.motion.input_grid import given_path, sampled
 from spherekit.motion.linearisation import Linearisation
-from spherekit.motion.loops import LoopTree, left_inverse
+from spherekit.motion.loops import LoopTree, condition, left_inverse
 from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.modes import find_assembly_modes
 from spherekit.motion.timing import Timing
@@ -44,10 +43,9 @@ class Motion(ArrayRows):
     variables) rad; `placed` (n, links, 3, 3) the `rotations`, where these are known.
     Rows with a status other than OK or AT_SINGULARITY hold NaN, except for sample,
     assembly mode, inputs and status. `is_path` says that successive samples are neighbours.
-    `timing` says
-    when the rows happen, if that is known. `sense` (n,) is given where rows follow a
-    mechanism through dead centres of its input: +1, or -1 where the input moves back while
-    the mechanism moves on.
+    `timing` says when the rows happen, if that is known. `sense` (n,) is given where rows
+    follow a mechanism through dead centres of its input: +1, or -1 where the input moves
+    back while the mechanism moves on.
     """
 
     mechanism: Mechanism
@@ -134,15 +132,7 @@ class Motion(ArrayRows):
         It grows without bound towards singularities of type II; infinite where loops do
         not hold the links, 1 where there is no loop, NaN where the row failed.
         """
-        jacobian = self.free_jacobian
-        free = jacobian.shape[2]
-        finite = np.all(np.isfinite(jacobian), axis=(1, 2))
-        conditions = np.where(finite, np.inf if free else 1.0, np.nan)
-        sizes = np.linalg.svd(jacobian[finite], compute_uv=False)
-        if 0 < sizes.shape[1] == free:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                conditions[finite] = sizes[:, 0] / sizes[:, -1]
-        return np.asarray(conditions)
+        return condition(self.free_jacobian)
 
     @cached_property
     def free(self) -> tuple[int, ...]:
@@ -177,19 +167,13 @@ class Motion(ArrayRows):
         return sensitivity
 
     @property
-    def _longest_loop(self) -> int:
-        """The number of variables in the longest loop."""
-        signs = self.linearisation.tree.signs
-        return int(np.max(np.count_nonzero(signs, axis=1), initial=0))
-
-    @property
     def gap(self) -> Floats:
         """(n,) rad, by how much loops may be open, in each component.
 
         The residual; two roundings of its own, and one for each variable of a loop: for its
         geometry, and for the numbers of the file, which float64 rounds.
         """
-        rounding = EPS * (2.0 + self._longest_loop)
+        rounding = EPS * (2.0 + self.linearisation.tree.longest_loop)
         return np.asarray(np.nan_to_num(self.residual, nan=0.0) + rounding)
 
     @property
@@ -202,7 +186,9 @@ class Motion(ArrayRows):
         apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
         # Nearly parallel axes hardly turn each other.
         turn = np.minimum(2.0 * apart, np.max(np.sum(vectors**2, axis=2), axis=1))
-        return np.asarray(self._longest_loop * turn * self.sensitivity**2 * self.gap)
+        return np.asarray(
+            self.linearisation.tree.longest_loop * turn * self.sensitivity**2 * self.gap
+        )
 
     @cached_property
     def configuration_error(self) -> Floats:
@@ -225,9 +211,7 @@ class Motion(ArrayRows):
     @property
     def orientation_error(self) -> Floats:
         """(n,) rad, how far links may be off: all variables on the way to one add up."""
-        paths = self.linearisation.tree.paths
-        longest = int(np.max(np.count_nonzero(paths, axis=1)))
-        return self.configuration_error * longest
+        return self.configuration_error * self.linearisation.tree.longest_path
 
     @checked(SolveError)
     def quaternions(self, link: int) -> Floats:
@@ -317,7 +301,7 @@ class Tracer:
     ) -> None:
         self._follow = follow
         self.mechanism = driven_at(mechanism, input_pair)
-        self.input_grid = _lattice(self.mechanism, samples, grid, path)
+        self.input_grid = sampled(self.mechanism, samples, grid, path)
         self.by_rank = False
         try:
             self.assembly_modes = self._assembled(search)
@@ -495,37 +479,6 @@ class Tracer:
         for start in range(first, len(self.input_grid), size):
             rows = np.arange(start, min(start + size, len(self.input_grid)))
             yield self._at(self.input_grid.q[rows], rows, start)
-
-
-def _lattice(
-    mechanism: Mechanism,
-    samples: int | Sequence[int],
-    wants_grid: bool,
-    path: Floats | None,
-) -> InputGrid:
-    inputs = mechanism.inputs
-    if path is not None:
-        return given_path(path, len(inputs))
-    for item in inputs:
-        if not item.start < item.stop:
-            raise SolveError(
-                f"{mechanism.name}: inputs.{item.pair}: the range must rise from `from` "
-                f"to `to`, but it is {item.start:.6g} to {item.stop:.6g} rad; give a "
-                "greater `to`, by a turn if it should go on past zero"
-            )
-    if isinstance(samples, Sequence):
-        if len(samples) != len(inputs):
-            raise SolveError(
-                f"{mechanism.name}: samples: {'x'.join(map(str, samples))} is of "
-                f"{counted(len(samples), 'input')}, but there "
-                f"{'is' if len(inputs) == 1 else 'are'} {counted(len(inputs), 'input')} "
-                f"({listing(i.pair for i in inputs)}); give one number for each, as 361 or "
-                "41x21"
-            )
-        return grids.grid(inputs, samples)
-    if wants_grid:
-        return grids.grid(inputs, [samples] * len(inputs))
-    return grids.straight(inputs, samples)
 
 
 @checked(SolveError)

@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import Status
+from spherekit.conventions import TURN, Status
 from spherekit.motion.motion import Tracer
 from spherekit.sphere.rotation import Floats
 
@@ -28,7 +28,6 @@ AT_ONCE = 8192
 """Samples that are read at once."""
 PORTION = 1024
 """Nodes that are found at once."""
-TURN = 2.0 * np.pi
 
 
 @final

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import TURN
 from spherekit.sphere.rotation import Floats
 
 ROUNDED = 1e-12
 """An input outside a range by less (rad) is at its end."""
-TURN = 2.0 * np.pi
 
 
 def into_range(
@@ -28,8 +28,14 @@ def into_range(
 
 def less_periods(differences: Floats, periods: Floats) -> Floats:
     """Return differences of variables (..., variables) less whole periods."""
-    finite = np.where(np.isfinite(periods), periods, 0.0)
-    return np.asarray(differences - np.round(differences / periods) * finite)
+    return np.asarray(differences - whole_laps(differences, periods))
+
+
+def whole_laps(differences: Floats, periods: Floats) -> Floats:
+    """Return the whole periods in differences (..., variables), zero without a period."""
+    finite = np.isfinite(periods)
+    scale = np.where(finite, periods, 1.0)
+    return np.where(finite, np.round(differences / scale) * scale, 0.0)
 
 
 def turns_in_range(

@@ -15,7 +15,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.numeric.chebyshev import Floats, nodes
+from spherekit.numeric.chebyshev import Floats, fitting, nodes
 
 DEGREE = 11
 MOST_CELLS = 2048
@@ -59,7 +59,7 @@ class TensorChebyshev:
         m, count = len(low), degree + 1
         grid = _tensor([nodes(degree)] * m)
         places = np.concatenate([grid, _spread(CHECKS, m)])
-        fitting = _fitting(degree)
+        made = fitting(degree)
         checking = _products(places[len(grid) :], degree)
         splits: list[list[float]] = []
         kept: list[tuple[Floats, Floats]] = []
@@ -71,7 +71,7 @@ class TensorChebyshev:
             samples = function(x.reshape(-1, m)).reshape(len(open_), len(places), -1)
             series = samples[:, : len(grid)].reshape(len(open_), *[count] * m, -1)
             for axis in range(1, m + 1):
-                series = np.moveaxis(np.tensordot(series, fitting, (axis, 1)), -1, axis)
+                series = np.moveaxis(np.tensordot(series, made, (axis, 1)), -1, axis)
             flat = series.reshape(len(open_), len(grid), -1)
             gap = np.abs(checking @ flat - samples[:, len(grid) :]) / size
             with np.errstate(invalid="ignore"):
@@ -193,15 +193,6 @@ def _spread(count: int, m: int) -> Floats:
     steps = root ** -np.arange(1.0, m + 1)
     inner = 2.0 * ((0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0) - 1.0
     return np.concatenate([inner, _tensor([np.array([-1.0, 1.0])] * m)])
-
-
-def _fitting(degree: int) -> Floats:
-    """Return the matrix that makes Chebyshev series of values at the `nodes`."""
-    count = degree + 1
-    angles = (np.arange(degree, -1, -1) + 0.5) * np.pi / count
-    fitting = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
-    fitting[0] *= 0.5
-    return np.asarray(fitting)
 
 
 def _products(x: Floats, degree: int) -> Floats:

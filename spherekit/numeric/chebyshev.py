@@ -171,8 +171,14 @@ def nodes(degree: int) -> Floats:
 
 def through(values: Floats) -> Floats:
     """Return the series (cells, degree + 1, m) with these values at the `nodes`."""
-    count = values.shape[1]
-    angles = (np.arange(count - 1, -1, -1) + 0.5) * np.pi / count
-    fitting = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
-    fitting[0] *= 0.5
-    return np.asarray(np.einsum("kj,cjm->ckm", fitting, values))
+    return np.asarray(np.einsum("kj,cjm->ckm", fitting(values.shape[1] - 1), values))
+
+
+@cache
+def fitting(degree: int) -> Floats:
+    """Return the matrix that makes series of values at the `nodes`."""
+    count = degree + 1
+    angles = (np.arange(degree, -1, -1) + 0.5) * np.pi / count
+    made = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
+    made[0] *= 0.5
+    return np.asarray(made)

@@ -11,18 +11,17 @@ from itertools import islice, product
 
 import numpy as np
 
-from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN
 from spherekit.motion.assembly_modes import Solver, wrap
 from spherekit.motion.meshes import (
     MOST_ASSEMBLIES,
     MOST_SORTED,
     MOST_TURNS,
-    SAME_LENGTH,
     SAME_RATIO,
-    TURN,
     Meshes,
     whole_turns_apart,
 )
+from spherekit.planning.wheels import SAME_LENGTH
 from spherekit.sphere.rotation import Floats
 
 

@@ -7,16 +7,14 @@ configuration.
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import final
 
 import numpy as np
 
-from spherekit.conventions import EPS
-from spherekit.model.geometry import link_axes
+from spherekit.model.geometry import SAME_AXIS, link_axes
+from spherekit.model.graph import joined
 from spherekit.model.mechanism import Mechanism
-
-SAME_AXIS = 16 * EPS
-"""Sine below which two axes of a link are one: rounding of their arcs and angles."""
 
 
 @final
@@ -35,23 +33,15 @@ class Coaxial:
 def coaxial_links(mechanism: Mechanism) -> tuple[Coaxial, ...]:
     """Return the sets of three or more links that turn about a common axis."""
     number = mechanism.pair_number
-    owner = list(range(len(mechanism.pairs)))
+    couples: list[tuple[int, int]] = []
     rounded: set[int] = set()
     for axes in link_axes(mechanism).values():
-        names = list(axes)
-        for position, one in enumerate(names):
-            for other in names[:position]:
-                sine = np.linalg.norm(np.cross(axes[one], axes[other]))
-                if sine < SAME_AXIS:
-                    if not np.array_equal(axes[one], axes[other]) and not np.array_equal(
-                        axes[one], -axes[other]
-                    ):
-                        rounded |= {number[one], number[other]}
-                    low, high = sorted((owner[number[one]], owner[number[other]]))
-                    owner = [
-                        low if representative == high else representative
-                        for representative in owner
-                    ]
+        for one, other in combinations(axes, 2):
+            if np.linalg.norm(np.cross(axes[one], axes[other])) < SAME_AXIS:
+                couples.append((number[one], number[other]))
+                same = [np.array_equal(axes[one], s * axes[other]) for s in (1.0, -1.0)]
+                rounded |= set() if any(same) else set(couples[-1])
+    owner = joined(len(mechanism.pairs), couples)
     sets = []
     for first in sorted(set(owner)):
         pairs = [

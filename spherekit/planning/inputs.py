@@ -5,6 +5,7 @@ from typing import Protocol
 
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
+from spherekit.model.graph import joined
 from spherekit.model.mechanism import Mechanism
 
 
@@ -62,8 +63,4 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
 
 def merged(mechanism: Linked, locked: Iterable[int]) -> tuple[int, ...]:
     """Return for each link the smallest link of its body when pairs are locked."""
-    body = list(range(len(mechanism.links)))
-    for pair in locked:
-        one, other = sorted(body[link] for link in mechanism.ends[pair])
-        body = [one if owner == other else owner for owner in body]
-    return tuple(body)
+    return tuple(joined(len(mechanism.links), (mechanism.ends[pair] for pair in locked)))

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from spherekit.errors import CountError
 from spherekit.model.actions import used_links, used_pairs
-from spherekit.model.dynamics import Load
+from spherekit.model.load import Load
 from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
 from spherekit.planning.assembly import Assembly, plan_assembly
 

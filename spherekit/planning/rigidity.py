@@ -162,7 +162,7 @@ def counted_freedom(
         game = _play(mechanism)
         _check_mobility(mechanism, driven)
     except CountError:
-        rolls = any(pair.kind.may_repeat for pair in mechanism.pairs)
+        rolls = any(pair.rolls for pair in mechanism.pairs)
         if (by_rank or rolls) and graph_mobility(mechanism) <= len(driven):
             return Freedom(merged(mechanism, locked), None)
         raise

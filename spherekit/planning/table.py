@@ -17,6 +17,7 @@ from spherekit.planning.poles import (
     Pole,
     PrimaryPole,
     Step,
+    pole_of,
 )
 
 
@@ -64,7 +65,7 @@ def describe(plan: Plan, step: Step) -> str:
     if isinstance(step, LinePole):
         i, j = step.pole
         lines = [
-            f"{pole_name(plan, _sorted(i, k))} {pole_name(plan, _sorted(j, k))}"
+            f"{pole_name(plan, pole_of(i, k))} {pole_name(plan, pole_of(j, k))}"
             for k in step.via
         ]
         lines += [f"contact {plan.mechanism.pairs[n].name}" for n in step.contacts]
@@ -111,7 +112,7 @@ def as_dict(plan: Plan) -> dict[str, Any]:
             lines: list[dict[str, Any]] = [
                 {
                     "via": plan.name(k),
-                    "poles": [named(_sorted(i, k)), named(_sorted(j, k))],
+                    "poles": [named(pole_of(i, k)), named(pole_of(j, k))],
                 }
                 for k in step.via
             ]
@@ -143,7 +144,3 @@ def as_dict(plan: Plan) -> dict[str, Any]:
         "table": cells(plan),
         "steps": [step_dict(step) for step in plan.steps],
     }
-
-
-def _sorted(i: int, k: int) -> Pole:
-    return (i, k) if i < k else (k, i)

@@ -10,6 +10,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import TURN
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import Joint, Track, revolute
 from spherekit.model.mechanism import Mechanism
@@ -26,7 +27,6 @@ from spherekit.sphere.rotation import Floats, cross
 
 SINGULAR = 1e-9
 """Relations of a smaller relative singular value do not fix the angles."""
-TURN = 2.0 * np.pi
 
 
 @final

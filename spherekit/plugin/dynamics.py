@@ -22,6 +22,6 @@ if TYPE_CHECKING:
     from spherekit.dynamics.statics import output_stiffness as output_stiffness
     from spherekit.model.actions import used_links as used_links
     from spherekit.model.actions import used_pairs as used_pairs
-    from spherekit.model.dynamics import Bearings as Bearings
+    from spherekit.model.bearings import Bearings as Bearings
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

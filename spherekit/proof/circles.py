@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, final
 
+from spherekit.model.gears import carrier_of
 from spherekit.model.mechanism import Mechanism, Pair
 from spherekit.proof.balls import Ball, angle_of, exact, pi
 from spherekit.proof.vectors import Frame, Vector, cross, dot, unit
@@ -111,9 +112,12 @@ def _cones(
 ) -> tuple[Ball, Ball, Ball, Ball]:
     """Return half angles of cones that touch, and numbers in the ratio of their sines."""
     item, mechanism = sizes.item(pair.name), sizes.mechanism
-    on = [set(mechanism.pair(name).links) for name in item["axes"]]
-    carrier = next(iter((on[0] - {pair.links[0]}) & (on[1] - {pair.links[1]})))
-    one, other = (_axis(mechanism, frames, name, carrier) for name in item["axes"])
+    joined = {name: mechanism.pair(name).links for name in frames}
+    axes = (item["axes"][0], item["axes"][1])
+    carrier, carried = carrier_of(mechanism.geometry, joined, pair.links, axes)
+    one, other = (
+        _turned(_axis(mechanism, frames, name, carrier), sense) for name, sense in carried
+    )
     normal = cross(one, other)
     between = angle_of(dot(one, other), dot(normal, normal).sqrt())
     if "teeth" in item:
@@ -125,6 +129,10 @@ def _cones(
     first = sizes.angle(item["half_angles"][0])
     second = between - first if sense < 0 else between + first
     return first, second, first.sin(), second.sin()
+
+
+def _turned(axis: Vector, sense: int) -> Vector:
+    return axis if sense > 0 else (-axis[0], -axis[1], -axis[2])
 
 
 def _given(

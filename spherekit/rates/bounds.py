@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS, USABLE_DIRECTION
-from spherekit.planning.coaxial import SAME_AXIS
+from spherekit.model.geometry import SAME_AXIS
 from spherekit.planning.poles import Pole
 from spherekit.rates.core import Equations
 from spherekit.rates.lines import Lines

@@ -21,14 +21,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import EPS
 from spherekit.model.joints import PairRates
 from spherekit.motion.motion import Motion
-from spherekit.planning.poles import (
-    BlockPoles,
-    LinePole,
-    Plan,
-    Pole,
-    Step,
-    pole_of,
-)
+from spherekit.planning.poles import BlockPoles, LinePole, Plan, Pole, Step, pole_of
 from spherekit.rates.lines import (
     Lines,
     block_rate,

@@ -135,12 +135,9 @@ def great_circles(step: LinePole, lines: Lines) -> tuple[Floats, Floats, Floats]
 
     First those through pairs of known poles, then the contact planes.
     """
-    sources = [line_sources(step, k) for k in step.via]
-    normals = [cross(lines.unit[a], lines.unit[b]) for a, b in sources]
-    normals += [lines.contact[number] for number in step.contacts]
+    sources, stack = _normals(step, lines)
     inherited = [lines.error[a] + lines.error[b] for a, b in sources]
-    inherited += [np.zeros_like(normals[-1][0]) for _ in step.contacts]
-    stack = np.stack(normals)
+    inherited += [np.zeros_like(stack[-1][0]) for _ in step.contacts]
     length = norm(stack)
     return stack, length, (np.stack(inherited) + EPS) / np.maximum(length, EPS)
 
@@ -203,15 +200,21 @@ def _take(stack: Floats, which: NDArray[np.intp]) -> Floats:
 
 def great_circle_rates(step: LinePole, lines: Lines) -> tuple[Floats, Floats]:
     """Return the normals (lines, 3, n) of `great_circles` and their derivatives."""
-    sources = [line_sources(step, k) for k in step.via]
-    normals = [cross(lines.unit[a], lines.unit[b]) for a, b in sources]
-    normals += [lines.contact[number] for number in step.contacts]
+    sources, stack = _normals(step, lines)
     changes = [
         cross(lines.rate[a], lines.unit[b]) + cross(lines.unit[a], lines.rate[b])
         for a, b in sources
     ]
     changes += [lines.contact_rate[number] for number in step.contacts]
-    return np.stack(normals), np.stack(changes)
+    return stack, np.stack(changes)
+
+
+def _normals(step: LinePole, lines: Lines) -> tuple[list[tuple[Pole, Pole]], Floats]:
+    """Return the poles that great circles pass, and all normals (lines, 3, n)."""
+    sources = [line_sources(step, k) for k in step.via]
+    normals = [cross(lines.unit[a], lines.unit[b]) for a, b in sources]
+    normals += [lines.contact[number] for number in step.contacts]
+    return sources, np.stack(normals)
 
 
 def _intersect_rate(step: LinePole, lines: Lines) -> None:

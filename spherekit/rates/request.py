@@ -6,16 +6,16 @@ from functools import lru_cache
 from typing import final
 
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.plan import plan
 from spherekit.planning.poles import (
     BlockPoles,
     CoaxialPole,
     Plan,
     Pole,
     PrimaryPole,
-    plan,
     pole_of,
-    prune,
 )
+from spherekit.planning.pruning import prune
 
 
 @final

@@ -18,7 +18,8 @@ from spherekit.motion.motion import Motion, Tracer, motion_of
 from spherekit.motion.segments import Bordered, CurvePoints
 from spherekit.numeric.rows import ArrayRows
 from spherekit.numeric.zeros import Zeros, zeros
-from spherekit.planning.poles import Plan, Pole, plan, pole_of
+from spherekit.planning.plan import plan
+from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.core import LinkRates
 from spherekit.rates.lines import evaluate_lines
 from spherekit.sphere.rotation import Floats

@@ -13,7 +13,7 @@ from spherekit.errors import SolveError
 from spherekit.model.geometry import link_axes
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.planning.poles import plans
+from spherekit.planning.plan import plans
 from spherekit.sphere.rotation import arc
 from spherekit.view.rerun_view import RerunRecorder
 
@@ -124,7 +124,7 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
     for link, places in link_axes(mechanism).items():
         names = list(places)
         sizes = [
-            f"{a}\u2013{b} {np.degrees(arc(places[a], places[b])):.5g}"
+            f"{a}\u2013{b} {_degrees(float(arc(places[a], places[b])))}"
             for a, b in pairwise(names)
         ]
         lines.append(f"| {link} | {', '.join(sizes) or ', '.join(names)} |")
@@ -135,7 +135,7 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
     }
     for number, pair in enumerate(mechanism.pairs):
         here = ", ".join(
-            f"{np.degrees(motion.values[row, variable]):.5g}"
+            _degrees(motion.values[row, variable])
             for variable in mechanism.variables_of(number)
         )
         lines.append(
@@ -146,3 +146,8 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
     if mechanism.source is not None:
         lines += ["", f"Source: {mechanism.source.citation}"]
     return Text("sizes", "Sizes", "\n".join(lines))
+
+
+def _degrees(angle: float) -> str:
+    """Return an angle (rad) in degrees, zero but for rounding as 0."""
+    return f"{round(float(np.degrees(angle)), 9) + 0.0:.5g}"

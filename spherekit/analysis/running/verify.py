@@ -29,7 +29,7 @@ from spherekit.analysis.tables import (
     TableArrays,
     arrays,
 )
-from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status, listing
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status, listing
 from spherekit.errors import SpherekitError
 from spherekit.exact.arithmetic import DIGITS, Digits
 from spherekit.exact.field import (
@@ -38,7 +38,6 @@ from spherekit.exact.field import (
     exact_motion,
 )
 from spherekit.exact.rows import ExactRows, exact_rows_by_input
-from spherekit.motion.continued import TURN
 from spherekit.motion.motion import Motion
 from spherekit.numeric.rows import ArrayRows
 from spherekit.planning.poles import Pole

@@ -1,0 +1,148 @@
+"""Bearings of pairs, and what of reactions rubs in them."""
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.checked import checked_class
+from spherekit.errors import ModelError
+from spherekit.model.load import Component, Load, law_of, number_text
+from spherekit.model.needs import (
+    need_angle,
+    need_at_least_zero,
+    need_finite,
+    need_smoothing,
+)
+
+if TYPE_CHECKING:
+    from spherekit.model.mechanism import Mechanism
+
+
+@final
+@checked_class(ModelError)
+@dataclass(frozen=True)
+class Bearings(Load):
+    """The bearings of an R pair, with Coulomb's friction that follows from its reaction.
+
+    `positions` (m) are where they sit along the axis, from the centre of the sphere: one,
+    which holds the pair together with the centre, or two, which carry a couple. `axial`
+    are the parts that they take of the force along the axis, 1 a fixed bearing and 0 a
+    floating one; where all are 0 the pair lets its links slide along the axis. Where it
+    is None that is not said. Their friction is -(coefficient radius F tanh(v' / speed)) at
+    rates v', with their `radius` (m) and the sum F of the forces on them: with `axial` of
+    all forces, without of those of the couple alone.
+    """
+
+    kind = "bearings"
+    keys = MappingProxyType(
+        {
+            "pair": "pair",
+            "positions": "numbers",
+            "axial": "numbers",
+            "radius": "number",
+            "coefficient": "number",
+            "speed": "rate",
+        }
+    )
+    absent = MappingProxyType(
+        {"axial": None, "radius": 0.0, "coefficient": 0.0, "speed": 1e-3}
+    )
+
+    name: str
+    pair: str
+    positions: tuple[float, ...]
+    radius: float = 0.0
+    coefficient: float = 0.0
+    speed: float = 1e-3
+    axial: tuple[float, ...] | None = None
+
+    @property
+    def floats(self) -> bool:
+        """Whether the pair transmits no force along its axis."""
+        return self.axial is not None and not any(self.axial)
+
+    @property
+    def grip(self) -> float:
+        """The friction (N m) per force (N) on the bearings."""
+        return self.coefficient * self.radius
+
+    def carried(
+        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the forces (..., bearings, 3) N on the bearings, in pair axes.
+
+        They have the moment about the centre that the pair transmits (..., 3) N m and,
+        with the force through it (..., 3) N, this for their sum; without, they are those
+        of the couple alone. Along the axis they are NaN where `axial` is not said.
+        """
+        bent = np.stack(
+            [moments[..., 1], -moments[..., 0], np.zeros(moments.shape[:-1])], axis=-1
+        )
+        first, *rest = self.positions
+        pull = np.zeros_like(bent) if forces is None else forces * [1.0, 1.0, 0.0]
+        if rest:
+            (second,) = rest
+            span = second - first
+            parts = [(second * pull - bent) / span, (bent - first * pull) / span]
+        else:
+            parts = [bent / first]
+        if forces is not None:
+            shares = self.axial or (np.nan,) * len(parts)
+            for part, share in zip(parts, shares, strict=True):
+                part[..., 2] = share * forces[..., 2] if share else 0.0
+        return np.stack(parts, axis=-2)
+
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        """See `Load`."""
+        need_angle(f"{key}.pair", self.pair, mechanism)
+        need_finite(f"{key}.positions", self.positions)
+        first, *rest = self.positions or (0.0,)
+        if len(rest) > 1 or (rest[0] == first if rest else first == 0.0):
+            raise ModelError(
+                f"{key}.positions: found {list(self.positions)} m, needs one that is not "
+                "0, or two that differ: distances of the bearings from the centre along "
+                "the axis"
+            )
+        if self.axial is not None:
+            self._check_axial(f"{key}.axial", self.axial)
+        need_at_least_zero(f"{key}.radius", self.radius, "m")
+        need_at_least_zero(f"{key}.coefficient", self.coefficient, "")
+        need_smoothing(f"{key}.speed", self.speed)
+        for load in mechanism.loads:
+            if isinstance(load, Bearings) and load.pair == self.pair and load != self:
+                raise ModelError(
+                    f"{key}.pair: loads.{load.name} has the bearings of pair {self.pair} "
+                    "too; give both positions in one of them"
+                )
+
+    def _check_axial(self, key: str, axial: tuple[float, ...]) -> None:
+        for part in axial:
+            need_at_least_zero(key, part, "")
+        whole = abs(sum(axial) - 1.0) < 1e-9
+        if len(axial) != len(self.positions) or not (whole or not any(axial)):
+            raise ModelError(
+                f"{key}: found {list(axial)}, needs one part for each of the "
+                f"{len(self.positions)} positions, 1 in all (a fixed bearing takes 1, a "
+                "floating one 0), or 0 for each where the pair lets its links slide along "
+                "its axis"
+            )
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        """See `Load`."""
+        rate = f"dtheta_{self.pair}"
+        text = f"-tanh({rate}/{number_text(self.speed)})" if self.grip > 0.0 else "0"
+        return (Component(law_of(mechanism, text), self.pair, bearings=self),)
+
+
+def need_no_rubbing(mechanism: "Mechanism", what: str) -> None:
+    """Raise `ModelError` if friction follows from reactions, which `what` does not know."""
+    for load in mechanism.loads:
+        if isinstance(load, Bearings) and load.grip > 0.0:
+            raise ModelError(
+                f"{mechanism.name}: loads.{load.name}: its friction follows from the "
+                f"reaction of pair {load.pair}, which {what}; take a load of kind friction "
+                "there, whose torque the analysis reactions can tell, or coefficient = 0"
+            )

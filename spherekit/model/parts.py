@@ -1,0 +1,173 @@
+"""What a mechanism is made of: pairs with their profiles, sizes, inputs and outputs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal, final
+
+from spherekit.model.changes import Sizes, changed
+from spherekit.model.joints import KINDS, Kind, PairType
+
+ProfileKind = Literal["circle", "great_circle", "points", "fourier"]
+
+
+@final
+@dataclass(frozen=True)
+class Profile:
+    """The curve on the unit sphere along which a link touches in a contact pair.
+
+    `centre` is a unit vector in link axes: the centre of a circle, the pole of a great
+    circle, or the axis from which the colatitude of a Fourier profile is measured.
+    `radius` (rad) belongs to a circle. `points` are unit vectors in link axes along a
+    smooth curve. A Fourier profile has the colatitude ``sum cosines[k] cos(k a) +
+    sines[k] sin(k a)`` (rad) at azimuth `a` about `centre`.
+    """
+
+    kind: ProfileKind
+    centre: tuple[float, float, float] | None = None
+    radius: float | None = None
+    points: tuple[tuple[float, float, float], ...] = ()
+    closed: bool = True
+    cosines: tuple[float, ...] = ()
+    sines: tuple[float, ...] = ()
+
+    @property
+    def round_axis(self) -> tuple[float, float, float] | None:
+        """What a circle, a great circle too, is round about; None for other curves."""
+        return self.centre if self.kind in ("circle", "great_circle") else None
+
+
+@final
+@dataclass(frozen=True)
+class Pair:
+    """A kinematic pair; its variable moves the second link relative to the first.
+
+    `profiles`, for contact pairs, are the curves of the two links in that order. In an
+    external contact the two bodies lie on opposite sides of the common tangent, in an
+    internal one on the same side, the first within the second. `start` are the arc
+    lengths (rad) along both profiles at which the variable of a rolling contact is zero. A
+    `one_sided` contact can press and not pull: a simulation ends where it lifts off. The
+    force of a contact acts at `distance` (m) from the centre of the sphere, where it is
+    said. Teeth with a `pressure_angle` (rad) press the wheels apart by its tangent times
+    what they turn them by.
+    """
+
+    name: str
+    type: PairType
+    links: tuple[str, str]
+    profiles: tuple[Profile, Profile] | None = None
+    contact: Literal["external", "internal"] = "external"
+    start: tuple[float, float] = (0.0, 0.0)
+    one_sided: bool = False
+    distance: float | None = None
+    pressure_angle: float | None = None
+
+    @property
+    def kind(self) -> Kind:
+        """What all pairs of its type have in common."""
+        return KINDS[self.type]
+
+    @property
+    def constraints(self) -> int:
+        """How many relative freedoms it takes away, of three."""
+        return 3 - self.kind.freedoms
+
+    @property
+    def rolls(self) -> bool:
+        """Whether its links roll on each other, which may repeat constraints of others."""
+        return not self.kind.has_axis and self.kind.freedoms == 1
+
+
+@final
+@dataclass(frozen=True)
+class LinkSizes:
+    """Where the axes sit in one link, as arcs and angles (rad).
+
+    The first of `axes` is the z axis of the link's frame. `arcs[k]` is the arc from
+    it to `axes[k + 1]`. The arc to `axes[1]` lies in the half-plane of positive y (the
+    frame of Di Gregorio 2024, Fig. 3); `angles[k]` is the angle, counter-clockwise
+    about the first axis, from that arc to the arc to `axes[k + 2]`. `unpaired` are those
+    of the axes that carry no pair: they stay because frames and zeros refer to them.
+
+    Arcs are between 0 and pi, unless they are `signed`: one below 0 or above pi runs on
+    around its great circle, to an axis on the other side of the first one.
+    """
+
+    axes: tuple[str, ...]
+    arcs: tuple[float, ...] = ()
+    angles: tuple[float, ...] = ()
+    unpaired: tuple[str, ...] = ()
+    signed: bool = False
+
+    def with_arcs(self, arcs: Sizes) -> "LinkSizes":
+        """Return the same link with other arcs (rad), all or some by the pair they end at.
+
+        Raises
+        ------
+        ModelError
+            If no arc ends at a pair that is named.
+        """
+        return replace(self, arcs=changed("arcs", self.axes[1:], self.arcs, arcs))
+
+    def with_angles(self, angles: Sizes) -> "LinkSizes":
+        """Return the same link with other angles (rad), as `with_arcs` has arcs."""
+        return replace(self, angles=changed("angles", self.axes[2:], self.angles, angles))
+
+
+@final
+@dataclass(frozen=True)
+class SizeGeometry:
+    """Geometry given within the links; assembly modes are to be found.
+
+    `zeros[pair]` is the angle (rad) about the pair's axis, from the reference arc of
+    the first link to that of the second, at which the pair variable reads zero. The
+    reference arc of a link at an axis leads to the first other axis it lists.
+    """
+
+    links: Mapping[str, LinkSizes]
+    zeros: Mapping[str, float] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True)
+class PoseGeometry:
+    """Geometry given by the axes of all pairs in one reference pose.
+
+    `axes[pair]` is a unit vector in ground axes; the frames of all links coincide with
+    the ground's there. `values[pair]` is the pair variable (rad) in that pose.
+    """
+
+    axes: Mapping[str, tuple[float, float, float]]
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@final
+@dataclass(frozen=True)
+class Input:
+    """A driven pair and the range of its variable (rad)."""
+
+    pair: str
+    start: float
+    stop: float
+
+
+@final
+@dataclass(frozen=True)
+class Output:
+    """A link whose motion relative to another one is of interest.
+
+    `direction` is the unit vector, in axes of the link, of what it points with.
+    """
+
+    name: str
+    link: str
+    relative_to: str
+    direction: tuple[float, float, float] | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Source:
+    """Where a mechanism comes from, and what had to be assumed."""
+
+    citation: str
+    assumed: str = ""
