@@ -12,7 +12,7 @@ import pytest
 
 from spherekit.errors import OutputError
 from spherekit.files.angles import to_radians, to_text, unit_vector
-from spherekit.files.atomic import make_folder
+from spherekit.files.atomic import check_file, make_folder, write_text
 from spherekit.files.check import schema
 from spherekit.files.document import LiteralNumber
 from spherekit.files.read import load, loads
@@ -339,3 +339,12 @@ def test_links_to_files_and_permissions_stay(tmp_path):
     mask = os.umask(0)
     os.umask(mask)
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~mask
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_nothing_takes_the_place_of_a_pipe_or_a_device(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for write in (lambda path: write_text(path, "x"), check_file):
+        with pytest.raises(OutputError, match="is a device or a pipe; give the name"):
+            write(tmp_path / "pipe")
+    assert (tmp_path / "pipe").is_fifo()

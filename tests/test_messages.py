@@ -47,6 +47,7 @@ STUDIES = {
     "misspelt key of a study": ("sample = 3\n", [":4: sample", 'did you mean "samples"', "allowed at the top of the file"]),
 }  # fmt: skip
 
+LONG = "x" * 300
 COMMANDS = {
     "run": ["spherekit run", "FILE|STUDY", "See: spherekit run --help"],
     "runn four_bar": ["invalid choice: 'runn'", 'did you mean "run"', "spherekit --help"],
@@ -59,6 +60,16 @@ COMMANDS = {
     "run four_bar --tol x": ["--tol", "'x' is not a number"],
     "run four_bar --tol 0": ["tolerance 0", "give a positive number such as 1e-9"],
     "run four_bar --serve 80000": ["cannot serve on port 80000", "0-65535", "choose another port"],
+    "run four_bar --serve 0": ["cannot serve on port 0", "1 to 65535"],
+    "run four_bar --connect ''": ["is not the address of a viewer"],
+    f"run four_bar -o {LONG}": ["cannot be made: the name is too long"],
+    f"run four_bar --save {LONG}.rrd": ["cannot be written: the name is too long"],
+    "run four_bar --tol 1e-6 --trade /dev/zero": ["is not a trade", "not a regular file", "spherekit trade"],
+    f"size {LONG}": ["cannot be opened: File name too long"],
+    f"view {LONG}": ["cannot be read: File name too long", "run FILE --save X.rrd"],
+    "certify four_bar --at ''": ["--at", "is not a decimal number", "40 or 12.5"],
+    "certify four_bar --cell 0": ["--cell and --figure are for ranges of several inputs"],
+    "certify four_bar --at 1 -o ''": ["cannot be written: is a folder", "name of a file"],
     "run fourbar": ["fourbar: not found", 'did you mean "four_bar"', "Shipped mechanisms: agile_eye"],
     "run four_bar -a pole": ['no analysis is named "pole"', 'did you mean "poles"', "Installed:"],
     "run four_bar -a poles:onyl=31": ["poles", '"onyl=31"', 'did you mean "only"', "Allowed: only="],

@@ -230,6 +230,15 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
     assert by_values[5 + place] == pytest.approx(known, rel=1e-12, abs=1e-12)
 
 
+def test_numbers_at_their_limits_have_slopes():
+    """The rocker of the file is as light as a body with its other moments can be."""
+    numbers = sizing_of(EXAMPLES / "spring.toml", designs=4).sweep.evaluator.numbers
+    values = np.array([variable.value for variable in numbers.variables])
+    wanted = [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
+    assert numbers.slopes(values) == pytest.approx(np.array(wanted), rel=1e-12)
+    assert not any(steady is None for steady in numbers._steady)
+
+
 @pytest.mark.long
 def test_a_spring_balances_better_than_random_ones():
     path = EXAMPLES / "spring.toml"

@@ -94,6 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Prove what can be proven; 3 if that is not all."""
     from spherekit.errors import AnalysisError
+    from spherekit.files.atomic import check_file, write_text
     from spherekit.files.document import parse, read_text
     from spherekit.files.library import find
     from spherekit.files.read import angle_unit_of, read
@@ -112,32 +113,34 @@ def execute(options: argparse.Namespace) -> int:
         tolerance = max(tolerance, LOCKED)
     mechanism = driven_at(read(document), options.input)
     written = Written.of(mechanism, document, tolerance)
-    if options.at and options.range:
+    at = options.at is not None
+    if at and options.range:
         raise AnalysisError("--at and --range are two questions; give one of them")
-    if options.poles and not options.at:
+    if options.poles and not at:
         raise AnalysisError("--poles are those of modes at inputs; give --at Q too")
-    if options.clear_of and (options.at or len(mechanism.inputs) > 1):
+    if options.clear_of is not None and (at or len(mechanism.inputs) > 1):
         raise AnalysisError("--clear-of is for the range of one input, and not for --at")
-    several = len(mechanism.inputs) > 1 and not options.at
-    wheels = not options.at and not construct(written.structure).unknowns
-    if (options.cell or options.figure) and not several:
+    several = len(mechanism.inputs) > 1 and not at
+    wheels = not at and not construct(written.structure).unknowns
+    if not several and (options.cell is not None or options.figure is not None):
         raise AnalysisError(
             "--cell and --figure are for ranges of several inputs; "
             f"{mechanism.name} has {len(mechanism.inputs)}, or --at is given"
         )
+    for target in (options.out, options.figure):
+        if target is not None:
+            check_file(target)
     if wheels:
         made = _wheels(written)
     elif several:
         made = _map(written, options)
-    elif options.at:
+    elif at:
         made = _at(written, options.at, options.poles)
     else:
         made = _over(written, options.range, options.clear_of)
     lines, certificate, complete = made
     print("\n".join(lines))
-    if options.out:
-        from spherekit.files.atomic import write_text
-
+    if options.out is not None:
         write_text(Path(options.out), json.dumps(certificate, indent=1) + "\n")
         print(f"spherekit: wrote {options.out}", file=sys.stderr)
     return 0 if complete else INCOMPLETE
@@ -308,7 +311,7 @@ def _map(written: Any, options: argparse.Namespace) -> Made:
         f"  {count} mode{'s' * (count != 1)} in {100 * share:.3f} % of the area"
         for count, share in boxes.counts.items()
     ]
-    if options.figure:
+    if options.figure is not None:
         _draw(boxes, names, options.figure)
         lines.append(f"  drawn in {options.figure}")
     return lines, map_certificate(boxes), not boxes.share(2)
@@ -346,6 +349,15 @@ def _curve_lines(curves: Any, located: Any) -> list[str]:
         lines.append(
             f"  {_degrees(low)} to {_degrees(high)} deg: {count} mode{'s' * (count != 1)}"
         )
+    words = {0: "curves cross", None: "curves cross, or miss each other by"}
+    for saddle in curves.saddles:
+        q = curves.inside(float(saddle.centre[curves.driven]))
+        if q is not None:
+            by = f" at most {saddle.gap:.0e} rad" if saddle.level != 0 else ""
+            what = words.get(saddle.level, "curves miss each other by")
+            lines.append(f"  {what}{by} at {np.degrees(q):.9f} deg")
+    for q in curves.still_at:
+        lines.append(f"  a whole curve of modes at {np.degrees(q):.9f} deg")
     for low, high in curves.undecided[:8]:
         lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
     for point in located.points:
@@ -356,6 +368,8 @@ def _curve_lines(curves: Any, located: Any) -> list[str]:
         )
     if located.undecided:
         lines.append(f"  singularities undecided in {located.undecided} parts of curves")
+    for name, curve in located.resting:
+        lines.append(f"  output {name}: at rest all along curve {curve}")
     for name in located.skipped:
         lines.append(f"  output {name}: no pair measures it; type II only")
     return lines

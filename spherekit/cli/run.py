@@ -172,7 +172,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.analysis.run import run
     from spherekit.analysis.study import chosen
     from spherekit.errors import SpherekitError
-    from spherekit.files.atomic import make_folder
+    from spherekit.files.atomic import check_folder, make_folder
 
     study = _wanted(options)
     analyses = chosen(study, options.analysis or ())
@@ -182,8 +182,10 @@ def execute(options: argparse.Namespace) -> int:
 
         names = [analysis.name for analysis in analyses]
         check_provable(study.mechanism, names, not options.only_needed)
-    made = study.folder is not None and not study.folder.exists()
+    made = False
     if study.folder is not None:
+        check_folder(study.folder)
+        made = not study.folder.exists()
         make_folder(study.folder)
     try:
         with _stoppable(), _recorder(options, study) as recorder:
@@ -279,7 +281,7 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
         print(f"spherekit: {failed(name, why)}", file=sys.stderr)
     if options.quiet:
         return
-    shown = study.recording is not None or options.serve is not None or options.connect
+    shown = _records(options, study)
     if study.folder is None and not shown and not options.json:
         print("nothing was written: use -o DIR for tables", file=sys.stderr)
     ended = summary.get("simulation", {}).get("end", {"kind": "time"})
@@ -316,7 +318,7 @@ def _check_effect(study: "Study", options: argparse.Namespace) -> None:
     """
     from spherekit.errors import AnalysisError
 
-    recorded = study.recording is not None or options.serve is not None or options.connect
+    recorded = _records(options, study)
     without = [
         (
             study.folder,
@@ -609,8 +611,14 @@ def accuracy_line(choice: Any) -> str:
     )
 
 
+def _records(options: argparse.Namespace, study: "Study") -> bool:
+    """Return whether a recording is made, for a file or for viewers."""
+    wanted = (study.recording, options.serve, options.connect)
+    return any(where is not None for where in wanted)
+
+
 def _recorder(options: argparse.Namespace, study: "Study") -> Any:
-    if study.recording is None and options.serve is None and not options.connect:
+    if not _records(options, study):
         return nullcontext(None)
     from spherekit.view.rerun_view import RerunRecorder
 

@@ -88,7 +88,7 @@ def is_mechanism(name: str) -> bool:
     path = Path(name)
     if path.suffix == ".toml":
         return True
-    return not path.exists() and any(name in pack.files for pack in shipped())
+    return any(name in pack.files for pack in shipped()) and not path.exists()
 
 
 def _of_mechanism(options: argparse.Namespace) -> int:
@@ -155,22 +155,29 @@ def _size(text: str) -> tuple[int, int]:
 def find_recording(name: str, quiet: bool = False) -> Path:
     """Return the recording that a path or a folder stands for."""
     path = Path(name)
-    if path.is_dir():
-        there = sorted(path.glob("*.rrd"))
-        if not there:
-            raise OutputError(f"{name}: the folder holds no recording; run with --save")
-        taken = max(there, key=lambda item: item.stat().st_mtime)
-        if len(there) > 1 and not quiet:
-            others = listing(item.name for item in there if item != taken)
-            print(f"{taken}: the newest; also there: {others}", file=sys.stderr)
-        return taken
-    if not path.is_file():
-        raise OutputError(f"{name}: no such recording; make one: run FILE --save X.rrd")
+    make = "make one: run FILE --save X.rrd"
     try:
+        if path.is_dir():
+            path = _newest(path, quiet)
+        if not path.is_file():
+            raise OutputError(f"{name}: no such recording; {make}")
         with path.open("rb") as stream:
             start = stream.read(len(MARK))
-    except OSError as error:
-        raise OutputError(f"{name}: cannot be read: {error.strerror}") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(f"{name}: cannot be read: {reason}; {make}") from None
     if start != MARK:
-        raise OutputError(f"{name}: is not a recording; make one: run FILE --save X.rrd")
+        raise OutputError(f"{path}: is not a recording; {make}")
     return path
+
+
+def _newest(folder: Path, quiet: bool) -> Path:
+    """Return the newest recording in a folder."""
+    there = sorted(folder.glob("*.rrd"))
+    if not there:
+        raise OutputError(f"{folder}: the folder holds no recording; run with --save")
+    taken = max(there, key=lambda item: item.stat().st_mtime)
+    if len(there) > 1 and not quiet:
+        others = listing(item.name for item in there if item != taken)
+        print(f"{taken}: the newest; also there: {others}", file=sys.stderr)
+    return taken

@@ -17,7 +17,6 @@ from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers, first_line
 from spherekit.design.followed_modes import followed_modes
 from spherekit.design.profile_numbers import (
     has_other_profiles,
-    need_no_accelerations,
     tracks_of,
 )
 from spherekit.design.samples import DesignSamples
@@ -66,10 +65,6 @@ COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
 SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
 NEVER = "does not close at any sample"
-ACCELERATIONS_OF_ROWS = (
-    'sweep figures of tables for them, which come from runs: --reduce "max(poles.poles: '
-    'acceleration_coefficient)"'
-)
 INERTIAL = ("B", "dB_dq", "torque")
 DEG = np.pi / 180.0
 
@@ -106,7 +101,6 @@ class Evaluator:
         )
         self.sample = sample_names(self.inputs)
         self.columns = [name for name in used if name not in self.sample]
-        need_no_accelerations(mechanism, self.columns, ACCELERATIONS_OF_ROWS)
         self._paths: tuple[PathKernel, StartSet] | None = None
         self.numbers: FileNumbers | None = None
         self.kernel = self._kernel()

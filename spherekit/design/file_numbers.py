@@ -23,6 +23,17 @@ TRIED = (0.0173, -0.0311)
 """Parts by which variables are changed to see which numbers follow them."""
 EIGHTH = (4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0)
 """Weights of central differences of the eighth order, from the nearest on."""
+ONE_SIDED = (
+    8.0,
+    -14.0,
+    56.0 / 3.0,
+    -35.0 / 2.0,
+    56.0 / 5.0,
+    -14.0 / 3.0,
+    8.0 / 7.0,
+    -0.125,
+)
+"""Weights of differences of the same order from the value on, where it is a limit."""
 PARTS = (1e-2, 1e-4, 1e-6)
 """Their steps, as parts of a number: shorter ones where no design is that far."""
 SAME = 1e-14
@@ -146,10 +157,12 @@ class FileNumbers:
     def _steady(self) -> list[Floats | None]:
         """The derivatives (k,) by each variable that are the same everywhere."""
         values = np.array([variable.value for variable in self.variables])
+        senses = self._senses(values)
         made: list[Floats | None] = []
         for k in range(len(values)):
             tried = [
-                self._slope(values * (1.0 + share) + share, k) for share in (0.0, *TRIED)
+                self._slope(values * (1.0 + share) + share, k)
+                for share in (0.0 * senses, *(abs(share) * senses for share in TRIED))
             ]
             same = all(
                 np.allclose(tried[0], slope, rtol=STEADY, atol=0.0) for slope in tried
@@ -157,23 +170,40 @@ class FileNumbers:
             made.append(tried[0] if same else None)
         return made
 
+    def _senses(self, values: Floats) -> Floats:
+        """Return in which sense each of the values (variables,) may change on its own."""
+        share = max(map(abs, TRIED))
+        senses = np.ones(len(values))
+        for k in range(len(values)):
+            tried = values.copy()
+            tried[k] += share * (values[k] + 1.0)
+            if isinstance(self._read(tried), str):
+                senses[k] = -1.0
+        return senses
+
     def _slope(self, values: Floats, k: int) -> Floats:
         """Return the derivatives of the numbers by one of the values (variables,)."""
         if not self.whole and self.variables[k].path[0] not in ACTIONS:
             return np.zeros(len(self.differing))
+        near = np.arange(1.0, len(EIGHTH) + 1.0)
+        central = np.concatenate([near, -near])
+        both = np.concatenate([EIGHTH, np.negative(EIGHTH)])
+        onward = np.arange(len(ONE_SIDED) + 1.0)
+        ahead = np.array([-np.sum(ONE_SIDED), *ONE_SIDED])
         for part in PARTS:
             step = part * (abs(values[k]) or 1.0)
-            beside = np.repeat(values[:, None], 2 * len(EIGHTH), axis=1)
-            away = step * np.arange(1, len(EIGHTH) + 1)
-            beside[k] += np.concatenate([away, -away])
-            numbers, reasons = self.at(beside)
-            if np.all(reasons == OK):
-                # Of angles whole turns do not matter, and wheels are put together by them.
-                turns = np.round((numbers - numbers[:, :1]) / TURN)
-                turns[len(self.of_contacts) :] = 0.0
-                numbers = numbers - TURN * turns
-                more, less = np.split(numbers, 2, axis=1)
-                return np.asarray((more - less) @ np.array(EIGHTH) / step)
+            for places, weights in ((central, both), (onward, ahead), (-onward, -ahead)):
+                beside = np.repeat(values[:, None], len(places), axis=1)
+                beside[k] += step * places
+                if isinstance(self._read(beside[:, -1]), str):
+                    continue
+                numbers, reasons = self.at(beside)
+                if np.all(reasons == OK):
+                    # Of angles whole turns do not matter: wheels are put together by them.
+                    away = numbers - numbers[:, :1]
+                    turns = np.round(away / TURN)
+                    turns[len(self.of_contacts) :] = 0.0
+                    return np.asarray((away - TURN * turns) @ weights / step)
         return np.full(len(self.differing), np.nan)
 
 

@@ -1,6 +1,8 @@
 """What profiles are where contacts touch them, by any number of the file."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from itertools import pairwise
 from typing import final
 
 import numpy as np
@@ -9,20 +11,19 @@ from spherekit.design.file_numbers import EIGHTH
 from spherekit.design.variables import DesignVariable, designed
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
-from spherekit.model.geometry import geometry_of
+from spherekit.model.geometry import TOUCHING, geometry_of
 from spherekit.model.joints import Track
-from spherekit.model.mechanism import Mechanism
+from spherekit.model.mechanism import Mechanism, PoseGeometry, Profile
 from spherekit.motion.pairs import contact_tracks
 from spherekit.sphere.rotation import Floats
+from spherekit.sphere.varied_curve import VariedCurve, varied_round, varied_through
 
-STEPS = 2.0 ** -np.arange(5.0, 14.0)
-"""Differences (rad) that are tried, the largest first."""
-WORSE = 4.0
-"""Two of them that differ by so many times the least are too short."""
-
-
-ACCELERATED = ("acceleration_coefficient", "dB_dq", "torque")
-"""Quantities that follow from accelerations."""
+STEPS = 2.0 ** -np.array([5.0, 9.0, 13.0])
+"""Differences of numbers of the file that are tried until all of them are allowed."""
+DISTANCES = np.arange(1.0, len(EIGHTH) + 1.0)
+APART = 0.2
+"""Profiles of a reference pose that deviations take off each other by less (rad) touch
+where they are nearest."""
 
 
 def has_other_profiles(mechanism: Mechanism) -> bool:
@@ -34,22 +35,12 @@ def has_other_profiles(mechanism: Mechanism) -> bool:
     )
 
 
-def need_no_accelerations(mechanism: Mechanism, names: Sequence[str], advice: str) -> None:
-    """Raise `DesignError` where quantities need how curvatures change along profiles."""
-    for name in names:
-        if name.startswith(ACCELERATED) and has_other_profiles(mechanism):
-            raise DesignError(
-                f"{mechanism.name}: {name} is not known here of profiles other than "
-                f"circles; known are angles, rates, velocity coefficients and B; {advice}"
-            )
-
-
 @final
 class ProfileNumbers:
     """The columns of all profiles of a mechanism, and their derivatives by its numbers.
 
-    Columns (8, n) of a profile are its tangent, its point, the curvature and the change of
-    that with the arc length, at a place that its pair variable says.
+    Columns (9, n) of a profile are its tangent, its point, the curvature and the first and
+    second derivative of that by the arc length, at a place that its pair variable says.
     """
 
     def __init__(
@@ -57,96 +48,191 @@ class ProfileNumbers:
     ) -> None:
         self.document, self.variables = document, tuple(variables)
         self.values = np.array([variable.value for variable in variables])
+        self.mechanism = mechanism
         self.tracks = tracks_of(mechanism)
 
-    def _tracks(self, values: Floats) -> list[Track] | None:
-        """Return the profiles of a design (variables,), None if there is no such design."""
-        try:
-            return tracks_of(designed(self.document, self.variables, list(values)))
-        except SpherekitError:
-            return None
-
     def columns(self, values: Floats) -> Floats:
-        """Return the columns (8 profiles, n) at pair variables (n, w)."""
+        """Return the columns (9 profiles, n) at pair variables (n, w)."""
         return columns_of(self.tracks, values)
+
+    @property
+    def vary(self) -> bool:
+        """Whether profiles change with a variable."""
+        return any(self._varied)
 
     def drawn(self, deviations: Floats) -> list[list[Track] | None]:
         """Return the profiles of deviating designs (variables, draws)."""
         return [self._tracks(self.values + deviation) for deviation in deviations.T]
 
-    def slopes(self, values: Floats) -> Floats:
-        """Return the derivatives (variables, 7 profiles, n) of all but the last columns.
+    def _tracks(self, values: Floats) -> list[Track] | None:
+        """Return the profiles of a design (variables,), None if there is no such design."""
+        try:
+            made = designed(self.document, self.variables, list(values))
+            return tracks_of(made, APART)
+        except SpherekitError:
+            return None
 
-        The pair variables (n, w) held. Differences of the eighth order, by the step of
-        which these and those of half the step agree best.
+    def slopes(self, values: Floats) -> Floats:
+        """Return the derivatives (variables, 8 profiles, n) of all but the last columns.
+
+        The pair variables (n, w) held.
 
         Raises
         ------
         DesignError
             If the mechanism does not allow other values of a variable.
         """
-        none = np.zeros_like(_kept(self.columns(values)))
-        made = [
-            none if variable.slot is not None else self._slope(k, values)
-            for k, variable in enumerate(self.variables)
-        ]
-        return np.stack(made)
+        made = np.zeros((len(self.variables), 8 * len(self.tracks), len(values)))
+        along = _along(self.columns(values))
+        for k, curves in enumerate(self._varied):
+            for place, curve in curves.items():
+                track = self.tracks[place]
+                arcs = values[:, track.variable] + track.start
+                made[k, 8 * place : 8 * place + 8] = curve.at(arcs)
+            for place, moved in self._starts(curves).items():
+                rows = slice(8 * place, 8 * place + 8)
+                made[k, rows] += moved * along[place]
+        return made
 
-    def _slope(self, k: int, values: Floats) -> Floats:
-        before = best = None
-        least = np.inf
+    def _starts(self, curves: Mapping[int, VariedCurve]) -> dict[int, float]:
+        """Return how the starts of profiles move that roll from a reference pose."""
+        made: dict[int, float] = {}
+        for first, second in pairwise(range(len(self.tracks))):
+            both = self.tracks[first], self.tracks[second]
+            rolling = both[0].variable == both[1].variable
+            changed = first in curves or second in curves
+            if self._posed and rolling and changed:
+                moved = _nearest(both, (curves.get(first), curves.get(second)))
+                made |= dict(zip((first, second), moved, strict=True))
+        return made
+
+    @property
+    def _posed(self) -> bool:
+        return isinstance(self.mechanism.geometry, PoseGeometry)
+
+    @cached_property
+    def _varied(self) -> list[dict[int, VariedCurve]]:
+        """Return for each variable the profiles that change with it, by their numbers."""
+        profiles = profiles_of(self.mechanism)
+        made: list[dict[int, VariedCurve]] = []
+        for k, variable in enumerate(self.variables):
+            made.append({})
+            if variable.slot is not None:
+                continue
+            changes = self._changes(k)
+            at = 0
+            for place, (profile, backwards) in enumerate(profiles):
+                size = len(numbers_of(profile))
+                change = changes[at : at + size]
+                at += size
+                if np.any(change):
+                    made[-1][place] = varied(profile, change, backwards)
+        return made
+
+    def _changes(self, k: int) -> Floats:
+        """Return the derivatives of the numbers of all profiles by a variable."""
         for step in STEPS:
-            slope = self._difference(k, step, values)
-            if slope is not None and before is not None:
-                off = float(np.nanmax(np.abs(slope - before), initial=0.0))
-                if off < least:
-                    best, least = before, off
-                elif off > WORSE * least:
+            there = []
+            for away in np.concatenate([DISTANCES, -DISTANCES]):
+                values = self.values.copy()
+                values[k] += step * away
+                try:
+                    made = designed(self.document, self.variables, list(values))
+                except SpherekitError:
                     break
-            before = slope
-        if best is None:
-            variable = self.variables[k]
-            raise DesignError(
-                f"{self.document.name}: with another {variable.key} there is no such "
-                "mechanism: its profiles would not touch in the reference pose, or are no "
-                "curves"
-            )
-        return best
-
-    def _difference(self, k: int, step: float, values: Floats) -> Floats | None:
-        total = None
-        for place, weight in enumerate(EIGHTH, 1):
-            for sense in (1.0, -1.0):
-                there = self.values.copy()
-                there[k] += sense * place * step
-                tracks = self._tracks(there)
-                if tracks is None:
-                    return None
-                part = _kept(columns_of(tracks, values)) * (sense * weight / step)
-                total = part if total is None else total + part
-        return total
+                profiles = profiles_of(made)
+                there.append(np.concatenate([numbers_of(item) for item, _ in profiles]))
+            else:
+                more, less = np.split(np.array(there), 2)
+                return np.asarray(np.array(EIGHTH) @ (more - less) / step)
+        raise DesignError(
+            f"{self.document.name}: the file allows no other {self.variables[k].key}; vary "
+            "a number that may change on its own"
+        )
 
 
-def tracks_of(mechanism: Mechanism) -> list[Track]:
+def tracks_of(mechanism: Mechanism, apart: float = TOUCHING) -> list[Track]:
     """Return the profiles of all contacts, in the order of `TurningPairs.columns`."""
-    contacts = contact_tracks(geometry_of(mechanism).joints)
+    contacts = contact_tracks(geometry_of(mechanism, apart).joints)
     return [track for _, tracks in contacts for track in tracks]
 
 
+def profiles_of(mechanism: Mechanism) -> list[tuple[Profile, bool]]:
+    """Return the profiles in the order of `tracks_of`, and which run backwards."""
+    return [
+        (profile, side == 1 and pair.contact == "external")
+        for pair in mechanism.pairs
+        for side, profile in enumerate(pair.profiles or ())
+    ]
+
+
+def numbers_of(profile: Profile) -> Floats:
+    """Return what a profile is made from: centre, radius, points, cosines and sines."""
+    radius = () if profile.radius is None else (profile.radius,)
+    points = np.ravel(profile.points)
+    return np.concatenate(
+        [profile.centre or (), radius, points, profile.cosines, profile.sines]
+    )
+
+
+def varied(profile: Profile, change: Floats, backwards: bool) -> VariedCurve:
+    """Return a profile with its derivatives, `change` being that of its numbers."""
+    if profile.points:
+        moved = change.reshape(-1, 3)
+        return varied_through(profile.points, moved, profile.closed, backwards)
+    centre = np.array(profile.centre), change[:3]
+    if profile.round_axis is not None:
+        radius = 0.5 * np.pi if profile.radius is None else profile.radius
+        longer = 0.0 if profile.radius is None else change[3]
+        return varied_round(centre, ([radius], [longer]), backwards=backwards)
+    even = len(profile.cosines)
+    cosines = profile.cosines, change[3 : 3 + even]
+    sines = profile.sines, change[3 + even :]
+    return varied_round(centre, cosines, sines, backwards)
+
+
+def _along(columns: Floats) -> Floats:
+    """Return how columns change along profiles, (profiles, 8, n), from columns of these."""
+    made = []
+    for column in columns.reshape(-1, 9, columns.shape[1]):
+        tangent, point, curvature = column[:3], column[3:6], column[6]
+        normal = np.cross(point, tangent, axis=0)
+        made.append(np.concatenate([curvature * normal - point, tangent, column[7:]]))
+    return np.stack(made)
+
+
+def _nearest(
+    tracks: tuple[Track, Track], curves: tuple[VariedCurve | None, VariedCurve | None]
+) -> tuple[float, float]:
+    """Return how the places move where two profiles are nearest, as these change.
+
+    By least squares, from how far their frames turn from each other.
+    """
+    columns, turned = [], np.zeros(3)
+    for track, curve, sign in zip(tracks, curves, (1.0, -1.0), strict=True):
+        start = np.array([track.start])
+        there = track.curve.at(start)
+        tangent, normal, point = there.frame[0].T
+        columns.append(sign * (normal + there.curvature[0] * point))
+        if curve is not None:
+            change = curve.at(start)[:, 0]
+            leaning, running = -change[3:6] @ normal, change[3:6] @ tangent
+            swinging = change[:3] @ normal
+            turned += sign * (leaning * tangent + running * normal + swinging * point)
+    moved, *_ = np.linalg.lstsq(np.stack(columns, axis=1), -turned, rcond=None)
+    return float(moved[0]), float(moved[1])
+
+
 def columns_of(tracks: Sequence[Track], values: Floats) -> Floats:
-    """Return the columns (8 profiles, n) of profiles at pair variables (n, w)."""
+    """Return the columns (9 profiles, n) of profiles at pair variables (n, w)."""
     made = []
     for track in tracks:
-        there = track.curve.at(values[:, track.variable] + track.start)
+        arcs = values[:, track.variable] + track.start
+        there = track.curve.at(arcs)
         rows = [there.frame[:, :, 0].T, there.frame[:, :, 2].T]
         rows += [there.curvature[None], there.curvature_rate[None]]
+        rows += [track.curve.curvature_second(arcs)[None]]
         column = np.concatenate(rows)
         column[:, ~there.inside] = np.nan
         made.append(column)
     return np.concatenate(made)
-
-
-def _kept(columns: Floats) -> Floats:
-    """Return all but the last column of each profile."""
-    n = columns.shape[1]
-    return columns.reshape(-1, 8, n)[:, :-1].reshape(-1, n)

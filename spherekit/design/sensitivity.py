@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from spherekit.conventions import listing, nearest
 from spherekit.design.file_numbers import FileNumbers
 from spherekit.design.profile_numbers import (
+    APART,
     ProfileNumbers,
     columns_of,
     has_other_profiles,
-    need_no_accelerations,
 )
 from spherekit.design.variables import (
     DesignVariable,
@@ -49,8 +49,6 @@ TOGETHER = 8192
 """Deviating configurations that are solved together."""
 CLOSED = 1e-12
 """A configuration whose pairs miss each other by less (rad) is closed."""
-GEARED = 0.2
-"""Wheels that deviations take off each other by less (rad) mesh as before."""
 
 
 @final
@@ -150,7 +148,6 @@ class Sensitivity:
                     f"{nearest(name, possible) or ';'} such are theta_PAIR, rate_PAIR and "
                     "velocity_coefficient_LINK_OTHER"
                 )
-        need_no_accelerations(mechanism, self.quantities, "ask for these")
 
     def _of_profiles(self) -> tuple[str, ...]:
         """Return the keys of radii and harmonics."""
@@ -219,7 +216,7 @@ class Sensitivity:
             self.inputs,
             self._hinged,
             False,
-            GEARED,
+            APART,
         )
         if not made.varied:
             raise DesignError(
@@ -359,7 +356,8 @@ class Sensitivity:
         """
         draws = deviations.shape[1]
         sizes = self._deviating(deviations)
-        if self._profiles is not None:
+        tracks = () if self._profiles is None else self._profiles.tracks
+        if self._profiles is not None and self._profiles.vary:
             profiles = self._profiles.drawn(deviations)
             drawn = [
                 self._closed(samples, values, sizes[:, [k]], tracks)
@@ -368,7 +366,7 @@ class Sensitivity:
             return np.concatenate(drawn, axis=2)
         together = max(1, TOGETHER // draws)
         made = [
-            self._closed(samples[k : k + together], values[k : k + together], sizes)
+            self._closed(samples[k : k + together], values[k : k + together], sizes, tracks)
             for k in range(0, len(samples), together)
         ]
         return np.concatenate(made, axis=1)

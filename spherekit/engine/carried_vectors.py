@@ -161,11 +161,12 @@ def _rolling(
     relative, slope, curvature = line.relative, line.slope, sides[near].curvature
     more = sides[0].most_bent + sides[1].most_bent
     swing = size_of(relative) * root(1.0 + curvature * curvature)
+    vector, slide = sides[0].rolled(sides[1], line.tangent, line.point)
     return CarriedVector(
-        line.point * relative,
+        vector,
         line.link,
         size_of(relative),
-        line.tangent * relative + line.point * slope,
+        slide,
         root(relative * relative + slope * slope),
         2.0 * size_of(slope) + swing + more,
     )
@@ -180,11 +181,12 @@ def _sliding(
         return CarriedVector(vector(list(axis)), link, abs(side.turn.scale))
     _, normal, point = _frame(side, placed, angles)
     k, slope = side.curvature, side.slope
+    along, slide = side.slid(sense, normal, point)
     return CarriedVector(
-        (normal + point * k) * sense,
+        along,
         link,
         root(1.0 + k * k),
-        point * (sense * slope),
+        slide,
         size_of(slope),
         size_of(slope) + side.most_bent,
     )

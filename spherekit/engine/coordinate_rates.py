@@ -80,9 +80,9 @@ class CoordinateRates:
             # w_first x (rate axis), and rate axis = w_second - w_first.
             first, second = mechanism.ends[pair]
             return cross(w[first], w[second])
-        axes = [
-            cross(w[link], axis * size) * rates[v]
+        changes = [
+            spin.change(w[spin.link], rates[v]) * (spin.size * rates[v])
             for v in variables
-            for size, link, axis in self._spins[v]
+            for spin in self._spins[v]
         ]
-        return vector_sum(axes)
+        return vector_sum(changes)

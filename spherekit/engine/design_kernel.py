@@ -160,14 +160,15 @@ class DesignTerms:
     @property
     def handed_in(self) -> list[ExpressionNode]:
         """The columns of profiles."""
-        return [term for profile in self.profiles for term in profile.terms]
+        both = ((*profile.terms, profile.last) for profile in self.profiles)
+        return [term for terms in both for term in terms]
 
     def _by_place(self, items: Sequence[Expr], v: int) -> list[Expr]:
         """Return the derivatives by a variable, along the profiles that run with it."""
         total = derivatives(items, self.places[v])
         for profile in self.profiles:
             if profile.variable == v:
-                for term, along in zip(profile.terms[:-1], profile.along, strict=True):
+                for term, along in zip(profile.terms, profile.along, strict=True):
                     partial = derivatives(items, term)
                     total = [x + y * along for x, y in zip(total, partial, strict=True)]
         return total
@@ -180,7 +181,7 @@ class DesignTerms:
         if self.closed_form:
             return [derivatives(items, size) for size in self.sizes]
         by_places = [self._by_place(items, v) for v in range(len(self.places))]
-        columns = [term for profile in self.profiles for term in profile.terms[:-1]]
+        columns = [term for profile in self.profiles for term in profile.terms]
         made = []
         for size in (*self.sizes, *columns):
             rates = misfit_rates(self.structure, self.links, self.variables, size)

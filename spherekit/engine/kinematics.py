@@ -24,7 +24,7 @@ from spherekit.engine.algebra import (
     vector_sum,
 )
 from spherekit.engine.expression_graph import Expr
-from spherekit.engine.pose import LinkOrientation, spin_vectors
+from spherekit.engine.pose import LinkOrientation, Spin, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
 from spherekit.engine.turns import AxisTerm, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
@@ -175,7 +175,7 @@ class Structure:
         """Return the vectors (3,) of all variables, in ground axes, links placed."""
         variables = range(len(self.mechanism.variable_owners))
         spins = [spin_vectors(self.pairs, placed, v) for v in variables]
-        return [vector_sum([axis * size for size, _, axis in spin]) for spin in spins]
+        return [vector_sum([spin.axis * spin.size for spin in parts]) for parts in spins]
 
     def solved(
         self,
@@ -190,9 +190,9 @@ class Structure:
         return solver
 
     def single_spins(self, variable: int) -> list[AxisTerm]:
-        """Return a variable's vector as an axis of one link, for each link it suits."""
+        """Return a variable's vector as an axis of one link, for each it is fixed in."""
         spins = self.pairs.spins[variable]
-        if len(spins) > 1:
+        if len(spins) > 1 or any(spin.slide is not None for spin in spins):
             return []
         twin = self.pairs.twin.get(variable)
         return [*spins, twin] if twin else [*spins]
@@ -215,10 +215,10 @@ class RateExpressions:
         self.placed = placed
         self.order = order
         mechanism = structure.mechanism
-        if order and structure.pairs.columns:
+        if order > 1 and structure.pairs.columns:
             raise EngineError(
-                f"{mechanism.name}: accelerations need how the curvature of profiles "
-                "changes, which these terms lack; ask for angles and rates"
+                f"{mechanism.name}: these terms have profiles other than circles as far as "
+                "accelerations go; ask for these, rates and angles"
             )
         self.tree = LoopTree.of(mechanism)
         self.vectors: list[list[Exprs]] = []
@@ -228,20 +228,18 @@ class RateExpressions:
             spin_vectors(structure.pairs, placed, v)
             for v in range(len(mechanism.variable_owners))
         ]
-        axes = [[[axis for _, _, axis in spin] for spin in spins]]
+        axes = [[[spin.axis for spin in one] for one in spins]]
         for k in range(order + 1):
             if k:
                 axes.append(
                     [
-                        [self._turned(link, axes, v, n) for n, (_, link, _) in enumerate(x)]
-                        for v, x in enumerate(spins)
+                        [self._turned(spin, axes, v, n) for n, spin in enumerate(one)]
+                        for v, one in enumerate(spins)
                     ]
                 )
             self.vectors.append(
                 [
-                    vector_sum(
-                        [axis * size for (size, _, _), axis in zip(*both, strict=True)]
-                    )
+                    vector_sum([axis * spin.size for spin, axis in zip(*both, strict=True)])
                     for both in zip(spins, axes[k], strict=True)
                 ]
             )
@@ -249,11 +247,18 @@ class RateExpressions:
             self.w.append([self.relative(0, j, k) for j in range(len(mechanism.links))])
 
     def _turned(
-        self, link: int, axes: Sequence[list[list[Exprs]]], variable: int, spin: int
+        self, spin: Spin, axes: Sequence[list[list[Exprs]]], variable: int, part: int
     ) -> Exprs:
-        """Return the next coefficient of an axis u that turns with a link: u' = w x u."""
+        """Return the next coefficient of an axis u that turns with a link: u' = w x u.
+
+        The first of one that slides on it too.
+        """
         k = len(axes)
-        parts = [cross(self.w[i][link], axes[k - 1 - i][variable][spin]) for i in range(k)]
+        if spin.slide is not None:
+            return spin.change(self.w[0][spin.link], self.tau[0][variable])
+        parts = [
+            cross(self.w[i][spin.link], axes[k - 1 - i][variable][part]) for i in range(k)
+        ]
         return np.asarray(vector_sum(parts) * (1.0 / k))
 
     def _solve(self) -> list[Expr]:

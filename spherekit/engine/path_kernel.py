@@ -95,8 +95,8 @@ def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
         axes = []
         for pair in group.pairs:
             (variable,) = structure.mechanism.variables_of(pair)
-            ((_, _, axis),) = spin_vectors(structure.pairs, links, variable)
-            axes.append(axis)
+            (spin,) = spin_vectors(structure.pairs, links, variable)
+            axes.append(spin.axis)
         turning.append(dot(axes[0], cross(axes[1], axes[2])))
     rows, fixed = hoisted([*outputs, *turning], places, "design_")
     rows, turning = rows[: len(outputs)], rows[len(outputs) :]

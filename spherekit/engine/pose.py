@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.engine.algebra import Exprs, constants, vector
+from spherekit.engine.algebra import Exprs, constants, cross, vector
 from spherekit.engine.expression_graph import Expr, function
 from spherekit.engine.turns import AxisRotation, Chain, Entries, ProfileFrame, TurningPairs
 from spherekit.model.graph import spanning
@@ -117,16 +117,44 @@ def placed_along(
     return placed
 
 
+@final
+@dataclass(frozen=True)
+class Spin:
+    """A part of a variable's vector in ground axes: `size` times an `axis` (3,).
+
+    It turns with a link, and slides on it by `slide` (3,) per unit of the variable.
+    """
+
+    size: float
+    link: int
+    axis: Exprs
+    slide: Exprs | None
+
+    def change(self, w: Exprs, rate: Expr) -> Exprs:
+        """Return the rate (3,) of the axis while the link turns and the variable runs."""
+        turned = cross(w, self.axis)
+        return turned if self.slide is None else np.asarray(turned + self.slide * rate)
+
+
 def spin_vectors(
     pairs: TurningPairs, placed: Sequence[LinkOrientation], variable: int
-) -> tuple[tuple[float, int, Exprs], ...]:
-    """Return the parts of a variable's vector: size, the link that carries it, axis."""
+) -> tuple[Spin, ...]:
+    """Return the parts of a variable's vector."""
     spins = pairs.spins[variable]
     if variable in pairs.twin:
         other = pairs.twin[variable]
         if placed[other.link].depth < placed[spins[0].link].depth:
             spins = (other,)
+
+    def placed_as(link: int, axis: Entries) -> Exprs:
+        return vector(list(placed[link].direction(axis)))
+
     return tuple(
-        (spin.size, spin.link, vector(list(placed[spin.link].direction(spin.axis))))
+        Spin(
+            spin.size,
+            spin.link,
+            placed_as(spin.link, spin.axis),
+            None if spin.slide is None else placed_as(spin.link, spin.slide),
+        )
         for spin in spins
     )

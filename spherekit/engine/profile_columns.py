@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -9,11 +10,14 @@ import numpy as np
 from spherekit.engine.algebra import Exprs, cross, vector
 from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.model.joints import Track
+from spherekit.sphere.profile import Curve
 from spherekit.sphere.profile_series import ProfileSeries
 from spherekit.sphere.rotation import Floats
 
 PARTS = ("tx", "ty", "tz", "px", "py", "pz", "k", "dk")
 """The tangent, the point, the curvature and its derivative by the arc length."""
+LAST = "d2k"
+"""The second derivative of the curvature, where derivatives of all columns are wanted."""
 
 
 @final
@@ -21,21 +25,26 @@ PARTS = ("tx", "ty", "tz", "px", "py", "pz", "k", "dk")
 class ProfileColumns:
     """What a profile is where its pair touches it, as variables of terms.
 
-    It lies at the pair variable of this number plus `start` (rad).
+    It lies at the pair variable of this number plus `start` (rad). `last` is the second
+    derivative of the curvature, by which the last of the `terms` changes.
     """
 
     variable: int
     start: float
-    series: ProfileSeries
+    curve: Curve
     terms: tuple[ExpressionNode, ...]
+    last: ExpressionNode
 
     @staticmethod
     def of(track: Track, name: str) -> "ProfileColumns":
         """Return the columns of a profile, by a name that no other has."""
-        terms = tuple(symbols(f"profile_{name}_{part}" for part in PARTS))
-        return ProfileColumns(
-            track.variable, track.start, ProfileSeries.of(track.curve), terms
-        )
+        *terms, last = symbols([f"profile_{name}_{part}" for part in (*PARTS, LAST)])
+        return ProfileColumns(track.variable, track.start, track.curve, tuple(terms), last)
+
+    @cached_property
+    def series(self) -> ProfileSeries:
+        """What rows read the columns from."""
+        return ProfileSeries.of(self.curve)
 
     @property
     def frame(self) -> Exprs:
@@ -55,10 +64,10 @@ class ProfileColumns:
 
     @property
     def along(self) -> list[Expr]:
-        """The derivatives of all columns but the last by the arc length."""
+        """The derivatives of the terms by the arc length."""
         tangent, normal, point = self.frame.T
         bent = normal * self.curvature - point
-        return [*bent, *tangent, self.slope]
+        return [*bent, *tangent, self.slope, self.last]
 
 
 def with_columns(values: Floats, profiles: Sequence[ProfileColumns]) -> Floats:

@@ -261,8 +261,8 @@ class RowQuantities:
 
     def _axis(self, pair: int) -> Exprs:
         (variable,) = self.structure.mechanism.variables_of(pair)
-        ((_, _, axis),) = spin_vectors(self.structure.pairs, self.links, variable)
-        return axis
+        (spin,) = spin_vectors(self.structure.pairs, self.links, variable)
+        return spin.axis
 
     def _two_links(self, text: str) -> tuple[str, str]:
         mechanism = self.structure.mechanism

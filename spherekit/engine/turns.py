@@ -74,11 +74,15 @@ def _back(turn: Turn) -> Turn:
 @final
 @dataclass(frozen=True)
 class AxisTerm:
-    """A part of a variable's vector: `size` times an axis (3,) fixed in a link."""
+    """A part of a variable's vector: `size` times an axis (3,) carried by a link.
+
+    It slides on the link by `slide` (3,) per unit of the variable; None where it is fixed.
+    """
 
     size: float
     link: int
     axis: Entries
+    slide: Exprs | None = None
 
 
 @final
@@ -87,7 +91,7 @@ class ProfileSide:
     """A profile of a contact: its moving frame at the contact is before * turn * after.
 
     `curvature` and `slope`, its derivative by the arc length, are numbers of circles and
-    columns of others, `columns`; `most_bent` bounds the second derivative.
+    columns of others, `columns`.
     """
 
     before: Floats
@@ -95,8 +99,24 @@ class ProfileSide:
     after: Floats
     curvature: Expr
     slope: Expr
-    most_bent: float
     columns: ProfileColumns | None
+
+    @property
+    def most_bent(self) -> float:
+        """A bound of the second derivative of the curvature."""
+        return 0.0 if self.columns is None else self.columns.series.most_bent
+
+    def slid(self, sense: float, normal: Exprs, point: Exprs) -> tuple[Exprs, Exprs]:
+        """Return n + k p, or the opposite, and how that slides along the profile."""
+        vector = (normal + point * self.curvature) * sense
+        return np.asarray(vector), np.asarray(point * (sense * self.slope))
+
+    def rolled(
+        self, other: "ProfileSide", tangent: Exprs, point: Exprs
+    ) -> tuple[Exprs, Exprs]:
+        """Return (k1 - k2) p, and how that slides along the profiles."""
+        relative, slope = self.curvature - other.curvature, self.slope - other.slope
+        return np.asarray(point * relative), np.asarray(tangent * relative + point * slope)
 
     @property
     def frame(self) -> Chain:
@@ -206,11 +226,13 @@ def _add_spins(
         ends, (one, other), (1.0, -1.0), sides, strict=True
     ):
         assert side.columns is not None
-        (_, normal, point), k = side.columns.frame.T, side.curvature
+        tangent, normal, point = side.columns.frame.T
         if one != other:
-            spins[variable] = (AxisTerm(sense, link, normal + point * k),)
+            vector, slide = side.slid(1.0, normal, point)
+            spins[variable] = (AxisTerm(sense, link, vector, slide),)
         elif sense > 0.0:
-            spins[variable] = (AxisTerm(1.0, link, point * (k - sides[1].curvature)),)
+            vector, slide = side.rolled(sides[1], tangent, point)
+            spins[variable] = (AxisTerm(1.0, link, vector, slide),)
 
 
 def _side(
@@ -222,7 +244,7 @@ def _side(
         turn = AxisRotation(track.variable, pace, pace * track.start)
         curvature = float(track.curve.at(np.zeros(1)).curvature[0])
         after = transpose(_about(track.curve))
-        return ProfileSide(before, turn, after, curvature, 0.0, 0.0, None)
+        return ProfileSide(before, turn, after, curvature, 0.0, None)
     columns = ProfileColumns.of(track, f"{pair.name}_{pair.links[link]}")
     return ProfileSide(
         np.eye(3),
@@ -230,7 +252,6 @@ def _side(
         np.eye(3),
         columns.curvature,
         columns.slope,
-        columns.series.most_bent,
         columns,
     )
 

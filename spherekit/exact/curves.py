@@ -9,7 +9,7 @@ tangents only, and their derivatives are those of power series.
 
 from abc import ABC, abstractmethod
 from functools import lru_cache
-from typing import final
+from typing import TYPE_CHECKING, cast, final
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from spherekit.model.mechanism import Profile
 from spherekit.sphere.paths import SplinePath
 from spherekit.sphere.profile import spline_through
 from spherekit.sphere.rotation import Floats
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 
 class ExactCurve(ABC):
@@ -216,7 +219,7 @@ class _Spline:
 
 def _pieces(arithmetic: Arithmetic, path: SplinePath) -> Numbers:
     """Return (spans, degree + 1, 3): the spline in powers of u from each knot on."""
-    spline = path.spline
+    spline = cast("BSpline", path.spline)
     degree = int(spline.k)
     every, control = arithmetic.exact(spline.t), arithmetic.exact(spline.c)
     span = np.searchsorted(spline.t, path.knots[:-1], side="right") - 1

@@ -43,9 +43,12 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
 
 def check_folder(path: str | os.PathLike[str]) -> None:
     """Raise `OutputError` unless a folder is there or can be made; nothing is made."""
-    nearest = next(
-        folder for folder in (Path(path), *Path(path).parents) if folder.exists()
-    )
+    places = (Path(path), *Path(path).parents)
+    try:
+        nearest = next(folder for folder in places if folder.exists())
+        _named(path)
+    except (OSError, ValueError) as error:
+        raise refused(path, "made", error) from None
     if not nearest.is_dir():
         number = errno.EEXIST if nearest == Path(path) else errno.ENOTDIR
         raise refused(path, "made", OSError(number, ""))
@@ -56,14 +59,33 @@ def check_folder(path: str | os.PathLike[str]) -> None:
 def check_file(path: str | os.PathLike[str]) -> None:
     """Raise `OutputError` unless a file can be made there; nothing is made."""
     target = Path(path)
-    for fault, number in (
-        (target.is_dir(), errno.EISDIR),
-        (not target.parent.exists(), errno.ENOENT),
-        (not target.parent.is_dir(), errno.ENOTDIR),
-        (not os.access(target.parent, os.W_OK | os.X_OK), errno.EACCES),
-    ):
+    try:
+        _named(path)
+        _replaceable(target)
+        faults = (
+            (not target.parent.exists(), errno.ENOENT),
+            (not target.parent.is_dir(), errno.ENOTDIR),
+            (not os.access(target.parent, os.W_OK | os.X_OK), errno.EACCES),
+        )
+    except (OSError, ValueError) as error:
+        raise refused(path, "written", error) from None
+    for fault, number in faults:
         if fault:
             raise refused(path, "written", OSError(number, ""))
+
+
+def _named(path: str | os.PathLike[str]) -> None:
+    """Raise `ValueError` if no file can have a name."""
+    if "\0" in os.fspath(path):
+        raise ValueError("a null character is in the name")
+
+
+def _replaceable(target: Path) -> None:
+    """Raise an error if what is there is no file: a device would be gone."""
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder")
+    if target.exists() and not target.is_file():
+        raise ValueError("is a device or a pipe; give the name of a file")
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -105,8 +127,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     temporary: Path | None = None
     try:
         target = Path(path).resolve()
-        if target.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "is a folder")
+        _replaceable(target)
         mark = os.urandom(4).hex()
         unfinished = target.with_name(f".{target.name[:100]}.{mark}.part")
         handle = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)

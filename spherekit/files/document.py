@@ -122,7 +122,8 @@ def read_text(path: Path) -> str:
         # A pipe would block here for ever; it is refused just below.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except (OSError, ValueError) as error:
-        if isinstance(error, OSError) and path.is_dir():
+        kept_out = getattr(error, "errno", None) in (errno.EACCES, errno.EISDIR)
+        if kept_out and path.is_dir():
             raise FileError(f"{path}: is a folder; name a file in it") from None
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise FileError(f"{str(path)!r}: cannot be opened: {reason}") from None

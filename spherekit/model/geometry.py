@@ -41,8 +41,14 @@ class Geometry:
     reference: Floats | None
 
 
-def geometry_of(mechanism: Mechanism) -> Geometry:
+TOUCHING = 1e-6
+"""Profiles must meet in the reference pose to this (rad); then they are made to exactly."""
+
+
+def geometry_of(mechanism: Mechanism, apart: float = TOUCHING) -> Geometry:
     """Return the joints of a mechanism and its reference pose.
+
+    Profiles that are `apart` (rad) there touch where they are nearest.
 
     Raises
     ------
@@ -62,7 +68,7 @@ def geometry_of(mechanism: Mechanism) -> Geometry:
         curves = _curves(mechanism, pair)
         start = pair.start
         if isinstance(given, PoseGeometry):
-            start = touching(mechanism, pair, curves)
+            start = touching(mechanism, pair, curves, apart)
         if pair.type == "Cr":
             joints.append(Rolling(*curves, start))
             reference.append(0.0)
@@ -98,16 +104,12 @@ def _curve(profile: Profile) -> Curve:
     return fourier(centre, np.array(profile.cosines), np.array(profile.sines))
 
 
-TOUCHING = 1e-6
-"""Profiles must meet in the reference pose to this (rad); then they are made to exactly."""
-
-
 def touching(
-    mechanism: Mechanism, pair: Pair, curves: tuple[Curve, Curve]
+    mechanism: Mechanism, pair: Pair, curves: tuple[Curve, Curve], apart: float
 ) -> tuple[float, float]:
     """Return the arc lengths (rad) at which two profiles touch with links aligned."""
     s, miss = nearest_frames(*curves)
-    if not miss < TOUCHING:
+    if not miss < apart:
         raise ModelError(
             f"{mechanism.name}: pairs.{pair.name}: the profiles do not touch in the "
             f"reference pose: the nearest frames differ by {miss:.3g} rad; "

@@ -24,6 +24,9 @@ SHORTEST_PART = 1e-6
 """Shorter parts (rad) of a curve are not cut."""
 SHORTEST_STILL = 0.02
 """Nor are these, if neither the rate nor its derivative has a sign at the centre."""
+MOST_PARTS = 4000
+PARTS_EACH = 40
+"""Parts of a chain, and more for each piece, beyond which no short ones are made."""
 NEAREST = 1e-9
 """Length (rad) of the part of a curve in which a zero is shown, about."""
 STEPS = 60
@@ -96,14 +99,36 @@ class Stop:
     after: int = 0
 
 
-def stops(equations: Equations, chain: Chain, variable: int) -> tuple[list[Stop], int]:
-    """Return where a variable stops along a chain, and how many pieces are undecided."""
+@final
+@dataclass(frozen=True)
+class Doubt:
+    """A part of a chain, between two configurations, in which a variable may stop.
+
+    It lies between the centre of piece number `after` and that of the next one; the
+    variable is between `low` and `high` (rad) in it.
+    """
+
+    first: Floats
+    last: Floats
+    low: float
+    high: float
+    after: int = 0
+
+
+def stops(
+    equations: Equations, chain: Chain, variable: int
+) -> tuple[list[Stop], list[Doubt]]:
+    """Return where a variable stops along a chain, and the parts that are undecided."""
     places: list[Stop] = []
-    undecided = 0
+    undecided: list[Doubt] = []
+    parts = _Parts(equations, variable)
     for number, (piece, centre, off) in enumerate(_parts(chain)):
-        zeros = list(_within(equations, piece, centre, off, variable, 0))
-        places += [replace(stop, after=number) for stop in zeros if stop is not None]
-        undecided += None in zeros
+        parts.budget += PARTS_EACH
+        for stop in parts.within(piece, centre, off, 0):
+            if isinstance(stop, Stop):
+                places.append(replace(stop, after=number))
+            else:
+                undecided.append(replace(stop, after=number))
     return places, undecided
 
 
@@ -115,38 +140,68 @@ def _parts(chain: Chain) -> Iterator[tuple[Piece, Floats, float]]:
         yield piece, further.centre, further.miss
 
 
-def _within(
-    equations: Equations,
-    piece: Piece,
-    goal: Floats,
-    off: float,
-    variable: int,
-    depth: int,
-) -> Iterator[Stop | None]:
-    """Yield the zeros of a rate from a piece's centre to a goal in it; None: undecided."""
-    reach = float(piece.coordinates(goal[None])[0, 0]) + off + 1e-13
-    here = rates(piece, min(reach, piece.half))
-    if here.sign(variable):
-        return
-    if here.bend(variable):
-        start = rates(piece, 0.0).sign(variable)
-        end = _sign_at(equations, piece, goal, variable)
-        # an end whose sign is open stays one, however short the parts
-        if not (start and end):
-            yield None
-        elif start != end:
-            yield _place(equations, piece, goal, variable, start)
-        return
-    shortest = SHORTEST_PART if _decidable(piece, variable) else SHORTEST_STILL
-    if reach < shortest:
-        yield None
-        return
-    middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
-    if middle is None or depth >= DEEPEST or not middle.holds(goal, off):
-        yield None
-        return
-    yield from _within(equations, piece, middle.centre, middle.miss, variable, depth + 1)
-    yield from _within(equations, middle, goal, off, variable, depth + 1)
+@final
+class _Parts:
+    """The parts of a chain in which a rate is looked at."""
+
+    def __init__(self, equations: Equations, variable: int) -> None:
+        self.equations, self.variable = equations, variable
+        self.budget = MOST_PARTS
+
+    def within(
+        self, piece: Piece, goal: Floats, off: float, depth: int
+    ) -> Iterator[Stop | Doubt]:
+        """Yield the zeros of the rate from a piece's centre to a goal in it, or doubts."""
+        equations, variable = self.equations, self.variable
+        self.budget -= 1
+        reach = float(piece.coordinates(goal[None])[0, 0]) + off + 1e-13
+        here = rates(piece, min(reach, piece.half))
+        if here.sign(variable):
+            return
+        if here.bend(variable):
+            start = rates(piece, 0.0).sign(variable)
+            end = _sign_at(equations, piece, goal, variable)
+            if start and end:
+                if start != end:
+                    yield _place(equations, piece, goal, variable, start)
+                return
+            # an end whose sign is open stays one, however short the parts
+            if reach < SHORTEST_STILL:
+                yield _doubt(equations, piece, goal, reach, variable)
+                return
+        short = self.budget > 0 and _decidable(piece, variable)
+        if reach < (SHORTEST_PART if short else SHORTEST_STILL):
+            yield _doubt(equations, piece, goal, reach, variable)
+            return
+        middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
+        if middle is None or depth >= DEEPEST or not middle.holds(goal, off):
+            yield _doubt(equations, piece, goal, reach, variable)
+            return
+        yield from self.within(piece, middle.centre, middle.miss, depth + 1)
+        yield from self.within(middle, goal, off, depth + 1)
+
+
+def _doubt(
+    equations: Equations, piece: Piece, goal: Floats, reach: float, variable: int
+) -> Doubt:
+    """Return the part of an arc from a piece's centre to a goal in it as undecided."""
+    start = float(piece.centre[variable])
+    end = start + float(_apart(piece.centre, goal)[variable])
+    off = np.inf
+    for longest in (1.1 * reach, 1.5 * reach, 3.0 * reach, None):
+        near = piece
+        if longest is not None:
+            made = piece_at(equations, piece.centre, piece.tangent, longest, longest / 1.3)
+            if made is None or not made.half >= reach:
+                continue
+            near = made
+        here = rates(near, min(reach, near.half))
+        rate = max(abs(float(here.low[variable])), abs(float(here.high[variable])))
+        across = np.sum(np.abs(near.frame[variable, 1:])) * near.tight
+        ahead = abs(float(near.frame[variable, 0])) * reach
+        off = min(off, ahead + float(across), 1.001 * rate * reach + near.miss)
+    off += 1e-12
+    return Doubt(piece.centre, goal, min(start - off, end), max(start + off, end))
 
 
 def _decidable(piece: Piece, variable: int) -> bool:

@@ -17,6 +17,14 @@ from spherekit.proof.written import Written
 from spherekit.version import __version__
 
 FORMAT = 1
+CROSSING = {
+    0: "curves cross",
+    1: "curves miss each other, above and below",
+    -1: "curves miss each other, left and right",
+    None: "curves cross or miss each other",
+}
+"""What is proven of a crossing, by the sign of its level; the first rows of its frame are
+to the right and upwards."""
 
 
 def heading(statement: str, text: str, tolerance: float) -> dict[str, Any]:
@@ -100,9 +108,24 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
         "boxes": curves.paving.looked_at,
         "turning_points_rad": curves.turning_points,
         "modes": [list(part) for part in curves.intervals],
+        "curves_at_one_input_rad": curves.still_at,
+        "crossings": [
+            {
+                "centre": saddle.centre.tolist(),
+                "frame": saddle.frame.T.tolist(),
+                "limits": saddle.limits.tolist(),
+                "is": CROSSING[saddle.level],
+                "gap_at_most": saddle.gap,
+            }
+            for saddle in curves.saddles
+        ],
         "curves": [
             {
                 "closed": chain.closed,
+                "ends_at_crossings": [
+                    None if arm is None else [arm.saddle, *arm.quadrant] for arm in ends
+                ],
+                "at_one_input": still,
                 "input_stops": [
                     {"place": stop.place.tolist(), "off": stop.off} for stop in stopped
                 ],
@@ -116,7 +139,9 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
                     for piece in chain.pieces
                 ],
             }
-            for chain, (stopped, _) in zip(curves.chains, curves.stopping, strict=True)
+            for chain, (stopped, _), ends, still in zip(
+                curves.chains, curves.stopping, curves.ends, curves.still, strict=True
+            )
         ],
     }
 
@@ -197,6 +222,7 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
     return {
         "undecided_parts": located.undecided,
         "outputs_without_pair": list(located.skipped),
+        "at_rest_along_curves": [list(two) for two in located.resting],
         "found": [
             {
                 "output": point.output,

@@ -6,6 +6,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.proof.crossings import Crossings
 from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import LONGEST, Piece, corrected, piece_at
 from spherekit.sphere.rotation import Floats
@@ -15,8 +16,25 @@ FORWARD = 0.9
 MOST_PIECES = 6000
 MOST_BRIDGED = 64
 """Pieces put between two."""
+BEYOND = 1e-9
+"""How far (rad) out of the range a chain goes on at least."""
+APART = "two pieces do not meet"
 LONGER = 1.6
 """How much longer than the last the next piece is tried."""
+
+
+@final
+@dataclass(frozen=True)
+class Range:
+    """The range of the input (rad), of all turns if `whole`."""
+
+    low: float
+    high: float
+    whole: bool
+
+    def has(self, q: float, off: float = 0.0) -> bool:
+        """Return whether an input may be in the range if it is off by at most `off`."""
+        return self.whole or self.low - off <= q <= self.high + off
 
 
 @final
@@ -25,8 +43,8 @@ class Chain:
     """A curve, or the part of it that goes through the range of the input.
 
     Every piece but the last has the centre of the next one in it; if `closed`, the last has
-    that of the first, up to whole turns. Else both ends are beyond the range, or `problem`
-    says why the chain does not go on.
+    that of the first, up to whole turns. Else both ends are beyond the range or on an arm
+    of a crossing, or `problem` says why the chain does not go on.
     """
 
     pieces: tuple[Piece, ...]
@@ -57,24 +75,30 @@ def laps(chain: Chain) -> bool:
 
 
 def chain_through(
-    equations: Equations, start: Floats, low: float, high: float, whole: bool
+    equations: Equations, start: Floats, inputs: Range, crossings: Crossings
 ) -> Chain | None:
     """Return the chain of pieces through a configuration, None if none is proven there.
 
-    `low` and `high` (rad) are the range of the input, of all turns if `whole`.
+    Crossings that it leads to are kept; a configuration in one of these has no chain.
     """
     first = piece_at(equations, start, None, LONGEST)
     if first is None:
         return None
-    ahead, closed, problem = _followed(equations, first, first, low, high, whole)
+    ahead, closed, problem = _followed(equations, first, first, inputs, crossings)
+    if crossings.may_hold(first.centre, first.miss):
+        return None
     if closed:
         return Chain((first, *ahead), True)
-    back, _, behind = _followed(equations, _turned(first), None, low, high, whole)
+    back, _, behind = _followed(equations, _turned(first), None, inputs, crossings)
+    if crossings.may_hold(first.centre, first.miss):
+        return None
     before = [_turned(piece) for piece in reversed(back)]
     linked = _bridged(equations, [*before, first, *ahead], len(before))
     if linked is None:
-        return Chain((first, *ahead), False, problem or "two pieces do not meet")
+        return Chain((first, *ahead), False, problem or APART)
     where = next(k for k, piece in enumerate(linked) if piece is first)
+    if before and linked[0] is not before[0]:
+        behind = behind or APART
     return Chain(tuple(linked), False, problem or behind, where)
 
 
@@ -129,9 +153,8 @@ def _followed(
     equations: Equations,
     start: Piece,
     goal: Piece | None,
-    low: float,
-    high: float,
-    whole: bool,
+    inputs: Range,
+    crossings: Crossings,
 ) -> tuple[list[Piece], bool, str]:
     """Return the pieces after one, whether they come back to `goal`, and a problem."""
     pieces: list[Piece] = []
@@ -144,13 +167,18 @@ def _followed(
             same = last.tangent @ goal.tangent > 0.5
             if beyond and same and last.holds(goal.centre, goal.miss):
                 return pieces, True, ""
-        q = last.centre[driven]
-        if not whole and not low - last.tight <= q <= high + last.tight:
+        if not inputs.has(float(last.centre[driven]), max(last.tight, BEYOND)):
             return pieces, False, ""
         further = _next(equations, last)
         if further is None:
+            crossings.find(last.centre)
+            ends = [k for k, piece in enumerate(pieces) if crossings.arm(piece)]
+            if ends:
+                return pieces[: ends[0] + 1], False, ""
             return pieces, False, "a curve could not be followed to its end"
         gone += float(np.linalg.norm(further.centre - last.centre))
         pieces.append(further)
+        if crossings.arm(further):
+            return pieces, False, ""
         last = further
     return pieces, False, f"a curve has more than {MOST_PIECES} pieces"

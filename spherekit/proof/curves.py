@@ -16,28 +16,23 @@ import numpy as np
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.proof.along import Stop, stops
+from spherekit.proof.along import Doubt, Stop, stops
 from spherekit.proof.balls import bits, exact, middle, pi, upper
-from spherekit.proof.chains import Chain, chain_through, laps
+from spherekit.proof.chains import Chain, Range
 from spherekit.proof.construction import Construction, construct
-from spherekit.proof.cover import TURN, Cover, may_meet
+from spherekit.proof.cover import TURN
+from spherekit.proof.crossings import Arm, Crossings
 from spherekit.proof.equations import Equations
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
-from spherekit.proof.tubes import Piece, corrected
+from spherekit.proof.saddles import Saddle
+from spherekit.proof.search import OVERLAPPING, Search
+from spherekit.proof.tubes import Piece
 from spherekit.proof.written import Written
-from spherekit.sphere.rotation import Floats
 
 PRECISION = 80
 SMALLEST = 1e-6
 """Boxes (rad) are not halved further."""
 MOST_BOXES = 6_000_000
-SEEDING = 0.12
-"""Boxes (rad) so small are looked into for curves not known yet."""
-MOST_VAIN = 400
-"""Boxes looked into without a new curve, after which none are."""
-OVERLAPPING = "two curves found may be one, so that modes are not counted"
-TRIED = 6
-"""Boxes of each batch that are looked into."""
 
 
 @final
@@ -46,9 +41,9 @@ class CertifiedCurves:
     """What is proven of the configuration curves over a range of the only input.
 
     `low` and `high` (rad), a whole turn if `whole`. Every closed configuration of the
-    range is on one of the `chains`, or in one of the boxes left over in `paving`.
-    `stopping` holds for each chain where the input stops along it, and how many parts are
-    undecided.
+    range is on one of the `chains`, on an arm of one of the `crossings`, or in one of the
+    boxes left over in `paving`.
+    `stopping` holds for each chain where the input stops along it, and undecided parts.
     """
 
     written: Written
@@ -59,6 +54,7 @@ class CertifiedCurves:
     high: float
     whole: bool
     chains: tuple[Chain, ...]
+    crossings: Crossings
     paving: Paved
     problems: tuple[str, ...]
 
@@ -68,34 +64,128 @@ class CertifiedCurves:
         return self.construction.unknowns
 
     @cached_property
-    def stopping(self) -> tuple[tuple[list[Stop], int], ...]:
+    def stopping(self) -> tuple[tuple[list[Stop], list[Doubt]], ...]:
         """Where the input stops along each chain: type II, dead centres of the input."""
         return self.stops_of(self.driven)
 
-    def stops_of(self, variable: int) -> tuple[tuple[list[Stop], int], ...]:
+    def stops_of(self, variable: int) -> tuple[tuple[list[Stop], list[Doubt]], ...]:
         """Return where a variable stops along each chain, and undecided parts."""
+        still = self.still_in(variable)
         with bits(PRECISION):
-            return tuple(stops(self.equations, chain, variable) for chain in self.chains)
+            return tuple(
+                ([], []) if rests else stops(self.equations, chain, variable)
+                for chain, rests in zip(self.chains, still, strict=True)
+            )
+
+    @cached_property
+    def ends(self) -> tuple[tuple[Arm | None, Arm | None], ...]:
+        """The arms of crossings that each chain begins and ends on, None where on none."""
+        return tuple(self.crossings.ends(c.pieces, c.closed) for c in self.chains)
+
+    @cached_property
+    def still(self) -> tuple[bool, ...]:
+        """Whether all of a chain is at one input exactly: a curve of modes there."""
+        return self.still_in(self.driven)
+
+    def still_in(self, variable: int) -> tuple[bool, ...]:
+        """Return of each chain whether a variable is exactly the same all along it."""
+        with bits(PRECISION):
+            return tuple(
+                self.crossings.still(chain.pieces, variable) for chain in self.chains
+            )
 
     @property
     def undecided(self) -> list[tuple[float, float]]:
         """Parts of the range (rad) at which configurations may be missing."""
         centres, radii = self.paving.centres, self.paving.radii
-        if not len(centres):
-            return []
-        q, r = centres[:, self.driven], radii[:, self.driven]
-        order = np.argsort(q - r)
-        parts: list[tuple[float, float]] = []
-        for low, high in zip((q - r)[order], (q + r)[order], strict=True):
-            if parts and low <= parts[-1][1] + 1e-12:
-                parts[-1] = parts[-1][0], max(parts[-1][1], float(high))
+        parts = (
+            [
+                (float(q - r), float(q + r))
+                for q, r in zip(centres[:, self.driven], radii[:, self.driven], strict=True)
+            ]
+            if len(centres)
+            else []
+        )
+        joined: list[tuple[float, float]] = []
+        for low, high in sorted([*parts, *self._near_crossings(), *self._doubts()]):
+            if joined and low <= joined[-1][1] + 1e-12:
+                joined[-1] = joined[-1][0], max(joined[-1][1], high)
             else:
-                parts.append((float(low), float(high)))
+                joined.append((low, high))
+        return joined
+
+    def _doubts(self) -> list[tuple[float, float]]:
+        """Return the inputs (rad) of parts of chains along which the input may stop."""
+        parts = []
+        for _, doubts in self.stopping:
+            for doubt in doubts:
+                width = doubt.high - doubt.low
+                for q, part in ((doubt.low, 0.0), (0.5 * (doubt.low + doubt.high), 0.5)):
+                    within = self.inside(q)
+                    if within is not None:
+                        low = within - part * width
+                        parts.append((low, low + width))
+                within = self.inside(doubt.high)
+                if within is not None:
+                    parts.append((within - width, within))
         return parts
+
+    def open_arms(self, variable: int) -> int:
+        """Return at how many crossings a variable may stop but at the crossing itself."""
+        return sum(self._open_at(n, variable) > 0.0 for n in range(len(self.saddles)))
+
+    def _open_at(self, number: int, variable: int) -> float:
+        """Return how far (rad) from a crossing a variable may stop, 0 if it does not."""
+        saddle, off = self.saddles[number], 0.0
+        if saddle.level != 0 and not (saddle.passes and saddle.passes[variable]):
+            off = float(saddle.zone[variable])
+        for two, still in zip(self.ends, self.still_in(variable), strict=True):
+            for arm in two:
+                open_ = arm is not None and arm.saddle == number and not still
+                if arm is not None and open_ and not saddle.rates[arm.quadrant][variable]:
+                    off = max(off, saddle.reach[arm.quadrant][variable])
+        return off
+
+    def _near_crossings(self) -> list[tuple[float, float]]:
+        """Return the inputs (rad) at crossings between which the input may stop."""
+        parts = []
+        for number, saddle in enumerate(self.saddles):
+            off = self._open_at(number, self.driven)
+            within = self.inside(float(saddle.centre[self.driven]))
+            if off and within is not None:
+                parts.append((within - off, within + off))
+        return parts
+
+    @property
+    def saddles(self) -> list[Saddle]:
+        """The parts of space in which curves cross or just miss each other."""
+        return self.crossings.saddles
+
+    @cached_property
+    def crossed(self) -> list[float]:
+        """Inputs (rad) in the range at which curves cross, or all but do, in order."""
+        inputs = (self.inside(float(s.centre[self.driven])) for s in self.saddles)
+        return sorted(q for q in inputs if q is not None)
+
+    @cached_property
+    def still_at(self) -> list[float]:
+        """Inputs (rad) in the range at which there are whole curves of modes."""
+        inputs = [
+            self.inside(float(chain.start.centre[self.driven]))
+            for chain, still in zip(self.chains, self.still, strict=True)
+            if still
+        ]
+        kept: list[float] = []
+        for q in sorted(q for q in inputs if q is not None):
+            if all(abs(_apart(q, other)) > 1e-9 for other in kept):
+                kept.append(q)
+        return kept
 
     def inside(self, q: float) -> float | None:
         """Return an input less whole turns if it is in the range, else None."""
         turned = self.low + np.remainder(q - self.low, TURN)
+        if self.whole and turned > self.high - 1e-9:
+            turned -= TURN
         for candidate in (turned, turned - TURN):
             if self.low - 1e-9 <= candidate <= self.high + 1e-9:
                 return float(candidate)
@@ -117,9 +207,19 @@ class CertifiedCurves:
     def segments(self) -> list[tuple[float, float]]:
         """The inputs (rad, turns counted) that each part of a chain without stops spans."""
         segments = []
-        for chain, (stopped, _) in zip(self.chains, self.stopping, strict=True):
-            segments += _segments(chain, stopped, self.driven)
+        for number, chain in enumerate(self.chains):
+            if not self.still[number]:
+                one, other = self.ends[number]
+                ways = self._on(chain.pieces[0], one), self._on(chain.pieces[-1], other)
+                segments += _segments(chain, self.stopping[number], self.driven, ways)
         return segments
+
+    def _on(self, piece: Piece, arm: Arm | None) -> float:
+        """Return how far the input goes from the end of a chain to a crossing there."""
+        if arm is None:
+            return 0.0
+        goal = self.crossings.saddles[arm.saddle].centre[self.driven]
+        return _apart(float(piece.centre[self.driven]), float(goal))
 
     @cached_property
     def intervals(self) -> list[tuple[float, float, int]]:
@@ -131,7 +231,8 @@ class CertifiedCurves:
             return []
         ends = [end for part in self.undecided for end in part]
         inner = [end for end in ends if self.low < end < self.high]
-        edges = [self.low, *sorted([*self.turning_points, *inner]), self.high]
+        special = [*self.turning_points, *self.crossed, *self.still_at, *inner]
+        edges = [self.low, *sorted(q for q in special if self._is_within(q)), self.high]
         # places that are not told apart have no part of the range between them
         off = max(
             (stop.off for stopped, _ in self.stopping for stop in stopped), default=0.0
@@ -142,6 +243,9 @@ class CertifiedCurves:
             if high - low > max(2.0 * off, 1e-12)
             and not self._is_undecided(0.5 * (low + high))
         ]
+
+    def _is_within(self, q: float) -> bool:
+        return self.low + 1e-12 < q < self.high - 1e-12
 
     def _is_undecided(self, q: float) -> bool:
         """Return whether an input of the range (rad) is in an undecided part of it."""
@@ -159,7 +263,7 @@ class CertifiedCurves:
             f"{self.paving.looked_at} boxes"
         )
         parts = self.undecided
-        doubtful = sum(count for _, count in self.stopping)
+        rests += _met(self.crossings.saddles)
         if OVERLAPPING in self.problems:
             rests = f"{OVERLAPPING}; {rests}"
         if parts:
@@ -167,16 +271,25 @@ class CertifiedCurves:
             return Claim(
                 Guarantee.TO_BOX,
                 f"{len(parts)} parts of the range are undecided; elsewhere {rests}",
-                max(widest, float(2.0 * np.max(self.paving.radii))),
+                max(widest, float(2.0 * np.max(self.paving.radii, initial=0.0))),
             )
-        if self.problems or doubtful:
-            words = (
-                self.problems[0]
-                if self.problems
-                else (f"{doubtful} parts in which the input may stop are undecided")
-            )
-            return Claim(Guarantee.COMPONENT, f"{words}; {rests}")
+        if self.problems:
+            return Claim(Guarantee.COMPONENT, f"{self.problems[0]}; {rests}")
         return Claim(Guarantee.CERTIFIED, f"all configurations; {rests}")
+
+
+def _met(saddles: Sequence[Saddle]) -> str:
+    """Return words for where curves cross or nearly do."""
+    parts = []
+    for words, level in (
+        ("cross", (0,)),
+        ("miss each other", (1, -1)),
+        ("cross, or miss each other,", (None,)),
+    ):
+        count = sum(saddle.level in level for saddle in saddles)
+        if count:
+            parts.append(f", which {words} at {count} place{'s' * (count != 1)}")
+    return "".join(parts)
 
 
 def _crossings(low: float, high: float, q: float) -> int:
@@ -186,25 +299,35 @@ def _crossings(low: float, high: float, q: float) -> int:
 
 
 def _segments(
-    chain: Chain, stopped: Sequence[Stop], driven: int
+    chain: Chain,
+    stopping: tuple[Sequence[Stop], Sequence[Doubt]],
+    driven: int,
+    ways: tuple[float, float],
 ) -> list[tuple[float, float]]:
-    """Return the spans of the input between its stops along a chain."""
-    ends: list[float] = []
+    """Return the spans of the input along a chain but where it stops or may stop.
+
+    `ways` are how far it goes on at both ends.
+    """
     q = float(chain.pieces[0].centre[driven])
     start = q
+    breaks: list[tuple[float, float]] = []
     following = [*chain.pieces[1:], *(chain.pieces[:1] if chain.closed else ())]
     for number, (piece, further) in enumerate(zip(chain.pieces, following, strict=False)):
-        for stop in stopped:
-            if stop.after == number:
-                ends.append(q + _apart(piece.centre[driven], stop.place[driven]))
+        places = [(s.place, s.place) for s in stopping[0] if s.after == number]
+        places += [(d.first, d.last) for d in stopping[1] if d.after == number]
+        places.sort(key=lambda two: float(piece.coordinates(two[0][None])[0, 0]))
+        for first, last in places:
+            one, other = (
+                q + _apart(piece.centre[driven], p[driven]) for p in (first, last)
+            )
+            breaks.append((one, other))
         q += _apart(piece.centre[driven], further.centre[driven])
-    if not ends:
-        return [(start, q)]
-    spans = list(pairwise(ends))
-    if chain.closed:
+    if chain.closed and breaks:
         # the last one goes on into the first, as many turns on
-        return [*spans, (ends[-1], ends[0] + (q - start))]
-    return [(start, ends[0]), *spans, (ends[-1], q)]
+        breaks.append((breaks[0][0] + q - start, breaks[0][1] + q - start))
+    else:
+        breaks = [(start, start + ways[0]), *breaks, (q + ways[1], q)]
+    return [(one[1], other[0]) for one, other in pairwise(breaks)]
 
 
 def _apart(one: float, other: float) -> float:
@@ -257,18 +380,21 @@ def certified_curves(
             )
         axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(made.unknowns)]
         axes.append(Axis(low, 2 * pi()) if exact_turn else Axis(low, high - low))
-        search = _Search(equations, middle(low), middle(high), exact_turn)
-        done = paved(equations, axes, search.cover.covers, search.look, smallest, most)
+        inputs = Range(middle(low), middle(high), exact_turn)
+        search = Search(equations, inputs)
+        done = paved(equations, axes, search.covers, search.look, smallest, most)
+        done = search.without_saddles(done)
         assert upper(high - low) > 0.0
     return CertifiedCurves(
         written,
         made,
         equations,
         range_text,
-        middle(low),
-        middle(high),
-        search.whole,
+        inputs.low,
+        inputs.high,
+        inputs.whole,
         tuple(search.cover.chains),
+        search.crossings,
         done,
         tuple(search.problems()),
     )
@@ -278,64 +404,3 @@ def _whole_turn(written: Written, range_text: tuple[str, str]) -> bool:
     """Return whether a range in degrees is exactly one turn."""
     low, high = (Decimal(text) for text in range_text)
     return written.document.data["angle_unit"] == "deg" and high - low == 360
-
-
-@final
-class _Search:
-    """Finds curves in boxes that are not decided."""
-
-    def __init__(self, equations: Equations, low: float, high: float, whole: bool) -> None:
-        self.equations, self.low, self.high, self.whole = equations, low, high, whole
-        self.cover = Cover()
-        self.vain = 0
-
-    def look(self, centres: Floats, radii: Floats) -> bool:
-        """Look for curves that go through boxes; return whether there is a new one."""
-        before = len(self.cover.chains)
-        small = np.flatnonzero(np.max(radii, axis=1) < SEEDING)
-        for row in small[:: max(1, len(small) // TRIED)] if self.vain < MOST_VAIN else ():
-            self.vain += 1
-            place = corrected(self.equations, centres[row])
-            if place is None:
-                continue
-            reach = 4.0 * float(np.max(radii[row]))
-            if float(np.max(np.abs(place - centres[row]))) > reach:
-                continue
-            if not self.in_range(float(place[-1])):
-                continue
-            if self.cover.count and self.cover.holds(place, 0.0):
-                continue
-            chain = chain_through(self.equations, place, self.low, self.high, self.whole)
-            if chain is None or self._known(chain.start):
-                continue
-            self.cover.add(chain)
-            self.vain = 0
-        return len(self.cover.chains) > before
-
-    def _known(self, start: Piece) -> bool:
-        """Return whether a configuration found is on a curve known already."""
-        return bool(self.cover.count) and self.cover.holds(start.centre, start.miss)
-
-    def in_range(self, q: float) -> bool:
-        """Return whether an input is in the range."""
-        return self.whole or self.low <= q <= self.high
-
-    def overlapping(self) -> bool:
-        """Return whether two chains may go through one configuration of the range."""
-        for chain in self.cover.chains:
-            within = [p for p in chain.pieces if self.in_range(float(p.centre[-1]))]
-            centres = np.array([piece.centre for piece in within])
-            off = np.array([piece.miss for piece in within])
-            for other in self.cover.chains:
-                if other is not chain and within and may_meet(other, centres, off):
-                    return True
-        return False
-
-    def problems(self) -> list[str]:
-        """Return why chains are not whole curves, or not known to be different."""
-        problems = [chain.problem for chain in self.cover.chains if chain.problem]
-        if self.overlapping():
-            problems.append(OVERLAPPING)
-        if any(laps(chain) for chain in self.cover.chains):
-            problems.append("a curve may have been gone round twice")
-        return problems

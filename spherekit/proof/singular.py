@@ -45,7 +45,9 @@ class CertifiedSingularities:
     `undecided` counts the parts in which one may be; `skipped` are outputs that no variable
     of the construction is the rate of, of which only type II is known. `low` to `high`
     (rad) is the range of the input, a whole turn if `whole`; `complete` says that all
-    curves are known. At `dead_centres` the input stops.
+    curves are known. At `dead_centres` the input stops, at the inputs `crossed` (rad)
+    curves cross or nearly do, and at those of `still` there are whole curves of modes.
+    An output of `resting` is at rest all along the curve of that number.
     """
 
     points: tuple[CertifiedSingularity, ...]
@@ -56,6 +58,9 @@ class CertifiedSingularities:
     whole: bool
     complete: bool
     dead_centres: tuple[Stop, ...]
+    crossed: tuple[tuple[float, float], ...] = ()
+    still: tuple[float, ...] = ()
+    resting: tuple[tuple[str, int], ...] = ()
 
     def clearance(self, q: float) -> float:
         """Return how far (rad) the input may go from q before a singularity, at least.
@@ -68,6 +73,11 @@ class CertifiedSingularities:
         gaps = [
             abs(float(np.remainder(stop.place[-1] - q + np.pi, TURN)) - np.pi) - stop.off
             for stop in (*self.dead_centres, *(point.stop for point in self.points))
+        ]
+        places = [*self.crossed, *((place, 0.0) for place in self.still)]
+        gaps += [
+            abs(float(np.remainder(place - q + np.pi, TURN)) - np.pi) - off
+            for place, off in places
         ]
         return max(min([*gaps, *ends, np.pi]) - ROUNDING, 0.0)
 
@@ -93,20 +103,27 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     """Return the singularities of all declared outputs but the input itself."""
     mechanism, made = curves.written.mechanism, curves.construction
     points: list[CertifiedSingularity] = []
-    undecided = sum(count for _, count in curves.stopping)
-    skipped = []
+    undecided = sum(len(doubts) for _, doubts in curves.stopping)
+    undecided += curves.open_arms(curves.driven)
+    skipped: list[str] = []
+    resting: list[tuple[str, int]] = []
     for output in mechanism.outputs:
         pair = pair_of_output(curves.written, output.name)
         if pair == made.pairs[curves.driven]:
             continue
         has_angle = pair is not None and pair in made.pairs
-        stops = curves.stops_of(made.pairs.index(pair)) if has_angle else None  # type: ignore[arg-type]
+        variable = made.pairs.index(pair) if pair is not None and has_angle else None
+        stops = None if variable is None else curves.stops_of(variable)
+        if variable is not None:
+            undecided += curves.open_arms(variable)
+            still = enumerate(curves.still_in(variable))
+            resting += [(output.name, curve) for curve, rests in still if rests]
         if stops is None:
             skipped.append(output.name)
         for curve, (driven, _) in enumerate(curves.stopping):
-            resting, doubtful = stops[curve] if stops is not None else ([], 0)
-            undecided += doubtful
-            for kind, one, others in (("I", resting, driven), ("II", driven, resting)):
+            rests, doubts = stops[curve] if stops is not None else ([], [])
+            undecided += len(doubts)
+            for kind, one, others in (("I", rests, driven), ("II", driven, rests)):
                 for stop in one:
                     near = any(_meet(stop, other) for other in others)
                     words = f"{kind} or III" if near else kind
@@ -128,6 +145,12 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
         curves.whole,
         complete,
         tuple(stop for found_on, _ in curves.stopping for stop in found_on),
+        tuple(
+            (float(saddle.centre[curves.driven]), float(saddle.zone[curves.driven]))
+            for saddle in curves.crossings.saddles
+        ),
+        tuple(curves.still_at),
+        tuple(resting),
     )
 
 

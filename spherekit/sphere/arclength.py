@@ -1,5 +1,6 @@
 """Arc length of a curve against its own parameter: measured once, inverted when asked."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -62,6 +63,14 @@ class ArcLength:
         half = 0.5 * (self.edges[panel + 1] - self.edges[panel])
         return np.asarray(self.edges[panel] + half * (1.0 + np.clip(x, -1.0, 1.0)))
 
+    def at(self, u: Floats) -> Floats:
+        """Return the arc lengths (n,) of parameters u (n,)."""
+        last = len(self.edges) - 2
+        panel = np.clip(np.searchsorted(self.edges, u, side="right") - 1, 0, last)
+        low, high = self.edges[panel], self.edges[panel + 1]
+        covered, _ = self.within(panel, (2.0 * u - low - high) / (high - low))
+        return np.asarray(self.starts[panel] + covered)
+
     def within(self, panel: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
         """Return the arc length from a panel's start to x, and ds/dx, both (n,)."""
         before, here = np.ones_like(x), x
@@ -79,29 +88,53 @@ class ArcLength:
 def measure(path: Parametrised, edges: Floats, rounding: Floats | None = None) -> ArcLength:
     """Return the table of arc length over panels, halved until the series has ended.
 
-    Gauss-Legendre nodes give each series; the curve has to be smooth between `edges`.
-    `rounding` (panels,) is the relative error of the speed where it is known less well
-    than to machine precision: no panel is halved to resolve that.
+    The curve has to be smooth between `edges`. `rounding` as in `integrated`.
+    """
+    slowest, where = np.inf, 0.0
+
+    def speed(u: Floats) -> Floats:
+        nonlocal slowest, where
+        here = path.speed(u)
+        at = np.unravel_index(int(np.argmin(here)), here.shape)
+        if here[at] < slowest:
+            slowest, where = float(here[at]), float(u[at])
+        return here
+
+    table = integrated(speed, edges, rounding)
+    speed(edges)
+    if slowest < SLOWEST * table.length / (edges[-1] - edges[0]):
+        raise ValueError(
+            f"the curve has a cusp near {path.place(where)}: its speed vanishes there; a "
+            "profile has to be smooth"
+        )
+    return table
+
+
+def integrated(
+    rate: Callable[[Floats], Floats], edges: Floats, rounding: Floats | None = None
+) -> ArcLength:
+    """Return the table of the integral of a rate over panels that are halved.
+
+    Gauss-Legendre nodes give each series. `rounding` (panels,) is the relative error of
+    the rate where it is known less well than to machine precision: no panel is halved to
+    resolve that.
     """
     nodes, weights = leggauss(_ORDER)
     rows = np.polynomial.legendre.legvander(nodes, _ORDER - 1) * weights[:, None]
     rows *= np.arange(_ORDER) + 0.5
     low, high = edges[:-1], edges[1:]
     ready: list[tuple[Floats, Floats, Floats]] = []
-    slowest, where, total = np.inf, 0.0, 0.0
+    total = 0.0
     noise = np.zeros(len(low)) if rounding is None else rounding
     for depth in range(_DEEPEST + 1):
         half = 0.5 * (high - low)
         u = low[:, None] + half[:, None] * (1.0 + nodes)
-        speed = path.speed(u)
-        at = np.unravel_index(int(np.argmin(speed)), speed.shape)
-        if speed[at] < slowest:
-            slowest, where = float(speed[at]), float(u[at])
-        series = half[:, None] * (speed @ rows)
+        series = half[:, None] * (rate(u) @ rows)
+        largest = np.max(np.abs(series), axis=1)
         if depth == 0:
-            total = 2.0 * float(np.sum(series[:, 0]))
+            total = 2.0 * float(np.sum(largest))
         tail = np.max(np.abs(series[:, -2:]), axis=1) / _ORDER
-        smooth = (tail <= _TAIL * total) | (tail <= noise * series[:, 0])
+        smooth = (tail <= _TAIL * total) | (tail <= noise * largest)
         smooth |= depth == _DEEPEST
         ready.append((low[smooth], high[smooth], series[smooth]))
         rest = ~smooth
@@ -111,14 +144,6 @@ def measure(path: Parametrised, edges: Floats, rounding: Floats | None = None) -
         noise = np.tile(noise[rest], 2)
         if not len(low):
             break
-    ends = path.speed(edges)
-    if np.min(ends) < slowest:
-        slowest, where = float(np.min(ends)), float(edges[np.argmin(ends)])
-    if slowest < SLOWEST * total / (edges[-1] - edges[0]):
-        raise ValueError(
-            f"the curve has a cusp near {path.place(where)}: its speed vanishes there; a "
-            "profile has to be smooth"
-        )
     starts = np.concatenate([part[0] for part in ready])
     order = np.argsort(starts)
     speeds = np.concatenate([part[2] for part in ready])[order]

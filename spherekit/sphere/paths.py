@@ -15,6 +15,13 @@ UNIT_TOLERANCE = 1e-6
 """Centres and points may differ from unit length by this much; they are normalised."""
 
 
+class Spline(Protocol):
+    """A spline in space by its parameter."""
+
+    def __call__(self, u: Floats, order: int = 0) -> Floats:
+        """Return the derivative (..., 3) of an order at u of any shape."""
+
+
 class Parametrised(Protocol):
     """A curve in a parameter u of its own, in any space."""
 
@@ -43,11 +50,11 @@ class FourierPath:
 
     def colatitude(self, a: Floats, derivatives: int) -> list[Floats]:
         """Return the colatitude and so many derivatives at azimuths a of any shape."""
-        out = [np.full_like(a, self.cosines[0])]
-        out += [np.zeros_like(a) for _ in range(derivatives)]
+        out = [np.zeros_like(a) for _ in range(derivatives + 1)]
+        out[0] += self.cosines[0]
         for k in range(1, len(self.cosines)):
             c, s = np.cos(k * a), np.sin(k * a)
-            even, odd = float(self.cosines[k]), float(self.sines[k])
+            even, odd = self.cosines[k], self.sines[k]
             for order in range(derivatives + 1):
                 out[order] += even * c + odd * s
                 even, odd = k * odd, -k * even
@@ -56,7 +63,8 @@ class FourierPath:
     def speed(self, u: Floats) -> Floats:
         """Return |dp/du| at u of any shape."""
         colatitude, slope = self.colatitude(u, 1)
-        return np.asarray(np.hypot(slope, np.sin(colatitude)))
+        sine = np.sin(colatitude)
+        return np.asarray(np.sqrt(slope * slope + sine * sine))
 
     def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
@@ -66,7 +74,7 @@ class FourierPath:
         centre = self.axes[:, 2]
         point = c[:, None] * centre + s[:, None] * outward
         away = c[:, None] * outward - s[:, None] * centre
-        v = np.hypot(d1, s)
+        v = np.sqrt(d1 * d1 + s * s)
         tangent = (d1 / v)[:, None] * away + (s / v)[:, None] * along
         # k = bend / v^3 with bend = det(p, p', p''), in the basis away, along
         bend = 2.0 * c * d1**2 + s * (s * c - d2)
@@ -83,21 +91,31 @@ class FourierPath:
 @final
 @dataclass(frozen=True)
 class SplinePath:
-    """The radial projection p = x / |x| of a spline x(u) in space through points."""
+    """The radial projection p = x / |x| of a spline x(u) in space through points.
 
-    spline: "BSpline"
+    ``spline(u, order)`` is a derivative (..., 3) of it by u.
+    """
+
+    spline: "BSpline | Spline"
     knots: Floats
     closed: bool
 
+    def _derivative(self, u: Floats, order: int) -> Floats:
+        """Return a derivative (..., 3) of the spline; u may be a complex step."""
+        there = self.spline(np.real(u), order)
+        if np.iscomplexobj(u):
+            there = there + np.imag(u)[..., None] * 1j * self.spline(np.real(u), order + 1)
+        return np.asarray(there)
+
     def speed(self, u: Floats) -> Floats:
         """Return |dp/du| at u of any shape."""
-        x, x1 = self.spline(u), self.spline(u, 1)
+        x, x1 = self._derivative(u, 0), self._derivative(u, 1)
         across = cross(x, x1)
         return np.asarray(np.sqrt(dot(across, across)) / dot(x, x))
 
     def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
-        x, x1, x2, x3 = (self.spline(u, order) for order in range(4))
+        x, x1, x2, x3 = (self._derivative(u, order) for order in range(4))
         r = np.sqrt(dot(x, x))
         across = cross(x, x1)
         size = np.sqrt(dot(across, across))
@@ -124,10 +142,12 @@ def quintic(knots: Floats, points: Floats, closed: bool) -> "BSpline":
 
 def axes_about(centre: ArrayLike) -> Floats:
     """Return axes (3, 3): columns towards azimuth 0 and 90 degrees, and the centre."""
-    given = np.array(centre, dtype=float)
-    size = float(np.sqrt(dot(given, given)))
+    given = np.array(centre)
+    size = np.sqrt(dot(given, given))
     if not abs(size - 1.0) <= UNIT_TOLERANCE:
-        raise ValueError(f"the centre has length {size:.9g}; it has to be a unit vector")
+        raise ValueError(
+            f"the centre has length {abs(size):.9g}; it has to be a unit vector"
+        )
     unit = given / size
     first = np.eye(3)[1 if abs(unit[0]) > 0.9 else 0]
     for _ in range(2):

@@ -5,6 +5,7 @@ tangent t, the point p and n = p x t, obeys dp/ds = t, dt/ds = k n - p, dn/ds = 
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import final
 
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import EPS
 from spherekit.sphere.arclength import SLOWEST, ArcLength, measure
+from spherekit.sphere.complex_step import slope_of, stepped
 from spherekit.sphere.paths import (
     UNIT_TOLERANCE,
     FourierPath,
@@ -82,6 +84,10 @@ class Curve(ABC):
         """Return the curve at arc lengths s (n,) in rad; a closed one repeats itself."""
 
     @abstractmethod
+    def curvature_second(self, s: ArrayLike) -> Floats:
+        """Return the second derivative (n,) of the curvature by the arc length."""
+
+    @abstractmethod
     def reversed(self) -> "Curve":
         """Return the same curve run backwards.
 
@@ -145,8 +151,13 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
         raise ValueError("the coefficients of the colatitude have to be finite")
     path = FourierPath(axes_about(centre), series[0], series[1])
     check_colatitude(path)
-    table = measure(path, np.linspace(0.0, 2.0 * np.pi, 4 * size + 1))
+    table = measure(path, azimuth_panels(size))
     return _Measured(path, table, table.length, closed=True)
+
+
+def azimuth_panels(size: int) -> Floats:
+    """Return the azimuths between which a series of so many terms is smooth enough."""
+    return np.linspace(0.0, 2.0 * np.pi, 4 * size + 1)
 
 
 def through(points: ArrayLike, closed: bool = True) -> Curve:
@@ -171,15 +182,20 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
 
 def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLength]:
     """Return the spline of `through` and the table of its arc length; errors as there."""
+    *_, last = spline_fits(points, closed)
+    return last
+
+
+def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, ArcLength]]:
+    """Yield the splines that lead to `spline_through`, the knots of each by the last."""
     given = checked_points(points, closed)
     steps = arc(given[:-1], given[1:])
-    for attempt in range(1 + _REFITS):
+    for _ in range(1 + _REFITS):
         knots = np.concatenate([[0.0], np.cumsum(steps)])
         path = SplinePath(quintic(knots, given, closed), knots, closed)
         table = measure(path, knots)
-        if attempt < _REFITS:
-            steps = np.diff(table.at_edge(knots))
-    return path, table
+        yield path, table
+        steps = np.diff(table.at_edge(knots))
 
 
 @final
@@ -206,6 +222,9 @@ class _Circle(Curve):
             exact_frame(point, along), self.cosine / self.sine * one, 0.0 * one, inside
         )
 
+    def curvature_second(self, s: ArrayLike) -> Floats:
+        return 0.0 * np.asarray(s, dtype=float)
+
     def reversed(self) -> Curve:
         return _Reversed(self, self.length, self.closed)
 
@@ -223,15 +242,21 @@ class _Reversed(Curve):
     def edges(self) -> Floats:
         return np.asarray(self.length - self.forward.edges[::-1])
 
-    def at(self, s: ArrayLike) -> CurvePoint:
+    def _back(self, s: ArrayLike) -> Floats:
         back = -np.asarray(s, dtype=float)
-        there = self.forward.at(back if self.closed else self.length + back)
+        return back if self.closed else self.length + back
+
+    def at(self, s: ArrayLike) -> CurvePoint:
+        there = self.forward.at(self._back(s))
         return CurvePoint(
             there.frame * np.array([-1.0, -1.0, 1.0]),
             0.0 - there.curvature,
             there.curvature_rate,
             there.inside,
         )
+
+    def curvature_second(self, s: ArrayLike) -> Floats:
+        return 0.0 - self.forward.curvature_second(self._back(s))
 
     def reversed(self) -> Curve:
         return self.forward
@@ -254,6 +279,12 @@ class _Measured(Curve):
     def at(self, s: ArrayLike) -> CurvePoint:
         arcs, inside = _into(np.asarray(s, dtype=float), self.length, self.closed)
         return CurvePoint(*self.path.frame(self.table.invert(arcs)), inside)
+
+    def curvature_second(self, s: ArrayLike) -> Floats:
+        arcs, _ = _into(np.asarray(s, dtype=float), self.length, self.closed)
+        u = self.table.invert(arcs)
+        _, _, rate = self.path.frame(stepped(u, 1.0 / self.path.speed(u)))
+        return slope_of(rate)
 
     def reversed(self) -> Curve:
         return _Reversed(self, self.length, self.closed)

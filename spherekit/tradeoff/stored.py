@@ -60,10 +60,12 @@ def read_trade(path: str | os.PathLike[str]) -> Trade:
         If there is none, or it cannot be read.
     """
     file = Path(path)
-    if file.is_dir():
-        file = file / FILE
     again = f"write one with: spherekit trade FILE -a NAME -o {path}"
     try:
+        if file.is_dir():
+            file = file / FILE
+        if file.exists() and not file.is_file():
+            raise ValueError("a folder or a device, not a regular file")
         data = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise AnalysisError(f"{file}: there is no trade; {again}") from None

@@ -155,6 +155,8 @@ class ServedOutput(AbstractOutput):
 
     def open(self) -> None:
         """Start to listen, on the loopback address only."""
+        if self.port == 0:  # the system would choose one, which viewers do not know
+            raise OutputError("cannot serve on port 0; choose one from 1 to 65535")
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:

@@ -1,0 +1,173 @@
+"""Crossings of configuration curves, and gaps that are as narrow as one likes."""
+
+import itertools
+from decimal import Decimal
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+from test_proof_adversaries import FOUR_BAR, two_dyads
+
+from spherekit.cli.main import main
+from spherekit.files.document import parse
+from spherekit.files.read import read
+from spherekit.guarantee import Guarantee
+from spherekit.proof.balls import bits, decimal, pi
+from spherekit.proof.curves import certified_curves
+from spherekit.proof.modes import certified_modes
+from spherekit.proof.singular import singularities
+from spherekit.proof.tubes import corrected
+from spherekit.proof.written import Written
+
+TURN = ("0", "360")
+FOLDS = ("80", "30", "50", "60")
+
+
+def four_bar(arcs, unit="deg"):
+    text = FOUR_BAR.format(*arcs).replace('"deg"', f'"{unit}"')
+    if unit == "rad":
+        text = text.replace("to = 360", "to = 6.28")
+    document = parse(text, "four_bar")
+    return Written.of(read(document), document)
+
+
+def nudged(arcs, link, step):
+    arcs = [Decimal(arc) for arc in arcs]
+    arcs[link] += Decimal(step)
+    return [format(arc, "f") for arc in arcs]
+
+
+def closes_at_half_a_turn(arcs):
+    """Whether coupler and rocker span ground and crank in line at 180 degrees."""
+    with bits(300):
+        ground, crank, coupler, rocker = (decimal(arc) * pi() / 180 for arc in arcs)
+        apart = (ground + crank).cos()
+        longest, shortest = (coupler + rocker).cos(), (coupler - rocker).cos()
+        assert not (apart - longest).contains(0)
+        return bool(longest < apart < shortest)
+
+
+@pytest.mark.parametrize("step", ["1e-6", "1e-8", "1e-10", "1e-12", "1e-14", "1e-20"])
+@pytest.mark.parametrize(("link", "sense"), [(0, ""), (1, "-"), (3, ""), (3, "-")])
+def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):
+    arcs = nudged(FOLDS, link, sense + step)
+    curves = certified_curves(four_bar(arcs), TURN)
+    closes = closes_at_half_a_turn(arcs)
+    wide = [count for low, high, count in curves.intervals if high - low > 0.1]
+    assert wide and set(wide) == {2}
+    certified = curves.claim.guarantee is Guarantee.CERTIFIED
+    assert certified if closes else not certified or len(curves.turning_points) == 2
+    for saddle in curves.saddles:
+        # arms that differ in the side of the input are joined if it gets past
+        assert saddle.level in (1, -1)
+        kept = 1 if saddle.level > 0 else 0
+        for one, other in itertools.combinations(saddle.rates, 2):
+            if one[kept] == other[kept]:
+                sides = saddle.rates[one][-1], saddle.rates[other][-1]
+                assert 0 not in sides and (sides[0] != sides[1]) == closes
+
+
+def test_modes_are_counted_where_parts_of_a_curve_are_undecided():
+    # they were once counted as none: the dead centres were missing in the count
+    for arcs in (("80.0000000001", "30", "50", "60"), ("40", "40", "70", "70.0001")):
+        curves = certified_curves(four_bar(arcs), TURN)
+        wide = {count for low, high, count in curves.intervals if high - low > 0.1}
+        assert wide == {2}
+
+
+def test_arms_of_a_crossing_are_where_curves_are():
+    curves = certified_curves(four_bar(FOLDS), TURN)
+    (saddle,) = curves.saddles
+    moves = np.random.default_rng(3)
+    quadrants = set()
+    for _ in range(200):
+        inner = moves.uniform(-1.0, 1.0, 2) * saddle.limits
+        place = corrected(curves.equations, saddle.centre + saddle.frame @ inner)
+        if place is None:
+            continue
+        u, v = saddle.coordinates(place[None])[0]
+        if np.all(np.abs([u, v]) <= saddle.limits):
+            quadrant = saddle.quadrant(place, 1e-12)
+            assert quadrant in (None, (np.sign(u), np.sign(v)))
+            quadrants.add(quadrant)
+    assert len(quadrants - {None}) == 4
+
+
+@pytest.mark.parametrize(
+    ("ends", "crossed"),
+    [
+        (("0", "180"), True),
+        (("180", "300"), True),
+        (("0", "180.00001"), True),
+        (("179", "181"), True),
+        (("179.9999", "200"), True),
+        (("190", "500"), False),
+    ],
+)
+def test_ranges_that_end_next_to_a_crossing_have_all_modes(ends, crossed):
+    curves = certified_curves(four_bar(FOLDS), ends)
+    assert curves.claim.guarantee is Guarantee.CERTIFIED
+    assert len(curves.crossed) == int(crossed)
+    assert all(count == 2 for _, _, count in curves.intervals)
+    low, high = (np.radians(float(end)) for end in ends)
+    assert sum(b - a for a, b, _ in curves.intervals) > (high - low) * (1 - 1e-9)
+
+
+def crossing_dyads():
+    """Two four-bars on one crank, of which the second is in line at one input."""
+    text = two_dyads(60, 30, 70, 50, 40).document.text
+    for old, new in (
+        ("arcs = [50, 30]", "arcs = [30, 30]"),
+        ('"f"]\narcs = [40]', '"f"]\narcs = [60]'),
+        ('"f"]\narcs = [35]', '"f"]\narcs = [50]'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    document = parse(text, "two_dyads")
+    return Written.of(read(document), document)
+
+
+def test_curves_of_two_loops_cross_once_in_each_mode_of_the_other():
+    written = crossing_dyads()
+    curves = certified_curves(written, TURN)
+    assert curves.claim.guarantee is Guarantee.CERTIFIED
+    assert [saddle.level for saddle in curves.saddles] == [0, 0]
+    assert np.ptp(curves.crossed) < 1e-9
+    for low, high, count in curves.intervals:
+        middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
+        modes = certified_modes(written, (middle,))
+        assert modes.complete and len(modes.real) == count
+
+
+def test_the_input_is_clear_of_crossings_as_far_as_is_said():
+    curves = certified_curves(four_bar(FOLDS), TURN)
+    clear = singularities(curves).clearance(np.radians(170.0))
+    assert np.radians(10.0) - 1e-9 < clear <= np.radians(10.0)
+
+
+def test_links_in_radians_are_in_line_where_both_sides_are_the_same_sum():
+    exact = four_bar(("1.4", "0.5", "0.9", "1.0"), "rad")
+    curves = certified_curves(exact, ("2.5", "3.5"))
+    assert [saddle.level for saddle in curves.saddles] == [0]
+    near = four_bar(("1.4", "0.5", "0.9", "1.00000000000001"), "rad")
+    nearly = certified_curves(near, ("2.5", "3.5"))
+    assert [saddle.level for saddle in nearly.saddles] == [-1]
+
+
+def test_a_tolerance_leaves_open_whether_curves_cross():
+    document = parse(FOUR_BAR.format(*FOLDS), "four_bar")
+    written = Written.of(read(document), document, tolerance=1e-12)
+    curves = certified_curves(written, TURN)
+    assert curves.claim.guarantee is Guarantee.TO_BOX
+    assert [saddle.level for saddle in curves.saddles] == [None]
+    assert {count for _, _, count in curves.intervals} == {2}
+
+
+def test_the_command_says_where_curves_cross(tmp_path, capsys):
+    path = tmp_path / "kite.toml"
+    path.write_text(FOUR_BAR.format(40, 40, 70, 70), encoding="utf-8")
+    assert main(["certify", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert said.count("curves cross at") == 2 and "a whole curve of modes at" in said
