@@ -44,6 +44,7 @@ from spherekit.plugin.rotations import (
     mirror_angles,
     quickest,
     tilt_torsion,
+    wrap,
 )
 
 from .pose_text import read_end, read_pose
@@ -218,17 +219,10 @@ class EquivalentRotation(AbstractAnalysis):
         """Return the tables of the rotation and of its schedule."""
         result = self._found(batch)
         mechanism, at = batch.mechanism, result.samples
-        n = len(at.theta)
-        phi = gamma = np.full(n, np.nan)
-        if result.form is not None:
-            angles = mirror_angles(mid_planes(result.form, at.orientation))
-            phi, gamma = angles.phi, angles.gamma
         tilted = tilt_torsion(at.orientation)
         first = {
-            "sample": np.arange(n),
+            "sample": np.arange(len(at.theta)),
             "theta": at.theta,
-            "phi": phi,
-            "gamma": gamma,
             "azimuth": tilted[:, 0],
             "tilt": tilted[:, 1],
             "torsion": tilted[:, 2],
@@ -239,25 +233,27 @@ class EquivalentRotation(AbstractAnalysis):
             "type_2": at.type_2,
             "status": at.status,
         }
-        count = len(mechanism.inputs)
-        if result.schedule is None:
-            nothing, none = np.zeros(0), np.zeros((0, count))
-            t, theta, inputs, dq, ddq, type_2 = nothing, nothing, none, none, none, nothing
-            status = np.zeros(0, dtype=np.int8)
-        else:
+        if result.form is not None:
+            angles = mirror_angles(mid_planes(result.form, at.orientation))
+            first |= {"phi": angles.phi, "gamma": angles.gamma}
+        second = []
+        if result.schedule is not None:
             rows = result.schedule.table(self.samples)
-            t, theta, inputs, dq = rows.t, rows.theta, rows.inputs, rows.rates
-            ddq, type_2, status = rows.accelerations, rows.type_2, rows.status
-        second = {
-            "t": t,
-            "theta": theta,
-            **input_columns(mechanism, inputs),
-            **input_columns(mechanism, dq, "dq"),
-            **input_columns(mechanism, ddq, "ddq"),
-            "type_2": type_2,
-            "status": status,
+            second.append(
+                {
+                    "t": rows.t,
+                    "theta": rows.theta,
+                    **input_columns(mechanism, rows.inputs),
+                    **input_columns(mechanism, rows.rates, "dq"),
+                    **input_columns(mechanism, rows.accelerations, "ddq"),
+                    "type_2": rows.type_2,
+                    "status": rows.status,
+                }
+            )
+        return {
+            table.name: table.stacked(mechanism, parts)
+            for table, parts in zip(self.tables, ([first], second), strict=True)
         }
-        return {"equivalent_rotation": first, "schedule": second}
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page with the rotation, and one with its schedule if there is one."""
@@ -457,8 +453,7 @@ def _checked(
         )
     except SolveError as problem:
         return None, str(problem)
-    off = np.abs(graph.at(samples.theta).inputs - samples.inputs)
-    off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi)
+    off = np.abs(wrap(graph.at(samples.theta).inputs - samples.inputs))
     finite = off[np.all(np.isfinite(off), axis=1)]
     if not len(finite):
         return None, "the graph could not be followed"

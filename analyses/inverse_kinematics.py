@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.plugin import (
-    INPUTS,
-    STATUS,
     AbstractAnalysis,
     AnalysisError,
     Arrow,
     Axis,
     Batch,
-    Column,
     Findings,
     Floats,
     Mechanism,
@@ -28,16 +25,13 @@ from spherekit.plugin import (
     TableData,
     Text,
     counted,
-    input_columns,
     link_bodies,
     listing,
     nearest,
     numbered,
 )
 from spherekit.plugin.rotations import (
-    azimuth_tilt,
     quaternion,
-    tilt_torsion,
 )
 from spherekit.plugin.singularities import solver_of
 from spherekit.plugin.workspace import (
@@ -47,26 +41,21 @@ from spherekit.plugin.workspace import (
     label_of,
     nearest_poses,
     output_kinematics,
-    sense_of,
 )
 
-from .pose_lists import Given, PoseList
+from .inverse_tables import (
+    FORWARD,
+    INVERSE,
+    PAIRS,
+    FoundPoses,
+    forward_rows,
+    inverse_rows,
+    pair_rows,
+)
+from .pose_lists import Given
 
 Row = dict[str, Any]
 
-POSE = Column("pose", "", "number of the pose or of the inputs given, from 0", "integer")
-PLACES = tuple(
-    Column(name, unit, meaning, turns="otherwise")
-    for name, unit, meaning in (
-        ("x", "", "of the direction, or of the unit quaternion xyzw"),
-        ("y", "", "of the direction or quaternion"),
-        ("z", "", "of the direction or quaternion"),
-        ("w", "", "of the quaternion; empty for directions"),
-        ("azimuth", "rad", "of the direction, or in which the link is tilted"),
-        ("tilt", "rad", "of the direction, or of the link's z axis"),
-        ("torsion", "rad", "of the orientation; empty for directions"),
-    )
-)
 DRAWN = 2000
 """Solutions that are drawn, one a sample of their page."""
 LISTED = 40
@@ -74,28 +63,6 @@ CHECKED = 200
 """Poses whose configurations are put into the closure equations."""
 MOST_TOLD = 3
 """Poses whose configurations are told one by one."""
-SAME_VALUES = 1e-6
-"""Configurations whose variables (rad) differ by less are one."""
-SOLVED_BY = Column(
-    "solved_by",
-    "",
-    "dyads, graph: all that were found; mid-plane: those that mirror base and output",
-    "text",
-)
-
-
-@final
-@dataclass(frozen=True)
-class FoundPoses:
-    """What was asked for, and what was found: one of `rows` and `forward` is None."""
-
-    solver: OutputKinematics
-    given: PoseList
-    rows: InverseRows | None
-    forward: Row | None
-    near: Floats
-    away: Floats
-    offered: int
 
 
 @final
@@ -126,64 +93,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         "C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",
     )
     reads_samples: ClassVar[bool] = False
-    tables: ClassVar[tuple[Table, ...]] = (
-        Table(
-            "inverse_kinematics",
-            "one row per pose and working mode, or configuration found",
-            (
-                POSE,
-                Column("working_mode", "", "signs of the working mode's legs", "text"),
-                *PLACES,
-                INPUTS,
-                *(
-                    Column(
-                        f"rate_{axis}",
-                        "",
-                        f"rate of q per unit angular velocity of the output about {axis}",
-                        per_input=True,
-                    )
-                    for axis in "xyz"
-                ),
-                Column("margin", "rad", "left to the nearest limit, negative outside"),
-                Column("limiting", "", "that limit", "text"),
-                Column("type_1", "", "0 at a type I singularity of q", per_input=True),
-                Column("type_2", "", "0 at a type II singularity"),
-                Column("sense", "", "sign of the determinant of the rates", "integer"),
-                STATUS,
-                SOLVED_BY,
-                *(
-                    Column(f"near_{axis}", "", "of a reachable pose near by")
-                    for axis in "xyzw"
-                ),
-                Column("away", "rad", "how far that is"),
-            ),
-        ),
-        Table(
-            "forward",
-            "one row per inputs given and pose found",
-            (
-                POSE,
-                Column("solution", "", "number of the pose at these inputs", "integer"),
-                Column("assembly_mode", "", "signs of the assembly mode's groups", "text"),
-                Column("working_mode", "", "label of its working mode, if known", "text"),
-                INPUTS,
-                *PLACES,
-                Column("type_2", "", "0 at a type II singularity"),
-                STATUS,
-                SOLVED_BY,
-            ),
-        ),
-        Table(
-            "pairs",
-            "variables of pairs: one row per pose, mode and pair asked for",
-            (
-                POSE,
-                Column("working_mode", "", "signs of the working mode's legs", "text"),
-                Column("pair", "", "name of the pair", "text"),
-                Column("value", "rad", "its variable"),
-            ),
-        ),
-    )
+    tables: ClassVar[tuple[Table, ...]] = (INVERSE, FORWARD, PAIRS)
 
     poses: tuple[str, ...] = ()
     columns: tuple[str, ...] = ()
@@ -211,16 +121,16 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the configurations of poses, or the poses at inputs."""
         result, mechanism = self._found(batch), batch.mechanism
-        data: dict[str, TableData] = {
-            table.name: {column.name: np.zeros(0) for column in table.of(mechanism).columns}
-            for table in self.tables
-        }
+        forward, inverse, pairs = [], [], []
         if result.forward is not None:
-            data["forward"] = result.forward
+            forward.append(result.forward)
         if result.rows is not None:
-            data["inverse_kinematics"] = _inverse_table(mechanism, result, result.rows)
-            data["pairs"] = self._pair_table(mechanism, result.rows)
-        return data
+            inverse.append(inverse_rows(mechanism, result, result.rows))
+            pairs.append(pair_rows(mechanism, self._pairs(mechanism), result.rows))
+        return {
+            table.name: table.stacked(mechanism, rows)
+            for table, rows in zip(self.tables, (inverse, forward, pairs), strict=True)
+        }
 
     def findings(self, batch: Batch) -> Findings:
         """Return how many poses have how many solutions, and how well they close."""
@@ -355,19 +265,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         return output_kinematics(mechanism, self.output or None, self.graph)
 
     def _modes(self, solver: OutputKinematics) -> tuple[str, ...]:
-        """Return the labels of the modes wanted."""
-        if not self.working_mode:
-            return solver.labels
-        if self.working_mode in solver.labels:
-            return (self.working_mode,)
-        if self.working_mode.isdecimal() and int(self.working_mode) < len(solver.labels):
-            return (solver.labels[int(self.working_mode)],)
-        raise AnalysisError(
-            f'{self.name}: mode "{self.working_mode}" is none of '
-            f"{listing(solver.labels, 64)}, nor "
-            f"a number below {len(solver.labels)}; the signs are those of: "
-            f"{'; '.join(solver.legs)}"
-        )
+        return tuple(map(label_of, solver.chosen_modes(self.working_mode)))
 
     def _pairs(self, mechanism: Mechanism) -> list[int]:
         """Return the numbers of the pairs wanted."""
@@ -390,7 +288,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         given = self._given.read(solver, self.name)
         nothing = np.zeros((0, 4)), np.zeros(0), 0
         if given.inputs is not None:
-            forward = _forward_table(mechanism, solver, given.inputs)
+            forward = forward_rows(mechanism, solver, given.inputs)
             return FoundPoses(solver, given, None, forward, *nothing)
         assert given.poses is not None
         rows = solver.inverse(given.poses, self._modes(solver), self._pairs(mechanism))
@@ -450,16 +348,6 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             ),
         )
 
-    def _pair_table(self, mechanism: Mechanism, rows: InverseRows) -> Row:
-        numbers = self._pairs(mechanism)
-        names = np.array([mechanism.pairs[pair].name for pair in numbers], dtype=str)
-        return {
-            "pose": np.repeat(rows.pose, len(numbers)),
-            "working_mode": np.repeat(rows.mode, len(numbers)),
-            "pair": np.tile(names, len(rows)),
-            "value": rows.values.ravel(),
-        }
-
     def _words(self, result: FoundPoses, solutions: NDArray[np.int64]) -> str:
         lines = [
             f"# Poses of {result.solver.output.name}",
@@ -501,98 +389,6 @@ def _rest(solver: OutputKinematics) -> str:
         "; these are the ones whose base and output mirror each other, in closed form; "
         "graph=true looks for all others too"
     )
-
-
-def _inverse_table(mechanism: Mechanism, result: FoundPoses, rows: InverseRows) -> Row:
-    poses = result.given.poses
-    assert poses is not None
-    directions = poses[rows.pose] if result.solver.points else None
-    names = np.array([*rows.limits, ""])
-    axes = {f"rate_{axis}": rows.rates[:, :, k] for k, axis in enumerate("xyz")}
-    return {
-        "pose": rows.pose,
-        "working_mode": rows.mode,
-        **{
-            name: column[rows.pose]
-            for name, column in _places(result.solver, poses).items()
-        },
-        **input_columns(mechanism, rows.inputs),
-        **{
-            f"{name}_{item.pair}": values[:, k]
-            for name, values in axes.items()
-            for k, item in enumerate(mechanism.inputs)
-        },
-        "margin": rows.margin,
-        "limiting": names[rows.limiting],
-        **{
-            f"type_1_{item.pair}": rows.type_1[:, k]
-            for k, item in enumerate(mechanism.inputs)
-        },
-        "type_2": rows.type_2,
-        "sense": sense_of(rows.rates, directions),
-        "status": rows.status,
-        "solved_by": np.full(len(rows), result.solver.solved_by),
-        **{f"near_{axis}": result.near[:, k] for k, axis in enumerate("xyzw")},
-        "away": result.away,
-    }
-
-
-def _forward_table(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats) -> Row:
-    """Return the poses at inputs (n, inputs), each with the working mode that has them."""
-    solutions = solver.forward(inputs)
-    none = np.setdiff1d(np.arange(len(inputs)), solutions.row)
-    order = np.argsort(np.concatenate([solutions.row, none]), kind="stable")
-    pose = np.concatenate([solutions.row, none])[order]
-    poses = solutions.rotations
-    if solver.points:
-        assert solutions.directions is not None
-        poses = solutions.directions
-    working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.labels), default=1)}")
-    type_2 = np.full(len(pose), np.nan)
-    type_2[: len(solutions.row)] = solver.type_2(solutions.values)
-    if isinstance(solver, ClosedKinematics):
-        rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
-        off = rows.values - solutions.values[rows.pose]
-        off = np.abs(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi).max(axis=1)
-        same = np.flatnonzero(off < SAME_VALUES)
-        working[rows.pose[same]] = rows.mode[same]
-    places = _places(
-        solver, np.concatenate([poses, np.full((len(none), *poses.shape[1:]), np.nan)])
-    )
-    first = np.searchsorted(pose, pose)
-    status = np.full(len(pose), Status.OK, dtype=np.int8)
-    status[len(solutions.row) :] = Status.OUT_OF_REACH
-    modes = np.array([*map(label_of, solutions.signs), *("" for _ in none)], dtype=str)
-    return {
-        "pose": pose,
-        "solution": np.arange(len(pose)) - first,
-        "assembly_mode": modes[order],
-        "working_mode": working[order],
-        **input_columns(mechanism, inputs[pose]),
-        **{name: column[order] for name, column in places.items()},
-        "type_2": type_2[order],
-        "status": status[order],
-        "solved_by": np.full(len(pose), solver.solved_by),
-    }
-
-
-def _places(solver: OutputKinematics, poses: Floats) -> Row:
-    """Return the columns of poses."""
-    names = [column.name for column in PLACES]
-    empty = np.full((len(poses), 1), np.nan)
-    if solver.points:
-        parts = [poses, empty, azimuth_tilt(poses), empty]
-    else:
-        parts = [_quaternions(poses), tilt_torsion(poses)]
-    return dict(zip(names, np.concatenate(parts, axis=1).T, strict=True))
-
-
-def _quaternions(rotations: Floats) -> Floats:
-    """Return unit quaternions (n, 4) xyzw, NaN for NaN."""
-    quaternions = np.full((len(rotations), 4), np.nan)
-    finite = np.isfinite(rotations[:, 0, 0])
-    quaternions[finite] = quaternion(rotations[finite])
-    return quaternions
 
 
 def _solutions(rows: InverseRows, count: int) -> NDArray[np.int64]:

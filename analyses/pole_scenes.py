@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     Arrow,
     Axis,
     Batch,
     Diagram,
+    Floats,
     GreatCircle,
     Mechanism,
     Pole,
@@ -23,8 +23,6 @@ from spherekit.plugin import (
 )
 from spherekit.plugin.motion import BlockPoles, LinePole, Plan, PrimaryPole, describe
 from spherekit.plugin.rotations import quaternion
-
-Floats = NDArray[np.float64]
 
 REACH = 2.5
 """What of the chart is seen: tan xi and tan zeta up to this."""

@@ -42,8 +42,6 @@ from .pole_scenes import (
     construction,
 )
 
-Floats = NDArray[np.float64]
-
 MANY = 6
 """With more poles than this, those to the ground and the shown one are seen at first."""
 

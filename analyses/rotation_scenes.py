@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     Arrow,
     Axis,
+    Floats,
     GreatCircle,
     InputMarks,
     Mark,
@@ -29,8 +29,6 @@ from spherekit.plugin.rotations import (
     Timetable,
     link_axes,
 )
-
-Floats = NDArray[np.float64]
 
 DRAWN = 181
 """Points with which the whole rotation is drawn."""
@@ -59,13 +57,9 @@ class RotationScenes:
         """Return the page on which row k is sample k."""
         placed = self.place(samples.values)
         parts = self._stage(placed, samples.orientation)
-        for kind, group, values, unit in (
-            ("q", "driving angles", samples.inputs, "rad"),
-            ("dq_dtheta", "rates of driving angles by theta", samples.rates, ""),
-        ):
-            for k, name in enumerate(self.turn.inputs):
-                path = f"plots/{kind}/{name}"
-                parts.append(Series(path, name, group, values[:, k], unit))
+        parts += self._driving("q", "driving angles", samples.inputs, "rad")
+        words = "rates of driving angles by theta"
+        parts += self._driving("dq_dtheta", words, samples.rates, "")
         lost = np.array(self.turn.crossings)[:, None]
         if len(lost):
             parts.append(InputMarks("marks/lost", "type II", lost, LOST_TONE))
@@ -88,19 +82,21 @@ class RotationScenes:
         samples = self.turn.at(rows.theta)
         placed = self.place(samples.values)
         parts = self._stage(placed, samples.orientation)
-        for name, group, values, unit in (
-            ("q", "driving angles in time", rows.inputs, "rad"),
-            ("dq", "driving speeds", rows.rates, "rad/s"),
-            ("ddq", "driving accelerations", rows.accelerations, "rad/s2"),
-        ):
-            for k, pair in enumerate(rows.names):
-                path = f"plots/{name}/{pair}"
-                parts.append(Series(path, pair, group, values[:, k], unit))
+        parts += self._driving("q", "driving angles in time", rows.inputs, "rad")
+        parts += self._driving("dq", "driving speeds", rows.rates, "rad/s")
+        parts += self._driving("ddq", "driving accelerations", rows.accelerations, "rad/s2")
         step = rows.t[-1] / (len(rows.t) - 1)
         words = f"{self.words}\n\nRow k of this page is at k x {step:.6g} s."
         parts.append(Text("words", "Rotation", words))
         over = Axis("time", "s", rows.t)
         return Scene("Equivalent rotation in time", tuple(parts), (over,))
+
+    def _driving(self, kind: str, group: str, values: Floats, unit: str) -> list[Series]:
+        """Return the plots of values (n, inputs) of the driven pairs."""
+        return [
+            Series(f"plots/{kind}/{pair}", pair, group, values[:, k], unit)
+            for k, pair in enumerate(self.turn.inputs)
+        ]
 
     def _stage(self, placed: Floats, orientation: Floats) -> list[Primitive]:
         """Return the links, the axis, arcs of the output, and mid-planes."""

@@ -1,36 +1,26 @@
 """The half of the analysis `singularities` for mechanisms with several inputs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
-    Axis,
     Batch,
     Findings,
-    Mark,
     Mechanism,
     Output,
-    PlaneCurve,
-    Portrait,
-    Primitive,
     Scene,
-    Series,
-    SphereCurves,
-    Surface,
     counted,
     input_columns,
     numbered,
 )
+from spherekit.plugin.rotations import wrap
 from spherekit.plugin.singularities import (
     Aspects,
     Budget,
     Claim,
-    CurveSeen,
     Cut,
     OutputCoefficients,
     RowType,
@@ -47,16 +37,17 @@ from spherekit.plugin.singularities import (
     singular_curves,
     singular_surface,
     solver_of,
+    what_vanishes,
 )
 
-Floats = NDArray[np.float64]
+from .several_scenes import SeveralScenes, angle_of
+from .singular_tables import ASPECTS, RELATION, SINGULARITIES
+
 Row = dict[str, Any]
 
 KINDS: tuple[TypeName, ...] = ("II", "I")
 FOR_SLICES = 0.4
 """Part of the time that slices may take."""
-VANISHES = 1e-8
-"""A coefficient or triple product below this vanishes."""
 SAME = 1e-6
 """Points of type III whose variables differ by less (rad) are one, met on two curves."""
 SLICES = 12
@@ -66,9 +57,6 @@ SIDES = 4.0
 HALVED = 2
 """How often edges are halved afterwards, with vertices on the surface."""
 LONGEST_SIDE = np.radians(15.0)
-DRAWN = 8
-"""Parts of each way between two nodes of a curve that is drawn."""
-TONES = {"I": 1, "II": 2, "III": 3}
 _WORDS = {"loose": "loose", "branching": "branching"}
 NAMES = {
     RowType.REGULAR: "regular",
@@ -144,6 +132,9 @@ class SeveralInputs:
 
     def points(self, batch: Batch) -> Row:
         """Return the main table: points of singular curves or surfaces, by output."""
+        return SINGULARITIES.stacked(batch.mechanism, self._listed(batch))
+
+    def _listed(self, batch: Batch) -> list[Row]:
         parts: list[Row] = []
         for output in self.outputs(batch.mechanism):
             met = np.zeros((0, len(batch.mechanism.variable_names)))
@@ -153,32 +144,26 @@ class SeveralInputs:
                 for traced in of_type.curves
             ]
             for number, (curve, claim) in enumerate(curves):
-                notes = "closed" if curve.closed else "open"
-                where = number, curve.s
-                made = _rows(batch, curve.points, output, *where, notes, claim)
+                whole = _rows(batch, curve.points, output, claim)
+                whole |= {"curve": number, "s": curve.s}
+                whole["note"] = "closed" if curve.closed else "open"
                 if curve.why:
-                    made["condition"] = np.full(len(curve.points.values), curve.why)
-                parts.append(made)
-                where = number, np.full(len(curve.both.values), np.nan)
-                both = _rows(batch, curve.both, output, *where, "of both types", claim)
-                both["kind"][:] = "III"
+                    whole["condition"] = curve.why
                 away = curve.both.values[:, None] - met
-                lap = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi)))
-                fresh = ~np.any(np.max(lap, axis=2) < SAME, axis=1)
-                parts.append({name: column[fresh] for name, column in both.items()})
+                fresh = ~np.any(np.max(np.abs(wrap(away)), axis=2) < SAME, axis=1)
+                both = _rows(batch, curve.both.rows(fresh), output, claim)
+                both |= {"kind": "III", "curve": number, "note": "of both types"}
+                parts += [whole, both]
                 met = np.concatenate([met, curve.both.values])
             for mesh in self._surfaces(batch, output):
-                s = np.full(len(mesh.points.values), np.nan)
-                words = "vertex of a surface"
-                made = _rows(batch, mesh.points, output, 0, s, words, mesh.claim)
-                made["curve"] = mesh.component.astype(np.int64)
-                parts.append(made)
-        return _stacked(parts)
+                vertices = _rows(batch, mesh.points, output, mesh.claim)
+                note = "vertex of a surface"
+                parts.append({**vertices, "curve": mesh.component, "note": note})
+        return parts
 
     def relation(self, batch: Batch) -> Row:
         """Return c_i w_i = d_i q_i' and nearness of every row, by output and input."""
         parts: list[Row] = []
-        n = len(batch)
         for output in self.outputs(batch.mechanism):
             of_output = self._coefficients(batch, output)
             kinds = np.array([_type(code) for code in of_output.type.tolist()], dtype=str)
@@ -189,42 +174,38 @@ class SeveralInputs:
                         "sample": batch.sample,
                         "assembly_mode": batch.assembly_mode,
                         **input_columns(batch.mechanism, batch.inputs),
-                        "output": np.full(n, _named(output)),
-                        "form": np.full(n, "i"),
+                        "output": _named(output),
+                        "form": "i",
                         "c": of_output.c[:, moved],
                         "d": of_output.d[:, moved],
                         "velocity_coefficient": np.sum(w * u, axis=1),
                         "output_rate": of_output.output_rate[:, moved],
                         "input_rate": of_output.input_rate[:, moved],
-                        "angle_I": _angle(of_output.type_one),
-                        "angle_II": _angle(of_output.type_two),
-                        "transmission": np.full(n, np.nan),
-                        "to_I": np.full(n, np.nan),
-                        "to_II": np.full(n, np.nan),
+                        "angle_I": angle_of(of_output.type_one),
+                        "angle_II": angle_of(of_output.type_two),
                         "sigma": of_output.hold,
                         "reciprocal_condition": of_output.reciprocal_condition,
                         "status": batch.status,
-                        "moving": np.full(n, pair),
+                        "moving": pair,
                         "type": kinds,
-                        "group": of_output.group.astype(np.int64),
+                        "group": of_output.group,
                     }
                 )
-        return _stacked(parts)
+        return RELATION.stacked(batch.mechanism, parts)
 
     def aspect_rows(self, batch: Batch) -> Row:
         """Return the configurations over an input grid, with the number of their aspect."""
-        aspect_set = self._aspects(batch)
-        if aspect_set is None:
-            return {}
-        two = aspect_set.sign_two[aspect_set.label].astype(np.int64)
-        one = aspect_set.sign_one[aspect_set.label].astype(np.int64)
-        return {
-            "aspect": aspect_set.label.astype(np.int64),
-            **input_columns(batch.mechanism, aspect_set.inputs),
-            "sign_II": two,
-            "sign_I": one,
-            "assembly_modes": aspect_set.modes[aspect_set.label].astype(np.int64),
+        parts = self._aspects(batch)
+        if parts is None:
+            return ASPECTS.stacked(batch.mechanism)
+        rows = {
+            "aspect": parts.label,
+            **input_columns(batch.mechanism, parts.inputs),
+            "sign_II": parts.sign_two[parts.label],
+            "sign_I": parts.sign_one[parts.label],
+            "assembly_modes": parts.modes[parts.label],
         }
+        return ASPECTS.stacked(batch.mechanism, [rows])
 
     def findings(self, batch: Batch) -> Findings:
         """Return curves, aspects and claims, and where rows come near a type."""
@@ -256,7 +237,7 @@ class SeveralInputs:
             rows = self._coefficients(batch, output)
             remarks += _throughout(batch, rows, name)
             for kind, sizes in (("I", rows.type_one), ("II", rows.type_two)):
-                angles = np.degrees(_angle(sizes))
+                angles = np.degrees(angle_of(sizes))
                 near = angles <= self.near
                 if np.any(near):
                     row = int(np.nanargmin(angles))
@@ -287,99 +268,13 @@ class SeveralInputs:
 
     def scenes(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of each mode, curves in the plane of inputs and on the sphere."""
-        pages = []
-        for number, rows in batch.assembly_mode_rows().items():
-            parts: list[Primitive] = []
-            for output in self.outputs(batch.mechanism):
-                if any(of_type.curves for of_type in self._curves(batch, output)):
-                    parts.append(self._plane(batch, output, rows))
-                    parts += self._on_sphere(batch, output)
-                parts += self._plots(batch, output, rows)
-            pages.append(Scene(number, tuple(parts)))
-        surfaces = tuple(
-            _surface(batch, output, mesh)
-            for output in self.outputs(batch.mechanism)
-            for mesh in self._surfaces(batch, output)
-            if len(mesh.triangles)
-        )
-        if surfaces:
-            step = Axis("surfaces", "", np.zeros(1))
-            pages.insert(0, Scene("Singular surfaces", surfaces, (step,)))
-        return tuple(pages)
-
-    def _plots(self, batch: Batch, output: Output, rows: slice) -> list[Primitive]:
-        of_output = self._coefficients(batch, output)
-        parts: list[Primitive] = []
-        for moved, pair in enumerate(batch.moving_inputs):
-            for name, values in (("c", of_output.c), ("d", of_output.d)):
-                where = f"plots/relation/{output.name}/{pair}/{name}"
-                if not np.any(np.isfinite(values)):
-                    continue
-                label = f"{name} by {pair}"
-                group = f"input-output relation of {output.name}"
-                parts.append(Series(where, label, group, values[rows, moved]))
-        for kind, sizes in (("I", of_output.type_one), ("II", of_output.type_two)):
-            where = f"plots/angles/{output.name}/{kind}"
-            values = _angle(sizes)[rows]
-            group = f"angles of {output.name}"
-            parts.append(Series(where, f"to type {kind}", group, values, "rad"))
-        return parts
-
-    def _plane(self, batch: Batch, output: Output, rows: slice) -> Portrait:
-        """Return the singular curves in the plane of both inputs."""
-        curves: list[PlaneCurve] = []
-        marks: list[Mark] = []
-        for of_type in self._curves(batch, output):
-            for curve in of_type.curves:
-                line = self._drawn(batch, curve).inputs.copy()
-                jumps = np.abs(np.diff(line, axis=0, prepend=line[:1])) > np.pi
-                line[np.any(jumps, axis=1)] = np.nan
-                curves.append(PlaneCurve(line, TONES[of_type.kind], f"type {of_type.kind}"))
-                both = curve.both.inputs
-                marks += [Mark("type III", place, TONES["III"]) for place in both]
-        here = batch.inputs
-        every = np.concatenate([here, *(curve.points for curve in curves)])
-        (left, bottom), (right, top) = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-        first, second = batch.moving_inputs
-        return Portrait(
-            f"plots/inputs/{output.name}",
-            f"singular curves of {output.name} in the inputs",
-            here[rows, 0],
-            here[rows, 1],
-            first,
-            second,
-            (float(left), float(right)),
-            (float(bottom), float(top)),
-            "rad",
-            "rad",
-            curves,
-            marks,
-        )
-
-    def _on_sphere(self, batch: Batch, output: Output) -> list[Primitive]:
-        """Return the singular curves as what the output points at, in ground axes.
-
-        The third axis of an output without a direction.
-        """
-        parts: list[Primitive] = []
-        for of_type in self._curves(batch, output):
-            lines, marks = [], []
-            for curve in of_type.curves:
-                lines.append(_directions(self._drawn(batch, curve)))
-                marks += [
-                    Mark("type III", place, TONES["III"])
-                    for place in _directions(curve.both)
-                ]
-            parts.append(
-                SphereCurves(
-                    f"singular/{output.name}/{of_type.kind}",
-                    f"type {of_type.kind} of {output.name}",
-                    lines,
-                    TONES[of_type.kind],
-                    marks,
-                )
-            )
-        return parts
+        return SeveralScenes(
+            batch,
+            self.outputs(batch.mechanism),
+            lambda output: self._curves(batch, output),
+            lambda output: self._surfaces(batch, output),
+            lambda output: self._coefficients(batch, output),
+        ).pages()
 
     def _cut(self, batch: Batch) -> Cut | None:
         """Return the slices for curves or surfaces of both types and all outputs."""
@@ -431,9 +326,6 @@ class SeveralInputs:
             batch.mechanism, kind, output, slices_of_each=0, made=made, budget=budget
         )
 
-    def _drawn(self, batch: Batch, curve: CurveSeen) -> SingularPoints:
-        return batch.once(("drawn", id(curve)), lambda: curve.dense(DRAWN))
-
     def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
         side, halved = self.side_of(batch)
         if len(batch.moving_inputs) != 3 or self.slices == 0 or not side:
@@ -482,65 +374,6 @@ class SeveralInputs:
         )
 
 
-def _conditions(batch: Batch, points: SingularPoints, output: Output) -> NDArray[Any]:
-    """Return (n,) text: which c_i and d_i vanish, which u_i are coplanar.
-
-    Or which u_i is the direction that counts, which then rests though its link turns.
-    Where none of these says it, what else does.
-    """
-    if not len(points.values):
-        return np.zeros(0, dtype=str)
-    motion = batch.tracer.given(points.values)
-    rest = output_of(batch.mechanism, output.name)
-    at = coefficients(motion, rest, by_rank=batch.tracer.by_rank)
-    pairs = batch.moving_inputs
-    # At a singularity the plan's axes may be unknown; the rates vanish with c and d.
-    c = np.where(np.isfinite(at.c), at.c, at.input_rate)
-    d = np.where(np.isfinite(at.d), at.d, at.output_rate)
-    u = np.where(np.isfinite(at.u), at.u, at.alone)
-    words: list[list[str]] = [[] for _ in points.values]
-
-    def note(sizes: Floats, text: Callable[[int], str]) -> None:
-        for row, which in zip(*np.nonzero(sizes < VANISHES), strict=True):
-            words[row].append(text(which))
-
-    note(np.abs(c), lambda k: f"c_{pairs[k]}=0")
-    note(np.abs(d), lambda k: f"d_{pairs[k]}=0")
-    if points.pointing is not None:
-        turned = motion.rotations[:, rest.relative_to]
-        direction = np.einsum("nij,nj->ni", turned, points.pointing)
-        off = np.linalg.norm(np.cross(u, direction[:, None]), axis=2)
-        note(off, lambda k: f"u_{pairs[k]} along the direction")
-    triples = [", ".join(pairs[k] for k in three) for three in at.triplets]
-    volumes = [np.abs(np.linalg.det(u[:, list(three)])) for three in at.triplets]
-    if volumes:
-        note(np.stack(volumes, axis=1), lambda k: f"u of {triples[k]} coplanar")
-    two = list(combinations(range(len(pairs)), 2))
-    named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
-    crossed = np.stack([np.cross(u[:, j], u[:, k]) for j, k in two], axis=1)
-    parallel = np.linalg.norm(crossed, axis=2)
-    others = [(parallel, "{} along one line")]
-    if points.pointing is not None:
-        flat = np.abs(np.einsum("npi,ni->np", crossed, direction))
-        others.append((flat, "{} coplanar with the direction"))
-    for sizes, text in others:
-        for row in np.flatnonzero(np.any(sizes < VANISHES, axis=1)).tolist():
-            if not words[row]:
-                near = np.flatnonzero(sizes[row] < VANISHES)
-                words[row] += [text.format(named[k]) for k in near]
-    for row, row_words in enumerate(words):
-        if row_words:
-            continue
-        if at.reciprocal_condition[row] < VANISHES:
-            row_words.append("the loops lose rank")
-        elif not np.all(np.isfinite(u[row])):
-            row_words.append("pole axes not known")
-        else:
-            least = f"{np.min(np.abs([c[row], d[row]])):.1e}"
-            row_words.append(f"motions alone: no c, d below {least}")
-    return np.array([" ".join(listed) for listed in words], dtype=str)
-
-
 def _irregular(count: int, what: str) -> str:
     """Return in words how many singular configurations lie on no regular part."""
     if not count:
@@ -566,44 +399,25 @@ def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
     ]
 
 
-def _rows(
-    batch: Batch,
-    points: SingularPoints,
-    output: Output,
-    curve: int,
-    s: Floats,
-    note: str,
-    claim: Claim,
-) -> Row:
-    n = len(points.values)
+def _rows(batch: Batch, points: SingularPoints, output: Output, claim: Claim) -> Row:
     return {
-        "kind": np.full(n, points.kind, dtype="<U8"),
+        "kind": points.kind,
         "condition": _conditions(batch, points, output),
-        "assembly_mode": np.full(n, ""),
         **input_columns(batch.mechanism, points.inputs),
         "inside": np.where(points.inside, "yes", "no"),
-        "output": np.full(n, _named(output)),
-        "curve": np.full(n, curve),
-        "s": s,
-        "error": np.full(n, np.nan),
+        "output": _named(output),
         "residual": points.residual,
-        "turns": np.full(n, ""),
-        "double": np.full(n, "no"),
-        "decided": np.full(n, "yes"),
-        "guarantee": np.full(n, claim.guarantee.value),
-        "note": np.full(n, note),
+        "double": "no",
+        "decided": "yes",
+        "guarantee": claim.guarantee.value,
     }
 
 
-def _stacked(parts: list[Row]) -> Row:
-    if not parts:
-        return {}
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def _angle(sizes: Floats) -> Floats:
-    """Return (n,) rad: the angle of all motions to those that keep inputs or output."""
-    return np.asarray(np.arcsin(np.minimum(sizes, 1.0)))
+def _conditions(batch: Batch, points: SingularPoints, output: Output) -> list[str]:
+    """Return in words what makes configurations (n,) singular."""
+    motion = batch.tracer.given(points.values)
+    rest = output_of(batch.mechanism, output.name)
+    return what_vanishes(motion, rest, points.pointing, batch.tracer.by_rank)
 
 
 def _named(output: Output) -> str:
@@ -613,22 +427,3 @@ def _named(output: Output) -> str:
 def _type(code: int) -> str:
     kind = RowType(code)
     return NAMES.get(kind, kind.name)
-
-
-def _directions(points: SingularPoints) -> Floats:
-    if points.pointing is not None:
-        return points.pointing
-    return points.orientation[:, :, 2]
-
-
-def _surface(batch: Batch, output: Output, mesh: SingularSurface) -> Surface:
-    a, b, c = batch.moving_inputs
-    return Surface(
-        f"plots/surface/{output.name}/{mesh.kind}",
-        f"type {mesh.kind} of {output.name}",
-        mesh.points.inputs,
-        mesh.triangles,
-        (a, b, c),
-        TONES[mesh.kind],
-        "rad",
-    )

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.contract import AbstractAnalysis, Findings, Needs
+from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.scene import Axis, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.errors import UndeclaredNeed

@@ -15,7 +15,8 @@ from common import LECTURE_TABLE
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.cli.run import Bar, duration
+from spherekit.cli.run_progress import Bar
+from spherekit.cli.run_report import duration
 from spherekit.errors import ModelError
 from spherekit.guidance.symmetry import mid_plane_form
 

@@ -8,8 +8,10 @@ import pytest
 from mpmath import mp
 
 import spherekit as sk
-from spherekit.analysis.contract import Batch, Findings, Needs
+from spherekit.analysis.batch import Batch
+from spherekit.analysis.contract import Findings
 from spherekit.analysis.frames import to_frame
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.registry import create
 from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
 from spherekit.conventions import Status

@@ -15,13 +15,14 @@ from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.motion.motion import motion_of
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.measures import InputRates
+from spherekit.region.mesh import spread
 from spherekit.workspace.constraints import Constraints, bounds_of
 from spherekit.workspace.inverse import (
     GraphKinematics,
     closed_kinematics,
     output_kinematics,
 )
-from spherekit.workspace.workspace import judge, spread
+from spherekit.workspace.workspace import judge
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
 AWAY = 0.05

@@ -20,11 +20,12 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis import tables
-from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.folder import journal, store
 from spherekit.analysis.folder import resource_check as room
 from spherekit.analysis.folder.journal import WORK, RunFolder
 from spherekit.analysis.frames import read_parquet
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.scene import Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings, Needs
+from spherekit.analysis.batch import Batch
+from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.registry import create, load, names, records, registered
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
@@ -253,7 +255,8 @@ def third_party(tmp_path: Path):
     (tmp_path / "third_party.py").write_text(
         """
 from dataclasses import dataclass
-from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.needs import Needs
 class NotOne: pass
 class Base(AbstractAnalysis):
     version = "1"; summary = "s"; tables = ()

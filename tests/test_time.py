@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.run import run
 from spherekit.analysis.tables import Column, Table
 from spherekit.cli.main import main

@@ -11,13 +11,15 @@ from independent import arcs_of, closed_form
 
 import spherekit as sk
 from spherekit.analysis import run as runner
-from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.running import evaluation, verify
 from spherekit.analysis.running.evaluation import Evaluation
 from spherekit.analysis.running.run_plan import Asked, RunPlan
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import ORDINARY
-from spherekit.analysis.running.verify import Verifier, faults, told
+from spherekit.analysis.running.verdict_words import faults, told
+from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status

@@ -22,6 +22,7 @@ from spherekit.model.mechanism import Output
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics
 from spherekit.output.inverse import InverseKinematics
+from spherekit.region.mesh import spread
 from spherekit.sphere.rotation import arc, from_quaternion, transpose
 from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
 from spherekit.workspace.constraints import AxesLimit, Constraints, PairLimit, bounds_of
@@ -33,7 +34,6 @@ from spherekit.workspace.workspace import (
     nearest_reachable,
     orientation_samples,
     orientation_workspaces,
-    spread,
 )
 
 DIRECTIONS = spread(20_000)

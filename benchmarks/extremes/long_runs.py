@@ -13,7 +13,7 @@ from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.assembly_modes import wrap
+from spherekit.numeric.turns import wrap
 
 FAMILY = "long runs"
 TURNS = "turns of the input"

@@ -11,7 +11,7 @@ from benchmarks.sceptic.check import check
 from benchmarks.sceptic.evidence import Evidence
 from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.conventions import Status
-from spherekit.motion.assembly_modes import wrap
+from spherekit.numeric.turns import wrap
 from spherekit.output.solutions import PoseSolutions
 from spherekit.sphere.rotation import Floats, from_quaternion
 from spherekit.workspace.inverse import output_kinematics

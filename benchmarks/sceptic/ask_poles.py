@@ -9,7 +9,7 @@ from benchmarks.sceptic.evidence import Evidence
 from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.analysis.result import RunResult
 from spherekit.errors import SolveError
-from spherekit.motion.assembly_modes import wrap
+from spherekit.numeric.turns import wrap
 from spherekit.sphere.rotation import Floats
 
 STEP = 1e-3

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Findings
+from spherekit.analysis.batch import Batch
+from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import TYPES, Column, Interleaved, Table, TableData

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.class_check import fault_of_class
-from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.faults import faults_of
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.unusable import Unusable
 from spherekit.conventions import listing, nearest
 from spherekit.errors import PluginError

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError, ModelError
 from spherekit.model.expression import Expression, parse
+from spherekit.numeric.turns import wrap
 
 Floats = NDArray[np.float64]
 
@@ -203,7 +204,7 @@ class Reducing:
 
     def _turn(self, values: Floats) -> None:
         """Go on with angles; a gap begins anew, and the widest piece counts."""
-        onward = np.remainder(values - self._before + np.pi, 2.0 * np.pi) - np.pi
+        onward = wrap(values - self._before)
         fresh = np.isnan(onward)
         self._reached = np.where(fresh, values, self._reached + onward)
         self._low = np.where(fresh, values, np.fmin(self._low, self._reached))

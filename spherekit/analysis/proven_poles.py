@@ -21,6 +21,7 @@ from spherekit.analysis.tables import (
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
+from spherekit.numeric.turns import wrap
 from spherekit.progress import Working
 from spherekit.proof.balls import Ball, bits, exact, middle, upper
 from spherekit.proof.construction import construct
@@ -148,7 +149,7 @@ def prove_poles(
             inputs = [exact(float(angle)) for angle in near[made.unknowns : count]]
             places = _proven_place(equations, near[: made.unknowns], written.given(inputs))
             gap = [middle(ball) for ball in places] - near[: len(places)]
-            gap[count:] = np.remainder(gap[count:] + np.pi, 2.0 * np.pi) - np.pi
+            gap[count:] = wrap(gap[count:])
             if not places or np.max(np.abs(gap)) > NEAR:
                 continue
             key = int(motion["sample"][row]), int(motion["assembly_mode"][row])

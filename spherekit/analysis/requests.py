@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
-from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
+from spherekit.analysis.needs import Needs
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_pairs
 from spherekit.rates.request import Request, request

@@ -26,7 +26,8 @@ from spherekit.analysis.running.run_plan import Asked, job_of
 from spherekit.analysis.running.sampling import courses_of
 from spherekit.analysis.running.setting import ORDINARY
 from spherekit.analysis.running.summary import actual_cost, summary_of
-from spherekit.analysis.running.verify import Verifier, faults
+from spherekit.analysis.running.verdict_words import faults
+from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import chosen
 from spherekit.analysis.tables import Files
 from spherekit.checked import checked

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import Batch
+from spherekit.analysis.batch import Batch
 from spherekit.analysis.scene import Primitive, Scene, Series
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,

@@ -9,6 +9,8 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from spherekit.conventions import listing
+from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.lent_memory import SetAside, set_aside
 
@@ -18,6 +20,8 @@ Turns = Literal["no", "vector", "otherwise"]
 
 TYPES = {"number": np.float64, "integer": np.int64, "status": np.int8}
 """Types of the columns of each kind but text."""
+BLANK = {"number": np.nan, "text": ""}
+"""What stands where a part of a table lacks a column."""
 
 Format = Literal["csv", "parquet"]
 
@@ -136,6 +140,35 @@ class Table:
             column.name: np.asarray(data[column.name], dtype=TYPES.get(column.kind))
             for column in self.columns
         }
+
+    def stacked(
+        self, mechanism: Mechanism, parts: Iterable[Mapping[str, Any]] = ()
+    ) -> dict[str, NDArray[Any]]:
+        """Return the rows of all parts, one part after another, by column.
+
+        A part has columns (n,), or a single value for all of its rows; if it has no
+        column, it is one row. Numbers and texts that it lacks are blank.
+
+        Raises
+        ------
+        AnalysisError
+            If a part has a column that is not declared.
+        """
+        columns = self.of(mechanism).columns
+        blank = {c.name: BLANK[c.kind] for c in columns if c.kind in BLANK}
+        made: dict[str, list[NDArray[Any]]] = {
+            c.name: [np.zeros(0, TYPES.get(c.kind, str))] for c in columns
+        }
+        for part in parts:
+            undeclared = part.keys() - made.keys()
+            if undeclared:
+                raise AnalysisError(f"table {self.name} has no {listing(undeclared)}")
+            count = next((len(values) for values in part.values() if np.ndim(values)), 1)
+            row = {**blank, **part}
+            for c in columns:
+                values = np.asarray(row[c.name], dtype=TYPES.get(c.kind, str))
+                made[c.name].append(np.broadcast_to(values, (count,)))
+        return {name: np.concatenate(arrays) for name, arrays in made.items()}
 
     @property
     def in_assembly_modes(self) -> bool:

@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.batch import Batch
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.tables import Table, TableArrays
 from spherekit.errors import PluginError
 from spherekit.model.mechanism import Mechanism

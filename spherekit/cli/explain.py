@@ -5,7 +5,7 @@ import json
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.run import megabytes
+from spherekit.cli.run_report import megabytes
 from spherekit.cli.study import add_analysis_argument, add_study_arguments, study_from
 from spherekit.conventions import counted
 

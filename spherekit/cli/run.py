@@ -7,17 +7,17 @@ import signal
 import sys
 import tempfile
 import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
+from spherekit.cli.run_progress import progress
+from spherekit.cli.run_report import report
 from spherekit.cli.study import add_analysis_argument, add_study_arguments, study_from
 from spherekit.conventions import counted
-from spherekit.progress import Working
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from spherekit.analysis.tables import Format
     from spherekit.model.study import Study
 
-BAR = 30
 STOPPED = 128
 """Added to the number of the signal that stopped a run, for the exit status."""
 
@@ -202,7 +201,7 @@ def execute(options: argparse.Namespace) -> int:
                 tables=options.prove,
                 recorder=drawer.recorder if drawer else recorder,
                 log_every=options.log_every,
-                progress=_progress(options),
+                progress=progress(options.quiet),
                 **setting,
             )
             if drawer is not None and study.folder is not None:
@@ -319,39 +318,18 @@ def _check_effect(study: "Study", options: argparse.Namespace) -> None:
     from spherekit.errors import AnalysisError
 
     recorded = _records(options, study)
+    folder = "a folder: give that of the run with -o"
+    tables = "tables: write them with -o DIR"
+    simulation = "a simulation: give --start"
+    recording = "a recording: give --save, --serve, --connect or --view"
     without = [
-        (
-            study.folder,
-            options.resume,
-            "--resume",
-            "a folder: give that of the run with -o",
-        ),
-        (
-            study.folder,
-            options.restart,
-            "--restart",
-            "a folder: give that of the run with -o",
-        ),
-        (
-            study.folder,
-            options.format is not None,
-            "--format",
-            "tables: write them with -o DIR",
-        ),
-        (
-            study.folder,
-            options.figures is not None,
-            "--figures",
-            "a folder: give that of the run with -o",
-        ),
-        (study.start, options.engine != "auto", "--engine", "a simulation: give --start"),
-        (study.start, options.crossings, "--crossings", "a simulation: give --start"),
-        (
-            recorded,
-            options.log_every is not None,
-            "--log-every",
-            "a recording: give --save, --serve, --connect or --view",
-        ),
+        (study.folder, options.resume, "--resume", folder),
+        (study.folder, options.restart, "--restart", folder),
+        (study.folder, options.format is not None, "--format", tables),
+        (study.folder, options.figures is not None, "--figures", folder),
+        (study.start, options.engine != "auto", "--engine", simulation),
+        (study.start, options.crossings, "--crossings", simulation),
+        (recorded, options.log_every is not None, "--log-every", recording),
     ]
     for needed, given, flag, hint in without:
         if given and not needed:
@@ -457,160 +435,6 @@ def _wanted(options: argparse.Namespace) -> "Study":
     return study
 
 
-def report(summary: Any) -> str:
-    """Return the summary in a few lines for people."""
-    errors = summary["errors_reached"]
-    mobility = summary["mobility"]
-    count = len(summary["assembly_modes"])
-    names = f"{'inputs' if len(summary['inputs']) > 1 else 'input'} " + ", ".join(
-        summary["inputs"]
-    )
-    if count:
-        first = (
-            f"{counted(summary['sampling'], 'sample')} of {names}, "
-            f"{counted(count, 'assembly mode')}; mobility {mobility['graph']} by the "
-            f"graph, {mobility['rank']} by rank"
-        )
-    else:
-        first = (
-            f"{names}; no motion was traced, as no analysis reads samples; mobility "
-            f"{mobility['graph']} by the graph"
-        )
-    lines = [
-        f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups']) or 'none'}"
-    ]
-    lines += summary["remarks"]
-    lines += [f"warning: {text}" for text in summary["warnings"]]
-    repeated = summary["redundant_constraints"]
-    if repeated and repeated["count"]:
-        lines.append(
-            f"  {counted(repeated['count'], 'redundant constraint')} among pairs "
-            f"{', '.join(repeated['pairs'])}"
-        )
-    lines += by_equal_counts(summary["assembly_modes"])
-    if summary["assembly_modes"]:
-        lines.append(f"assembly modes: {summary['search']}")
-    lacking = {n: c for n, c in summary["pole_status"].items() if n != "OK"}
-    if lacking:
-        counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
-        lines.append(f"  of {sum(summary['pole_status'].values())} pole axes: {counts}")
-    for name, meaning in summary["status_meaning"].items():
-        if name != "OK":
-            lines.append(f"  {name}: {meaning}")
-    if "simulation" in summary:
-        done, took = summary["simulation"], summary["cost"]["simulate"]
-        lines.append(
-            f"simulated {done['end']['t']:.6g} of {done['duration_s']:.6g} s "
-            f"({done['end']['reason']}), {counted(done['events'], 'event')}, "
-            f"engine {done['engine']['name']} ({took['reason']}); "
-            f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
-            f"energy balanced to {done['energy_imbalance_J']:.1e} of "
-            f"{done['energy_scale_J']:.1e} J"
-        )
-    if errors["largest_closure_residual_rad"] is not None:
-        line = f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
-        if errors["largest_configuration_error_rad"] is not None:
-            off = errors["largest_configuration_error_rad"]
-            line += f"; configurations known to {off:.1e} rad"
-        lines.append(line)
-    if errors["largest_direction_error_bound_rad"] is not None:
-        line = (
-            "largest error bound of a pole direction "
-            f"{errors['largest_direction_error_bound_rad']:.1e} rad"
-        )
-        if errors["largest_velocity_coefficient_error_bound"] is not None:
-            line += (
-                ", of a velocity coefficient "
-                f"{errors['largest_velocity_coefficient_error_bound']:.1e}"
-            )
-        if errors["largest_acceleration_coefficient_error_bound"] is not None:
-            line += (
-                ", of an acceleration coefficient "
-                f"{errors['largest_acceleration_coefficient_error_bound']:.1e} 1/rad"
-            )
-        lines.append(line)
-    if "verified" in summary:
-        from spherekit.analysis.running.verify import told
-
-        lines += told(summary["verified"])
-    lines += spent(summary["cost"])
-
-    if "accuracy" in summary:
-        lines.append(accuracy_line(summary["accuracy"]))
-    return "\n".join(lines)
-
-
-def by_equal_counts(assembly_modes: Sequence[Any]) -> list[str]:
-    """Return a line for all assembly modes whose samples have the same statuses."""
-    alike: dict[str, list[Any]] = {}
-    for mode in assembly_modes:
-        counts = ", ".join(f"{n} {name}" for name, n in mode["status"].items())
-        alike.setdefault(counts, []).append(mode)
-    return [
-        f"  assembly mode{'s' * (len(modes) > 1)} "
-        + ", ".join(f"{item['number']} ({item['mode']})" for item in modes)
-        + f": {'each ' * (len(modes) > 1)}{counts}"
-        for counts, modes in alike.items()
-    ]
-
-
-def spent(cost: Any) -> list[str]:
-    """Return what a run has cost in lines for people."""
-    seconds = cost["seconds"]
-    whole = sum(seconds.values())
-    shown = [(name, took) for name, took in seconds.items() if took > 0.005 * whole]
-    stages = ", ".join(f"{name} {duration(took)}" for name, took in shown)
-    counts = [
-        (cost["configurations"], "configuration"),
-        (cost["poles"], "pole"),
-        (cost["axis_derivatives"], "derivative"),
-        (cost["link_rates"], "link rate"),
-    ]
-    evaluated = ", ".join(counted(number, noun) for number, noun in counts if number)
-    lines = [f"cost: {evaluated}{'; ' * bool(evaluated)}{duration(whole)} s ({stages})"]
-    tables = cost["tables"]
-    rows = sum(table["rows"] for table in tables.values())
-    line = f"  {counted(rows, 'row')} in {counted(len(tables), 'table')}"
-    for kind, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
-        if all(kind in table for table in tables.values()):
-            line += f", {megabytes(sum(table[kind] for table in tables.values()))} {name}"
-    if "recording" in cost:
-        recording = cost["recording"]
-        size = megabytes(recording["bytes"])
-        line += f"; recording: {recording['entities']} entities, {size}"
-    return [*lines, line]
-
-
-def duration(seconds: float) -> str:
-    """Return a number of seconds with two digits, more only where they are whole."""
-    return f"{seconds:.2g}" if seconds < 99.5 else f"{seconds:.0f}"
-
-
-def megabytes(count: int) -> str:
-    """Return a number of bytes as people read it."""
-    return f"{count / 1e6:.3g} MB" if count >= 1e5 else f"{count / 1e3:.3g} kB"
-
-
-def accuracy_line(choice: Any) -> str:
-    """Return which setting was taken for a tolerance, and what it reached."""
-    error = choice["predicted_error"]
-    predicted = "" if error is None else f", predicted error {error:.1e}"
-    line = (
-        f"tolerance {choice['tolerance']:g}: {choice['setting']} "
-        f"({choice['why']}){predicted}"
-    )
-    unmet = "" if choice["met"] else ": THE TOLERANCE IS NOT MET"
-    if choice["achieved_error"] is None and error is not None:
-        return f"{line} by that trade{unmet}"
-    if choice["achieved_error"] is None:
-        return f"{line}; nothing that depends on samples was asked for"
-    return (
-        f"{line}; {choice['achieved_error']:.1e} reached at {choice['check_rows']} "
-        f"check rows ({choice['worst_column']}){unmet}"
-    )
-
-
 def _records(options: argparse.Namespace, study: "Study") -> bool:
     """Return whether a recording is made, for a file or for viewers."""
     wanted = (study.recording, options.serve, options.connect)
@@ -647,45 +471,3 @@ def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
             file=sys.stderr,
         )
     recorder.serve_until_interrupted()
-
-
-def _progress(options: argparse.Namespace) -> Callable[[int, int], None] | None:
-    if options.quiet:
-        return None
-    if sys.stderr.isatty():
-        return Bar(time.monotonic)
-    working = Working("computing")
-
-    def tell(done: int, total: int) -> None:
-        if done < total:
-            working.tell(lambda: f"{done} of {total} samples")
-
-    return tell
-
-
-class Bar:
-    """A line that says how many samples are done, and how long the others will take.
-
-    That follows from those done since the first call; `now` gives seconds.
-    """
-
-    def __init__(self, now: Callable[[], float]) -> None:
-        self._now, self._started = now, now()
-        self._first: tuple[float, int] | None = None
-        self._width = 0
-
-    def __call__(self, done: int, total: int) -> None:
-        """Print it; `done` of `total` samples are done."""
-        now = self._now()
-        since, before = self._first = self._first or (now, done)
-        if now - self._started < 0.5 and done < total:
-            return
-        filled = BAR * done // total
-        text = f"[{'#' * filled + '.' * (BAR - filled)}] {done}/{counted(total, 'sample')}"
-        if before < done < total:
-            rest = (now - since) * (total - done) / (done - before)
-            text += f", {duration(rest)} s left"
-        end = "\n" if done == total else ""
-        shown = text.ljust(self._width)
-        self._width = len(text)
-        print(f"\r{shown}", end=end, file=sys.stderr, flush=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.tables import Column, Table, TableArrays
+from spherekit.numeric.turns import wrap
 from spherekit.sphere.rotation import Floats
 
 BLOCKS = 1e-10
@@ -79,7 +80,7 @@ def _off(
         with np.errstate(invalid="ignore"):
             away = other - one
             if column.unit == "rad":
-                away = np.remainder(away + np.pi, 2.0 * np.pi) - np.pi
+                away = wrap(away)
             close = np.abs(away) <= within * scale
         wrong = ~(close | (one == other) | (np.isnan(one) & np.isnan(other)))
     return int(np.argmax(wrong)) if np.any(wrong) else None

@@ -14,10 +14,11 @@ import numpy as np
 
 from spherekit.analysis.class_check import fault_of_class
 from spherekit.analysis.computed import computed, findings_of, scenes_of
-from spherekit.analysis.contract import AbstractAnalysis, Findings, Needs
+from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.declared import declared
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.faults import faults_of
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.registry import create, load, origin_of
 from spherekit.analysis.run import executed
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, TableArrays, arrays

@@ -1,14 +1,15 @@
 """The same mechanism said otherwise: turned as a whole, or links of other names, order."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from spherekit.model.dynamics import Gravity, Mass, Moment, PointForce
+from spherekit.model.dynamics import Gravity, Moment, PointForce
 from spherekit.model.geometry import axes_from_sizes, reference_frame
+from spherekit.model.link_axes import turned_mass, turned_texts, turned_vector
 from spherekit.model.load import Load
 from spherekit.model.mechanism import (
     LinkSizes,
@@ -42,7 +43,7 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
     links = {mechanism.ground}
     if isinstance(given, PoseGeometry):
         links = set(mechanism.links)
-        axes = {name: _vector(rotation, axis) for name, axis in given.axes.items()}
+        axes = {name: turned_vector(rotation, axis) for name, axis in given.axes.items()}
         geometry: PoseGeometry | SizeGeometry = replace(given, axes=axes)
     else:
         geometry = _turned_ground(mechanism, given, rotation)
@@ -50,20 +51,18 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
         mechanism,
         geometry=geometry,
         pairs=tuple(_pair(pair, links, rotation) for pair in mechanism.pairs),
-        masses=tuple(_mass(mass, links, rotation) for mass in mechanism.masses),
+        masses=tuple(
+            turned_mass(mass, rotation) if mass.link in links else mass
+            for mass in mechanism.masses
+        ),
         loads=tuple(_load(load, links, rotation) for load in mechanism.loads),
         outputs=tuple(
-            replace(output, direction=_vector(rotation, output.direction))
+            replace(output, direction=turned_vector(rotation, output.direction))
             if output.link in links and output.direction is not None
             else output
             for output in mechanism.outputs
         ),
     )
-
-
-def _vector(rotation: Floats, vector: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = (rotation @ np.array(vector, dtype=float)).tolist()
-    return x, y, z
 
 
 def _turned_ground(
@@ -103,40 +102,23 @@ def _pair(pair: Pair, links: set[str], rotation: Floats) -> Pair:
 def _profile(profile: Profile, rotation: Floats) -> Profile:
     if not profile.points:
         raise NotTurnedError(f"a {profile.kind} counts its arc length from the axes")
-    return replace(profile, points=tuple(_vector(rotation, p) for p in profile.points))
-
-
-def _mass(mass: Mass, links: set[str], rotation: Floats) -> Mass:
-    if mass.link not in links:
-        return mass
-    tensor = rotation @ np.array(mass.tensor) @ rotation.T
-    rows: Any = tuple(tuple(row) for row in (0.5 * (tensor + tensor.T)).tolist())
-    centre = None if mass.centre is None else _vector(rotation, mass.centre)
-    return replace(mass, tensor=rows, centre=centre)
+    points = tuple(turned_vector(rotation, point) for point in profile.points)
+    return replace(profile, points=points)
 
 
 def _load(load: Load, links: set[str], rotation: Floats) -> Load:
     match load:
         case Gravity(acceleration=vector):
-            return replace(load, acceleration=_vector(rotation, vector))
+            return replace(load, acceleration=turned_vector(rotation, vector))
         case PointForce(link=link, force=texts, point=point):
             if load.axes == "ground" or link in links:
-                texts = _mixed(texts, rotation)
-            point = _vector(rotation, point) if link in links else point
+                texts = turned_texts(rotation, texts)
+            point = turned_vector(rotation, point) if link in links else point
             return replace(load, force=texts, point=point)
         case Moment(link=link, moment=texts):
             if load.axes == "ground" or link in links:
-                return replace(load, moment=_mixed(texts, rotation))
+                return replace(load, moment=turned_texts(rotation, texts))
     return load
-
-
-def _mixed(texts: tuple[str, str, str], rotation: Floats) -> tuple[str, str, str]:
-    """Return the expressions of a vector's components after a rotation."""
-    x, y, z = (
-        " + ".join(f"({a:.17g})*({text})" for a, text in zip(row, texts, strict=True))
-        for row in rotation.tolist()
-    )
-    return x, y, z
 
 
 def renamed(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:

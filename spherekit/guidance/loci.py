@@ -26,7 +26,7 @@ from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Mechanism
 from spherekit.region.mesh import edges_of, hemisphere
 from spherekit.singular.curves import SingularCurves
-from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
+from spherekit.singular.points import SingularPoints, TypeName, View
 from spherekit.singular.slices import solver_of
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import Floats, cross, perpendicular
@@ -93,7 +93,7 @@ def mid_plane_loci(
     else:
         words = f"changes of sign over the mid-planes of every mode, without {beyond}"
         claim = Claim(Guarantee.TO_BOX, words, SIDE)
-    return SingularCurves(kind, tuple(curves), claim, 0, 0, 0, none, none)
+    return SingularCurves(kind, tuple(curves), claim, none, none)
 
 
 @final
@@ -110,8 +110,8 @@ class _Modes:
         self.form = form
         solver = solver_of(mechanism)
         rest = output_of(mechanism, output)
-        self.locus, _ = loci_of(solver, rest, kind)
         self.view = View(solver, rest, kind)
+        self.locus = self.view.locus
         self.passive = [
             v for v in range(len(mechanism.variable_owners)) if v not in solver.driven
         ]
@@ -207,7 +207,7 @@ class _Modes:
         stacked = np.nan_to_num(np.concatenate([jacobian, rows], axis=1))
         _, sizes, right = np.linalg.svd(stacked)
         residual = np.maximum(np.nan_to_num(space.at.gap, nan=np.inf), sizes[:, -1])
-        points = self.view.seen(self.locus, values, right[:, -1], residual)
+        points = self.view.seen(values, right[:, -1], residual)
         kept = np.flatnonzero(residual < CLOSURE_TOLERANCE)
         ways = np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1.0, 1.0))
         s = np.concatenate([[0.0], np.cumsum(ways)])

@@ -24,6 +24,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.pairs import turns_of
 from spherekit.rates.transmission import SINGULAR, Transmission
+from spherekit.region.mesh import spread
 from spherekit.sphere.mirror import mirror_of, reflections, upward
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpose
@@ -283,6 +284,13 @@ class MidPlaneArchitecture:
         freedoms = int(np.min(rank_mobility(closure.tree, vectors)))
         return Proof(len(normals), gap, freedoms)
 
+    def out_of_reach(self, normal: Floats) -> list[str]:
+        """Return the pairs at the base of the legs that do not reach a mid-plane (3,)."""
+        elbows, _ = self.plane.elbows(normal[None], np.ones(len(self.legs)))
+        pairs = self.mechanism.pairs
+        lost = np.flatnonzero(np.isnan(elbows[0, :, 0]))
+        return [pairs[self.legs[k].base].name for k in lost]
+
     def rotation_between(
         self, start: Floats, stop: Floats, modes: ArrayLike
     ) -> "MidPlaneRotation":
@@ -308,15 +316,13 @@ class MidPlaneArchitecture:
             )
         start, stop = upward(unit(start)), upward(unit(stop))
         for what, normal in (("start", start), ("end", stop)):
-            elbows, _ = self.plane.elbows(normal[None], signs)
-            lost = np.flatnonzero(np.isnan(elbows[0, :, 0]))
-            if len(lost):
-                pairs = self.mechanism.pairs
-                names = listing(pairs[self.legs[k].base].name for k in lost)
+            names = self.out_of_reach(normal)
+            if names:
                 raise SolveError(
                     f"{self.mechanism.name}: the pose at the {what} is outside the reach "
-                    f"of the legs at {names}: its mid-plane is further from their axes at "
-                    "the base than their arcs are long; choose a pose nearer to the home"
+                    f"of the legs at {listing(names)}: its mid-plane is further from their "
+                    "axes at the base than their arcs are long; choose a pose nearer to "
+                    "the home"
                 )
         first, second = self.orientations(np.stack([start, stop]))
         axis, angle = turn_to(first, second)
@@ -461,10 +467,7 @@ def _spread_normals(plane: MidPlane) -> Floats:
     """Return mid-planes (n, 3) spread evenly over the reach of all legs."""
     count = 4 * PROOF_POSES
     while True:
-        k = np.arange(count)
-        z = 1.0 - (k + 0.5) / count
-        r, turn = np.sqrt(1.0 - z * z), np.pi * (3.0 - np.sqrt(5.0)) * k
-        normals = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+        normals = spread(count, lowest=0.0)
         height = np.arcsin(np.clip(np.abs(normals @ plane.axes.T), 0.0, 1.0))
         limit = np.minimum(plane.arcs, np.pi - plane.arcs)
         inside = normals[np.all(height < 0.95 * limit, axis=1)]

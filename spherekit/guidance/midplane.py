@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.conventions import REACH_SLACK
+from spherekit.numeric.turns import wrap
 from spherekit.sphere.mirror import upward
 from spherekit.sphere.rotation import Floats, cross
 
@@ -101,7 +102,7 @@ class MidPlane:
         """Return the variables (n, legs) rad of the pairs at the base."""
         x, y = (np.einsum("nlk,lk->nl", elbows, self.dials[..., c]) for c in (0, 1))
         azimuth = np.arctan2(y, x) - self.phases
-        return np.asarray(self.senses * (np.pi - np.remainder(np.pi - azimuth, 2 * np.pi)))
+        return np.asarray(self.senses * wrap(azimuth))
 
     def normals(self, inputs: Floats) -> Floats:
         """Return the normals (n, 3), n_z >= 0, for driven readings (n, 2) rad.

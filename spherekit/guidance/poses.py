@@ -354,15 +354,12 @@ class PoseFinder:
         """
         form = self.form
         assert form is not None
-        elbows, _ = form.plane.elbows(normal[None], np.ones(len(form.legs)))
-        lost = np.flatnonzero(np.isnan(elbows[0, :, 0]))
-        if len(lost):
-            pairs = form.mechanism.pairs
-            names = listing(pairs[form.legs[k].base].name for k in lost)
+        names = form.out_of_reach(normal)
+        if names:
             raise SolveError(
                 f"{form.mechanism.name}: {_named(normal)} is outside the workspace: the "
-                f"legs at {names} do not reach its mid-plane; the nearest pose inside is "
-                f"{_named(form.plane.nearest(normal, INSIDE))}"
+                f"legs at {listing(names)} do not reach its mid-plane; the nearest pose "
+                f"inside is {_named(form.plane.nearest(normal, INSIDE))}"
             )
 
     def rotation(

@@ -31,20 +31,20 @@ def with_link_axes(made: Mechanism, turns: Turns, where: str) -> Mechanism:
         made,
         pairs=tuple(_pair(pair, turns, where) for pair in made.pairs),
         outputs=tuple(
-            replace(output, direction=turned(turns[output.link], output.direction))
+            replace(output, direction=turned_vector(turns[output.link], output.direction))
             if output.link in turns and output.direction is not None
             else output
             for output in made.outputs
         ),
         masses=tuple(
-            _mass(mass, turns[mass.link]) if mass.link in turns else mass
+            turned_mass(mass, turns[mass.link]) if mass.link in turns else mass
             for mass in made.masses
         ),
         loads=tuple(_load(load, turns) for load in made.loads),
     )
 
 
-def turned(turn: Floats, vector: ArrayLike) -> tuple[float, float, float]:
+def turned_vector(turn: Floats, vector: ArrayLike) -> tuple[float, float, float]:
     """Return a vector (3,) turned by a rotation (3, 3)."""
     x, y, z = (turn @ np.array(vector, dtype=float)).tolist()
     return x, y, z
@@ -74,15 +74,16 @@ def _profile(profile: Profile, turn: Floats, pair: Pair, where: str) -> Profile:
             f"{where}: the Fourier profile of contact {pair.name} is on a link whose axes "
             "change with it; give it by points, or lock another pair"
         )
-    centre = None if profile.centre is None else turned(turn, profile.centre)
-    points = tuple(turned(turn, point) for point in profile.points)
+    centre = None if profile.centre is None else turned_vector(turn, profile.centre)
+    points = tuple(turned_vector(turn, point) for point in profile.points)
     return replace(profile, centre=centre, points=points)
 
 
-def _mass(mass: Mass, turn: Floats) -> Mass:
+def turned_mass(mass: Mass, turn: Floats) -> Mass:
+    """Return a mass whose link has other axes, by the rotation (3, 3) to them."""
     tensor = turn @ np.array(mass.tensor, dtype=float) @ turn.T
     rows = tuple(map(tuple, (0.5 * (tensor + tensor.T)).tolist()))
-    centre = None if mass.centre is None else turned(turn, mass.centre)
+    centre = None if mass.centre is None else turned_vector(turn, mass.centre)
     return replace(mass, tensor=rows, centre=centre)  # type: ignore[arg-type]
 
 
@@ -92,20 +93,21 @@ def _load(load: Load, turns: Turns) -> Load:
         return load
     changes: dict[str, Any] = {}
     if hasattr(load, "point"):
-        changes["point"] = turned(turn, load.point)
+        changes["point"] = turned_vector(turn, load.point)
     if getattr(load, "axes", "ground") == "link" and not np.array_equal(turn, np.eye(3)):
         for key, form in load.keys.items():
             if form == "texts":
-                changes[key] = _turned_texts(turn, getattr(load, key))
+                changes[key] = turned_texts(turn, getattr(load, key))
     return replace(load, **changes) if changes else load  # type: ignore[type-var]
 
 
-def _turned_texts(turn: Floats, texts: tuple[str, ...]) -> tuple[str, ...]:
+def turned_texts(turn: Floats, texts: tuple[str, ...]) -> tuple[str, str, str]:
     """Return the expressions of a vector's components in turned axes."""
-    return tuple(
+    x, y, z = (
         " + ".join(
             f"({part!r})*({text})" for part, text in zip(row, texts, strict=True) if part
         )
         or "0"
         for row in turn.tolist()
     )
+    return x, y, z

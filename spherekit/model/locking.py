@@ -14,7 +14,7 @@ from spherekit.errors import ModelError
 from spherekit.model.changes import AngleUnit, in_radians
 from spherekit.model.dynamics import Mass
 from spherekit.model.geometry import axes_from_sizes, frames_of_sizes
-from spherekit.model.link_axes import turned, with_link_axes
+from spherekit.model.link_axes import turned_vector, with_link_axes
 from spherekit.model.load import Load
 from spherekit.model.mechanism import LinkSizes, Mechanism, Pair, PoseGeometry, SizeGeometry
 from spherekit.model.sized import given_by_sizes, zeros_from
@@ -222,7 +222,7 @@ def _masses(made: Mechanism, kept: str, gone: str) -> tuple[Mass, ...]:
         else:
             both = mass * np.array(centre) + other.mass * np.array(other.centre)
             mass = mass + other.mass
-            centre = turned(np.eye(3), both / mass if mass else 0.0 * both)
+            centre = turned_vector(np.eye(3), both / mass if mass else 0.0 * both)
     rows = tuple(map(tuple, tensor.tolist()))
     masses[kept] = Mass(kept, rows, mass, centre)  # type: ignore[arg-type]
     return tuple(masses.values())

@@ -33,6 +33,7 @@ from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.pairs import pair_states, penetrates
 from spherekit.motion.steps import determinant_sign
 from spherekit.motion.trains import Frames, WheelPlacement, train_of
+from spherekit.numeric.turns import wrap
 from spherekit.planning.assembly import Assembly
 from spherekit.planning.wheel_train import wheel_train
 from spherekit.sphere.rotation import Floats
@@ -336,12 +337,6 @@ def _spread(jacobian: Floats) -> Floats:
 def label_of(signs: Iterable[float]) -> str:
     """Return the signs of a mode as text, ``+-+``, with ``~`` for groups without one."""
     return "".join("~+-"[int(sign)] for sign in signs)
-
-
-def wrap(angle: Floats) -> Floats:
-    """Return angles (rad) reduced to (-pi, pi]."""
-    turned = np.remainder(np.pi - angle, 2 * np.pi)
-    return np.asarray(np.pi - turned)
 
 
 def _mark(status: NDArray[np.int8], where: "NDArray[np.bool_]", code: Status) -> None:

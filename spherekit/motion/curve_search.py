@@ -11,12 +11,13 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assemblies import assemblies
-from spherekit.motion.assembly_modes import Solver, wrap
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.crossing import ways_out
 from spherekit.motion.input_turning_points import InputTurningPoints
 from spherekit.motion.monotone_segments import MonotoneSegments, turning_inputs
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import SEED, STARTS, Census
+from spherekit.numeric.turns import wrap
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 

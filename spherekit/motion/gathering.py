@@ -16,7 +16,7 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import LONGEST, follow_arc
 from spherekit.motion.assemblies import MOST_ASSEMBLY_MODES, assemblies, signs_at
-from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_signs, wrap
+from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_signs
 from spherekit.motion.distinct import SAME_MODE
 from spherekit.motion.elimination import has_elimination
 from spherekit.motion.follow import ModeCurve, follow
@@ -29,6 +29,7 @@ from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import STARTS, Census
 from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete
 from spherekit.motion.steps import walk
+from spherekit.numeric.turns import wrap
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.motion.assembly_modes import Solver, determinant_signs, wrap
+from spherekit.motion.assembly_modes import Solver, determinant_signs
 from spherekit.motion.pairs import penetrates
 from spherekit.motion.search import POLISHING_STEPS, SEED, STARTS, damped, starting_range
+from spherekit.numeric.turns import wrap
 from spherekit.sphere.rotation import Floats
 
 RANGE_ROUNDS = 4

@@ -6,11 +6,11 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.motion.assembly_modes import wrap
 from spherekit.motion.closure import Closure
 from spherekit.motion.distinct import Distinct
 from spherekit.motion.elimination import candidates
 from spherekit.motion.search import POLISHING_STEPS, Census, search
+from spherekit.numeric.turns import wrap
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats
 

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from spherekit.errors import CountError
 from spherekit.model.joints import revolutes
 from spherekit.motion.assembly_modes import Solver
-from spherekit.output.dyads import Dyads, Fraction, Placed, Signs, difference
+from spherekit.numeric.turns import wrap
+from spherekit.output.dyads import Dyads, Signs
+from spherekit.output.placed import Fraction, Placed, difference
 from spherekit.output.virtual_output import VirtualOutputChain
 from spherekit.planning.assembly import Assembly, split
 from spherekit.planning.inputs import merged
@@ -170,7 +172,7 @@ class DyadsWithClosingLink:
         """
         row, low, high = self._brackets(directions, signs)
         turns, held = self.close(directions[:, row], low, signs, (low, high))
-        row, turns = row[held], np.remainder(turns[held] + np.pi, 2 * np.pi) - np.pi
+        row, turns = row[held], wrap(turns[held])
         order = np.lexsort((turns, row))
         row, turns = row[order], turns[order]
         new = np.ones(len(row), dtype=bool)

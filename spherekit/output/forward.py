@@ -18,9 +18,10 @@ from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Output
 from spherekit.model.outputs import chosen_output
-from spherekit.motion.assembly_modes import AssemblyMode, Evaluated, Solver, wrap
+from spherekit.motion.assembly_modes import AssemblyMode, Evaluated, Solver
 from spherekit.motion.input_grid import given_path
 from spherekit.motion.motion import Motion
+from spherekit.numeric.turns import wrap
 from spherekit.output.solutions import PoseSolutions, pose_of, solved
 from spherekit.planning.assembly import plan_assembly
 from spherekit.rates.core import driven_rates

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import REACH_SLACK, Status
-from spherekit.output.dyads import Fraction, Placed, Signs
+from spherekit.output.dyads import Signs
+from spherekit.output.placed import Fraction, Placed
 from spherekit.rates.vectors import dot, norm
 from spherekit.sphere.rotation import Floats
 

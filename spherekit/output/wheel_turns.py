@@ -12,7 +12,7 @@ from itertools import islice, product
 import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN
-from spherekit.motion.assembly_modes import Solver, wrap
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.meshes import (
     MOST_ASSEMBLIES,
     MOST_SORTED,
@@ -21,6 +21,7 @@ from spherekit.motion.meshes import (
     Meshes,
     whole_turns_apart,
 )
+from spherekit.numeric.turns import wrap
 from spherekit.planning.wheels import SAME_LENGTH
 from spherekit.sphere.rotation import Floats
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
     from spherekit.model.geometry import link_axes as link_axes
     from spherekit.model.outputs import chosen_output as chosen_output
+    from spherekit.numeric.turns import wrap as wrap
     from spherekit.sphere.mirror import mirror_angles as mirror_angles
     from spherekit.sphere.mirror import normal_at as normal_at
     from spherekit.sphere.mirror import normals_of as normals_of

@@ -35,5 +35,6 @@ if TYPE_CHECKING:
     from spherekit.singular.stationarity import output_of as output_of
     from spherekit.singular.surface import SingularSurface as SingularSurface
     from spherekit.singular.surface import singular_surface as singular_surface
+    from spherekit.singular.vanishing import what_vanishes as what_vanishes
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

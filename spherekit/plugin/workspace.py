@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.numbers import columns_of as columns_of
     from spherekit.analysis.numbers import read_numbers as read_numbers
     from spherekit.motion.assembly_modes import label_of as label_of
+    from spherekit.region.mesh import sphere_mesh as sphere_mesh
     from spherekit.region.region import Part as Part
     from spherekit.region.region import Region as Region
     from spherekit.region.region import find_region as find_region
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from spherekit.workspace.workspace import DirectionWorkspace as DirectionWorkspace
     from spherekit.workspace.workspace import Judged as Judged
     from spherekit.workspace.workspace import OrientationWorkspace as OrientationWorkspace
-    from spherekit.workspace.workspace import chosen_modes as chosen_modes
     from spherekit.workspace.workspace import direction_workspaces as direction_workspaces
     from spherekit.workspace.workspace import judge as judge
     from spherekit.workspace.workspace import nearest_poses as nearest_poses

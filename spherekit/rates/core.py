@@ -48,6 +48,10 @@ class LinkRates:
     dw: Floats
     reciprocal_condition: Floats
 
+    def relative(self, i: int, j: int) -> tuple[Floats, Floats]:
+        """Return w and dw (n, 3) of body j relative to body i."""
+        return self.w[:, j] - self.w[:, i], self.dw[:, j] - self.dw[:, i]
+
 
 @final
 @dataclass(frozen=True)

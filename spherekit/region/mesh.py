@@ -55,6 +55,38 @@ def hemisphere(spacing: float) -> tuple[Floats, Indices]:
     return refined(points, faces, spacing)
 
 
+def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, Indices]:
+    """Return vertices (v, 3) and triangles (t, 3) along longitudes and latitudes."""
+    longitude, colatitude = np.meshgrid(
+        np.linspace(0.0, 2.0 * np.pi, columns + 1), np.linspace(0.0, np.pi, rows + 1)
+    )
+    vertices = np.stack(
+        [
+            np.sin(colatitude) * np.cos(longitude),
+            np.sin(colatitude) * np.sin(longitude),
+            np.cos(colatitude),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    across = columns + 1
+    corner = (np.arange(rows)[:, None] * across + np.arange(columns)).ravel()
+    upper = np.stack([corner, corner + across, corner + 1], axis=-1)
+    lower = np.stack([corner + 1, corner + across, corner + across + 1], axis=-1)
+    return vertices, np.concatenate([upper, lower])
+
+
+def spread(count: int, lowest: float = -1.0) -> Floats:
+    """Return directions (count, 3) spread evenly over z > `lowest`, on a spiral.
+
+    It turns by the golden section from one to the next.
+    """
+    number = np.arange(count) + 0.5
+    z = 1.0 - (1.0 - lowest) * number / count
+    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * number
+    side = np.sqrt(1.0 - z * z)
+    return np.stack([side * np.cos(azimuth), side * np.sin(azimuth), z], axis=1)
+
+
 def refined(points: Floats, triangles: Indices, spacing: float) -> tuple[Floats, Indices]:
     """Return triangles quartered until their edges are at most `spacing` (rad) long."""
     while np.max(edge_lengths(points, triangles)) > spacing:

@@ -326,9 +326,7 @@ class AlongCurve:
     def _relative(self, pole: Pole, s: Floats) -> tuple[Floats, Floats, Floats]:
         """Return w, dw (n, 3) of a pole's links at s, and the rounding error (n,)."""
         rates = self.rates(s)
-        i, j = pole
-        w, dw = rates.w[:, j] - rates.w[:, i], rates.dw[:, j] - rates.dw[:, i]
-        return w, dw, rounding_of(rates)
+        return *rates.relative(*pole), rounding_of(rates)
 
     def _seen(self, s: Floats, poles: list[Pole]) -> dict[Pole, _Seen]:
         axes, rates = self.axes(s, poles), self.rates(s)
@@ -357,7 +355,7 @@ def _along_rate(rates: LinkRates, i: int, j: int) -> Axis:
 
     At a distance x from a zero of w the derivative is off the axis by about x |u'|.
     """
-    w, dw = rates.w[:, j] - rates.w[:, i], rates.dw[:, j] - rates.dw[:, i]
+    w, dw = rates.relative(i, j)
     length, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
     rounding = rounding_of(rates)
     unit, limit = w / length[:, None], dw / growth[:, None]
@@ -379,7 +377,7 @@ def _better(first: Axis, second: Axis) -> Axis:
 
 
 def _signed(sense: Sense, s: Floats, rates: LinkRates, i: int, j: int) -> SignedRate:
-    w, dw = rates.w[:, j] - rates.w[:, i], rates.dw[:, j] - rates.dw[:, i]
+    w, dw = rates.relative(i, j)
     length, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
     resting = (length <= NEAR_REST * growth)[:, None]
     unit = np.where(resting, dw, w) / np.where(resting[:, 0], growth, length)[:, None]

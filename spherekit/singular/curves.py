@@ -17,13 +17,12 @@ from spherekit.errors import AnalysisError, SolveError
 from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.singular.curve import SingularCurve
-from spherekit.singular.locus import Locus, LocusPoints
+from spherekit.singular.locus import LocusPoints
 from spherekit.singular.points import (
     CurveSeen,
     SingularPoints,
     TypeName,
     View,
-    loci_of,
 )
 from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.starts import Seeding
@@ -54,7 +53,7 @@ class FoundCurve:
         which = np.repeat(np.arange(count), parts)
         along = np.tile(np.arange(parts) / parts, count)
         made = self.curve.on(np.append(which, count - 1), np.append(along, 1.0))
-        return self.view.points(self.curve.locus, made)
+        return self.view.points(made)
 
     @property
     def s(self) -> Floats:
@@ -72,8 +71,7 @@ class FoundCurve:
 class SingularCurves:
     """The curves of one type, and what is known of those not found.
 
-    `slices` counts the configuration curves that were searched, `starts` the random starts
-    instead, and `seeds` the singular configurations met. `stray` (n, V) are singular
+    `stray` (n, V) are singular
     configurations that no curve could be followed from: the locus crosses itself there, or
     fills a part of the configurations. `branching` (n, V) are
     configurations next to those in which slices end, as the motions of the mechanism
@@ -83,9 +81,6 @@ class SingularCurves:
     kind: TypeName
     curves: tuple[CurveSeen, ...]
     claim: Claim
-    slices: int
-    starts: int
-    seeds: int
     stray: Floats
     branching: Floats
 
@@ -145,12 +140,11 @@ def singular_curves(
             "configurations are those of a mechanism with two"
         )
     budget = budget or Budget()
-    locus, other = loci_of(solver, rest, kind)
     view = View(solver, rest, kind)
-    ranges = ranges_of(mechanism, whole_turn)
+    locus, ranges = view.locus, ranges_of(mechanism, whole_turn)
     if made is None and slices_of_each:
         made = cut(solver, ranges, slices_of_each, budget.part(0.6))
-    source = Seeding(solver, locus, ranges, made, budget)
+    source = Seeding(view, ranges, made, budget)
     traced: list[SingularCurve] = []
     none = np.zeros((0, len(mechanism.variable_owners)))
     stray, branching = [none], [none]
@@ -160,7 +154,7 @@ def singular_curves(
     for points in source.batches():
         left = np.ones(len(points), dtype=bool)
         if made is None and not whole_turn:
-            left = view.points(locus, points).inside
+            left = view.points(points).inside
         irregular = left & (points.reciprocal_condition < NEARLY_FLAT)
         stray.append(points.values[irregular])
         left &= ~irregular
@@ -178,11 +172,8 @@ def singular_curves(
             left[left] &= ~new_curve.find(points.values[left], points.motions[left])
     return SingularCurves(
         kind,
-        tuple(_found(curve, other, view) for curve in traced),
+        tuple(_found(curve, view) for curve in traced),
         source.claim("curve"),
-        source.searched,
-        source.starts,
-        source.hits,
         np.concatenate(stray),
         np.concatenate(branching),
     )
@@ -195,15 +186,14 @@ def ranges_of(mechanism: Mechanism, whole_turn: bool = False) -> list[tuple[floa
     return [(item.start, item.stop) for item in mechanism.inputs]
 
 
-def _found(curve: SingularCurve, other: Locus, view: View) -> FoundCurve:
+def _found(curve: SingularCurve, view: View) -> FoundCurve:
     def measured(nodes: LocusPoints) -> Floats:
-        return other.measure(other.space(nodes.values)).value
+        return view.other.measure(view.other.space(nodes.values)).value
 
-    locus = curve.locus
     return FoundCurve(
         curve,
-        view.points(locus, curve.nodes),
-        view.points(locus, curve.cusps()),
-        view.points(locus, curve.zeros(measured)),
+        view.points(curve.nodes),
+        view.points(curve.cusps()),
+        view.points(curve.zeros(measured)),
         view,
     )

@@ -1,6 +1,7 @@
 """Singular configurations as the inputs and the output see them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, Protocol, final
 
 import numpy as np
@@ -87,21 +88,34 @@ class CurveSeen(Protocol):
 @final
 @dataclass(frozen=True)
 class View:
-    """What of singular configurations is reported, by their type."""
+    """The singular configurations of a type, and what of them is reported."""
 
     solver: Solver
     output: OutputStationary
     kind: TypeName
 
-    def points(self, locus: Locus, nodes: LocusPoints) -> SingularPoints:
-        """Return what points of a locus look like."""
-        return self.seen(locus, nodes.values, nodes.motions, nodes.residual)
+    @cached_property
+    def locus(self) -> Locus:
+        """The configurations of the type."""
+        return self._locus(self.kind)
 
-    def seen(
-        self, locus: Locus, values: Floats, motions: Floats, residual: Floats
-    ) -> SingularPoints:
+    @cached_property
+    def other(self) -> Locus:
+        """Those of the other type."""
+        return self._locus("II" if self.kind == "I" else "I")
+
+    def _locus(self, kind: TypeName) -> Locus:
+        driven = self.solver.driven
+        rest = self.output if kind == "I" else InputsLocked(driven)
+        return Locus(self.solver.closure, len(driven), rest)
+
+    def points(self, nodes: LocusPoints) -> SingularPoints:
+        """Return what points of the locus look like."""
+        return self.seen(nodes.values, nodes.motions, nodes.residual)
+
+    def seen(self, values: Floats, motions: Floats, residual: Floats) -> SingularPoints:
         """Return what configurations and singular motions (n, V) look like."""
-        space = locus.space(values)
+        space = self.locus.space(values)
         driven = list(self.solver.driven)
         ranges = [(item.start, item.stop) for item in self.solver.mechanism.inputs]
         low, high = np.array(ranges).T
@@ -125,13 +139,3 @@ class View:
             np.linalg.norm(moving, axis=1),
             residual,
         )
-
-
-def loci_of(
-    solver: Solver, output: OutputStationary, kind: TypeName
-) -> tuple[Locus, Locus]:
-    """Return the locus of a type, and that of the other type."""
-    count = len(solver.driven)
-    first = Locus(solver.closure, count, output)
-    second = Locus(solver.closure, count, InputsLocked(solver.driven))
-    return (first, second) if kind == "I" else (second, first)

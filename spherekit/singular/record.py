@@ -158,15 +158,13 @@ class WholeCurve:
 class AlongOutput:
     """Rates and relations of one output at n places s of a curve.
 
-    `input_rate`, `output_rate` and their slopes (n,) are per arc length; `relations` are
+    `input_rate`, `output_rate` (n,) are per arc length; `relations` are
     form i, and form ii where there is one, with their `links` and `poles`.
     """
 
     s: Floats
     input_rate: Floats
     output_rate: Floats
-    input_slope: Floats
-    output_slope: Floats
     relations: tuple[Relation, ...]
     links: tuple[FourLinks, ...]
     poles: tuple[SixPoles, ...]

@@ -15,6 +15,7 @@ from spherekit.conventions import Status
 from spherekit.motion.configuration import Configurations
 from spherekit.motion.motion import Tracer
 from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_periods
+from spherekit.numeric.turns import wrap
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.rates.transmission import hold
 from spherekit.singular.nearness import nearness
@@ -262,8 +263,7 @@ class SampledSingularities:
         """
         variable = self.tracer.mechanism.angle_between(*self.report.outputs[output])
         if variable is not None:
-            values = self.curves[curve].at(s).values[:, variable]
-            return np.asarray(np.pi - np.mod(np.pi - values, 2.0 * np.pi))
+            return wrap(self.curves[curve].at(s).values[:, variable])
         rate = np.nan_to_num(self.at(curve, s, output).output_rate)
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
         return np.concatenate([[0.0], np.cumsum(steps)])

@@ -7,7 +7,7 @@ the input-output relation vanish there too, and also at places where the four li
 badly chosen: those are found as well and are called apparent.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import final
@@ -23,8 +23,8 @@ from spherekit.motion.crossing import Crossing, crossing_near
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import Pole, parse_pole, pole_of
 from spherekit.rates.core import LinkRates
-from spherekit.singular.along import AlongCurve, Axis, rounding_of
-from spherekit.singular.conditions import TOLERANCE, conditions
+from spherekit.singular.along import AlongCurve, rounding_of
+from spherekit.singular.output_relations import OutputRelations, axes_error, rate_between
 from spherekit.singular.record import (
     AlongOutput,
     CrossingPoint,
@@ -37,11 +37,6 @@ from spherekit.singular.record import (
 from spherekit.singular.relation import (
     FourLinks,
     LinkCount,
-    Relation,
-    SixPoles,
-    best_fourth,
-    form_i,
-    form_ii,
 )
 from spherekit.singular.roots import (
     CommonRoots,
@@ -52,8 +47,6 @@ from spherekit.singular.roots import (
     poles_of,
 )
 from spherekit.sphere.rotation import Floats, cross
-
-Make = Callable[[FourLinks, SixPoles], Relation | None]
 
 BESIDE = 100.0
 """Places nearer than this times their error bounds, but not within, are undecided."""
@@ -113,8 +106,7 @@ class SingleFreedom:
         first, second = mechanism.ends[tracer.assembly.input]
         self.input = (second, first) if input is None else ordered_pole(mechanism, input)
         self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)
-        self.first_links = tuple(FourLinks(*self.input, *out) for out in self.outputs)
-        self.second_links = tuple(self._second_links(links) for links in self.first_links)
+        self.relations = OutputRelations(mechanism, self.along, self.input, self.outputs)
 
     def report(self) -> Singularities:
         """Return all singularities on all curves."""
@@ -127,7 +119,9 @@ class SingleFreedom:
         return Singularities(
             self.input,
             self.outputs,
-            tuple(None if links is None else links.s for links in self.second_links),
+            tuple(
+                None if links is None else links.s for links in self.relations.second_links
+            ),
             tuple(point for listed in points for point in listed),
             self._crossings(),
             tuple(self.whole),
@@ -138,76 +132,13 @@ class SingleFreedom:
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve.
 
-        Derivatives are by arc length. c and d are NaN where an axis is not known.
+        See `OutputRelations.at`.
         """
-        along = self.along[curve]
-        links = self.first_links[output]
-        q, dq = _rate(along, links.i, links.r, s)
-        y, dy = _rate(along, links.o, links.s, s)
-        made = self._relations(output, along.oriented(s, self._poles(output)))
-        return AlongOutput(
-            s,
-            q,
-            y,
-            dq,
-            dy,
-            tuple(relation for _, _, relation in made),
-            tuple(four for four, _, _ in made),
-            tuple(six for _, six, _ in made),
-        )
-
-    def _second_links(self, links: FourLinks) -> FourLinks | None:
-        """Return the links of form ii, with a fourth one where r and s are one."""
-        if links.o == links.r:
-            return None
-        if links.s != links.r or links.o == links.i:
-            return links
-        candidates = [
-            k
-            for k in range(len(self.tracer.mechanism.links))
-            if k not in (links.i, links.r, links.o)
-        ]
-        wanted = [pole_of(a, k) for k in candidates for a in (links.o, links.i)]
-        directions: dict[int, list[list[Floats]]] = {k: [[], []] for k in candidates}
-        for along in self.along:
-            axes = along.axes(along.curve.s, wanted)
-            for k in candidates:
-                for n, a in enumerate((links.o, links.i)):
-                    directions[k][n].append(axes[pole_of(a, k)].unit)
-        if not self.along:
-            return links.with_s(candidates[0]) if candidates else None
-        best = best_fourth(
-            {k: (np.concatenate(a), np.concatenate(b)) for k, (a, b) in directions.items()}
-        )
-        return None if best is None else links.with_s(best)
-
-    def _poles(self, output: int) -> list[Pole]:
-        """Return the poles of an output's relations, each once."""
-        poles: list[Pole] = []
-        for links in (self.first_links[output], self.second_links[output]):
-            if links is not None:
-                poles += poles_of(links)
-        return list(dict.fromkeys(poles))
-
-    def _relations(
-        self, output: int, axes: dict[Pole, Axis]
-    ) -> list[tuple[FourLinks, SixPoles, Relation]]:
-        """Return links, poles and relation of form i and, if there is one, form ii."""
-        out = []
-        second = self.second_links[output]
-        pairs: list[tuple[FourLinks, Make]] = [(self.first_links[output], form_i)]
-        if second is not None:
-            pairs.append((second, form_ii))
-        for links, make in pairs:
-            six = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].unit)
-            relation = make(links, six)
-            if relation is not None:
-                out.append((links, six, relation))
-        return out
+        return self.relations.at(self.along[curve], s, output)
 
     def _on_curve(self, number: int, along: AlongCurve) -> list[list[SingularPoint]]:
         """Return the singular points of each output on one curve."""
-        every = [self._poles(output) for output in range(len(self.outputs))]
+        every = [self.relations.poles(output) for output in range(len(self.outputs))]
         along.follow([pole for poles in every for pole in poles])
         self._note_gaps(number, along, [pole for poles in every for pole in poles])
         places: dict[Pole, Roots] = {}
@@ -241,7 +172,7 @@ class SingleFreedom:
     ) -> list[SingularPoint]:
         driven, wanted = pole_of(*self.input), pole_of(*self.outputs[output])
         roots: list[tuple[Pole | None, Roots]] = [
-            (pole, places[pole]) for pole in self._poles(output)
+            (pole, places[pole]) for pole in self.relations.poles(output)
         ]
         still, resting = places[driven].always, places[wanted].always
         if still or resting:
@@ -256,12 +187,12 @@ class SingleFreedom:
             return []
         s = np.array([group.s for group in groups])
         points = along.points(s)
-        axes = along.oriented(s, self._poles(output))
-        links = self.first_links[output]
-        q, dq = _rate(along, links.i, links.r, s)
-        y, dy = _rate(along, links.o, links.s, s)
+        axes = along.oriented(s, self.relations.poles(output))
+        links = self.relations.first_links[output]
+        q, dq = rate_between(along, links.i, links.r, s)
+        y, dy = rate_between(along, links.o, links.s, s)
         kinds = [group.kind(driven, wanted) for group in groups]
-        made = self._made(output, axes, along, s, groups)
+        made = self.relations.at_groups(output, axes, along, s, groups)
         notes = _doubts(groups, driven, wanted)
         singular_points = []
         for k, (group, kind) in enumerate(zip(groups, kinds, strict=True)):
@@ -291,71 +222,6 @@ class SingleFreedom:
             )
         return singular_points
 
-    def _made(
-        self,
-        output: int,
-        axes: dict[Pole, Axis],
-        along: AlongCurve,
-        s: Floats,
-        groups: list[CommonRoots],
-    ) -> list[list[RelationAt]]:
-        """Return for each form its relation at each group."""
-        driven = pole_of(*self.input)
-        out = []
-        for links, six, relation in self._relations(output, axes):
-            q, _ = _rate(along, links.i, links.r, s)
-            y, _ = _rate(along, *relation.output, s)
-            facts = [group.kind(driven, pole_of(*relation.output)) for group in groups]
-            errors = _errors(links, axes)
-            resting = [group.resting(links) for group in groups]
-            out.append(self._judged(links, six, relation, q, y, errors, facts, resting))
-        return out
-
-    def _judged(
-        self,
-        links: FourLinks,
-        six: SixPoles,
-        relation: Relation,
-        q: Floats,
-        y: Floats,
-        errors: Floats,
-        facts: list[Type],
-        resting: list[list[tuple[int, int]]],
-    ) -> list[RelationAt]:
-        """Return a relation at n configurations, compared with what the rates say."""
-        names = self.tracer.mechanism.links
-        allowed = np.maximum(TOLERANCE, 10.0 * errors)
-        no_c, no_d = np.abs(relation.c) <= allowed, np.abs(relation.d) <= allowed
-        types = [
-            {(1, 1): Type.III, (1, 0): Type.II, (0, 1): Type.I}.get((int(a), int(b)))
-            for a, b in zip(no_c, no_d, strict=True)
-        ]
-        held = {
-            kind: conditions(relation, links, six, names, kind, errors)
-            for kind in {str(kind) for kind in types if kind is not None}
-        }
-        gaps = relation.residual(y, q)
-        out = []
-        for k, kind in enumerate(types):
-            fact = None if facts[k] == Type.APPARENT else facts[k]
-            out.append(
-                RelationAt(
-                    form=relation.form,
-                    kind=relation.kind,
-                    links=links,
-                    output=relation.output,
-                    c=float(relation.c[k]),
-                    d=float(relation.d[k]),
-                    error=float(errors[k]),
-                    residual=float(gaps[k]),
-                    type=kind,
-                    conditions=() if kind is None else held[str(kind)][k],
-                    agrees=kind == fact,
-                    note=_disagreement(names, kind, fact, relation, resting[k]),
-                )
-            )
-        return out
-
     def _coplanar(
         self,
         number: int,
@@ -369,7 +235,9 @@ class SingleFreedom:
         two of the links stand still relative to each other, which is known.
         """
         out = []
-        for links in dict.fromkeys([self.first_links[output], self.second_links[output]]):
+        for links in dict.fromkeys(
+            [self.relations.first_links[output], self.relations.second_links[output]]
+        ):
             if links is None or links.three:
                 continue
             grid = np.unique(np.concatenate([along.sense(p).s for p in poles_of(links)]))
@@ -405,8 +273,8 @@ class SingleFreedom:
     def _note_one_line(self, number: int, along: AlongCurve, output: int) -> None:
         """Note relations of three links that turn about one line on a whole curve."""
         names = self.tracer.mechanism.links
-        axes = along.axes(along.curve.s, self._poles(output))
-        for links, _, relation in self._relations(output, axes):
+        axes = along.axes(along.curve.s, self.relations.poles(output))
+        for links, _, relation in self.relations.made(output, axes):
             if relation.kind == LinkCount.THREE_LINKS and np.all(np.isnan(relation.c)):
                 three = ", ".join(
                     names[k] for k in dict.fromkeys((links.i, links.r, links.o, links.s))
@@ -473,15 +341,15 @@ class SingleFreedom:
         if not count:
             return ()
         values = np.tile(crossing.values, (count, 1))
-        axes, rates = along.leaving(values, crossing.tangents, self._poles(output))
+        axes, rates = along.leaving(values, crossing.tangents, self.relations.poles(output))
         curves: list[list[RelationAt]] = [[] for _ in range(count)]
-        for links, six, relation in self._relations(output, axes):
+        for links, six, relation in self.relations.made(output, axes):
             q, y = (
                 np.sum((rates.w[:, a] - rates.w[:, b]) * axes[pole_of(a, b)].unit, axis=1)
                 for a, b in ((links.i, links.r), relation.output)
             )
-            errors = _errors(links, axes)
-            judged = self._judged(
+            errors = axes_error(links, axes)
+            judged = self.relations.judged(
                 links, six, relation, q, y, errors, [Type.III] * count, [[]] * count
             )
             for relations, relation_at in zip(curves, judged, strict=True):
@@ -527,27 +395,10 @@ def ordered_pole(
     return ordered_pole(mechanism, "/".join(str(word) for word in words))
 
 
-def _rate(along: AlongCurve, of: int, to: int, s: Floats) -> tuple[Floats, Floats]:
-    """Return the rate of a link relative to another at s, and its slope, (n,)."""
-    rate = along.signed(pole_of(of, to), s)
-    sign = 1.0 if of > to else -1.0
-    return sign * rate.w, sign * rate.dw
-
-
-def _errors(links: FourLinks, axes: dict[Pole, Axis]) -> Floats:
-    """Return (n,) the largest error bound of the axes of four links."""
-    errors = np.stack([axes[pole].error for pole in poles_of(links)])
-    return np.asarray(np.max(errors, axis=0))
-
-
 def _volume(rates: LinkRates, links: FourLinks) -> tuple[Floats, Floats]:
     """Return (n,) the triple product of three relative rates of four links, and slope."""
     (a, da), (b, db), (c, dc) = (
-        (
-            rates.w[:, link] - rates.w[:, links.r],
-            rates.dw[:, link] - rates.dw[:, links.r],
-        )
-        for link in (links.i, links.o, links.s)
+        rates.relative(links.r, link) for link in (links.i, links.o, links.s)
     )
     normal = cross(b, c)
     slope = np.sum(da * normal, axis=1)
@@ -574,39 +425,3 @@ def _doubts(groups: list[CommonRoots], driven: Pole, wanted: Pole) -> list[str]:
                 f"apart, and the places are known to {uncertainty:.3g} rad"
             )
     return notes
-
-
-def _disagreement(
-    names: Sequence[str],
-    kind: Type | None,
-    fact: Type | None,
-    relation: Relation,
-    resting: list[tuple[int, int]],
-) -> str:
-    """Return why the coefficients say something else than the rates."""
-    if kind == fact:
-        return ""
-    if relation.kind == LinkCount.SAME_POLE:
-        return "the output is the input, and c and d are constant"
-    if kind == Type.III:
-        output = pole_of(*relation.output)
-        still = [f"{names[a]} and {names[b]}" for a, b in resting if (a, b) != output]
-        cause = (
-            "links " + ", ".join(still) + " stand still relative to each other"
-            if still
-            else "the six axes of the chosen links lie in one plane"
-        )
-        what = "neither rate vanishes" if fact is None else f"the rates say type {fact}"
-        return f"c = d = 0, but {what}: {cause}; a relation of other links decides"
-    if fact == Type.III and kind is None:
-        return (
-            "input and output stand still together while other links move; c and d do not "
-            "vanish, and y'/q' = d/c stays finite"
-        )
-    told, wanted = (
-        "nothing vanishes" if case is None else f"type {case}" for case in (kind, fact)
-    )
-    return (
-        f"c and d say: {told}; the rates: {wanted}; a coefficient nearly vanishes, or is "
-        "not known well enough"
-    )

@@ -11,6 +11,7 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.search import starting_range
 from spherekit.singular.locus import Locus, LocusPoints
+from spherekit.singular.points import View
 from spherekit.singular.slices import Cut, seeds
 from spherekit.sphere.rotation import Floats
 
@@ -35,7 +36,7 @@ class Seeding:
 
     Parameters
     ----------
-    solver, locus
+    view
         The mechanism, and what is looked for.
     ranges
         Lowest and highest value (rad) of each input, for random starts.
@@ -47,13 +48,13 @@ class Seeding:
 
     def __init__(
         self,
-        solver: Solver,
-        locus: Locus,
+        view: View,
         ranges: Sequence[tuple[float, float]],
         cut: Cut | None,
         budget: Budget,
     ) -> None:
-        self.solver, self.locus, self.cut, self.budget = solver, locus, cut, budget
+        self.solver, self.locus = view.solver, view.locus
+        self.cut, self.budget = cut, budget
         self.ranges = np.array(ranges)
         self.starts = self.hits = self.searched = 0
         self._dry = 0

@@ -22,7 +22,7 @@ from spherekit.motion.turns import in_range, less_periods
 from spherekit.singular.curves import ranges_of
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.mesh import Mesh
-from spherekit.singular.points import SingularPoints, TypeName, View, loci_of
+from spherekit.singular.points import SingularPoints, TypeName, View
 from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.starts import Seeding
 from spherekit.singular.stationarity import output_of
@@ -69,12 +69,9 @@ class SingularSurface:
         Length (rad, in the variables) of the edges aimed at, after halving.
     claim
         What is known of surfaces that were not found.
-    slices, starts, seeds
-        Number of configuration curves searched, of random starts instead, and of singular
-        configurations met.
     irregular
-        How many of those within the ranges lie where the locus is not a regular surface: it
-        crosses itself there, or fills a part of the configurations.
+        How many singular configurations met within the ranges lie where the locus is not a
+        regular surface: it crosses itself there, or fills a part of the configurations.
     full
         Whether the mesh ended at the greatest number of vertices.
     """
@@ -86,9 +83,6 @@ class SingularSurface:
     component: NDArray[np.int64]
     side: float
     claim: Claim
-    slices: int
-    starts: int
-    seeds: int
     irregular: int
     full: bool
 
@@ -161,19 +155,19 @@ def singular_surface(
             f"{mechanism.name}: three inputs move a direction in more ways than it has; "
             "ask for type I of the link's orientation, without `pointing`"
         )
-    locus, _ = loci_of(solver, rest, kind)
     view = View(solver, rest, kind)
+    locus = view.locus
     budget = budget or Budget()
     ranges = ranges_of(mechanism, whole_turn)
     if made is None and slices_of_each:
         made = cut(solver, ranges, slices_of_each, budget.part(0.6))
-    source = Seeding(solver, locus, ranges, made, budget)
+    source = Seeding(view, ranges, made, budget)
     front = _Front(locus, None if whole_turn else view, side, most, budget)
     irregular = 0
     for points in source.batches():
         inside = np.ones(len(points), dtype=bool)
         if not whole_turn:
-            inside = view.points(locus, points).inside
+            inside = view.points(points).inside
         irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
         for row in np.flatnonzero(inside):
             source.met(front.grow(points.rows(slice(row, row + 1))))
@@ -191,15 +185,12 @@ def singular_surface(
             mesh = mesh.within(number, item.start, item.stop)
     return SingularSurface(
         kind,
-        view.points(locus, mesh.points),
+        view.points(mesh.points),
         mesh.triangles,
         mesh.border,
         mesh.component,
         side / 2**halved,
         source.claim("surface"),
-        source.searched,
-        source.starts,
-        source.hits,
         irregular,
         len(front.values) >= most,
     )
@@ -303,7 +294,7 @@ class _Front:
         """
         if self.view is None:
             return True
-        inputs = self.view.points(self.locus, point).inputs[0]
+        inputs = self.view.points(point).inputs[0]
         declared = self.view.solver.mechanism.inputs
         low, high = np.array([(item.start, item.stop) for item in declared]).T
         room = BEYOND * self.side

@@ -8,6 +8,7 @@ Euler angles, torsion and tilt have no jump where the tilt is zero.
 
 import numpy as np
 
+from spherekit.numeric.turns import wrap
 from spherekit.sphere.rotation import Floats, about_z
 
 
@@ -60,7 +61,7 @@ def tilt_torsion(rotations: Floats) -> Floats:
     """
     angles = euler_zyz(rotations)
     torsion = angles[:, 0] + angles[:, 2]
-    angles[:, 2] = np.pi - np.remainder(np.pi - torsion, 2 * np.pi)
+    angles[:, 2] = wrap(torsion)
     return angles
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.tables import Column, Table, TableArrays
 from spherekit.conventions import EPS
+from spherekit.numeric.turns import wrap
 
 
 @final
@@ -100,7 +101,7 @@ def _of_column(
     both = expected & np.isfinite(ours)
     off = np.abs(ours[both] - theirs[both])
     if column.unit == "rad":
-        off = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
+        off = np.abs(wrap(off))
     error = max(float(np.max(off, initial=0.0)) / scale, EPS)
     missing = int(np.sum(expected & ~both))
     return Deviation(table, column.name, error, scale, int(np.sum(expected)), missing)

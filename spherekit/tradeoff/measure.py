@@ -8,10 +8,12 @@ from typing import Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import computed
-from spherekit.analysis.contract import AbstractAnalysis, Batch, Needs
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder.store import InMemory
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.running.evaluation import Evaluation
 from spherekit.analysis.running.sampling import Sampling
@@ -24,10 +26,10 @@ from spherekit.exact.field import exact_field, exact_motion
 from spherekit.exact.rows import exact_rows
 from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Motion
-from spherekit.planning.poles import Plan
 from spherekit.progress import Working
 from spherekit.rates.field import evaluate
 from spherekit.rates.pole_field import PoleField
+from spherekit.rates.request import Request
 from spherekit.rates.signs import SignMemory
 from spherekit.sphere.rotation import Floats
 from spherekit.tradeoff.deviation import Deviation, deviations, worst
@@ -106,8 +108,7 @@ class Benchmark:
         """
         started = time.process_time()
         course, analysis = self.course, self.analysis
-        wanted = requests_for(course.tracer.mechanism, self.needs, course.tracer.by_rank)
-        plans = tuple(item.plan for item in wanted)
+        wanted = self._wanted()
         evaluation = Evaluation(setting, course, wanted, self.needs)
         first = time.process_time() - started
         signs, memory = [SignMemory() for _ in evaluation.requests], AngleMemory()
@@ -125,7 +126,7 @@ class Benchmark:
                     _turned(field, other, rows)
                     for field, other in zip(fields, toward.fields, strict=True)
                 )
-            made = self._computed(self._batch(plans, motion, fields, angles))
+            made = self._computed(self._batch(wanted, motion, fields, angles))
             for table in tables:
                 store.add(analysis.name, table, made[table.name])
         whole = {table.name: store.table(analysis.name, table) for table in tables}
@@ -148,7 +149,7 @@ class Benchmark:
         if total > most:
             shares = (np.arange(most) + (np.arange(most) * GOLDEN) % 1.0) / most
             rows = np.unique((shares * total).astype(np.intp))
-        wanted = requests_for(course.tracer.mechanism, needs, course.tracer.by_rank)
+        wanted = self._wanted()
         evaluation = Evaluation(setting, course, wanted, needs)
         motion = evaluation.motion_at(rows)
         plain = Evaluation(Setting(), course, wanted, needs).motion_at(rows)
@@ -161,9 +162,8 @@ class Benchmark:
                 evaluation.fields(motion, memories), reference.fields, strict=True
             )
         )
-        plans = tuple(item.plan for item in wanted)
         angles = evaluation.angles(motion, AngleMemory())
-        given = self._computed(self._batch(plans, motion, fields, angles))
+        given = self._computed(self._batch(wanted, motion, fields, angles))
         return self.deviations(given, reference.tables), len(motion)
 
     def _computed(self, batch: Batch) -> Tables:
@@ -173,14 +173,18 @@ class Benchmark:
 
     def _batch(
         self,
-        plans: tuple[Plan, ...],
+        wanted: Sequence[Request],
         motion: Motion,
         fields: tuple[PoleField, ...],
         angles: Mapping[str, Floats],
     ) -> Batch:
-        course, needs = self.course, self.needs
-        made = motion.mechanism, plans, needs, motion, fields, angles
+        course, plans = self.course, tuple(item.plan for item in wanted)
+        made = motion.mechanism, plans, self.needs, motion, fields, angles
         return Batch(*made, course.timed, course.tracer)
+
+    def _wanted(self) -> Sequence[Request]:
+        tracer = self.course.tracer
+        return requests_for(tracer.mechanism, self.needs, tracer.by_rank)
 
     def reference_at(self, motion: Motion, inputs: Numbers | None = None) -> Reference:
         """Return the tables at the rows of a motion, see `Reference`.
@@ -189,8 +193,7 @@ class Benchmark:
         equations give in wider numbers; see `spherekit.exact`. The motion's inputs are
         taken as exact, or else `inputs` (n, inputs), which they are rounded from.
         """
-        tracer = self.course.tracer
-        wanted = requests_for(tracer.mechanism, self.needs, tracer.by_rank)
+        wanted = self._wanted()
         every = np.ones(len(motion), dtype=bool)
         exact = [
             exact_rows(motion, every, item.plan.input, inputs=inputs) for item in wanted
@@ -201,10 +204,9 @@ class Benchmark:
             for rows, item in zip(exact, wanted, strict=True)
             if item.poles
         )
-        plans = tuple(item.plan for item in wanted)
         lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
         angles = AngleMemory().continued(better, self.needs.continued_values)
-        tables = self._computed(self._batch(plans, better, fields, angles))
+        tables = self._computed(self._batch(wanted, better, fields, angles))
         return Reference(tables, fields, int(np.sum(lacking)))
 
     def deviations(self, given: Tables, reference: Tables) -> list[Deviation]:

@@ -1,10 +1,12 @@
 """How the viewer's window is laid out: a page for each mode, others, one to compare."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, final
 
-from spherekit.analysis.scene import Page
+from spherekit.analysis.result import MOTION
+from spherekit.analysis.scene import Page, Primitive, Scene
 from spherekit.view import charts, colours, entities
 from spherekit.view.sdk import rr, rrb
 from spherekit.view.sight import Sight
@@ -24,6 +26,19 @@ SPACE_EYE = (1.9, -2.2, 1.3)
 
 
 Bounds = tuple[tuple[float, float], tuple[float, float]]
+
+UNASKED = ("", MOTION)
+"""Sources of scenes that show what moves, and nothing that was asked for."""
+
+
+def asked_for(scene: Scene) -> bool:
+    """Return whether a scene shows more than what moves."""
+    return scene.source not in UNASKED
+
+
+def slug(title: str) -> str:
+    """Return a title as a part of a path."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", title).strip("_").lower() or "plot"
 
 
 @final
@@ -75,6 +90,18 @@ class Layout:
     compared: dict[str, str] = field(default_factory=dict)
     """Titles of the charts in which modes are compared, by their paths."""
     panels: list[Panel] = field(default_factory=list)
+
+    def base(self, page: Page) -> str:
+        """Return the path of a page."""
+        if page is None:
+            return self.root
+        if isinstance(page, int):
+            return f"{self.root}/assembly_mode_{page}"
+        return f"{self.root}/{slug(page)}"
+
+    def path(self, page: Page, primitive: Primitive) -> str:
+        """Return the path of a primitive on a page."""
+        return f"{self.base(page)}/{primitive.path.strip('/')}"
 
     def blueprint(self) -> rrb.Blueprint:
         """Return the layout in rerun's terms."""

@@ -30,6 +30,7 @@ from spherekit.analysis.scene import (
     Trace,
     titled,
 )
+from spherekit.region.mesh import sphere_mesh
 from spherekit.view import charts, colours, diagrams, shapes
 from spherekit.view.names import Name
 from spherekit.view.sdk import rr
@@ -58,7 +59,7 @@ CUBE = 1.6
 
 def world() -> Iterator[Still]:
     """Yield the sphere with its graticule."""
-    vertices, triangles = shapes.sphere_mesh()
+    vertices, triangles = sphere_mesh()
     yield (
         "sphere/body",
         rr.Mesh3D(

@@ -3,8 +3,7 @@
 import re
 import time
 import uuid
-import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.plotted import map_range
 from spherekit.analysis.recording_head import RecordingHead
-from spherekit.analysis.result import MOTION
 from spherekit.analysis.scene import (
     Arrow,
     Axis,
@@ -41,9 +39,10 @@ from spherekit.analysis.scene import (
 from spherekit.checked import checked_class
 from spherekit.errors import OutputError
 from spherekit.view import charts, colours, diagrams, entities, shapes
-from spherekit.view.blueprint import MOST_COMPARED, Layout, Panel, Plot
-from spherekit.view.charts import Chart, Curve
+from spherekit.view.blueprint import MOST_COMPARED, Layout, Panel, Plot, asked_for
+from spherekit.view.chart_log import Charts
 from spherekit.view.names import Name, Names
+from spherekit.view.output_group import Outputs
 from spherekit.view.outputs import (
     AbstractOutput,
     FileOutput,
@@ -54,9 +53,6 @@ from spherekit.view.outputs import (
 from spherekit.view.sdk import rr
 from spherekit.view.sight import Sight
 from spherekit.view.timelines import SAMPLE, TIME, InputTimeline, input_timeline
-
-UNASKED = ("", MOTION)
-"""Sources of scenes that show what moves, and nothing that was asked for."""
 
 LIVE_SECONDS = 0.5
 """A viewer that looks on gets the curves anew that often."""
@@ -116,7 +112,7 @@ class RerunRecorder:
         """
         self.name = name
         self.root = "/" + (re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "m")
-        self._outputs: list[AbstractOutput] = []
+        outputs: list[AbstractOutput] = []
         application = f"spherekit-{self.root[1:]}"  # a viewer keeps one layout for each
         recording = str(uuid.uuid4())
 
@@ -124,30 +120,27 @@ class RerunRecorder:
             return rr.RecordingStream(application, recording_id=recording)
 
         if path is not None:
-            self._outputs.append(FileOutput(stream(), Path(path)))
+            outputs.append(FileOutput(stream(), Path(path)))
         if port is not None:
-            self._outputs.append(ServedOutput(stream(), port))
+            outputs.append(ServedOutput(stream(), port))
         if url is not None:
-            self._outputs.append(ViewerOutput(stream(), url))
+            outputs.append(ViewerOutput(stream(), url))
         if notebook:
-            self._outputs.append(NotebookOutput(stream()))
-        if not self._outputs:
+            outputs.append(NotebookOutput(stream()))
+        if not outputs:
             raise ValueError("a recorder needs a path, a port, a url or a notebook")
+        self._outputs = Outputs(outputs)
         self._layout: Layout | None = None
         self._input: InputTimeline | None = None
         self._span: tuple[float, float] | None = None
-        self._seen: set[str] = set()
         self._names: dict[Page, Names] = {}
         self._paths: dict[str, tuple[bool, list[Floats]]] = {}
         self._row: int | None = None
         self._drawn: dict[str, list[Floats]] = {}
         self._traces: dict[str, tuple[int, list[Floats]]] = {}
-        self._charts: dict[str, Chart] = {}
-        self._marks: dict[str, list[InputMarks]] = {}
+        self._charts: Charts | None = None
         self._live_drawn = 0.0
-        self._rows = 0
         self._laid_out = 0
-        self._entities: set[str] = set()
         self._finished = False
 
     @classmethod
@@ -168,27 +161,22 @@ class RerunRecorder:
     @property
     def url(self) -> str | None:
         """Address at which the recording is served, if it is."""
-        served = (out for out in self._outputs if isinstance(out, ServedOutput))
-        return next((out.url for out in served), None)
+        return self._outputs.url
 
     @property
     def cost(self) -> dict[str, int]:
         """Entities and rows logged so far; bytes of the file, 0 before it is whole."""
-        files = [out.path for out in self._outputs if isinstance(out, FileOutput)]
-        whole = sum(path.stat().st_size for path in files) if self._finished else 0
-        return {"entities": len(self._entities), "rows": self._rows, "bytes": whole}
+        return self._outputs.cost(self._finished)
+
+    @property
+    def _started(self) -> Layout:
+        if self._layout is None:
+            raise ValueError("call start first")
+        return self._layout
 
     def __enter__(self) -> Self:
         """Open all places."""
-        opened = 0
-        try:
-            for output in self._outputs:
-                output.open()
-                opened += 1
-        except OutputError:
-            for output in self._outputs[:opened]:
-                output.close(keep=False)
-            raise
+        self._outputs.open()
         return self
 
     def __exit__(
@@ -201,13 +189,10 @@ class RerunRecorder:
         try:
             if error is None:
                 self.finish()
-            elif self._charts and not self._finished:
-                self._draw_charts(self._outputs)
+            elif self._charts is not None and not self._finished:
+                self._charts.draw(self._outputs.places)
         finally:
-            for output in self._outputs:
-                left = output.close(keep=self._rows > 0)
-                if left and error is not None:
-                    error.add_note(left)
+            self._outputs.close(error)
 
     def start(self, head: RecordingHead) -> None:
         """Begin the recording with all that does not move."""
@@ -230,18 +215,16 @@ class RerunRecorder:
         if "logged" in head.properties:
             words += f" This recording has {head.properties['logged']}."
         self._layout = layout
+        self._charts = Charts(layout, self._outputs)
         self._row = head.row
         layout.sight = Sight.facing(head.focus)
         self._names[None] = Names(layout.sight)
         for number, title in head.assembly_modes.items():
             layout.pages[number] = title
-        for output in self._outputs:
-            output.stream.send_recording_name(self.name)
-            if head.properties:
-                output.stream.send_property("run", rr.AnyValues(False, **head.properties))
-        self._still(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self._outputs.name(self.name, head.properties)
+        self._outputs.still(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for suffix, archetype in entities.world():
-            self._still(f"{self.root}/{suffix}", archetype)
+            self._outputs.still(f"{self.root}/{suffix}", archetype)
         for scene in map(in_degrees, head.scenes):
             named = self._links_named(scene)
             for primitive in scene.primitives:
@@ -273,15 +256,15 @@ class RerunRecorder:
             Times; required if `start` got any.
 
         """
-        layout = self._layout
-        if layout is None or self._finished:
+        layout, plotted = self._layout, self._charts
+        if layout is None or plotted is None or self._finished:
             raise ValueError("log is called after start and before the end")
         scene = in_degrees(scene)
         roomy = [
             charts.roomy(p) if isinstance(p, Portrait) else p for p in scene.primitives
         ]
         scene = replace(scene, primitives=tuple(roomy))
-        answers = scene.source not in UNASKED
+        answers = asked_for(scene)
         lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
         if layout.timeline == TIME:
             if times is None or len(times) != len(samples):
@@ -300,7 +283,7 @@ class RerunRecorder:
         touched: dict[str, list[str]] = {}
         named = self._links_named(scene)
         fresh = [
-            self._enter(scene, item, over, touched)
+            plotted.enter(scene, item, over, touched)
             if isinstance(item, Series)
             else self._introduce(scene.page, item, answers, named.get(item.path, ()))
             for item in scene.primitives
@@ -309,11 +292,11 @@ class RerunRecorder:
             layout.answered.append(scene.page)
             fresh.append(True)
         failed = np.zeros(len(samples), dtype=bool)
-        self._log_charts(touched, lines, over, len(samples))
+        plotted.log(touched, lines, over, len(samples))
         for primitive in scene.primitives:
-            path = self._path(scene.page, primitive)
+            path = self._started.path(scene.page, primitive)
             for suffix, columns in entities.moving(primitive):
-                self._columns(_below(path, suffix), lines, columns, len(samples))
+                self._outputs.columns(_below(path, suffix), lines, columns, len(samples))
             if isinstance(primitive, Trace):
                 self._traces[path][1].append(np.array(primitive.directions))
             if isinstance(primitive, Arrow) and path in self._paths:
@@ -323,58 +306,17 @@ class RerunRecorder:
             if isinstance(primitive, Body) and primitive.quaternions is not None:
                 failed |= ~entities.present(primitive.quaternions)
         if any(isinstance(item, Body) for item in scene.primitives):
-            where = f"{self._base(scene.page)}/status"
+            where = f"{self._started.base(scene.page)}/status"
             fresh.append(self._introduce_status(scene.page, where))
             columns = entities.failure_columns(failed)
-            self._columns(where, lines, columns, len(samples))
+            self._outputs.columns(where, lines, columns, len(samples))
         if any(fresh):
             self._lay_out()
-        live = [out for out in self._outputs if not isinstance(out, FileOutput)]
+        live = self._outputs.live
         if live and time.monotonic() - self._live_drawn > LIVE_SECONDS:
-            self._draw_charts(live)
+            plotted.draw(live)
             self._live_drawn = time.monotonic()
-        self._each(lambda output: output.flush())
-
-    def _enter(
-        self,
-        scene: Scene,
-        item: Series,
-        over: tuple[Axis, ...],
-        touched: dict[str, list[str]],
-    ) -> bool:
-        """Add a block of a series to its chart, now `touched`; return if that is new."""
-        title = item.heading
-        if len(over) > 1:
-            title = f"{item.label}: {title}"
-        where = f"{self._base(scene.page)}/charts/{_slug(title)}"
-        is_new = where not in self._charts
-        if is_new:
-            self._charts[where] = Chart(title, over)
-            self._place_chart(scene, where, title)
-        path = self._path(scene.page, item)
-        curve = self._charts[where].add(path, item)
-        curve.values.append(np.array(item.values))
-        curve.places.append(tuple(axis.values for axis in over))
-        touched.setdefault(where, []).append(path)
-        return is_new
-
-    def _log_charts(
-        self,
-        touched: Mapping[str, Sequence[str]],
-        lines: Sequence[rr.TimeColumn],
-        over: tuple[Axis, ...],
-        count: int,
-    ) -> None:
-        """Log the cursors and legends of charts that got a block of some series."""
-        rows = [axis.values for axis in over]
-        for where, paths in touched.items():
-            chart = self._charts[where]
-            if f"{where}/cursor" not in self._seen:
-                self._seen.add(f"{where}/cursor")
-                self._still(f"{where}/cursor", charts.cursor_style(chart))
-            self._columns(f"{where}/cursor", lines, chart.cursor(rows), count)
-            curves = [chart.curves[path] for path in paths]
-            self._log_legend(f"{where}/legend", chart, paths, curves, lines)
+        self._outputs.each(lambda output: output.flush())
 
     def _axis(
         self, samples: NDArray[np.int64], inputs: Floats | None, times: Floats | None
@@ -388,100 +330,36 @@ class RerunRecorder:
         low, high = np.min(number, initial=np.inf), np.max(number, initial=-np.inf)
         return (Axis("sample", "", number, (float(low), float(high))),)
 
-    def _log_legend(
-        self,
-        path: str,
-        chart: Chart,
-        paths: Sequence[str],
-        curves: Sequence[Curve],
-        lines: Sequence[rr.TimeColumn],
-    ) -> None:
-        """Log the names of curves with their values at each row."""
-        places, tints = chart.legend(paths)
-        if path not in self._seen:
-            self._seen.add(path)
-            self._still(path, charts.legend_style(places, tints))
-        words = charts.legend_words([(c.label, c.values[-1], c.resolution) for c in curves])
-        rows = len(curves[0].values[-1])
-        columns = rr.Points2D.columns(labels=words).partition([len(curves)] * rows)
-        self._columns(path, lines, columns, rows)
-
-    def _place_chart(self, scene: Scene, where: str, title: str) -> None:
-        layout = self._layout
-        assert layout is not None
-        compared = ""
-        if isinstance(scene.page, int) and len(self._charts[where].over) == 1:
-            compared = f"{self.root}/compare/{where.rsplit('/', 1)[1]}"
-        layout.plots.append(
-            Plot(
-                scene.page,
-                where,
-                title,
-                scene.source not in UNASKED,
-                charts.bounds(),
-                compared,
-            )
-        )
-
-    def _draw_charts(self, outputs: Sequence[AbstractOutput]) -> None:
-        """Draw all curves and maps as far as they are known, and those of all modes."""
-        for where, chart in self._charts.items():
-            base = where.partition("/charts/")[0]
-            for suffix, archetype in chart.drawn(self._marks.get(base, ())):
-                self._still(f"{where}/{suffix}", archetype, outputs)
-        layout = self._layout
-        if layout is None:
-            return
-        for path, plots in self._compared().items():
-            whole = charts.compared([self._charts[plot.path] for plot in plots])
-            layout.compared[path] = whole.title
-            for suffix, archetype in whole.drawn():
-                self._still(f"{path}/{suffix}", archetype, outputs)
-            places, tints = whole.legend(list(self._charts[plots[0].path].curves))
-            names = [curve.label for curve in self._charts[plots[0].path].curves.values()]
-            self._still(
-                f"{path}/legend", charts.legend_style(places, tints, names), outputs
-            )
-
-    def _compared(self) -> dict[str, list[Plot]]:
-        """Return the charts of several modes that are alike, if not of too many curves."""
-        layout = self._layout
-        assert layout is not None
-        alike: dict[str, list[Plot]] = {}
-        for plot in layout.plots:
-            if plot.compared:
-                alike.setdefault(plot.compared, []).append(plot)
-        return {
-            path: plots
-            for path, plots in alike.items()
-            if len(plots) > 1
-            and sum(len(self._charts[plot.path].curves) for plot in plots) <= MOST_COMPARED
-        }
-
     def finish(self) -> None:
         """Record the path of every pole, and make all files final; once is enough."""
         if self._finished:
             return
-        self._draw_charts(self._outputs)
-        if self._laid_out != len(self._seen) or (self._layout and self._layout.compared):
+        if self._charts is not None:
+            self._charts.draw(self._outputs.places)
+        if self._laid_out != len(self._outputs.seen) or (
+            self._layout and self._layout.compared
+        ):
             self._lay_out(final=True)
         self._finished = True
         for path, (number, traced) in self._traces.items():
             lines = shapes.path_on_sphere(np.concatenate(traced), self._row)
             if lines:
-                self._still(f"{path}/curve", entities.trace_lines(lines, number))
+                self._outputs.still(f"{path}/curve", entities.trace_lines(lines, number))
         for path, (primary, blocks) in self._paths.items():
             whole = np.concatenate(blocks) if blocks else np.zeros((0, 3))
             lines = shapes.path_on_sphere(whole, self._row)
             if lines:
                 drawn = entities.path_lines(lines, primary, self._row is not None)
-                self._still(f"{path}/path", drawn)
+                self._outputs.still(f"{path}/path", drawn)
         for path, points in self._drawn.items():
             line = np.concatenate(points)
             parts = shapes.unbroken(line)
             if parts:
-                self._still(f"{path}/curve", charts.portrait_line(line, colours.TONES[1]))
-        self._each(lambda output: output.complete(self._rows))
+                self._outputs.still(
+                    f"{path}/curve", charts.portrait_line(line, colours.TONES[1])
+                )
+        rows = self._outputs.rows
+        self._outputs.each(lambda output: output.complete(rows))
 
     def serve_until_interrupted(self) -> None:
         """Finish, and keep serving until the user presses Ctrl-C."""
@@ -492,22 +370,14 @@ class RerunRecorder:
         except KeyboardInterrupt:
             return
 
-    def _base(self, page: Page) -> str:
-        if page is None:
-            return self.root
-        if isinstance(page, int):
-            return f"{self.root}/assembly_mode_{page}"
-        return f"{self.root}/{_slug(page)}"
-
-    def _path(self, page: Page, primitive: Primitive) -> str:
-        return f"{self._base(page)}/{primitive.path.strip('/')}"
-
     def _links_named(self, scene: Scene) -> dict[str, list[Name]]:
         """Return the names that links seen for the first time show, by their paths."""
         if scene.page not in self._names:
             self._names[scene.page] = self._names[None].copy()
         bodies = [item for item in scene.primitives if isinstance(item, Body)]
-        fresh = [b for b in bodies if self._path(scene.page, b) not in self._seen]
+        fresh = [
+            b for b in bodies if self._started.path(scene.page, b) not in self._outputs.seen
+        ]
         return self._names[scene.page].give(fresh)
 
     def _introduce(
@@ -518,29 +388,25 @@ class RerunRecorder:
         names: Sequence[Name] = (),
     ) -> bool:
         """Log what stays of a primitive seen for the first time; return if it was."""
-        path = self._path(page, primitive)
-        if path in self._seen:
+        path = self._started.path(page, primitive)
+        if not self._outputs.first(path):
             return False
-        self._seen.add(path)
         for suffix, archetype in entities.still(primitive, names):
-            self._still(_below(path, suffix), archetype)
+            self._outputs.still(_below(path, suffix), archetype)
         self._place(page, path, primitive, answers)
         return True
 
     def _introduce_status(self, page: Page, path: str) -> bool:
-        if path in self._seen:
+        if not self._outputs.first(path):
             return False
-        self._seen.add(path)
-        self._still(path, entities.failure_label())
+        self._outputs.still(path, entities.failure_label())
         if self._layout is not None:
             self._layout.solids.append((page, path))
         return True
 
     def _place(self, page: Page, path: str, primitive: Primitive, answers: bool) -> None:
         """Give a new primitive its place in the window."""
-        layout = self._layout
-        if layout is None:
-            raise ValueError("call start first")
+        layout = self._started
         if page is not None:
             title = f"Assembly mode {page}" if isinstance(page, int) else page
             layout.pages.setdefault(page, title)
@@ -574,7 +440,8 @@ class RerunRecorder:
             case Series():
                 return
             case InputMarks():
-                self._marks.setdefault(self._base(page), []).append(primitive)
+                assert self._charts is not None
+                self._charts.marks.setdefault(layout.base(page), []).append(primitive)
             case Graph():
                 layout.panels.append(Panel(page, path, "Links and pairs", True))
             case Text(label=label):
@@ -582,13 +449,12 @@ class RerunRecorder:
 
     def _place_scale(self, page: Page, span: tuple[float, float], label: str) -> None:
         """Log the colours of a map below the sphere, once for a page."""
-        path = f"{self._base(page)}/scale"
-        if self._layout is None or path in self._seen:
+        path = f"{self._started.base(page)}/scale"
+        if self._layout is None or not self._outputs.first(path):
             return
-        self._seen.add(path)
         self._layout.scales.append((page, path))
         for suffix, archetype in charts.horizontal_scale(*span, label):
-            self._still(f"{path}/{suffix}", archetype)
+            self._outputs.still(f"{path}/{suffix}", archetype)
 
     def _lay_out(self, final: bool = False) -> None:
         """Send the layout to viewers; to files when it has grown fourfold, and in the end.
@@ -598,9 +464,9 @@ class RerunRecorder:
         """
         if self._layout is None:
             return
-        size = len(self._seen)
+        size = len(self._outputs.seen)
         due = final or size >= 4 * self._laid_out
-        reached = [out for out in self._outputs if due or not isinstance(out, FileOutput)]
+        reached = self._outputs.places if due else self._outputs.live
         if due:
             self._laid_out = size
         if reached:
@@ -608,51 +474,9 @@ class RerunRecorder:
             for output in reached:
                 output.stream.send_blueprint(blueprint)
 
-    def _still(
-        self,
-        path: str,
-        archetype: rr.AsComponents,
-        outputs: Sequence[AbstractOutput] | None = None,
-    ) -> None:
-        self._entities.add(path)
-        for output in self._outputs if outputs is None else outputs:
-            output.stream.log(path, archetype, static=True)
-
-    def _columns(
-        self,
-        path: str,
-        times: Sequence[rr.TimeColumn],
-        columns: Iterable[rr.ComponentColumn],
-        rows: int,
-    ) -> None:
-        if rows == 0:
-            return
-        columns = list(columns)
-        for output in self._outputs:
-            output.stream.send_columns(path, times, columns)
-        self._entities.add(path)
-        self._rows += rows
-
-    def _each(self, action: Callable[[AbstractOutput], None]) -> None:
-        """Do something with each place; a lost viewer does not stop a file."""
-        for output in tuple(self._outputs):
-            try:
-                action(output)
-            except OutputError as error:
-                kept = any(isinstance(other, FileOutput) for other in self._outputs)
-                if isinstance(output, FileOutput) or not kept:
-                    raise
-                warnings.warn(f"{error}; the file goes on", stacklevel=3)
-                self._outputs.remove(output)
-                output.close(keep=False)
-
 
 def _about(name: str, timeline: str) -> str:
     return NOTES.format(name=name, timeline=timeline, compared=MOST_COMPARED)
-
-
-def _slug(title: str) -> str:
-    return re.sub(r"[^A-Za-z0-9]+", "_", title).strip("_").lower() or "plot"
 
 
 def _below(path: str, suffix: str) -> str:

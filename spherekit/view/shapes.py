@@ -12,9 +12,13 @@ SHORTEST_CHORD = np.radians(0.2)
 """Points of a path that are closer than this are thinned out."""
 
 
-def unit_circle(pieces: int = 144) -> Floats:
-    """Return the closed unit circle about z, (pieces + 1, 3)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, pieces + 1)
+CIRCLE = 145
+"""Points of a closed circle."""
+
+
+def unit_circle() -> Floats:
+    """Return the closed unit circle about z, (n, 3)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, CIRCLE)
     return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
 
 
@@ -26,26 +30,6 @@ def quaternions_to(normals: Floats) -> Floats:
     half_turn = np.array([1.0, 0.0, 0.0, 0.0])
     safe = np.where(length > 1e-9, length, 1.0)
     return np.where(length > 1e-9, quaternion / safe, half_turn)
-
-
-def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, NDArray[np.uint32]]:
-    """Return vertices (v, 3) and triangles (t, 3) of the unit sphere."""
-    longitude, colatitude = np.meshgrid(
-        np.linspace(0.0, 2.0 * np.pi, columns + 1), np.linspace(0.0, np.pi, rows + 1)
-    )
-    vertices = np.stack(
-        [
-            np.sin(colatitude) * np.cos(longitude),
-            np.sin(colatitude) * np.sin(longitude),
-            np.cos(colatitude),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
-    across = columns + 1
-    corner = (np.arange(rows)[:, None] * across + np.arange(columns)).ravel()
-    upper = np.stack([corner, corner + across, corner + 1], axis=-1)
-    lower = np.stack([corner + 1, corner + across, corner + across + 1], axis=-1)
-    return vertices, np.concatenate([upper, lower]).astype(np.uint32)
 
 
 def box(low: Floats, high: Floats) -> list[Floats]:

@@ -18,6 +18,7 @@ from spherekit.guidance.mid_plane_architecture import axis_in
 from spherekit.model.dynamics import Stop
 from spherekit.model.geometry import COLLINEAR, geometry_of
 from spherekit.model.mechanism import Mechanism
+from spherekit.numeric.turns import wrap
 from spherekit.sphere.rotation import Floats, arc
 from spherekit.workspace.rows import Rows, Spanned
 
@@ -290,8 +291,8 @@ def _of_stop(stop: Stop) -> PairLimit:
 def _overlap(one: PairLimit, other: PairLimit) -> bool:
     """Return whether two ranges of an angle meet, up to whole turns."""
     gap = 0.5 * (other.low + other.high - one.low - one.high)
-    gap = abs(float(np.remainder(gap + np.pi, 2.0 * np.pi)) - np.pi)
-    return gap <= 0.5 * (one.high - one.low + other.high - other.low) + COLLINEAR
+    width = 0.5 * (one.high - one.low + other.high - other.low)
+    return abs(float(wrap(gap))) <= width + COLLINEAR
 
 
 def _of_singularities(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:

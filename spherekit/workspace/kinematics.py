@@ -10,6 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
+from spherekit.conventions import listing
+from spherekit.errors import AnalysisError
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism, Output
@@ -53,6 +55,26 @@ class OutputKinematics(ABC):
     def labels(self) -> tuple[str, ...]:
         """Labels of the working modes."""
         return tuple(map(label_of, self.modes))
+
+    def chosen_modes(self, text: str) -> tuple[Signs, ...]:
+        """Return the modes that a text names: all for ``""``, else a label or a number.
+
+        Raises
+        ------
+        AnalysisError
+            If it names none.
+        """
+        if not text:
+            return self.modes
+        if text in self.labels:
+            return (self.modes[self.labels.index(text)],)
+        if text.isdecimal() and int(text) < len(self.modes):
+            return (self.modes[int(text)],)
+        raise AnalysisError(
+            f'{self.mechanism.name}: outputs.{self.output.name}: working mode "{text}" is '
+            f"none of {listing(self.labels, 64)}, nor a number below {len(self.modes)}; "
+            f"the signs are those of: {'; '.join(self.legs)}"
+        )
 
     @abstractmethod
     def inverse(

@@ -7,9 +7,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.errors import AnalysisError
-from spherekit.motion.assembly_modes import label_of
 from spherekit.output.dyads import Signs
+from spherekit.region.mesh import spread
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.region import Region, find_region
 from spherekit.sphere.rotation import Floats, from_quaternion
@@ -112,29 +111,6 @@ def _poses(kinematics: ClosedKinematics, places: Floats) -> Floats:
     return places if kinematics.points else from_quaternion(places)
 
 
-def chosen_modes(kinematics: ClosedKinematics, mode: str) -> tuple[Signs, ...]:
-    """Return the modes that a text names: all for ``""``, else a label or a number.
-
-    Raises
-    ------
-    AnalysisError
-        If it names none.
-    """
-    modes = kinematics.modes
-    labels = [label_of(signs) for signs in modes]
-    if not mode:
-        return modes
-    if mode in labels:
-        return (modes[labels.index(mode)],)
-    if mode.isdecimal() and int(mode) < len(modes):
-        return (modes[int(mode)],)
-    raise AnalysisError(
-        f'workspace of {kinematics.mechanism.name}: mode "{mode}" is none of '
-        f"{', '.join(labels)}, nor a number below {len(modes)}; the signs are those of: "
-        f"{'; '.join(kinematics.legs)}"
-    )
-
-
 def direction_workspaces(
     kinematics: ClosedKinematics,
     bounds: Sequence[AngleLimit],
@@ -179,15 +155,6 @@ def _region(margins: Callable[[Floats], Floats], tolerance: float) -> Region:
     if region.error > goal > 0.0 and part == LEAST_PART:
         region = find_region(margins, goal)
     return region
-
-
-def spread(count: int) -> Floats:
-    """Return directions (count, 3) spread evenly, on a spiral by the golden section."""
-    number = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * number / count
-    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * number
-    side = np.sqrt(1.0 - z * z)
-    return np.stack([side * np.cos(azimuth), side * np.sin(azimuth), z], axis=1)
 
 
 def orientation_workspaces(

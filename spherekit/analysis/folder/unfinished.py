@@ -27,12 +27,17 @@ def opened(folder: str | os.PathLike[str] | None) -> Iterator[RunFolder | None]:
         yield place
 
 
+def _began(place: RunFolder | None, unfinished: Unfinished, what: str) -> Any:
+    """Return what a run that goes on was begun with, None of one that starts."""
+    if place is None or unfinished != "resume" or not place.unfinished:
+        return None
+    identity = place.read().get("identity")
+    return identity.get(what) if isinstance(identity, dict) else None
+
+
 def engine_of(place: RunFolder | None, unfinished: Unfinished, engine: Engine) -> Engine:
     """Return the engine: to go on, the one that was chosen when the run began."""
-    if engine != "auto" or place is None or unfinished != "resume" or not place.unfinished:
-        return engine
-    identity = place.read().get("identity")
-    began = identity.get("engine") if isinstance(identity, dict) else None
+    began = _began(place, unfinished, "engine") if engine == "auto" else None
     return next((choice for choice in ENGINES if choice == began), engine)
 
 
@@ -40,10 +45,7 @@ def setting_of(
     place: RunFolder | None, unfinished: Unfinished, setting: Setting
 ) -> Setting:
     """Return the setting: to go on, the one that was chosen when the run began."""
-    if place is None or unfinished != "resume" or not place.unfinished:
-        return setting
-    identity = place.read().get("identity")
-    began = identity.get("setting") if isinstance(identity, dict) else None
+    began = _began(place, unfinished, "setting")
     try:
         return Setting(**began) if isinstance(began, dict) else setting
     except TypeError:

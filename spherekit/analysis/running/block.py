@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
+from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import computed, findings_of, scenes_of
-from spherekit.analysis.contract import Batch
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.folder.store import AbstractStore
 from spherekit.analysis.result import MOTION

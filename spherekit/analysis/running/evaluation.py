@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import Needs
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.running.interpolated_motion import InterpolatedMotion
 from spherekit.analysis.running.rows_at_once import RowsAtOnce
 from spherekit.analysis.running.sampling import Sampling

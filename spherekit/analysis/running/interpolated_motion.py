@@ -12,16 +12,16 @@ from typing import final
 
 import numpy as np
 
-from spherekit.analysis.contract import Needs
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.running.setting import Setting
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.assembly_modes import wrap
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.chebyshev import DEGREE, PiecewiseChebyshev, through
 from spherekit.numeric.chebyshev import nodes as nodes_of
 from spherekit.numeric.periodic import Periodic
+from spherekit.numeric.turns import wrap
 from spherekit.planning.poles import Pole
 from spherekit.rates.core import driven_rates
 from spherekit.rates.field import evaluate
@@ -295,7 +295,7 @@ def _returns(table: _Columns) -> bool:
     """Whether all functions but the growing variables are the same at both ends."""
     apart = table.values[-1] - table.values[0]
     angles = table.places["values", None]
-    apart[angles] -= 2.0 * np.pi * np.round(apart[angles] / (2.0 * np.pi))
+    apart[angles] = wrap(apart[angles])
     return bool(np.max(np.abs(apart)) < RETURNED)
 
 

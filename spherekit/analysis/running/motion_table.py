@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from spherekit.analysis.contract import run_status
+from spherekit.analysis.batch import run_status
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.tables import (

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
+from spherekit.analysis.needs import Needs
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, Self, final
 
-from spherekit.analysis.contract import AbstractAnalysis, Needs
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder.resource_check import need_memory
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.evaluation import Evaluation

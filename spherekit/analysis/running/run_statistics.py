@@ -6,7 +6,7 @@ from typing import Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import run_status
+from spherekit.analysis.batch import run_status
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import Motion, Tracer

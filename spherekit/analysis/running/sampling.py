@@ -19,9 +19,9 @@ from spherekit.errors import ModelError, SolveError
 from spherekit.model.laws import ConstantSpeed, Law, time_fault
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.motion.assembly_modes import wrap
 from spherekit.motion.motion import BLOCK, Motion, Tracer
 from spherekit.motion.timing import Extent, Timing, by_laws
+from spherekit.numeric.turns import wrap
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 

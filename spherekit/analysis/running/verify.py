@@ -16,10 +16,12 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import computed
-from spherekit.analysis.contract import Batch, Needs
+from spherekit.analysis.needs import Needs
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.run_plan import RunPlan
+from spherekit.analysis.running.verdict_words import BOUNDED
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     RESIDUAL,
@@ -29,7 +31,7 @@ from spherekit.analysis.tables import (
     TableArrays,
     arrays,
 )
-from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status, listing
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.errors import SpherekitError
 from spherekit.exact.arithmetic import DIGITS, Digits
 from spherekit.exact.field import (
@@ -40,6 +42,7 @@ from spherekit.exact.field import (
 from spherekit.exact.rows import ExactRows, exact_rows_by_input
 from spherekit.motion.motion import Motion
 from spherekit.numeric.rows import ArrayRows
+from spherekit.numeric.turns import wrap
 from spherekit.planning.poles import Pole
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
@@ -237,77 +240,6 @@ class Verifier:
         }
 
 
-def told(verdict: Mapping[str, Any]) -> list[str]:
-    """Return a verdict in lines for people."""
-    if "problem" in verdict:
-        return [f"not verified: {verdict['problem']}"]
-    if not verdict["rows"]:
-        return ["verified: no row has a configuration and finite rates"]
-    lines = [
-        f"verified {verdict['rows']} rows in {verdict['digits']} digits "
-        f"({verdict['seconds']:.1f} s): configurations within "
-        f"{verdict['largest_distance_rad']:.1e} rad, conditioning up to "
-        f"{verdict['largest_condition']:.1e}"
-    ]
-    variables = [item for item in verdict["columns"] if item["table"] == MOTION]
-    shown = sorted(variables, key=lambda item: float(item["deviation"]))[-1:]
-    shown += [item for item in verdict["columns"] if item["table"] != MOTION]
-    for item in shown:
-        if item["deviation"] == 0.0:
-            continue
-        lines.append(
-            f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e} "
-            f"{item['unit']}".rstrip()
-            + f" at {_place(item)} ({item['in_roundings']:.2g} roundings)"
-        )
-    for name, words in BOUNDED.items():
-        judged = verdict[name]
-        if judged["count"]:
-            lines.append(
-                f"  {judged['within_bound']} of {judged['count']} {words} lie within "
-                f"their error bound; nearest to it {judged['error']:.1e}, "
-                f"{judged['over_bound']:.2g} of the bound, at {_place(judged)}"
-            )
-    for row in verdict["without_reference"]:
-        lines.append(f"  no reference at {_place(row)}: {row['status']}")
-    worst = verdict["worst"]
-    lines.append(
-        f"  worst row: {_place(worst)}: {worst['column']} = {worst['value']!r}, "
-        f"in {verdict['digits']} digits {worst['reference']!r}"
-    )
-    if verdict["not_verified"]:
-        names = ", ".join(verdict["not_verified"])
-        lines.append(
-            f"  not verified, as they failed or find configurations of their own: {names}"
-        )
-    return lines
-
-
-def faults(verdict: Mapping[str, Any]) -> list[str]:
-    """Return what of a verdict is wrong beyond rounding, in sentences."""
-    sentences = []
-    if "problem" in verdict:
-        sentences.append(f"verify: no row was verified: {verdict['problem']}")
-    if verdict.get("beyond"):
-        sentences.append(
-            f"verify: {listing(verdict['beyond'])} deviate by more than rounding from "
-            f"their values in {verdict['digits']} digits"
-        )
-    for name, words in BOUNDED.items():
-        judged = verdict.get(name)
-        if judged and judged["within_bound"] < judged["count"]:
-            sentences.append(
-                f"verify: {judged['count'] - judged['within_bound']} of "
-                f"{judged['count']} {words} are off by more than their error bound"
-            )
-    if verdict.get("without_reference"):
-        places = listing(
-            f"{_place(row)} ({row['status']})" for row in verdict["without_reference"]
-        )
-        sentences.append(f"verify: no solution in many digits belongs to {places}")
-    return sentences
-
-
 @final
 @dataclass(frozen=True)
 class _Rows:
@@ -442,7 +374,7 @@ def _compared(
         )
         off = np.abs(one - other)
         if column.unit == "rad":
-            off = np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi)))
+            off = np.abs(wrap(off))
         rounding = EPS * np.maximum(1.0, np.abs(other)) * rows.condition[row]
         share = off / rounding
         compared = bool(np.any(np.isfinite(off)))
@@ -509,14 +441,6 @@ def _within_bounds(
     return {name: verdict.told for name, verdict in verdicts.items()}
 
 
-BOUNDED = {
-    "directions": "pole directions",
-    "rates": "rates",
-    "rate_derivatives": "derivatives of rates",
-}
-"""What has an error bound, by its name in a verdict."""
-
-
 @final
 class _Within:
     """How many numbers of a kind lie within their bounds, and the worst."""
@@ -550,11 +474,6 @@ class _Within:
                     "moving": motion.mechanism.pairs[driven].name,
                 },
             }
-
-
-def _place(item: Mapping[str, Any]) -> str:
-    subject = "".join(f", {key} {name}" for key, name in item.get("subject", {}).items())
-    return f"sample {item['sample']}, assembly mode {item['assembly_mode']}{subject}"
 
 
 def _together(one: _Kept, other: _Kept) -> _Kept:

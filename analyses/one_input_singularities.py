@@ -1,0 +1,353 @@
+"""The half of the analysis `singularities` for mechanisms with one input."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.plugin import (
+    Batch,
+    Findings,
+    Floats,
+    Mechanism,
+    Scene,
+    Status,
+    counted,
+    numbered,
+)
+from spherekit.plugin.singularities import (
+    RelationAt,
+    RelationMeasures,
+    SampledSingularities,
+    SingularPoint,
+    Type,
+    grashof,
+)
+
+from .one_input_scenes import OneInputScenes
+from .singular_tables import ASPECTS, RELATION, SINGULARITIES
+from .singular_words import least_transmission, places, swings
+
+Row = dict[str, Any]
+
+RESTS = 1e-8
+"""A rate by arc length below this is none."""
+SAYS_NOTHING = 1e-12
+"""Where c and d are smaller, or none, axes coincide that say nothing of the rates."""
+
+
+@final
+@dataclass(frozen=True)
+class OneInput:
+    """Singularities of a mechanism with one input, asked for once in a run.
+
+    `outputs` are the relative motions of interest, as numbers of links; `near` (degrees)
+    is the angle to a singularity below which a warning is given.
+    """
+
+    outputs: tuple[tuple[int, int], ...]
+    near: float
+
+    def points(self, batch: Batch) -> Row:
+        """Return the main table: points on curves, then where curves cross."""
+        return batch.once(
+            "points",
+            lambda: SINGULARITIES.stacked(batch.mechanism, self._listed(batch)),
+        )
+
+    def relation(self, batch: Batch) -> Row:
+        """Return c y' = d q' and nearness of every row, by output and form."""
+        return batch.once(
+            "relation", lambda: RELATION.stacked(batch.mechanism, self._measured(batch))
+        )
+
+    def aspect_rows(self, batch: Batch) -> Row:
+        """Return no rows: aspects are those of several inputs."""
+        return ASPECTS.stacked(batch.mechanism)
+
+    def scenes(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return plots of each assembly mode, and a page of the singularities."""
+        return OneInputScenes(
+            batch,
+            self._found(batch),
+            self._names(batch),
+            self.points(batch),
+            self.relation(batch),
+        ).pages()
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return how many singularities there are, and where a mode comes near one."""
+        sampled = self._found(batch)
+        relation = self.relation(batch)
+        points = self.points(batch)
+        inside = points["inside"] == "yes"
+        figures: dict[str, Any] = {
+            "singularities": _counted(points["kind"][inside]),
+            "outside": _counted(points["kind"][~inside]),
+            "configuration_curves": len(sampled.curves),
+            "guarantee": str(sampled.configurations.claim),
+            "checks_failed": list(sampled.configurations.mismatches),
+            "notes": list(sampled.report.notes),
+        }
+        if sampled.report.everywhere is not None:
+            figures["freedoms_everywhere"] = sampled.report.everywhere
+        warnings = [*sampled.report.notes, *sampled.configurations.mismatches]
+        if sampled.report.everywhere is not None:
+            warnings.append(
+                f"to a part in a million, the mechanism has {sampled.report.everywhere} "
+                "freedoms in every configuration: it is singular everywhere, and its "
+                "tables are empty"
+            )
+        for name in dict.fromkeys(points["output"][inside & (points["kind"] == "II")]):
+            warnings.append(
+                f"output {name} meets type II in the range: the locked input does not hold "
+                "it there"
+            )
+        pair = batch.moving_inputs[0]
+        names = self._names(batch)
+        for kind, rate in (("I", "output_rate"), ("II", "input_rate")):
+            warnings += self._coming_near(points, relation, kind, rate, pair)
+        counts = _in_words(figures["singularities"]) or "no singularities"
+        beyond = _in_words(figures["outside"])
+        if beyond:
+            counts += f" in the range of the input, {beyond} outside"
+        count = len(sampled.curves)
+        remarks = [
+            f"{counts} on {count} configuration {'curve' if count == 1 else 'curves'}; "
+            f"{sampled.configurations.claim}"
+        ]
+        made = grashof(batch.mechanism)
+        if made is not None:
+            figures["grashof"] = made.name
+            remarks.append(str(made))
+        for name in names:
+            remarks += places(sampled, points, name, pair)
+        if sampled.report.everywhere is None:
+            remarks += swings(sampled, names)
+        remarks += least_transmission(sampled, points, relation, pair)
+        return Findings(figures, tuple(warnings), tuple(remarks))
+
+    def _coming_near(
+        self, points: Row, relation: Row, kind: str, rate: str, pair: str
+    ) -> list[str]:
+        """Return a line for each output that comes near a type without meeting it."""
+        lines = []
+        slow = np.abs(relation[rate]) <= np.sin(np.radians(self.near))
+        slow &= np.fmax(np.abs(relation["c"]), np.abs(relation["d"])) > SAYS_NOTHING
+        angles = np.where(slow, np.degrees(relation[f"angle_{kind}"]), np.inf)
+        for output in dict.fromkeys(relation["output"].tolist()):
+            near = (relation["output"] == output) & (angles <= self.near)
+            near &= ~np.isin(relation["assembly_mode"], _met(points, kind, output))
+            if not np.any(near):
+                continue
+            row = np.flatnonzero(near)[np.argmin(angles[near])]
+            numbers = np.unique(relation["assembly_mode"][near])
+            one, assembly_modes = len(numbers) == 1, numbered("assembly mode", numbers)
+            lines.append(
+                f"{assembly_modes} of output {output} come{'s' * one} within "
+                f"{self.near:g} deg of type {kind} without meeting it, nearest "
+                f"{angles[row]:.3g} deg in mode {relation['assembly_mode'][row]} at "
+                f"{pair} = {np.degrees(relation['q'][row]):.6g} deg"
+            )
+        return lines
+
+    def _found(self, batch: Batch) -> SampledSingularities:
+        return batch.once(
+            "found",
+            lambda: SampledSingularities(
+                batch.tracer, self.outputs, batch.motion.values, batch.assembly_mode
+            ),
+        )
+
+    def _names(self, batch: Batch) -> list[str]:
+        outputs = self._found(batch).report.outputs
+        return [_named(batch.mechanism, links) for links in outputs]
+
+    def _listed(self, batch: Batch) -> list[Row]:
+        """Return rows of points on curves, of where curves cross, and of whole curves."""
+        sampled = self._found(batch)
+        claim = sampled.configurations.guarantee.value
+        rows: list[Row] = []
+        for point in sampled.report.points:
+            if point.type is Type.APPARENT:
+                continue
+            agreeing = [at for at in point.relations if at.agrees]
+            words = [item.words for at in agreeing for item in at.conditions]
+            words = words or [at.note for at in point.relations]
+            rows += [
+                {
+                    "kind": str(point.type),
+                    **_conditions(agreeing),
+                    **_placed(sampled, [(point.curve, point.s)], q),
+                    "output": _named(batch.mechanism, point.output),
+                    "curve": point.curve,
+                    "s": point.s,
+                    "error": point.error,
+                    "turns": " and ".join(_turns(point)),
+                    "double": "yes" if point.double else "no",
+                    "decided": "yes" if point.decided else "no",
+                    "guarantee": claim,
+                    "note": "; ".join(filter(None, [point.note, *dict.fromkeys(words)])),
+                }
+                for q in sampled.inputs_of(point.curve, point.values)
+            ]
+        for crossing in sampled.report.crossings:
+            ends = [
+                (curve, 0.0 if at_start else sampled.curves[curve].length)
+                for curve, at_start in crossing.ends
+            ]
+            met = crossing.crossing
+            count = 0 if met is None else len(met.tangents)
+            words = [
+                f"{counted(count, 'curve')} cross" if count else "curves end",
+                "ends of curves " + _joined(sorted({curve for curve, _ in ends}), ", "),
+                crossing.note,
+            ]
+            curve, s = ends[0]
+            for output, links in enumerate(sampled.report.outputs):
+                on_assembly_modes = crossing.relations[output] if crossing.relations else ()
+                rows += [
+                    {
+                        "kind": "III",
+                        **_conditions(
+                            [at for relations in on_assembly_modes for at in relations]
+                        ),
+                        **_placed(sampled, ends, q),
+                        "output": _named(batch.mechanism, links),
+                        "curve": curve,
+                        "s": s,
+                        "error": np.nan if met is None else met.error,
+                        "double": "no",
+                        "decided": "yes" if crossing.decided else "no",
+                        "guarantee": claim,
+                        "note": "; ".join(filter(None, words)),
+                    }
+                    for q in sampled.inputs_of(curve, crossing.values)
+                ]
+        for whole in sampled.report.whole:
+            pieces = sampled.configurations.curves[whole.curve].pieces
+            rows.append(
+                {
+                    "kind": str(whole.type),
+                    "assembly_mode": _joined(
+                        sorted(
+                            {p.assembly_mode for p in pieces if p.assembly_mode is not None}
+                        )
+                    ),
+                    "inside": "yes",
+                    "output": _named(batch.mechanism, whole.output),
+                    "curve": whole.curve,
+                    "residual": 0.0,
+                    "double": "no",
+                    "decided": "yes",
+                    "guarantee": claim,
+                    "note": f"at rest on the whole of curve {whole.curve}",
+                }
+            )
+        return rows
+
+    def _measured(self, batch: Batch) -> list[Row]:
+        sampled = self._found(batch)
+        sigma, reciprocal_condition = sampled.singular_values()
+        names = self._names(batch)
+
+        def ratio(measures: RelationMeasures) -> Floats:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                return np.asarray(measures.output_rate / measures.input_rate)
+
+        status = np.where(batch.status == Status.OK, sampled.status, batch.status)
+
+        def kinds(measures: RelationMeasures) -> NDArray[Any]:
+            finite = np.isfinite(measures.input_rate)
+            rest = [np.abs(r) < RESTS for r in (measures.output_rate, measures.input_rate)]
+            return np.select(
+                [sampled.crossed, ~finite, rest[0] & rest[1], *rest],
+                ["III", "", "III", "I", "II"],
+                "regular",
+            )
+
+        return [
+            {
+                "sample": batch.sample,
+                "assembly_mode": batch.assembly_mode,
+                "q": batch.q,
+                "output": names[measures.output],
+                "form": str(measures.form),
+                "c": measures.c,
+                "d": measures.d,
+                "velocity_coefficient": ratio(measures),
+                "output_rate": measures.output_rate,
+                "input_rate": measures.input_rate,
+                "angle_I": measures.type_i,
+                "angle_II": measures.type_ii,
+                "transmission": measures.transmission,
+                "to_I": measures.to_i,
+                "to_II": measures.to_ii,
+                "sigma": sigma,
+                "reciprocal_condition": reciprocal_condition,
+                "status": status,
+                "moving": batch.moving_inputs[0],
+                "type": kinds(measures),
+                "group": (kinds(measures) != "regular").astype(np.int64),
+            }
+            for measures in sampled.measures()
+        ]
+
+
+def _named(mechanism: Mechanism, links: tuple[int, int]) -> str:
+    return "/".join(mechanism.links[k] for k in links)
+
+
+def _counted(kinds: NDArray[Any]) -> dict[str, int]:
+    return {str(kind): int(np.sum(kinds == kind)) for kind in np.unique(kinds)}
+
+
+def _in_words(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{n} of type {kind}" for kind, n in counts.items())
+
+
+def _met(points: Row, kind: str, output: str) -> list[int]:
+    """Return the assembly modes in which an output meets a type of singularity."""
+    here = (points["kind"] == kind) & (points["output"] == output)
+    here &= points["inside"] == "yes"
+    return [
+        int(k) for modes in points["assembly_mode"][here] for k in modes.split("+") if k
+    ]
+
+
+def _joined(numbers: Iterable[int], sign: str = "+") -> str:
+    return sign.join(map(str, numbers))
+
+
+def _placed(
+    sampled: SampledSingularities, ends: Iterable[tuple[int, float]], q: float
+) -> Row:
+    """Return the input of a singularity on curves, its modes, whether in the range."""
+    assembly_modes = {
+        b for curve, s in ends for b in sampled.assembly_modes_at(curve, s, q)
+    }
+    return {
+        "assembly_mode": _joined(sorted(assembly_modes)),
+        "q": q,
+        "inside": "yes" if sampled.inside(q) else "no",
+    }
+
+
+def _turns(point: SingularPoint) -> list[str]:
+    """Return what reverses at a singularity."""
+    turns = []
+    if point.input_turns and point.type is not Type.I:
+        turns.append("input")
+    if point.output_turns and point.type is not Type.II:
+        turns.append("output")
+    return turns
+
+
+def _conditions(relations: Iterable[RelationAt]) -> Row:
+    """Return the labels of the conditions that hold, and the least residual of them."""
+    held = [item for at in relations for item in at.conditions]
+    labels = dict.fromkeys(h.label + ("" if h.decided else "?") for h in held)
+    least = min((h.residual for h in held), default=np.nan)
+    return {"condition": " ".join(labels), "residual": least}

@@ -1,0 +1,403 @@
+"""What an analysis may read: a block of samples, limited to what it declared."""
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.needs import Needs
+from spherekit.analysis.tables import Interleaved
+from spherekit.conventions import Status, listing
+from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.timing import Extent, Timing
+from spherekit.numeric.lent_memory import SetAside
+from spherekit.planning.poles import Plan, Pole, pole_of
+from spherekit.rates.pole_field import PoleField
+from spherekit.rates.unread_columns import Unread
+from spherekit.sphere.rotation import Floats
+
+Values = TypeVar("Values", bound=NDArray[Any])
+Made = TypeVar("Made")
+
+
+@final
+@dataclass(frozen=True)
+class Batch:
+    """Read-only view of a block of samples of all modes, limited to declared needs.
+
+    Its arrays cannot be written to; copy one to change it. Rows run mode after mode, in
+    each the samples in order; failed rows hold NaN. `plans` has one plan for each input,
+    which moves alone with the others locked; where a method takes `moved`, it is the
+    position of that input, the first by default.
+    `timed` says that the samples are times, by a law or from a start; without it an
+    input that turns at 1 rad/s gives them their time.
+
+    What goes on from sample to sample, signs of directions and `continued_value`, does so
+    from block to block too.
+    """
+
+    mechanism: Mechanism
+    plans: tuple[Plan, ...]
+    needs: Needs
+    _motion: Motion
+    _fields: tuple[PoleField, ...] = field(repr=False)
+    _angles: Mapping[str, Floats] = field(default_factory=dict, repr=False)
+    timed: bool = False
+    _tracer: Tracer | None = field(default=None, repr=False)
+    _extent: Extent | None = field(default=None, repr=False)
+    _made: dict[Hashable, Any] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self._motion)
+
+    @property
+    def sample(self) -> NDArray[np.int64]:
+        """(n,) sample numbers."""
+        return _sealed(self._motion.sample)
+
+    @property
+    def moving_inputs(self) -> tuple[str, ...]:
+        """Names of the driven pairs, in the order that `moved` counts."""
+        return tuple(item.pair for item in self.mechanism.inputs)
+
+    @property
+    def assembly_mode(self) -> NDArray[np.int64]:
+        """(n,) assembly mode numbers."""
+        return _sealed(self._motion.assembly_mode)
+
+    @property
+    def q(self) -> Floats:
+        """(n,) variable of the driven pair, rad; `SolveError` with several inputs."""
+        return _sealed(self._motion.q)
+
+    @property
+    def inputs(self) -> Floats:
+        """(n, inputs) variables of the driven pairs, rad."""
+        return _sealed(self._motion.inputs)
+
+    @property
+    def t(self) -> Floats:
+        """(n,) time, s."""
+        return _sealed(self._timing.t)
+
+    @property
+    def dq(self) -> Floats:
+        """(n,) rate of the driven pair, rad/s; `SolveError` with several inputs."""
+        return _sealed(self._single(self._timing.dq))
+
+    @property
+    def ddq(self) -> Floats:
+        """(n,) its acceleration, rad/s2; `SolveError` with several inputs."""
+        return _sealed(self._single(self._timing.ddq))
+
+    @property
+    def input_rates(self) -> Floats:
+        """(n, inputs) rates of the driven pairs, rad/s."""
+        return _sealed(self._timing.dq)
+
+    @property
+    def input_accelerations(self) -> Floats:
+        """(n, inputs) accelerations of the driven pairs, rad/s2."""
+        return _sealed(self._timing.ddq)
+
+    @property
+    def q_range(self) -> tuple[float, float]:
+        """Least and greatest q of the whole run, rad; `SolveError` with several inputs."""
+        low, high = self._single(self._whole.inputs).tolist()
+        return low, high
+
+    @property
+    def dq_range(self) -> tuple[float, float]:
+        """Least and greatest dq of the whole run, rad/s; `SolveError` likewise."""
+        self._check("time", "time")
+        low, high = self._single(self._whole.rates).tolist()
+        return low, high
+
+    @property
+    def residual(self) -> Floats:
+        """(n,) closure residual, rad."""
+        return _sealed(self._motion.residual)
+
+    @property
+    def closure_conditioning(self) -> Floats:
+        """(n,) condition of the closure Jacobian without the inputs, in the 2-norm."""
+        return _sealed(self._motion.conditioning)
+
+    @property
+    def status(self) -> NDArray[np.int8]:
+        """(n,) codes of `spherekit.conventions.Status`."""
+        return _sealed(run_status(self._motion, self._fields))
+
+    @property
+    def tracer(self) -> Tracer:
+        """The tracer of the run: its solver, its modes, all configuration curves."""
+        self._check("the tracer", "tracer")
+        assert self._tracer is not None
+        return self._tracer
+
+    @property
+    def motion(self) -> Motion:
+        """The configurations of all rows, for an analysis that asks the tracer for more."""
+        self._check("the motion", "tracer")
+        return self._motion
+
+    def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """Return what `make` gives, called once for this batch and analysis."""
+        if key not in self._made:
+            self._made[key] = make()
+        made: Made = self._made[key]
+        return made
+
+    @staticmethod
+    def interleaved(parts: Sequence[NDArray[Any] | NDArray[np.str_]]) -> Interleaved:
+        """Return a column with a row for each of several subjects at every row.
+
+        `parts` (n,) are those of one subject each; they are not copied.
+        """
+        return Interleaved(parts)
+
+    def of_poles(
+        self, poles: Sequence[tuple[int, int, int]]
+    ) -> Callable[[str, int | None], Interleaved]:
+        """Return what gives columns for a table, with a row for each pole at every row.
+
+        `poles` are two links and the position of the input that moves. What is returned is
+        called with the name of a method that takes these, such as ``"direction"``, and of
+        vectors a component, else None. What it gives may be left to be made when the table
+        is read, so a run of many samples that only hands columns on takes less time.
+        """
+
+        def column(quantity: str, component: int | None) -> Interleaved:
+            if quantity not in _QUANTITIES:
+                raise AnalysisError(
+                    f"a column of {quantity!r} was asked for; give one of "
+                    f"{listing(_QUANTITIES)}"
+                )
+            return Interleaved([self._column(quantity, *pole, component) for pole in poles])
+
+        return column
+
+    def _column(
+        self, quantity: str, i: int, j: int, moved: int, component: int | None
+    ) -> NDArray[Any] | SetAside:
+        values = getattr(self._found(moved), _QUANTITIES[quantity])
+        if isinstance(values, Unread) and pole_of(i, j) in values:
+            self._declared(i, j, quantity)
+            return values.column(pole_of(i, j), component)
+        made = np.asarray(getattr(self, quantity)(i, j, moved))
+        return made if component is None else made[:, component]
+
+    def assembly_mode_rows(self) -> Mapping[int, slice]:
+        """Return the rows of each assembly mode, by its number."""
+        k = self._motion.samples
+        return {
+            item.number: slice(n * k, (n + 1) * k)
+            for n, item in enumerate(self._motion.assembly_modes)
+        }
+
+    def direction(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return the pole axis of two links: unit vectors (n, 3) in ground axes."""
+        return self._pole(i, j, "direction", self._found(moved).direction)
+
+    def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) how far the links' angular velocities are from cancelling.
+
+        ``|w_j - w_i|`` over ``|w_i| + |w_j|``; 1 for the axis of a pair.
+        """
+        return self._pole(i, j, "conditioning", self._found(moved).angle)
+
+    def error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of the pole's direction, rad.
+
+        Of rounding, and of what the configuration is off by.
+        """
+        return self._pole(i, j, "error_bound", self._found(moved).error)
+
+    def pole_status(self, i: int, j: int, moved: int = 0) -> NDArray[np.int8]:
+        """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
+        return self._pole(i, j, "pole_status", self._found(moved).pole_status)
+
+    def velocity_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) the coefficient of link max(i, j) relative to the other."""
+        return self._pole(
+            i, j, "velocity_coefficient", self._found(moved).velocity_coefficient
+        )
+
+    def acceleration_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) the derivative of the coefficient by the input, 1/rad."""
+        values = self._found(moved).acceleration_coefficient
+        return self._pole(i, j, "acceleration_coefficient", values)
+
+    def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n, 3) the derivative of the pole axis by the input, 1/rad.
+
+        NaN where the velocity coefficient is too small to know it.
+        """
+        self._declared(i, j, "direction_dq")
+        with np.errstate(invalid="ignore"):
+            return _sealed(self._found(moved).turned(self.plans[moved], pole_of(i, j)))
+
+    def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of `rate`."""
+        values = self._found(moved).velocity_coefficient_error
+        return self._pole(i, j, "velocity_coefficient_error_bound", values)
+
+    def acceleration_coefficient_error_bound(
+        self, i: int, j: int, moved: int = 0
+    ) -> Floats:
+        """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
+        values = self._found(moved).acceleration_coefficient_error
+        return self._pole(i, j, "acceleration_coefficient_error_bound", values)
+
+    def rates_loss(self, moved: int = 0) -> Floats:
+        """Return (n,) the part of the angular velocities or their derivatives in doubt.
+
+        Of the largest of all links, or of 1, where that is smaller; 0 below about 1e-10.
+        """
+        return _sealed(self._found(moved).loss)
+
+    def planes(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n, 2, 3) unit normals of the great circles that gave the pole."""
+        return self._pole(i, j, "planes", self._found(moved).planes)
+
+    def pair_value(self, name: str) -> Floats:
+        """Return (n,) the variable of a pair, rad in (-pi, pi]."""
+        self._check("pair_value", "pair_values", name)
+        (number,) = self.mechanism.variables_of(self.mechanism.pair_number[name])
+        return _sealed(self._motion.values[:, number])
+
+    def continued_value(self, name: str) -> Floats:
+        """Return (n,) the variable of a pair, rad, as it goes on over all turns.
+
+        That of a driven pair is the input as it was given; of the others the first sample
+        of each assembly mode is in (-pi, pi], and no angle moves by half a turn or more
+        from one sample to the next.
+        """
+        self._check("continued_value", "continued_values", name)
+        return _sealed(self._angles[name])
+
+    def rotation(self, link: str) -> Floats:
+        """Return (n, 3, 3) from link axes to ground axes."""
+        self._check("rotation", "rotations", link)
+        return _sealed(self._motion.rotations[:, self.mechanism.link_number[link]])
+
+    def angular_velocity(self, link: str, moved: int = 0) -> Floats:
+        """Return (n, 3) of a link relative to the ground per unit rate of the input.
+
+        In ground axes.
+        """
+        return self._link_rate(link, self._found(moved).w)
+
+    def angular_velocity_dq(self, link: str, moved: int = 0) -> Floats:
+        """Return (n, 3) the derivative of the angular velocity by the input, 1/rad."""
+        self._check("angular_velocity_dq", "derivatives")
+        return self._link_rate(link, self._found(moved).dw)
+
+    def pair_rate(self, name: str, moved: int = 0) -> Floats:
+        """Return (n,) the rate of a pair's variable per unit rate of the input."""
+        self._check("pair_rate", "pair_rates", name)
+        pair = self.mechanism.pair_number[name]
+        (number,) = self.mechanism.variables_of(pair)
+        first, second = self.mechanism.ends[pair]
+        vector, w = self._motion.vectors[:, number], self._found(moved).w
+        along = np.sum((w[second] - w[first]) * vector, axis=1)
+        return np.asarray(along / np.sum(vector * vector, axis=1))
+
+    def _check(self, read: str, need: str, name: str | None = None) -> None:
+        """Refuse what was not declared: a need, or a name in it."""
+        declared = getattr(self.needs, need)
+        if name is None and not declared:
+            raise UndeclaredNeed(f"{read} was read; declare Needs({need}=True)")
+        if name is not None and name not in declared:
+            raise UndeclaredNeed(
+                f'{read}("{name}") was read; declare it in Needs({need}=...)'
+            )
+
+    def _link_rate(self, link: str, values: Mapping[int, Floats]) -> Floats:
+        self._check("angular_velocity", "link_rates", link)
+        return _sealed(values[self.mechanism.link_number[link]])
+
+    @property
+    def _timing(self) -> Timing:
+        self._check("time", "time")
+        assert self._motion.timing is not None
+        return self._motion.timing
+
+    @property
+    def _whole(self) -> Extent:
+        """The extent of the run, or of the batch where there is no run."""
+        return self._extent or Extent.of(self._motion.inputs, self._motion.timing)
+
+    def _single(self, columns: Floats) -> Floats:
+        if columns.shape[1] != 1:
+            raise SolveError(
+                f"{self.mechanism.name} has {columns.shape[1]} inputs; read input_rates "
+                "or input_accelerations"
+            )
+        return columns[:, 0]
+
+    def _found(self, moved: int) -> PoleField:
+        if not self._fields:
+            raise UndeclaredNeed("a pole was read; declare it in needs()")
+        return self._fields[moved]
+
+    def _pole(self, i: int, j: int, quantity: str, values: Mapping[Pole, Values]) -> Values:
+        self._declared(i, j, quantity)
+        return _sealed(values[pole_of(i, j)])
+
+    def _declared(self, i: int, j: int, quantity: str) -> None:
+        """Raise `UndeclaredNeed` if a quantity of a pole was not said to be read."""
+        pole, links, needs = pole_of(i, j), self.mechanism.links, self.needs
+        if quantity == "direction_dq":
+            if not needs.derivatives or pole not in needs.turns:
+                raise UndeclaredNeed(
+                    f"how the pole of links {links[j]} and {links[i]} turns was read; "
+                    "declare it in Needs(turns=..., derivatives=True)"
+                )
+            return
+        if quantity.startswith("acceleration"):
+            self._check(quantity, "derivatives")
+        what = "planes" if quantity == "planes" else "directions"
+        declared = needs.planes
+        if "coefficient" in quantity:
+            what, declared = "rates", needs.rates
+        elif what == "directions":
+            declared = needs.directions | needs.rates | needs.planes
+        if pole not in declared:
+            raise UndeclaredNeed(
+                f"the pole of links {links[pole[1]]} and {links[pole[0]]} was read; "
+                f"declare it in Needs({what}=...)"
+            )
+
+
+_QUANTITIES: Mapping[str, str] = {
+    "direction": "direction",
+    "direction_dq": "direction_dq",
+    "velocity_coefficient": "velocity_coefficient",
+    "acceleration_coefficient": "acceleration_coefficient",
+    "conditioning": "angle",
+    "error_bound": "error",
+    "velocity_coefficient_error_bound": "velocity_coefficient_error",
+    "acceleration_coefficient_error_bound": "acceleration_coefficient_error",
+}
+"""What `PoleField` calls them."""
+
+
+def _sealed(values: Values) -> Values:
+    """Return a view of an array that nobody can write to."""
+    seen = values.view()
+    seen.flags.writeable = False
+    return seen
+
+
+def run_status(motion: Motion, fields: Sequence[PoleField]) -> NDArray[np.int8]:
+    """Return (n,) status codes of a motion, or of the first input that says more."""
+    status = motion.status
+    for pole_field in fields:
+        if pole_field.status is not motion.status:
+            status = np.where(status == Status.OK, pole_field.status, status)
+    return np.asarray(status, dtype=np.int8)

@@ -1,0 +1,78 @@
+"""What vanishes at singular configurations of a mechanism with several inputs, in words."""
+
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+
+from spherekit.motion.motion import Motion
+from spherekit.singular.several import coefficients
+from spherekit.singular.stationarity import OutputStationary
+from spherekit.sphere.rotation import Floats
+
+VANISHES = 1e-8
+"""A coefficient or triple product below this vanishes."""
+
+
+def what_vanishes(
+    motion: Motion,
+    output: OutputStationary,
+    pointing: Floats | None = None,
+    by_rank: bool = False,
+) -> list[str]:
+    """Return which c_i and d_i vanish at each row (n), and which u_i are coplanar.
+
+    Or which u_i is the direction `pointing` (n, 3) that counts, in axes of the link that
+    the output is relative to: it then rests though its link turns. Where none of these
+    says it, what else does. For the symbols see
+    `spherekit.singular.several.OutputCoefficients`.
+    """
+    if not len(motion):
+        return []
+    at = coefficients(motion, output, by_rank=by_rank)
+    pairs = [motion.mechanism.pairs[pair].name for pair in motion.assembly.inputs]
+    # At a singularity the plan's axes may be unknown; the rates vanish with c and d.
+    c = np.where(np.isfinite(at.c), at.c, at.input_rate)
+    d = np.where(np.isfinite(at.d), at.d, at.output_rate)
+    u = np.where(np.isfinite(at.u), at.u, at.alone)
+    words: list[list[str]] = [[] for _ in motion.values]
+
+    def note(sizes: Floats, text: Callable[[int], str]) -> None:
+        for row, which in zip(*np.nonzero(sizes < VANISHES), strict=True):
+            words[row].append(text(which))
+
+    note(np.abs(c), lambda k: f"c_{pairs[k]}=0")
+    note(np.abs(d), lambda k: f"d_{pairs[k]}=0")
+    if pointing is not None:
+        turned = motion.rotations[:, output.relative_to]
+        direction = np.einsum("nij,nj->ni", turned, pointing)
+        off = np.linalg.norm(np.cross(u, direction[:, None]), axis=2)
+        note(off, lambda k: f"u_{pairs[k]} along the direction")
+    triples = [", ".join(pairs[k] for k in three) for three in at.triplets]
+    volumes = [np.abs(np.linalg.det(u[:, list(three)])) for three in at.triplets]
+    if volumes:
+        note(np.stack(volumes, axis=1), lambda k: f"u of {triples[k]} coplanar")
+    two = list(combinations(range(len(pairs)), 2))
+    named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
+    crossed = np.stack([np.cross(u[:, j], u[:, k]) for j, k in two], axis=1)
+    parallel = np.linalg.norm(crossed, axis=2)
+    others = [(parallel, "{} along one line")]
+    if pointing is not None:
+        flat = np.abs(np.einsum("npi,ni->np", crossed, direction))
+        others.append((flat, "{} coplanar with the direction"))
+    for sizes, text in others:
+        for row in np.flatnonzero(np.any(sizes < VANISHES, axis=1)).tolist():
+            if not words[row]:
+                near = np.flatnonzero(sizes[row] < VANISHES)
+                words[row] += [text.format(named[k]) for k in near]
+    for row, row_words in enumerate(words):
+        if row_words:
+            continue
+        if at.reciprocal_condition[row] < VANISHES:
+            row_words.append("the loops lose rank")
+        elif not np.all(np.isfinite(u[row])):
+            row_words.append("pole axes not known")
+        else:
+            least = f"{np.min(np.abs([c[row], d[row]])):.1e}"
+            row_words.append(f"motions alone: no c, d below {least}")
+    return [" ".join(listed) for listed in words]
