@@ -1,6 +1,7 @@
 """Planning time against the number of links."""
 
 import statistics
+import time
 
 import numpy as np
 
@@ -32,7 +33,7 @@ def _table(quick: bool, triads: bool) -> Section:
                 "poles": lambda made=made: plan(made),
                 "groups": lambda made=made: plan_assembly(made),
             }
-            times = rounds(jobs, repeats, 0.01)
+            times = rounds(jobs, repeats, 0.01, now=time.process_time)
             poles.append(median(times, "poles"))
             groups.append(median(times, "groups"))
             relation.append(ratio(times, "poles", "groups"))

@@ -277,3 +277,57 @@ def test_derivatives_of_a_cam_are_those_of_differences_in_fifty_digits(
     wanted = np.concatenate([wanted, slope, torque[:, None]], axis=1)
     off = np.max(np.abs(gradients - wanted), axis=2) / np.max(np.abs(wanted), axis=2)
     assert np.max(off) < 1e-12
+
+
+POSED = """
+format = 1
+name = "posed"
+angle_unit = "deg"
+ground = "frame"
+links = { frame = {}, cam = {}, follower = {}, arm = {} }
+pairs.shaft = { type = "R", links = ["frame", "cam"], lonlat = [0.0, 90.0] }
+inputs.shaft = { from = -40.0, to = 40.0 }
+[pairs.contact]
+type = "TYPE"
+links = ["cam", "follower"]
+[pairs.contact.profiles.cam]
+kind = "fourier"
+centre_xyz = [0.0, 0.0, 1.0]
+cosines = [25.0, 0.0, 3.0]
+[pairs.contact.profiles.follower]
+kind = "circle"
+centre_lonlat = [0.0, 50.0]
+radius = 12.0
+"""
+SLID = (
+    'pairs.pivot = { type = "R", links = ["frame", "follower"], lonlat = [90.0, 30.0] }\n'
+)
+ROLLED = (
+    'pairs.knee = { type = "R", links = ["follower", "arm"], lonlat = [20.0, 42.0] }\n'
+    'pairs.pivot = { type = "R", links = ["frame", "arm"], lonlat = [80.0, 25.0] }\n'
+)
+
+
+@pytest.mark.parametrize("kind, pairs", [("Cs", SLID), ("Cr", ROLLED)])
+def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, tmp_path):
+    """Against differences of mechanisms that deviate and are closed again."""
+    text = POSED.replace("TYPE", kind).replace("inputs.shaft", pairs + "inputs.shaft")
+    path = tmp_path / "posed.toml"
+    path.write_text(text if kind == "Cr" else text.replace(", arm = {}", ""))
+    mechanism = sk.load(path)
+    driven = "arm" if kind == "Cr" else "follower"
+    keys = [f"{PROFILE}.cosines.0", f"{PROFILE}.cosines.2", "pairs.pivot.latitude"]
+    quantities = ["theta_pivot", "rate_pivot", f"acceleration_coefficient_{driven}_frame"]
+    sensitivity = Sensitivity(mechanism, keys, quantities)
+    motion = sk.trace(mechanism, samples=3)
+    motion = motion.rows(np.flatnonzero(~motion.failed))
+    samples = samples_of(motion)
+    _, gradients = sensitivity.at(samples, motion.values)
+    step = 2.0**-10
+    away = step * np.concatenate([np.eye(3), -np.eye(3), 2 * np.eye(3), -2 * np.eye(3)])
+    drawn = sensitivity.scattered(samples, motion.values, away.T)
+    one, less, two, twice = np.moveaxis(drawn.reshape(*drawn.shape[:2], 4, 3), 2, 0)
+    wanted = (8.0 * (one - less) - (two - twice)) / (12.0 * step)
+    wanted = np.moveaxis(wanted, 2, 0)
+    scale = np.max(np.abs(wanted), axis=2, keepdims=True)
+    assert np.max(np.abs(gradients - wanted) / scale) < 1e-6
