@@ -220,8 +220,11 @@ class Poles(AbstractAnalysis):
         def named(names: Sequence[str]) -> Any:
             return per_pole([np.broadcast_to(np.array(name), n) for name in names])
 
-        directions = [batch.direction(*pole) for pole in wanted]
-        turns = [batch.direction_dq(*pole) for pole in wanted]
+        column = batch.of_poles(wanted)
+
+        def of(quantity: str, component: int | None = None) -> Any:
+            return column(quantity, component)
+
         links, pairs = mechanism.links, batch.moving_inputs
         return {
             "poles": {
@@ -230,27 +233,15 @@ class Poles(AbstractAnalysis):
                 "q": per_pole([batch.inputs[:, moved] for *_, moved in wanted]),
                 "link": named([links[j] for _, j, _ in wanted]),
                 "relative_to": named([links[i] for i, *_ in wanted]),
-                **{
-                    f"u{axis}": per_pole([direction[:, c] for direction in directions])
-                    for c, axis in enumerate("xyz")
-                },
-                **{
-                    f"du{axis}_dq": per_pole([turn[:, c] for turn in turns])
-                    for c, axis in enumerate("xyz")
-                },
-                "velocity_coefficient": per_pole(
-                    [batch.velocity_coefficient(*pole) for pole in wanted]
-                ),
-                "acceleration_coefficient": per_pole(
-                    [batch.acceleration_coefficient(*pole) for pole in wanted]
-                ),
-                "conditioning": per_pole([batch.conditioning(*pole) for pole in wanted]),
-                "error_bound": per_pole([batch.error_bound(*pole) for pole in wanted]),
-                "velocity_coefficient_error_bound": per_pole(
-                    [batch.velocity_coefficient_error_bound(*pole) for pole in wanted]
-                ),
-                "acceleration_coefficient_error_bound": per_pole(
-                    [batch.acceleration_coefficient_error_bound(*pole) for pole in wanted]
+                **{f"u{axis}": of("direction", c) for c, axis in enumerate("xyz")},
+                **{f"du{axis}_dq": of("direction_dq", c) for c, axis in enumerate("xyz")},
+                "velocity_coefficient": of("velocity_coefficient"),
+                "acceleration_coefficient": of("acceleration_coefficient"),
+                "conditioning": of("conditioning"),
+                "error_bound": of("error_bound"),
+                "velocity_coefficient_error_bound": of("velocity_coefficient_error_bound"),
+                "acceleration_coefficient_error_bound": of(
+                    "acceleration_coefficient_error_bound"
                 ),
                 "residual": per_row(batch.residual),
                 "status": per_pole([batch.pole_status(*pole) for pole in wanted]),

@@ -15,13 +15,13 @@ from benchmarks.random_mechanisms import random_mechanism, shaped_mechanism
 from benchmarks.report import Cell, Section
 from benchmarks.same_rows import both_ways, differences
 from benchmarks.special import special_mechanism
-from benchmarks.timing import median, rounds
-from spherekit.analysis.running import rows_at_once
+from benchmarks.timing import median, ratio, rounds
+from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.row_block import SLICE
 from spherekit.analysis.running.rows_at_once import REFERENCES
-from spherekit.engine.columns import pole_kernel
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.kernels import kernel
+from spherekit.engine.row_kernel import pole_kernel
 from spherekit.errors import EngineError, SpherekitError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
@@ -147,6 +147,7 @@ def _times(quick: bool) -> list[Section]:
                 "run / kernel",
                 "careful / run",
                 "by kernel",
+                "two cores",
                 "run, ns a row",
                 "kernel, ns a row",
                 "of which careful, ns",
@@ -154,8 +155,9 @@ def _times(quick: bool) -> list[Section]:
             rows,
             "All of it is processor time of one thread. The batch kernel takes neither "
             "profiles other than circles nor several inputs; the kernel is then of the "
-            "terms of rows, poles and derivatives alone, with the columns of profiles.",
-            ratios=("run / kernel", "careful / run"),
+            "terms of rows, poles and derivatives alone, with the columns of profiles. "
+            "What two cores gain is wall time, of other programs as well.",
+            ratios=("run / kernel", "careful / run", "two cores"),
             keys=2,
         )
     ]
@@ -186,8 +188,8 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
     few = max(100, samples // 20)
     shares: list[float] = []
 
-    def quickly() -> None:
-        with _by(engine):
+    def quickly(cores: int = 1) -> None:
+        with _by(engine), patch.object(in_turn, "usable_cores", lambda: cores):
             found = sk.run(made, "poles", samples=samples)
         shares.append(found.summary["errors_reached"]["fraction_by_kernel"])
 
@@ -208,6 +210,7 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
     jobs["kernel"] = lambda: alone(inputs, out)
     times = rounds(jobs, 3 if quick else 5, now=time.process_time)
     rows, some = samples * modes, few * modes
+    walls = rounds({"one": quickly, "two": lambda: quickly(2)}, 3 if quick else 5)
     each = (median(times, "run") - median(times, "search")) / rows
     careful = (median(times, "careful") - median(times, "search")) / some
     unit = median(times, "kernel") / wanted
@@ -215,9 +218,11 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
         name,
         engine,
         rows,
-        each / unit,
+        ratio(times, "run", "kernel") * wanted / rows
+        - median(times, "search") / rows / unit,
         careful / each,
         shares[-1],
+        ratio(walls, "one", "two"),
         1e9 * each,
         1e9 * unit,
         1e9 * careful,

@@ -15,9 +15,8 @@ from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
-from spherekit.numeric.lent_memory import SetAside
+from spherekit.numeric.lent_memory import Refilled, SetAside
 from spherekit.planning.poles import all_poles
-from spherekit.rates import columns
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 from spherekit.rates.signs import _flips
@@ -131,8 +130,14 @@ def test_tables_are_made_when_they_are_read(name, samples, monkeypatch):
     parts = [part for b in blocks for c in b.values() for part in getattr(c, "parts", [c])]
     assert sum(isinstance(part, SetAside) for part in parts) > 100
     monkeypatch.setattr(SetAside, "__init__", None)
-    for module in (rows_at_once, columns):
-        monkeypatch.setattr(module, "Refilled", lambda lent, fill: None)
+    monkeypatch.setattr(Refilled, "fills", lambda self, lent, first=0: None)
+    made = rows_at_once.RowsAtOnce.__post_init__
+
+    def read_at_once(self):
+        made(self)
+        self._is_read = True
+
+    monkeypatch.setattr(rows_at_once.RowsAtOnce, "__post_init__", read_at_once)
     kept = sk.run(name, **options)
     for one, other in zip(_joined_of(left), _joined_of(kept), strict=True):
         assert list(one) == list(other)

@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.needs import Needs
 from spherekit.analysis.tables import Interleaved
-from spherekit.conventions import Status
-from spherekit.errors import SolveError, UndeclaredNeed
+from spherekit.conventions import Status, listing
+from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Extent, Timing
+from spherekit.numeric.lent_memory import SetAside
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.pole_field import PoleField
+from spherekit.rates.unread_columns import Unread
 from spherekit.sphere.rotation import Floats
 
 Values = TypeVar("Values", bound=NDArray[Any])
@@ -158,6 +160,37 @@ class Batch:
         """
         return Interleaved(parts)
 
+    def of_poles(
+        self, poles: Sequence[tuple[int, int, int]]
+    ) -> Callable[[str, int | None], Interleaved]:
+        """Return what gives columns for a table, with a row for each pole at every row.
+
+        `poles` are two links and the position of the input that moves. What is returned is
+        called with the name of a method that takes these, such as ``"direction"``, and of
+        vectors a component, else None. What it gives may be left to be made when the table
+        is read, so a run of many samples that only hands columns on takes less time.
+        """
+
+        def column(quantity: str, component: int | None) -> Interleaved:
+            if quantity not in _QUANTITIES:
+                raise AnalysisError(
+                    f"a column of {quantity!r} was asked for; give one of "
+                    f"{listing(_QUANTITIES)}"
+                )
+            return Interleaved([self._column(quantity, *pole, component) for pole in poles])
+
+        return column
+
+    def _column(
+        self, quantity: str, i: int, j: int, moved: int, component: int | None
+    ) -> NDArray[Any] | SetAside:
+        values = getattr(self._found(moved), _QUANTITIES[quantity])
+        if isinstance(values, Unread) and pole_of(i, j) in values:
+            self._declared(i, j, quantity)
+            return values.column(pole_of(i, j), component)
+        made = np.asarray(getattr(self, quantity)(i, j, moved))
+        return made if component is None else made[:, component]
+
     def assembly_mode_rows(self) -> Mapping[int, slice]:
         """Return the rows of each assembly mode, by its number."""
         k = self._motion.samples
@@ -168,59 +201,57 @@ class Batch:
 
     def direction(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return the pole axis of two links: unit vectors (n, 3) in ground axes."""
-        return self._pole(i, j, "directions", self._found(moved).direction)
+        return self._pole(i, j, "direction", self._found(moved).direction)
 
     def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) how far the links' angular velocities are from cancelling.
 
         ``|w_j - w_i|`` over ``|w_i| + |w_j|``; 1 for the axis of a pair.
         """
-        return self._pole(i, j, "directions", self._found(moved).angle)
+        return self._pole(i, j, "conditioning", self._found(moved).angle)
 
     def error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of the pole's direction, rad.
 
         Of rounding, and of what the configuration is off by.
         """
-        return self._pole(i, j, "directions", self._found(moved).error)
+        return self._pole(i, j, "error_bound", self._found(moved).error)
 
     def pole_status(self, i: int, j: int, moved: int = 0) -> NDArray[np.int8]:
         """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
-        return self._pole(i, j, "directions", self._found(moved).pole_status)
+        return self._pole(i, j, "pole_status", self._found(moved).pole_status)
 
     def velocity_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the coefficient of link max(i, j) relative to the other."""
-        return self._pole(i, j, "rates", self._found(moved).velocity_coefficient)
+        return self._pole(
+            i, j, "velocity_coefficient", self._found(moved).velocity_coefficient
+        )
 
     def acceleration_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the derivative of the coefficient by the input, 1/rad."""
-        self._check("acceleration_coefficient", "derivatives")
-        return self._pole(i, j, "rates", self._found(moved).acceleration_coefficient)
+        values = self._found(moved).acceleration_coefficient
+        return self._pole(i, j, "acceleration_coefficient", values)
 
     def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 3) the derivative of the pole axis by the input, 1/rad.
 
         NaN where the velocity coefficient is too small to know it.
         """
-        if not self.needs.derivatives or pole_of(i, j) not in self.needs.turns:
-            links = self.mechanism.links
-            raise UndeclaredNeed(
-                f"how the pole of links {links[j]} and {links[i]} turns was read; "
-                "declare it in Needs(turns=..., derivatives=True)"
-            )
+        self._declared(i, j, "direction_dq")
         with np.errstate(invalid="ignore"):
             return _sealed(self._found(moved).turned(self.plans[moved], pole_of(i, j)))
 
     def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of `rate`."""
-        return self._pole(i, j, "rates", self._found(moved).velocity_coefficient_error)
+        values = self._found(moved).velocity_coefficient_error
+        return self._pole(i, j, "velocity_coefficient_error_bound", values)
 
     def acceleration_coefficient_error_bound(
         self, i: int, j: int, moved: int = 0
     ) -> Floats:
         """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
-        self._check("acceleration_coefficient_error_bound", "derivatives")
-        return self._pole(i, j, "rates", self._found(moved).acceleration_coefficient_error)
+        values = self._found(moved).acceleration_coefficient_error
+        return self._pole(i, j, "acceleration_coefficient_error_bound", values)
 
     def rates_loss(self, moved: int = 0) -> Floats:
         """Return (n,) the part of the angular velocities or their derivatives in doubt.
@@ -314,18 +345,46 @@ class Batch:
             raise UndeclaredNeed("a pole was read; declare it in needs()")
         return self._fields[moved]
 
-    def _pole(self, i: int, j: int, what: str, values: Mapping[Pole, Values]) -> Values:
-        pole = pole_of(i, j)
-        declared = getattr(self.needs, what)
-        if what == "directions":
-            declared = declared | self.needs.rates | self.needs.planes
+    def _pole(self, i: int, j: int, quantity: str, values: Mapping[Pole, Values]) -> Values:
+        self._declared(i, j, quantity)
+        return _sealed(values[pole_of(i, j)])
+
+    def _declared(self, i: int, j: int, quantity: str) -> None:
+        """Raise `UndeclaredNeed` if a quantity of a pole was not said to be read."""
+        pole, links, needs = pole_of(i, j), self.mechanism.links, self.needs
+        if quantity == "direction_dq":
+            if not needs.derivatives or pole not in needs.turns:
+                raise UndeclaredNeed(
+                    f"how the pole of links {links[j]} and {links[i]} turns was read; "
+                    "declare it in Needs(turns=..., derivatives=True)"
+                )
+            return
+        if quantity.startswith("acceleration"):
+            self._check(quantity, "derivatives")
+        what = "planes" if quantity == "planes" else "directions"
+        declared = needs.planes
+        if "coefficient" in quantity:
+            what, declared = "rates", needs.rates
+        elif what == "directions":
+            declared = needs.directions | needs.rates | needs.planes
         if pole not in declared:
-            links = self.mechanism.links
             raise UndeclaredNeed(
                 f"the pole of links {links[pole[1]]} and {links[pole[0]]} was read; "
                 f"declare it in Needs({what}=...)"
             )
-        return _sealed(values[pole])
+
+
+_QUANTITIES: Mapping[str, str] = {
+    "direction": "direction",
+    "direction_dq": "direction_dq",
+    "velocity_coefficient": "velocity_coefficient",
+    "acceleration_coefficient": "acceleration_coefficient",
+    "conditioning": "angle",
+    "error_bound": "error",
+    "velocity_coefficient_error_bound": "velocity_coefficient_error",
+    "acceleration_coefficient_error_bound": "acceleration_coefficient_error",
+}
+"""What `PoleField` calls them."""
 
 
 def _sealed(values: Values) -> Values:
@@ -339,5 +398,6 @@ def run_status(motion: Motion, fields: Sequence[PoleField]) -> NDArray[np.int8]:
     """Return (n,) status codes of a motion, or of the first input that says more."""
     status = motion.status
     for pole_field in fields:
-        status = np.where(status == Status.OK, pole_field.status, status)
+        if pole_field.status is not motion.status:
+            status = np.where(status == Status.OK, pole_field.status, status)
     return np.asarray(status, dtype=np.int8)

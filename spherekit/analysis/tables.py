@@ -184,10 +184,11 @@ class Interleaved:
     second ones. An array is made of them where one is wanted.
     """
 
-    def __init__(self, parts: Sequence[NDArray[Any]]) -> None:
-        self.parts: tuple[NDArray[Any] | SetAside, ...]
-        self.parts = tuple(np.asarray(part) for part in parts)
-        self.dtype = np.result_type(*self.parts)
+    def __init__(self, parts: Sequence[NDArray[Any] | SetAside]) -> None:
+        self.parts: tuple[NDArray[Any] | SetAside, ...] = tuple(
+            part if isinstance(part, SetAside) else np.asarray(part) for part in parts
+        )
+        self.dtype = np.result_type(*{part.dtype for part in self.parts})
         self.ndim = self.parts[0].ndim
 
     def __len__(self) -> int:
@@ -200,13 +201,15 @@ class Interleaved:
         if copy is False:
             raise ValueError("rows of several subjects cannot be read without a copy")
         made = np.empty((len(self.parts[0]), len(self.parts)), dtype or self.dtype)
+        reading = held([self])
         self.put(made.reshape(-1), slice(None))
+        del reading
         return made.reshape(-1)
 
     def set_aside(self) -> "Interleaved":
         """Return the column with what can be made again left to be made when it is read."""
         made = copy(self)
-        once = {id(part): set_aside(np.asarray(part)) for part in self.parts}
+        once = {id(part): set_aside(part) for part in self.parts}
         made.parts = tuple(once[id(part)] for part in self.parts)
         return made
 

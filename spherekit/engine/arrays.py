@@ -68,7 +68,7 @@ class ArrayFunction:
                 places += [*work[:, : block.stop - block.start]]
                 for step in self.steps:
                     given = [places[place] for place in step.arguments]
-                    step.operation(*given, places[step.result])
+                    step.operation(*given, out=places[step.result])
         return out
 
 

@@ -118,6 +118,16 @@ def bounded(items: Iterable[Expr]) -> Expr:
     return total
 
 
+def largest(items: Iterable[Expr]) -> Expr:
+    """Return the largest of numbers and terms, none of which is negative."""
+    items = list(items)
+    terms = dict.fromkeys(x for x in items if isinstance(x, ExpressionNode))
+    most: Expr = max((x for x in items if not isinstance(x, ExpressionNode)), default=0.0)
+    for term in terms:
+        most = function("maximum", most, term) if most else term
+    return most
+
+
 def _relative(sides: tuple[ProfileSide, ProfileSide]) -> Expr:
     return sides[0].curvature - sides[1].curvature
 

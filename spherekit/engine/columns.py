@@ -6,30 +6,23 @@ and what each of them may be off by: bounds of norms as in
 equations.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spherekit.conventions import EPS, EQUAL_CURVATURE
+from spherekit.conventions import EPS
 from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector, vector_sum
-from spherekit.engine.arrays import ArrayFunction, array_function
-from spherekit.engine.block_elimination import LoopInverse, Pivot, loop_inverse, pivots_of
-from spherekit.engine.cache import COMPILED
+from spherekit.engine.block_elimination import LoopInverse, Pivot, loop_inverse
 from spherekit.engine.carried_vectors import bounded, carried_vectors, root, size_of
-from spherekit.engine.compiler import CompiledFunction, compile_function
 from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.engine.pose import Angles, LinkOrientation, place_by_variables, placed_by
-from spherekit.engine.profile_columns import ProfileColumns, with_columns
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
-from spherekit.rates.columns import PoleColumns, RateColumns
-from spherekit.rates.core import NEARLY_FLAT
 from spherekit.rates.request import Request
 from spherekit.rates.turning import TURN_KNOWN, axis_pairs
 from spherekit.sphere.rotation import Floats
@@ -43,13 +36,10 @@ LARGEST_PART = 1e-8
 PROFILE_ROUNDING = 4.0 * EPS
 """What rounding turns the frame of a profile by."""
 
-REFERENCES = 32
-"""Configurations at most that say in which order variables are eliminated."""
-
 
 @final
 @dataclass(frozen=True)
-class _Place:
+class Place:
     """Where a vector or a number is among the columns, or what it is throughout."""
 
     first: int
@@ -65,42 +55,46 @@ class _Place:
 
 
 @final
-class _Outputs:
+class Outputs:
     """Expressions as columns; what is wanted twice is one column, a number is none."""
 
     def __init__(self) -> None:
         self.columns: list[Expr] = []
-        self._known: dict[tuple[Expr, ...], _Place] = {}
+        self._known: dict[tuple[Expr, ...], Place] = {}
 
-    def place(self, *items: Expr) -> _Place:
+    def place(self, *items: Expr) -> Place:
         """Return where successive items are."""
         if items not in self._known:
             if any(isinstance(item, ExpressionNode) for item in items):
-                self._known[items] = _Place(len(self.columns), len(items))
+                self._known[items] = Place(len(self.columns), len(items))
                 self.columns += items
             else:
                 numbers = tuple(float(item) for item in items)
-                self._known[items] = _Place(0, len(items), numbers)
+                self._known[items] = Place(0, len(items), numbers)
         return self._known[items]
+
+    def item(self, place: Place) -> Expr:
+        """Return the single expression at a place."""
+        return place.numbers[0] if place.numbers else self.columns[place.first]
 
 
 @final
 @dataclass(frozen=True)
-class _PolePlaces:
+class PolePlaces:
     """Where a pole's columns are.
 
     `axis`: those of its direction, how that turns, its rate and the rate's derivative,
     where they have a sign of their own.
     """
 
-    axis: tuple[_Place, _Place, _Place, _Place] | None
-    angle: _Place
-    errors: tuple[_Place, _Place, _Place]
+    axis: tuple[Place, Place, Place, Place] | None
+    angle: Place
+    errors: tuple[Place, Place, Place]
 
 
 @final
 @dataclass(frozen=True)
-class _RatePlaces:
+class RatePlaces:
     """Where the columns of an input that moves are.
 
     `signed` are the poles whose direction is theirs but for its sign, `block` where their
@@ -109,223 +103,32 @@ class _RatePlaces:
 
     signed: tuple[Pole, ...]
     block: int
-    poles: Mapping[Pole, _PolePlaces]
-    w: Mapping[int, _Place]
-    dw: Mapping[int, _Place]
-    worst: _Place
+    poles: Mapping[Pole, PolePlaces]
+    w: Mapping[int, Place]
+    dw: Mapping[int, Place]
 
 
 @final
 @dataclass(frozen=True)
-class RowKernel:
-    """A function of all pair variables (variables, n), see `row_kernel`.
-
-    `free` are the variables that are no inputs, `profiles` what is handed in beside the
-    variables. `function` gives the columns, the first `kept` of which are results, and the
-    others decide; `closing` gives the free variables closer to where loops close, by a
-    step of Newton's method. `curved` are by how much more the first profile of each
-    contact curves than the second, where that is no number.
-    """
-
-    rates: tuple[_RatePlaces, ...]
-    closure: tuple[_Place, _Place, _Place]
-    curved: tuple[_Place, ...]
-    kept: int
-    width: int
-    free: tuple[int, ...]
-    profiles: tuple[ProfileColumns, ...]
-    open_by_rounding: float
-    function: CompiledFunction | ArrayFunction
-    closing: CompiledFunction | ArrayFunction
-
-    def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
-        """Return all columns (columns, n) of variables (variables, n)."""
-        return np.asarray(self.function(with_columns(values, self.profiles), out))
-
-    def closer(self, values: Floats) -> Floats:
-        """Return the variables `free`, (variables, n), closer to where loops close."""
-        return np.asarray(self.closing(with_columns(values, self.profiles)))
-
-    def closed(self, rows: Floats) -> NDArray[np.bool_]:
-        """Return which rows (n,) have loops no more open than numbers are rounded."""
-        return np.asarray(self.residual(rows) <= self.open_by_rounding)
-
-    def judged(self, rows: Floats) -> tuple[NDArray[np.bool_], Floats]:
-        """Return which rows (n,) the kernel vouches for, and their configurations' errors.
-
-        Of these the numbers are as good as those that are found with care.
-        """
-        _, flatness, off = (place.of(rows)[0] for place in self.closure)
-        good = flatness <= 1.0 / NEARLY_FLAT
-        for curved in self.curved:
-            good &= curved.of(rows)[0] >= 2.0 * EQUAL_CURVATURE
-        for places in self.rates:
-            good &= places.worst.of(rows)[0] <= LARGEST_ERROR
-        return np.asarray(good), off
-
-    def residual(self, rows: Floats) -> Floats:
-        """Return (n,) by how much loops are open, rad: a view of columns that are kept."""
-        return np.asarray(self.closure[0].of(rows)[0])
-
-    def read(self, rows: Floats) -> list[RateColumns]:
-        """Return rates by input, as views of columns that are kept."""
-        return [_read(places, rows) for places in self.rates]
-
-
-def _read(places: _RatePlaces, rows: Floats) -> RateColumns:
-    count = len(places.signed)
-    signed = rows[places.block : places.block + 8 * count].reshape(8, count, rows.shape[1])
-    poles: dict[Pole, PoleColumns] = {}
-    for pole, pole_places in places.poles.items():
-        if pole_places.axis is None:
-            k = places.signed.index(pole)
-            unit, turn, rate, change = (
-                signed[:3, k],
-                signed[3:6, k],
-                signed[6, k],
-                signed[7, k],
-            )
-        else:
-            unit, turn, first, second = (place.of(rows) for place in pole_places.axis)
-            rate, change = first[0], second[0]
-        angle, one, other, last = (
-            part.of(rows)[0] for part in (pole_places.angle, *pole_places.errors)
-        )
-        is_signed = pole_places.axis is None
-        poles[pole] = PoleColumns(
-            unit, turn, rate, change, angle, one, other, last, is_signed
-        )
-    return RateColumns(
-        poles,
-        {link: place.of(rows) for link, place in places.w.items()},
-        {link: place.of(rows) for link, place in places.dw.items()},
-        places.signed,
-        signed,
-    )
-
-
-def row_kernel(
-    motion: Motion, requests: Sequence[Request], engine: Literal["numpy", "compiled"]
-) -> RowKernel | None:
-    """Return the kernel of what `requests` want of a mechanism's rows.
-
-    The closed configurations of a motion say in which order variables are eliminated.
-    None where the terms do not hold: without loops, where axes of pairs coincide but for
-    rounding, and where links that have a pole rest.
-    """
-    pivots = _pivots(motion, requests)
-    if pivots is None:
-        return None
-
-    def make() -> RowKernel | None:
-        terms = _Terms.of(motion, requests, pivots)
-        if terms is None:
-            return None
-        rows, outputs = terms.rows, terms.outputs
-        residual = outputs.place(rows.residual)
-        made = [moving.placed(outputs) for moving in terms.moving]
-        kept = len(outputs.columns)
-        rates = [
-            places(outputs.place(moving.worst))
-            for places, moving in zip(made, terms.moving, strict=True)
-        ]
-        closer = rows.closer(terms.variables)
-        by = compile_function if engine == "compiled" else array_function
-        return RowKernel(
-            tuple(rates),
-            (residual, outputs.place(rows.flatness), outputs.place(rows.moved_by)),
-            tuple(outputs.place(curved) for curved in rows.curved),
-            kept,
-            len(outputs.columns),
-            motion.free,
-            rows.pairs.columns,
-            rows.open_by_rounding,
-            by(outputs.columns, terms.given),
-            by(closer, terms.given),
-        )
-
-    return COMPILED.get(motion.mechanism, _key("rows", requests, pivots, engine), make)
-
-
-@final
-@dataclass(frozen=True)
-class PoleKernel:
-    """Directions, rates and derivatives of rates of poles, of all pair variables."""
-
-    width: int
-    profiles: tuple[ProfileColumns, ...]
-    function: CompiledFunction | ArrayFunction
-
-    def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
-        """Return (5 for each pole and input, n) of variables (variables, n)."""
-        return np.asarray(self.function(with_columns(values, self.profiles), out))
-
-
-def pole_kernel(
-    motion: Motion, requests: Sequence[Request], engine: Literal["numpy", "compiled"]
-) -> PoleKernel | None:
-    """Return what is the least of `row_kernel`: poles and rates, without any bounds."""
-    pivots = _pivots(motion, requests)
-    if pivots is None:
-        return None
-
-    def make() -> PoleKernel | None:
-        terms = _Terms.of(motion, requests, pivots)
-        if terms is None:
-            return None
-        items = [item for moving in terms.moving for item in moving.poles(terms.outputs)]
-        by = compile_function if engine == "compiled" else array_function
-        return PoleKernel(len(items), terms.rows.pairs.columns, by(items, terms.given))
-
-    return COMPILED.get(motion.mechanism, _key("poles", requests, pivots, engine), make)
-
-
-def _key(
-    name: str, requests: Sequence[Request], pivots: Sequence[Pivot], engine: str
-) -> str:
-    wanted = tuple(
-        (item.plan.input, item.poles, item.derivatives, tuple(sorted(item.links)))
-        for item in requests
-    )
-    return repr((name, wanted, pivots, engine))
-
-
-def _pivots(motion: Motion, requests: Sequence[Request]) -> tuple[Pivot, ...] | None:
-    """Return the order in which variables are eliminated, None where terms do not hold."""
-    free = motion.free
-    good = np.flatnonzero(~motion.failed & (motion.configuration_error < 1e-6))
-    if not free or not motion.linearisation.tree.chords or not len(good):
-        return None
-    if any(item.plan.rounded_axes for item in requests):
-        return None
-    chosen = good[np.unique(np.linspace(0, len(good) - 1, REFERENCES).astype(int))]
-    pivots = pivots_of(motion.free_jacobian[chosen])
-    if pivots is None:
-        return None
-    return tuple((loop, tuple(free[k] for k in columns)) for loop, columns in pivots)
-
-
-@final
-@dataclass(frozen=True)
-class _Terms:
+class Terms:
     """The terms of rows, by `variables`, and by what else is `given`."""
 
     variables: list[ExpressionNode]
     rows: "_Rows"
     moving: list["_Moving"]
-    outputs: _Outputs
+    outputs: Outputs
 
     @staticmethod
     def of(
         motion: Motion, requests: Sequence[Request], pivots: Sequence[Pivot]
-    ) -> "_Terms | None":
+    ) -> "Terms | None":
         """Return them, None where links that have a pole rest."""
         variables = symbols(motion.mechanism.variable_names)
         rows = _Rows(motion.mechanism, variables, pivots, motion.assembly.inputs)
         moving = [_Moving(rows, item) for item in requests]
         if any(item.rests for item in moving):
             return None
-        return _Terms(variables, rows, moving, _Outputs())
+        return Terms(variables, rows, moving, Outputs())
 
     @property
     def given(self) -> list[ExpressionNode]:
@@ -556,12 +359,12 @@ class _Moving:
         links = [turn * whole + path for turn, path in zip(rows.turns, along, strict=True)]
         return links, {v: moved * whole for v, moved in rows.moved.items()}
 
-    def placed(self, outputs: _Outputs) -> Callable[[_Place], _RatePlaces]:
-        """Add the columns; return what says where they are, given where `worst` is."""
+    def placed(self, outputs: Outputs) -> RatePlaces:
+        """Add the columns; return where they are. `worst` then is of all of them."""
         plan = self._wanted.plan
         pairs = axis_pairs(plan)
         shown = [pole for pole in self._wanted.poles if plan.pole(*pole) is not None]
-        poles: dict[Pole, _PolePlaces] = {}
+        poles: dict[Pole, PolePlaces] = {}
         signed: dict[Pole, tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]] = {}
         for pole in shown:
             body_pole = plan.pole(*pole)
@@ -575,13 +378,13 @@ class _Moving:
             outputs.columns += column
         for pole, (_, angle, errors) in signed.items():
             one, other, last = (outputs.place(error) for error in errors)
-            poles[pole] = _PolePlaces(None, outputs.place(angle), (one, other, last))
+            poles[pole] = PolePlaces(None, outputs.place(angle), (one, other, last))
         links = sorted(self._wanted.links)
         w = {link: outputs.place(*self._w[link]) for link in links}
         dw = {link: outputs.place(*self._dw[link]) for link in links}
-        return lambda worst: _RatePlaces(tuple(signed), block, poles, w, dw, worst)
+        return RatePlaces(tuple(signed), block, poles, w, dw)
 
-    def poles(self, outputs: _Outputs) -> list[Expr]:
+    def poles(self, outputs: Outputs) -> list[Expr]:
         """Return the direction, the rate and its derivative of each pole that is known."""
         plan, pairs = self._wanted.plan, axis_pairs(self._wanted.plan)
         items: list[Expr] = []
@@ -606,6 +409,16 @@ class _Moving:
         return items
 
     @property
+    def turning(self) -> dict[int, Exprs]:
+        """The angular velocities (3,) of links, where they change."""
+        return {link: w for link, w in enumerate(self._w) if _moves(w)}
+
+    @property
+    def still(self) -> dict[int, Exprs]:
+        """The angular velocities (3,) of the other links."""
+        return {link: w for link, w in enumerate(self._w) if not _moves(w)}
+
+    @property
     def rests(self) -> bool:
         """Whether links that no pair joins do not move relative to each other."""
         plan = self._wanted.plan
@@ -617,7 +430,7 @@ class _Moving:
         )
         return any(not _moves(v) for v in relative)
 
-    def _of_pair(self, pole: Pole, pair: int, outputs: _Outputs) -> _PolePlaces:
+    def _of_pair(self, pole: Pole, pair: int, outputs: Outputs) -> PolePlaces:
         """Place the columns of a pole that is the axis of a pair."""
         rows, (i, j) = self._rows, pole
         (variable,) = rows.owned[pair]
@@ -647,7 +460,7 @@ class _Moving:
             outputs.place(rate),
             outputs.place(change),
         )
-        return _PolePlaces(axis, outputs.place(1.0), (one, other, last))
+        return PolePlaces(axis, outputs.place(1.0), (one, other, last))
 
     def _across(self, i: int, j: int) -> tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]:
         """Return the columns with a sign of a pole, how far it is from none, its errors."""

@@ -75,6 +75,8 @@ def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> 
             return module.sum(sums[term])
         if term.operation == "sign":
             return _sign(*arguments)
+        if term.operation == "maximum":
+            return module.select(module.gt(*arguments), *arguments)
         if term.operation in _OPERATORS:
             return _OPERATORS[term.operation](*arguments)
         return getattr(module, term.operation)(*arguments)

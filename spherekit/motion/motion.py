@@ -218,7 +218,7 @@ class Motion(ArrayRows):
         """Return (n, 4) xyzw, from the link's axes to ground axes."""
         return quaternion(self.rotations[:, link])
 
-    @property
+    @cached_property
     def failed(self) -> NDArray[np.bool_]:
         """(n,) rows that hold no configuration."""
         held = (self.status == Status.OK) | (self.status == Status.AT_SINGULARITY)

@@ -1,6 +1,6 @@
 """Records of arrays with a row for each thing: some of the rows, and records joined."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Self
 
@@ -36,7 +36,7 @@ def _taken(part: Any, chosen: Any) -> Any:
         return part[chosen]
     if isinstance(part, ArrayRows):
         return part.rows(chosen)
-    if isinstance(part, dict):
+    if isinstance(part, Mapping):
         return {key: _taken(value, chosen) for key, value in part.items()}
     return tuple(_taken(item, chosen) for item in part) if type(part) is tuple else part
 
@@ -47,7 +47,7 @@ def _joined(parts: Sequence[Any]) -> Any:
         return np.concatenate(parts)
     if isinstance(first, ArrayRows):
         return type(first).joined(parts)
-    if isinstance(first, dict):
+    if isinstance(first, Mapping):
         return {key: _joined([part[key] for part in parts]) for key in first}
     if type(first) is tuple:
         return tuple(_joined(items) for items in zip(*parts, strict=True))

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.numeric.lent_memory import LentMemory, Refilled
+from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled
 from spherekit.planning.poles import Pole
 from spherekit.sphere.rotation import Floats
 
@@ -44,7 +44,7 @@ class PoleColumns:
         unit, rate = self.direction[:, rows], self.rate[rows]
         return rate * unit, self.change[rows] * unit + rate * self.turn[:, rows]
 
-    def without(self, gaps: "_Gaps") -> "PoleColumns":
+    def without(self, gaps: "Gaps") -> "PoleColumns":
         """Return columns where those that are numbers throughout have gaps."""
         return PoleColumns(
             gaps.of(self.direction),
@@ -89,17 +89,6 @@ class RateColumns:
     signed: tuple[Pole, ...]
     with_sign: Floats
 
-    def without(self, rows: NDArray[np.intp], memory: LentMemory) -> "RateColumns":
-        """Return columns where those that are numbers throughout are NaN at some rows."""
-        gaps = _Gaps(rows, memory)
-        return RateColumns(
-            {pole: columns.without(gaps) for pole, columns in self.poles.items()},
-            {link: gaps.of(vectors) for link, vectors in self.w.items()},
-            {link: gaps.of(vectors) for link, vectors in self.dw.items()},
-            self.signed,
-            self.with_sign,
-        )
-
     def parted(self) -> "RateColumns":
         """Return a copy all of whose rows can be written to, one pole at a time."""
         return RateColumns(
@@ -112,27 +101,42 @@ class RateColumns:
 
 
 @final
-class _Gaps:
-    """Columns that are numbers throughout, NaN at some rows; the same ones made once."""
+class Gaps:
+    """Makes columns that are numbers throughout NaN at some rows; the same ones once."""
 
     def __init__(self, rows: NDArray[np.intp], memory: LentMemory) -> None:
         self._rows, self._memory = rows, memory
         self._made: dict[bytes, Floats] = {}
 
+    def within(self, columns: "RateColumns") -> "RateColumns":
+        """Return columns where those that are numbers throughout have gaps."""
+        if not len(self._rows):
+            return columns
+        return RateColumns(
+            {pole: part.without(self) for pole, part in columns.poles.items()},
+            {link: self.of(vectors) for link, vectors in columns.w.items()},
+            {link: self.of(vectors) for link, vectors in columns.dw.items()},
+            columns.signed,
+            columns.with_sign,
+        )
+
     def of(self, column: Floats) -> Floats:
         """Return a column of any kind (..., n)."""
-        if column.strides[-1]:
+        if column.strides[-1] or not len(self._rows):
             return column
         key = column[..., 0].tobytes()
         if key not in self._made:
             numbers, rows = np.atleast_1d(column[..., 0])[:, None], self._rows
+            shape = len(numbers), column.shape[-1]
+            made = self._memory.array(*shape)
+            made[:] = numbers
+            made[:, rows] = np.nan
 
-            def write(out: Floats) -> None:
-                out[:] = numbers
-                out[:, rows] = np.nan
+            def pieces(reader: Reader) -> None:
+                again = np.repeat(numbers, shape[1], axis=1)
+                again[:, rows] = np.nan
+                reader(slice(0, shape[1]), again)
 
-            made = self._memory.array(len(numbers), column.shape[-1])
-            write(made)
-            Refilled(made, write)
+            Refilled(self._memory, shape, pieces).fills(made)
             self._made[key] = made.reshape(column.shape)
         return self._made[key]

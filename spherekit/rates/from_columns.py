@@ -1,5 +1,6 @@
 """Poles from what a kernel found of the rows, those in doubt with care."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import final
 
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from spherekit.motion.motion import Motion
 from spherekit.numeric.lent_memory import LentMemory
 from spherekit.planning.poles import Pole
-from spherekit.rates.columns import PoleColumns, RateColumns
+from spherekit.rates.columns import Gaps, PoleColumns, RateColumns
 from spherekit.rates.field import add_locked, by_lines
 from spherekit.rates.lines import evaluate_lines
 from spherekit.rates.pole_field import PoleField
@@ -22,6 +23,7 @@ from spherekit.rates.signs import (
     turn_each,
     turn_round,
 )
+from spherekit.rates.unread_columns import UnreadColumns
 from spherekit.sphere.rotation import Floats
 
 
@@ -46,13 +48,15 @@ def field_of_columns(
         nothing = np.flatnonzero(motion.failed)
         rest = np.flatnonzero(~vouched & ~motion.failed)
         if len(nothing):
-            columns = columns.without(nothing, memory_of_gaps)
+            columns = Gaps(nothing, memory_of_gaps).within(columns)
         if len(rest):
             columns = columns.parted()
         field = _field(motion, wanted, columns, vouched, nothing)
         careful = _with_care(field, motion, wanted, rest) if len(rest) else None
         if steady and motion.is_path:
-            turn_round(columns, steady_signs(motion, columns, memory))
+            held = columns.with_sign
+            signs = steady_signs(motion, columns.signed, lambda k: held[:, :, k], memory)
+            turn_round(columns, signs)
         for pole, pole_columns in columns.poles.items():
             if not pole_columns.is_signed or (steady and motion.is_path):
                 continue
@@ -74,10 +78,6 @@ def _field(
 ) -> PoleField:
     """Return what columns say, with their signs, as views; `nothing` is known of some."""
     n, items = len(motion), columns.poles.items()
-    loss = np.broadcast_to(0.0, n)
-    if len(nothing):
-        loss = np.zeros(n)
-        loss[nothing] = np.nan
     field = PoleField(
         direction={pole: part.direction.T for pole, part in items},
         velocity_coefficient={pole: part.rate for pole, part in items},
@@ -93,11 +93,68 @@ def _field(
         pole_status=dict.fromkeys(columns.poles, motion.status),
         by_equations=np.broadcast_to(False, n),
         by_kernel=vouched,
-        loss=loss,
+        loss=_loss(n, nothing),
         direction_dq={pole: part.turn.T for pole, part in items},
     )
+    return _with_locked(field, motion, wanted)
+
+
+def field_unread(
+    motion: Motion,
+    wanted: Request,
+    columns: UnreadColumns,
+    vouched: NDArray[np.bool_],
+    errors: Sequence[float | None],
+) -> PoleField:
+    """Return the poles of a motion that a kernel vouches for, made when they are read.
+
+    `errors` are the largest of directions, rates and changes.
+    """
+    parts = {name: columns.part(of) for name, of in PARTS.items()}
+    for name, most in zip(ERRORS, errors, strict=True):
+        parts[name].largest = most
+    nothing = np.flatnonzero(motion.failed)
+    field = PoleField(
+        **parts,
+        planes=_PlanesWhenRead(wanted, motion),
+        status=motion.status,
+        pole_status=dict.fromkeys(parts["direction"], motion.status),
+        by_equations=np.broadcast_to(False, len(motion)),
+        by_kernel=vouched,
+        loss=_loss(len(motion), nothing),
+    )
+    return _with_locked(field, motion, wanted)
+
+
+PARTS = {
+    "direction": "direction",
+    "velocity_coefficient": "rate",
+    "acceleration_coefficient": "change",
+    "angle": "angle",
+    "error": "direction_error",
+    "velocity_coefficient_error": "rate_error",
+    "acceleration_coefficient_error": "change_error",
+    "w": "w",
+    "dw": "dw",
+    "direction_dq": "turn",
+}
+"""Parts of a field, and which columns these are."""
+ERRORS = ("error", "velocity_coefficient_error", "acceleration_coefficient_error")
+
+
+def _loss(n: int, nothing: NDArray[np.intp]) -> Floats:
+    """Return (n,) the part of the rates in doubt: none, and unknown of some rows."""
+    if not len(nothing):
+        return np.broadcast_to(0.0, n)
+    loss = np.zeros(n)
+    loss[nothing] = np.nan
+    return loss
+
+
+def _with_locked(field: PoleField, motion: Motion, wanted: Request) -> PoleField:
+    """Add the poles that there are none of."""
     for pole in wanted.poles:
-        if pole not in columns.poles:
+        if pole not in field.pole_status:
             add_locked(field, motion, pole)
             field.direction_dq[pole] = field.direction[pole]
     return field

@@ -1,5 +1,6 @@
 """Poles of a motion in which one input moves, in rows."""
 
+from collections.abc import MutableMapping
 from dataclasses import dataclass, field
 from typing import final
 
@@ -39,22 +40,22 @@ class PoleField(ArrayRows):
     velocity equations instead; `by_kernel` (n,): rows that a kernel vouches for.
     """
 
-    direction: dict[Pole, Floats]
-    velocity_coefficient: dict[Pole, Floats]
-    acceleration_coefficient: dict[Pole, Floats]
-    angle: dict[Pole, Floats]
-    error: dict[Pole, Floats]
-    velocity_coefficient_error: dict[Pole, Floats]
-    acceleration_coefficient_error: dict[Pole, Floats]
-    planes: dict[Pole, Floats]
-    w: dict[int, Floats]
-    dw: dict[int, Floats]
+    direction: MutableMapping[Pole, Floats]
+    velocity_coefficient: MutableMapping[Pole, Floats]
+    acceleration_coefficient: MutableMapping[Pole, Floats]
+    angle: MutableMapping[Pole, Floats]
+    error: MutableMapping[Pole, Floats]
+    velocity_coefficient_error: MutableMapping[Pole, Floats]
+    acceleration_coefficient_error: MutableMapping[Pole, Floats]
+    planes: MutableMapping[Pole, Floats]
+    w: MutableMapping[int, Floats]
+    dw: MutableMapping[int, Floats]
     status: NDArray[np.int8]
-    pole_status: dict[Pole, NDArray[np.int8]]
+    pole_status: MutableMapping[Pole, NDArray[np.int8]]
     by_equations: NDArray[np.bool_]
     by_kernel: NDArray[np.bool_]
     loss: Floats
-    direction_dq: dict[Pole, Floats] = field(default_factory=dict)
+    direction_dq: MutableMapping[Pole, Floats] = field(default_factory=dict)
 
     def turned(self, plan: Plan, pole: Pole) -> Floats:
         """Return (n, 3) how the direction of a pole of links turns by the input, 1/rad.

@@ -1,6 +1,6 @@
 """Signs of pole directions: continuous along each assembly mode, block after block."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any, final
 
@@ -90,44 +90,58 @@ def signed(
     return field
 
 
-def steady_signs(motion: Motion, columns: RateColumns, memory: SignMemory) -> Floats:
+def steady_signs(
+    motion: Motion,
+    signed: Sequence[Pole],
+    at: Callable[[Sequence[int]], Floats],
+    memory: SignMemory,
+) -> Floats:
     """Return (modes, poles) one sign for each mode in which directions do not reverse.
 
-    Of those that are `signed`: each is turned by it to go on from the block before. Rows
-    that hold nothing do not count.
+    Of the poles `signed`: each is turned by it to go on from the block before; `at` gives
+    what has a sign of theirs (8, poles, k) at rows by their numbers. Rows that hold nothing
+    do not count.
     """
-    signs = np.ones((len(motion.assembly_modes), len(columns.signed)))
+    signs = np.ones((len(motion.assembly_modes), len(signed)))
     samples, good, sense = motion.samples, ~motion.failed, np.ones(1)
-    for number, mode in enumerate(motion.assembly_modes):
-        held = np.flatnonzero(good[number * samples : (number + 1) * samples])
-        if not len(held) or not len(columns.signed):
-            continue
-        first, last = (int(row) + number * samples for row in (held[0], held[-1]))
-        (v, v_end), (dv, dv_end) = _relative(motion, columns, [first, last])
-        rate = columns.with_sign[6, :, first]
-        before = [memory.last.get((mode.number, pole)) for pole in columns.signed]
-        new = [k for k, item in enumerate(before) if item is None]
-        going = signs[number]
+    rows: list[int] = []
+    going_on = []
+    for number in range(len(signs)):
+        held = good[number * samples : (number + 1) * samples]
+        if np.any(held) and len(signed):
+            ends = int(np.argmax(held)), samples - 1 - int(np.argmax(held[::-1]))
+            rows += [number * samples + end for end in ends]
+            going_on.append(number)
+    if not rows:
+        return signs
+    parts = at(rows)
+    vectors, changes = _relative(motion, parts)
+    for k, number in enumerate(going_on):
+        mode, (first, last) = motion.assembly_modes[number], rows[2 * k : 2 * k + 2]
+        (v, v_end), (dv, dv_end) = vectors[2 * k : 2 * k + 2], changes[2 * k : 2 * k + 2]
+        before = [memory.last.get((mode.number, pole)) for pole in signed]
+        new = [j for j, item in enumerate(before) if item is None]
+        going = np.ones(len(signed))
         if new:
             home = _home(motion, mode.number, first, memory)
             going[new] = np.where(home @ v[:, new] < 0.0, -1.0, 1.0)
-        for k, item in enumerate(before):
+        for j, item in enumerate(before):
             if item is None:
                 continue
-            going[k] = item.sign
-            if item.w[:, 0] @ v[:, k] < 0.0:
+            going[j] = item.sign
+            if item.w[:, 0] @ v[:, j] < 0.0:
                 flip = _flips(
                     np.append(item.way, _way(motion, first)),
                     np.append(item.sense, sense),
-                    np.column_stack([item.w, v[:, k]]),
-                    np.column_stack([item.dw, dv[:, k]]),
+                    np.column_stack([item.w, v[:, j]]),
+                    np.column_stack([item.dw, dv[:, j]]),
                 )
-                going[k] *= float(flip[0])
+                going[j] *= float(flip[0])
         way = _way(motion, last)
-        for k, pole in enumerate(columns.signed):
-            at_end = v_end[:, k : k + 1], dv_end[:, k : k + 1]
-            memory.last[mode.number, pole] = _Last(way, sense, *at_end, float(going[k]))
-        signs[number] = np.where(rate < 0.0, -going, going)
+        for j, pole in enumerate(signed):
+            at_end = v_end[:, j : j + 1], dv_end[:, j : j + 1]
+            memory.last[mode.number, pole] = _Last(way, sense, *at_end, float(going[j]))
+        signs[number] = np.where(parts[6, :, 2 * k] < 0.0, -going, going)
     return signs
 
 
@@ -137,11 +151,9 @@ def _way(motion: Motion, row: int) -> Floats:
     return motion.q[[row]] if single else motion.sample[[row]].astype(float)
 
 
-def _relative(
-    motion: Motion, columns: RateColumns, rows: Sequence[int]
-) -> tuple[Floats, Floats]:
+def _relative(motion: Motion, parts: Floats) -> tuple[Floats, Floats]:
     """Return (rows, 3, poles) relative angular velocities, and derivatives by the way."""
-    parts = np.moveaxis(columns.with_sign[:, :, rows], 2, 0)
+    parts = np.moveaxis(parts, 2, 0)
     unit, turn, rate, change = parts[:, :3], parts[:, 3:6], parts[:, 6:7], parts[:, 7:8]
     v = rate * unit
     single = motion.inputs.shape[1] == 1

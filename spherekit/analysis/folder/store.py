@@ -7,7 +7,8 @@ import shutil
 from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, final
 
@@ -153,16 +154,12 @@ class _Joined(JoinedColumns):
         """Return columns, block after block, so that each is made again once."""
         joined = {name: self._empty(name) for name in names}
         ends = itertools.accumulate(rows.stop - rows.start for _, rows in self._parts)
-        places: dict[int, list[tuple[slice, int]]] = defaultdict(list)
+        places: dict[int, list[_Target]] = defaultdict(list)
         for (number, rows), end in zip(self._parts, ends, strict=True):
-            places[number].append((rows, end))
-        for number, parts in places.items():
+            places[number].append((rows, end - (rows.stop - rows.start)))
+        for number, targets in places.items():
             block = self._blocks[number]
-            reading = held(block[name] for name in joined)
-            for (rows, end), name in itertools.product(parts, joined):
-                out = joined[name][end - (rows.stop - rows.start) : end]
-                _copied(block[name], rows, out)
-            del reading
+            _put_together({name: (block[name], joined[name]) for name in joined}, targets)
         return joined
 
     def _empty(self, name: str) -> NDArray[Any]:
@@ -171,15 +168,64 @@ class _Joined(JoinedColumns):
         return np.empty(sum(len(part) for part in columns), dtype=kind)
 
 
-def _copied(
-    column: NDArray[Any] | SetAside | Interleaved, rows: slice, out: NDArray[Any]
+_Target = tuple[slice, int]
+"""Rows of a block's column, and from where on they belong in the joined one."""
+
+
+def _put_together(
+    columns: Mapping[str, tuple[NDArray[Any] | SetAside | Interleaved, NDArray[Any]]],
+    targets: Sequence[_Target],
 ) -> None:
-    """Write the rows of a column into an array."""
-    if isinstance(column, Interleaved):
-        count = len(column.parts)
-        column.put(out, slice(rows.start // count, rows.stop // count))
-    else:
-        out[:] = column[rows]
+    """Write the columns of a block into joined ones; what is made again is made once."""
+    left: dict[int, list[_Written]] = defaultdict(list)
+    sources, reading = {}, []
+    for column, out in columns.values():
+        parts = column.parts if isinstance(column, Interleaved) else (column,)
+        for number, part in enumerate(parts):
+            written = _Written(part, out, number, len(parts), targets)
+            if isinstance(part, SetAside) and part.row is not None:
+                left[id(part.source)].append(written)
+                sources[id(part.source)] = part.source
+            else:
+                reading.append(np.asarray(part))  # what it is a view of is made once
+                written.put(slice(0, len(part)), reading[-1])
+    for key, wanted in left.items():
+        sources[key].read(partial(_read_slice, wanted))
+
+
+def _read_slice(wanted: "Sequence[_Written]", rows: slice, held: NDArray[Any]) -> None:
+    """Write some rows of what is wanted, given all columns of these, few at a time."""
+    for start in range(rows.start, rows.stop, IN_CACHE):
+        some = slice(start, min(start + IN_CACHE, rows.stop))
+        few = held[:, some.start - rows.start : some.stop - rows.start]
+        for written in wanted:
+            row = written.part.row
+            assert row is not None
+            written.put(some, few[row].view(written.part.dtype))
+
+
+@final
+@dataclass(frozen=True)
+class _Written:
+    """A part of a column, and where it goes: one of `count` in turn."""
+
+    part: Any
+    out: NDArray[Any]
+    number: int
+    count: int
+    targets: Sequence[_Target]
+
+    def put(self, rows: slice, values: NDArray[Any]) -> None:
+        """Write the part's values at some of its rows, as far as they are wanted."""
+        for wanted, first in self.targets:
+            start, stop = wanted.start // self.count, wanted.stop // self.count
+            low, high = max(rows.start, start), min(rows.stop, stop)
+            if low < high:
+                at = first + (low - start) * self.count + self.number
+                end = first + (high - start) * self.count
+                self.out[at : end : self.count] = values[
+                    low - rows.start : high - rows.start
+                ]
 
 
 _Pieces = list[tuple[int, int, int, slice]] | None
@@ -284,11 +330,13 @@ class OnDisk(AbstractStore):
             If the disk is full.
         """
         columns = {column.name: data[column.name] for column in table.columns}
+        reading = held(columns.values())
         for column in table.columns:
             if column.kind == "text":
                 words = self._words.setdefault((analysis, table.name, column.name), {})
                 columns[column.name] = _coded(columns[column.name], words)
         rows = _packed_rows(columns, packed(table))
+        del reading
         if not (self._split and table.in_assembly_modes):
             self._append(analysis, table, 0, rows)
             return

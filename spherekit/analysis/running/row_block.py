@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from spherekit.analysis.running.in_turn import each_at_once
 from spherekit.analysis.running.positions import Positions
 from spherekit.conventions import Status
-from spherekit.engine.columns import RowKernel
+from spherekit.engine.row_kernel import RowFunction, RowKernel
+from spherekit.numeric.lent_memory import LentMemory, Reader
 from spherekit.sphere.rotation import Floats
 
 SLICE = 8184
@@ -21,30 +22,49 @@ SHORTEST_RUN = 64
 """Rows without a configuration that follow each other less often are left out by number."""
 SMALL_STEP = 1e-6
 """A step of Newton's method (rad) from what was predicted stays in its mode."""
+ASIDE = 1e-8
+"""The least cosine of successive directions: those of rows that are still open may be off
+by a tenth of that, as those that are vouched for."""
 
 Part = tuple[int, slice]
 """A slice of successive rows, and the number of their assembly mode."""
-Flags = list[bool] | None
-"""For each input whether no direction reverses in a slice; None where that is not known."""
+
+
+@final
+@dataclass(frozen=True)
+class Seen:
+    """What was seen of a slice while its columns were in the cache.
+
+    `ends` are for each input the relative angular velocities (poles, 3, 2) at its first
+    and last row, and `steady` says that none reverses between them; both are None where
+    not all rows are vouched for. `errors` are for each input the largest of directions,
+    rates, changes.
+    """
+
+    steady: tuple[bool, ...] | None = None
+    ends: tuple[Floats, ...] | None = None
+    errors: tuple[tuple[float, ...], ...] = ()
 
 
 @final
 class Rooms:
     """Memory for slices that are filled at the same time, used again and again."""
 
-    def __init__(self, size: int) -> None:
-        self._size = size
+    def __init__(self) -> None:
         self._free: list[Floats] = []
 
     @contextmanager
     def lent(self, rows: int, columns: int) -> Iterator[Floats]:
         """Lend an array (rows, columns) that nobody else has."""
+        size = rows * columns
         try:
             room = self._free.pop()
         except IndexError:
-            room = np.empty(self._size)
+            room = np.empty(size)
+        if len(room) < size:
+            room = np.empty(size)
         try:
-            yield room[: rows * columns].reshape(rows, columns)
+            yield room[:size].reshape(rows, columns)
         finally:
             self._free.append(room)
 
@@ -52,20 +72,23 @@ class Rooms:
 @final
 @dataclass
 class Rows:
-    """The rows of a block while they are found, with room for the columns of slices.
+    """The rows of a block while they are found, slice by slice.
 
     By assembly mode, then sample. `q` (inputs, samples) are the inputs, `values`
-    (variables, n) what was read of the variables, then all of them; `columns` those of the
-    kernel that are kept. `vouched` (n,) says where the values close all loops and the
-    kernel's numbers may be given; `off` (n,) is the error of the configuration. `replaced`
-    are rows whose values were found after their slice had been filled, and their columns.
+    (variables, n) what was read of the variables, then all of them. `columns` are those of
+    the kernel that are kept, None where these are left to be made when they are read.
+    `vouched` (n,) says where the values close all loops and the kernel's numbers may be
+    given; `residual` (n,) is by how much loops are open, `off` (n,) the error of the
+    configuration. `replaced` are rows whose columns are not what the kernel makes of a
+    slice, and these; `late` is what was seen of rows after their slice.
     """
 
     kernel: RowKernel
     positions: Positions
     q: Floats
     values: Floats
-    columns: Floats
+    columns: Floats | None
+    residual: Floats
     off: Floats
     rooms: "Rooms"
 
@@ -74,62 +97,96 @@ class Rows:
         self.vouched: NDArray[np.bool_] = np.empty(n, dtype=bool)
         self.status: NDArray[np.int8] = np.empty(n, dtype=np.int8)
         self.replaced: list[tuple[NDArray[np.intp], Floats]] = []
+        self.late: list[Seen] = []
+        whole = self.columns is not None
+        self._deciding = self.kernel.whole if whole else self.kernel.judging
 
-    @property
-    def residual(self) -> Floats:
-        """(n,) by how much loops are open, rad."""
-        return self.kernel.residual(self.columns)
-
-    def fill(self, parts: Sequence[Part], senses: Sequence[Floats]) -> list[Flags]:
-        """Fill all rows; return for each part whether no direction reverses in it.
+    def fill(self, parts: Sequence[Part], senses: Sequence[Floats]) -> list[Seen]:
+        """Fill all rows; return what was seen of each part.
 
         `senses[input]` (modes, poles) are the signs that directions get.
         """
-        return each_at_once(lambda part: self._fill(part, senses), parts)
+        made = each_at_once(lambda part: self._fill(part, senses), parts)
+        open_ = np.concatenate([rows for _, rows in made])
+        if len(open_):
+            self._close(open_, senses)
+        return [seen for seen, _ in made]
 
     def again(
         self, parts: Sequence[Part], senses: Sequence[Floats]
-    ) -> Callable[[Floats], None]:
-        """Return what writes the columns once more, to the last bit.
+    ) -> Callable[[Reader], None]:
+        """Return what has the columns read once more, to the last bit, slice by slice.
 
         `senses[input]` (modes, poles) are the signs that directions have. It does not keep
         the columns that there are.
         """
         kernel, rooms, values = self.kernel, self.rooms, self.values
-        replaced = [(rows, columns[: kernel.kept]) for rows, columns in self.replaced]
+        replaced = self.replaced
 
-        def write(out: Floats) -> None:
+        def pieces(reader: Reader) -> None:
+            whole = kernel.whole
+
             def fill(part: Part) -> None:
                 mode, rows = part
                 given = np.ascontiguousarray(values[:, rows])
-                with rooms.lent(kernel.width, given.shape[1]) as room:
-                    kernel(given, room)
+                with rooms.lent(whole.width, given.shape[1]) as room:
+                    whole(given, room)
                     for numbers, columns in replaced:
                         here = (numbers >= rows.start) & (numbers < rows.stop)
                         room[: kernel.kept, numbers[here] - rows.start] = columns[:, here]
                     _turn(kernel, room, mode, senses)
-                    out[:, rows] = room[: kernel.kept]
+                    empty = np.flatnonzero(np.isnan(given[0]))
+                    if len(empty):
+                        room[: kernel.kept, empty] = np.nan
+                    reader(rows, room[: kernel.kept])
 
             each_at_once(fill, parts)
-            empty = np.flatnonzero(np.isnan(values[0]))
-            if len(empty):
-                out[:, empty] = np.nan
 
-        return write
+        return pieces
+
+    def make(
+        self, parts: Sequence[Part], senses: Sequence[Floats], memory: LentMemory
+    ) -> None:
+        """Make the columns that were left to be made when they are read."""
+        if self.columns is None:
+            self.columns = made = memory.array(self.kernel.kept, len(self.off))
+
+            def fill(some: slice, held: Floats) -> None:
+                made[:, some] = held
+
+            self.again(parts, senses)(fill)
 
     def put(
-        self, rows: NDArray[np.intp], residual: Floats, senses: Sequence[Floats]
+        self,
+        rows: NDArray[np.intp],
+        senses: Sequence[Floats],
+        residual: Floats | None = None,
     ) -> None:
-        """Fill rows by their numbers, whose values and residual are known."""
-        columns = self.kernel(self.values[:, rows])
-        self.vouched[rows], self.off[rows] = self.kernel.judged(columns)
-        self.kernel.residual(columns)[:] = residual
-        self.replaced.append((rows, columns.copy()))
+        """Fill rows by their numbers, whose values are known, and the residual may be."""
+        kernel, judging, values = self.kernel, self.kernel.judging, self.values[:, rows]
+        judged = judging(values)
+        if residual is not None:
+            judging.residual(judged)[:] = residual
+        self.residual[rows] = judging.residual(judged)
+        self.off[rows] = judging.off(judged)
+        good = judging.vouched(judged)
+        if residual is None:
+            good &= judging.closed(judged)
+        self.vouched[rows] = good
+        if np.any(good):
+            self.late.append(Seen(errors=_largest(judging, judged[:, good])))
+        if residual is None and self.columns is None:
+            return
+        columns = kernel.whole(values)
+        kernel.whole.residual(columns)[:] = self.residual[rows]
+        self.replaced.append((rows, columns[: kernel.kept].copy()))
+        if self.columns is None:
+            return
         modes = rows // self.q.shape[1]
         for mode in np.unique(modes):
             of_mode = np.ascontiguousarray(columns[:, modes == mode])
-            _turn(self.kernel, of_mode, mode, senses)
-            self.columns[:, rows[modes == mode]] = of_mode[: self.kernel.kept]
+            _turn(kernel, of_mode, mode, senses)
+            self.columns[:, rows[modes == mode]] = of_mode[: kernel.kept]
 
     def leave_out(self, failed: NDArray[np.bool_]) -> None:
         """Give rows (n,) that hold no configuration no numbers."""
@@ -142,106 +199,154 @@ class Rows:
         if len(runs) * SHORTEST_RUN > len(failed):
             runs = [np.flatnonzero(failed)]
         for rows in runs:
-            self.columns[:, rows] = self.values[:, rows] = self.off[rows] = np.nan
+            self.values[:, rows] = self.off[rows] = self.residual[rows] = np.nan
+            if self.columns is not None:
+                self.columns[:, rows] = np.nan
             self.vouched[rows] = False
 
-    def steady(
-        self, flags: Sequence[Flags], parts: Sequence[Part], good: NDArray[np.bool_]
-    ) -> list[bool]:
-        """Return for each input whether no direction reverses between `good` rows (n,).
-
-        From one to the next of its mode; `flags` are what `fill` returned.
-        """
-        ends: list[tuple[int, int, int]] = []
-        unknown: list[NDArray[np.intp]] = []
-        for (mode, rows), flag in zip(parts, flags, strict=True):
-            inside = np.flatnonzero(good[rows]) + rows.start
-            if len(inside):
-                ends.append((mode, int(inside[0]), int(inside[-1])))
-            if flag is None:
-                unknown.append(inside)
-        unknown += [
-            np.array([last, first])
-            for (before, _, last), (mode, first, _) in pairwise(ends)
-            if mode == before
-        ]
+    def looked_through(
+        self, seen: Sequence[Seen], parts: Sequence[Part], good: NDArray[np.bool_]
+    ) -> list[Seen]:
+        """Return what is seen of each part, of its `good` rows (n,) where not all were."""
         return [
-            all(flag[number] for flag in flags if flag is not None)
-            and all(self._goes_on(number, rows) for rows in unknown)
-            for number in range(len(self.kernel.rates))
+            self._looked_at(np.flatnonzero(good[rows]) + rows.start)
+            if here.ends is None
+            else here
+            for here, (_, rows) in zip(seen, parts, strict=True)
         ]
 
-    def _goes_on(self, number: int, rows: NDArray[np.intp]) -> bool:
-        """Return whether no direction reverses between successive ones of some rows."""
-        unit = _signed(self.kernel, self.columns, number)[:3][..., rows]
-        return bool(np.all(np.sum(unit[..., 1:] * unit[..., :-1], axis=0) >= 0.0))
+    def _looked_at(self, rows: NDArray[np.intp]) -> Seen:
+        """Return what is seen of some rows, found again."""
+        judging = self.kernel.judging
+        if not len(rows):
+            return Seen((True,) * len(judging.inputs))
+        return _seen(judging, judging(self.values[:, rows]))
 
-    def _fill(self, part: Part, senses: Sequence[Floats]) -> Flags:
-        """Fill a slice; return for each input whether no direction reverses in it."""
+    def _fill(self, part: Part, senses: Sequence[Floats]) -> tuple[Seen, NDArray[np.intp]]:
+        """Fill a slice; return what was seen of it, and which rows are not quite closed."""
         mode, rows = part
         first, count = mode * self.q.shape[1], rows.stop - rows.start
         q = self.q[:, rows.start - first : rows.stop - first]
         values, lost = self.positions.complete(mode, q, self.values[:, rows])
         self.status[rows] = Status.OK
-        some = np.any(lost)
-        if some:
+        none = np.empty(0, dtype=np.intp)
+        if np.any(lost):
             self.status[rows][lost] = Status.OUT_OF_REACH
-        if some and np.all(lost):
-            self.vouched[rows] = False
-            return [True] * len(senses)
+            if np.all(lost):
+                self.vouched[rows] = False
+                return Seen(), none
         self.values[:, rows] = values
-        kernel = self.kernel
-        with self.rooms.lent(kernel.width, count) as columns:
-            kernel(values, columns)
-            closed = kernel.closed(columns)
-            if not np.all(closed):
-                open_ = np.flatnonzero(~closed & np.isfinite(kernel.residual(columns)))
-                if len(open_):
-                    closed[open_] = self._close(rows, values, columns, open_)
-            good, self.off[rows] = kernel.judged(columns)
-            self.vouched[rows] = good & closed
-            _turn(kernel, columns, mode, senses)
-            self.columns[:, rows] = columns[: kernel.kept]
-            if not np.all(closed):
-                return None
-            return [self._is_steady(columns, number) for number in range(len(senses))]
+        deciding = self._deciding
+        with self.rooms.lent(deciding.width, count) as columns:
+            deciding(values, columns)
+            self.residual[rows] = deciding.residual(columns)
+            self.off[rows] = deciding.off(columns)
+            good = deciding.vouched(columns)
+            closed = deciding.closed(columns)
+            whole = bool(np.all(closed))
+            seen = Seen()
+            if np.all(good):
+                seen = _seen(deciding, columns, slice(None) if whole else closed)
+            if self.columns is not None:
+                _turn(self.kernel, columns, mode, senses)
+                self.columns[:, rows] = columns[: self.kernel.kept]
+            if whole:
+                self.vouched[rows] = good
+                return seen, none
+            np.logical_and(good, closed, out=self.vouched[rows])
+            open_ = np.flatnonzero(~closed & np.isfinite(self.residual[rows]))
+            return seen, open_ + rows.start
 
-    def _is_steady(self, columns: Floats, number: int) -> bool:
-        """Return whether no direction reverses in columns, which are written to."""
-        unit = _signed(self.kernel, columns, number)[:3]
-        np.multiply(unit[..., 1:], unit[..., :-1], out=unit[..., 1:])
-        unit[0, :, 1:] += unit[1, :, 1:]
-        unit[0, :, 1:] += unit[2, :, 1:]
-        return not unit.size or bool(np.min(unit[0, :, 1:], initial=1.0) >= 0.0)
-
-    def _close(
-        self, rows: slice, values: Floats, columns: Floats, open_: NDArray[np.intp]
-    ) -> NDArray[np.bool_]:
-        """Take a step of Newton's method; return which rows that closes, near by."""
-        before = values[:, open_]
+    def _close(self, open_: NDArray[np.intp], senses: Sequence[Floats]) -> None:
+        """Take a step of Newton's method at some rows; keep what that closes, near by."""
+        before = self.values[:, open_]
         after = before.copy()
         after[list(self.kernel.free)] = self.kernel.closer(before)
-        again = self.kernel(after)
         step = np.max(np.abs(after - before), axis=0)
-        closed = self.kernel.closed(again) & (step < SMALL_STEP)
-        numbers = rows.start + open_[closed]
-        self.replaced.append((numbers, again[:, closed]))
-        self.values[:, numbers] = after[:, closed]
-        columns[:, open_[closed]] = again[:, closed]
-        return np.asarray(closed)
+        near = step < SMALL_STEP
+        rows = open_[near]
+        self.values[:, rows] = after[:, near]
+        self.put(rows, senses)
 
 
-def _signed(kernel: RowKernel, columns: Floats, number: int) -> Floats:
-    """Return (8, poles, n) what has a sign of its own, of an input."""
-    places = kernel.rates[number]
-    count = len(places.signed)
-    block = columns[places.block : places.block + 8 * count]
-    return block.reshape(8, count, columns.shape[1])
+def steady(seen: Sequence[Seen], parts: Sequence[Part]) -> list[bool]:
+    """Return for each input whether no direction reverses within a mode of a block."""
+    inputs = [here.steady for here in seen if here.steady is not None]
+    ends = [
+        (mode, here.ends)
+        for (mode, _), here in zip(parts, seen, strict=True)
+        if here.ends is not None
+    ]
+    return [
+        all(of_part)
+        and all(
+            mode != other or bool(np.all(_along(one[number][..., 1], two[number][..., 0])))
+            for (mode, one), (other, two) in pairwise(ends)
+        )
+        for number, of_part in enumerate(zip(*inputs, strict=True))
+    ]
+
+
+def largest_errors(seen: Sequence[Seen], number: int) -> list[float | None]:
+    """Return the largest errors of an input's directions, rates and changes in a block."""
+    parts = [here.errors[number] for here in seen if here.errors]
+    return [max(of_kind) for of_kind in zip(*parts, strict=True)] or [None] * 3
+
+
+def _along(one: Floats, two: Floats) -> NDArray[np.bool_]:
+    """Return which directions (..., 3) and (..., 3) do not reverse."""
+    sizes = np.sum(one * one, axis=-1) * np.sum(two * two, axis=-1)
+    return np.asarray(np.sum(one * two, axis=-1) >= ASIDE * np.sqrt(sizes))
+
+
+def _seen(
+    deciding: RowFunction,
+    columns: Floats,
+    closed: slice | NDArray[np.bool_] = slice(None),
+) -> Seen:
+    """Return what is seen of successive rows; errors count where loops are `closed`."""
+    every = range(len(deciding.inputs))
+    ends = columns[:, [0, -1]]
+    return Seen(
+        tuple(_is_steady(deciding, columns, k) for k in every),
+        tuple(deciding.relative(k, deciding.turning(ends, k)) for k in every),
+        _largest(deciding, columns, closed),
+    )
+
+
+def _largest(
+    deciding: RowFunction,
+    columns: Floats,
+    chosen: slice | NDArray[np.bool_] = slice(None),
+) -> tuple[tuple[float, ...], ...]:
+    every = (deciding.errors(columns, k) for k in range(len(deciding.inputs)))
+    return tuple(
+        tuple(np.maximum.reduce(errors[:, chosen], axis=1, initial=0.0).tolist())
+        for errors in every
+    )
+
+
+def _is_steady(deciding: RowFunction, columns: Floats, number: int) -> bool:
+    """Return whether no direction of an input reverses from one row to the next."""
+    turning = deciding.turning(columns, number)
+    if not len(turning):
+        return True
+    low, high = np.minimum.reduce(turning, axis=2), np.maximum.reduce(turning, axis=2)
+    least, most = deciding.relative(number, low, high), deciding.relative(number, high, low)
+    # No product of two in a box falls below the one, no size exceeds the other.
+    across, one, other = least * most, least * least, most * most
+    inner = np.where(across > 0.0, np.minimum(one, other), across)
+    product, size = np.sum(inner, axis=1), np.sum(np.maximum(one, other), axis=1)
+    unsure = ~(product >= ASIDE * size)
+    if not np.any(unsure):
+        return True
+    v = np.moveaxis(deciding.relative(number, turning)[unsure], 1, 2)
+    return bool(np.all(_along(v[:, :-1], v[:, 1:])))
 
 
 def _turn(kernel: RowKernel, columns: Floats, mode: int, senses: Sequence[Floats]) -> None:
     """Give directions of a mode their signs, in place."""
     for number, of_input in enumerate(senses):
-        signed = _signed(kernel, columns, number)
+        signed = kernel.signed(columns, number)
         for pole in np.flatnonzero(of_input[mode] < 0.0):
             np.negative(signed[:, pole], out=signed[:, pole])

@@ -7,6 +7,7 @@ found by `Tracer` and `evaluate`, as without it.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, final
 
 import numpy as np
@@ -14,18 +15,27 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.running.in_turn import in_turn
 from spherekit.analysis.running.positions import Positions
-from spherekit.analysis.running.row_block import SLICE, Part, Rooms, Rows
+from spherekit.analysis.running.row_block import (
+    SLICE,
+    Part,
+    Rooms,
+    Rows,
+    Seen,
+    largest_errors,
+    steady,
+)
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
-from spherekit.engine.columns import RowKernel, row_kernel
 from spherekit.engine.compiler import available
+from spherekit.engine.row_kernel import RowKernel, row_kernel
 from spherekit.motion.motion import Motion
-from spherekit.numeric.lent_memory import LentMemory, Refilled
-from spherekit.rates.columns import RateColumns
-from spherekit.rates.from_columns import field_of_columns
+from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled, Template
+from spherekit.rates.columns import Gaps, RateColumns
+from spherekit.rates.from_columns import field_of_columns, field_unread
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
-from spherekit.rates.signs import SignMemory
+from spherekit.rates.signs import SignMemory, steady_signs
+from spherekit.rates.unread_columns import UnreadColumns
 from spherekit.sphere.rotation import Floats
 
 FEWEST = 1 << 14
@@ -34,7 +44,7 @@ MANY = 1 << 19
 """From so many rows on it is compiled, where heyoka is installed."""
 REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
-BYTES = 1 << 26
+BYTES = 1 << 27
 """Of columns in a block, at most."""
 MORE = 8
 """Blocks have so many times the rows of those without a kernel, at most."""
@@ -43,18 +53,15 @@ MORE = 8
 @final
 @dataclass(frozen=True)
 class _Block:
-    """What was found of a block: for each input its rates, and which are `steady`.
+    """What was found of a block: its `rows` in `parts`, and which inputs are `steady`.
 
-    `columns` hold those of the kernel and what else rows are known by, `parts` are the
-    slices of its rows.
+    `seen` is what was seen of the parts while they were filled.
     """
 
     samples: NDArray[np.intp]
-    columns: Floats
     rows: Rows
     parts: Sequence[Part]
-    rates: Sequence[RateColumns]
-    vouched: NDArray[np.bool_]
+    seen: Sequence[Seen]
     steady: Sequence[bool]
 
 
@@ -79,10 +86,14 @@ class RowsAtOnce:
         self._found: dict[int, _Block] = {}
         modes = len(self.course.tracer.assembly_modes)
         rates = self.kernel.rates
-        self._rooms = Rooms(self.kernel.width * SLICE)
+        self._rooms = Rooms()
         self._columns, self._values, self._gaps = (LentMemory() for _ in range(3))
+        self._residuals, self._off, self._numbers = (LentMemory() for _ in range(3))
         # Expected from the block before: then nothing has to be turned round later.
         self._senses = [np.ones((modes, len(places.signed))) for places in rates]
+        self._left: Refilled | None = None
+        self._is_read, self._is_doubtful = self.with_planes, False
+        self._template: tuple[Template, list[RateColumns]] | None = None
 
     @classmethod
     def of(
@@ -144,14 +155,18 @@ class RowsAtOnce:
     ) -> tuple[PoleField, ...]:
         """Return the poles of a motion that was found, for each input that moves."""
         block = self._found.pop(id(motion))
-        per_input = zip(self.requests, block.rates, memories, strict=False)
+        if block.rows.columns is None:
+            return self._unread(motion, block, memories)
+        rates = self.kernel.read(block.rows.columns)
         fields = []
-        for number, (wanted, columns, memory) in enumerate(per_input):
+        for number, (wanted, columns, memory) in enumerate(
+            zip(self.requests, rates, memories, strict=False)
+        ):
             field = field_of_columns(
                 motion,
                 wanted,
                 columns,
-                block.vouched,
+                block.rows.vouched,
                 memory,
                 self.with_planes,
                 block.steady[number],
@@ -160,43 +175,95 @@ class RowsAtOnce:
             self._senses[number] = _senses_at_end(motion, columns, field)
             fields.append(field)
         if all(block.steady):
-            self._leave_to_be_read(block)
+            self._made_again(block).fills(block.rows.columns)
         return tuple(fields)
 
-    def _leave_to_be_read(self, block: _Block) -> None:
-        """Say how columns of a block can be made again, so that they need not be kept."""
-        samples, kept = block.samples, self.kernel.kept
-        again = block.rows.again(block.parts, list(self._senses))
+    def _unread(
+        self, motion: Motion, block: _Block, memories: Sequence[SignMemory]
+    ) -> tuple[PoleField, ...]:
+        """Return the poles of a motion that are left to be made when they are read."""
+        values, kernel, n = block.rows.values, self.kernel, len(motion)
 
-        def write(out: Floats) -> None:
-            again(out[:kept])
-            self._named(samples, out[kept + 1 :])
+        def signed_at(rows: Sequence[int], number: int) -> Floats:
+            return kernel.signed_at(values[:, list(rows)])[number]
 
-        Refilled(block.columns, write)
+        for number, (places, memory) in enumerate(
+            zip(kernel.rates, memories, strict=False)
+        ):
+            self._senses[number] = steady_signs(
+                motion, places.signed, partial(signed_at, number=number), memory
+            )
+        self._left = left = self._made_again(block)
+        left.fills(block.rows.residual[None], kernel.residual)
+        if self._template is None or self._template[0].shape[1] != n:
+            template = Template(kernel.kept, n)
+            self._template = template, kernel.read(template.unmade)
+        gaps = Gaps(np.flatnonzero(motion.failed), self._gaps)
+        return tuple(
+            field_unread(
+                motion,
+                wanted,
+                UnreadColumns(
+                    left, *self._template_of(number), partial(self._of, number), gaps
+                ),
+                block.rows.vouched,
+                largest_errors([*block.seen, *block.rows.late], number),
+            )
+            for number, wanted in enumerate(self.requests[: len(memories)])
+        )
 
-    def _named(self, samples: NDArray[np.intp], out: Floats) -> Floats:
-        """Write the numbers of samples and modes as bits of whole ones, and the inputs."""
+    def _template_of(self, number: int) -> tuple[Template, RateColumns]:
+        assert self._template is not None
+        template, shown = self._template
+        return template, shown[number]
+
+    def _of(self, number: int, columns: Floats) -> RateColumns:
+        return self.kernel.read(columns)[number]
+
+    def _made_again(self, block: _Block) -> Refilled:
+        """Return the columns of a block, made when they are read."""
+        pieces = block.rows.again(block.parts, list(self._senses))
+        return Refilled(self._columns, (self.kernel.kept, len(block.rows.off)), pieces)
+
+    def _named(self, samples: NDArray[np.intp]) -> Floats:
+        """Return the numbers of samples and modes as bits of whole ones, and the inputs."""
         modes = self.course.tracer.assembly_modes
         numbers = np.array([mode.number for mode in modes])
-        whole = out.view(np.int64).reshape(len(out), len(modes), len(samples))
-        whole[0], whole[1] = samples, numbers[:, None]
-        out[2:].reshape(-1, *whole.shape[1:])[:] = self.course.inputs[samples].T[:, None]
-        return out
+        inputs, count = self.course.inputs[samples].T, len(samples)
+        shape = 2 + len(inputs), len(modes) * count
+
+        def write(out: Floats) -> None:
+            whole = out[:2].view(np.int64).reshape(2, len(modes), count)
+            whole[0], whole[1] = samples, numbers[:, None]
+            out[2:].reshape(-1, len(modes), count)[:] = inputs[:, None]
+
+        def pieces(reader: Reader) -> None:
+            again = np.empty(shape)
+            write(again)
+            reader(slice(0, shape[1]), again)
+
+        named = self._numbers.array(*shape)
+        write(named)
+        Refilled(self._numbers, shape, pieces).fills(named)
+        return named
 
     def _motion(self, samples: NDArray[np.intp]) -> Motion:
         """Return the motion at samples, by their numbers."""
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
-        n, kept, inputs = modes * count, self.kernel.kept, course.inputs.shape[1]
+        n = modes * count
         values = self._values.array(len(tracer.mechanism.variable_owners), n)
-        columns = self._columns.array(kept + 3 + inputs, n)
+        self._is_read |= self._left is not None and self._left.was_read
+        is_made = self._is_read or self._is_doubtful
+        columns = self._columns.array(self.kernel.kept, n) if is_made else None
         rows = Rows(
             self.kernel,
             self.positions,
             np.ascontiguousarray(tracer.input_grid.q[samples].T),
             values,
-            columns[:kept],
-            columns[kept],
+            columns,
+            self._residuals.array(1, n)[0],
+            self._off.array(1, n)[0],
             self._rooms,
         )
         self._read(samples, values.reshape(-1, modes, count))
@@ -206,21 +273,27 @@ class RowsAtOnce:
             for start in range(mode * count, (mode + 1) * count, SLICE)
         ]
         senses = [of_input.copy() for of_input in self._senses]
-        flags = rows.fill(parts, senses)
+        seen = rows.fill(parts, senses)
         rest = np.flatnonzero(~rows.vouched & (rows.status == Status.OK))
         if len(rest):
             self._with_care(rows, samples, rest, senses)
+            seen = _without(seen, parts, rest)
         failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
         rows.leave_out(failed)
         vouched = rows.vouched & (rows.status == Status.OK)
         is_steady = tracer.input_grid.is_path and bool(np.all(vouched | failed))
-        steady = [False] * len(self.requests)
+        goes_on = [False] * len(self.requests)
         if is_steady:
-            steady = rows.steady(flags, parts, ~failed)
+            seen = rows.looked_through(seen, parts, ~failed)
+            goes_on = steady(seen, parts)
+        rows.vouched = vouched
+        self._is_doubtful = not all(goes_on)
+        if self._is_doubtful:
+            rows.make(parts, senses, self._columns)
         timing = course.timing if self.with_times else None
         if timing is not None:
             timing = timing.rows(samples).repeated(modes)
-        named = self._named(samples, columns[kept + 1 :])
+        named = self._named(samples)
         motion = Motion(
             mechanism=tracer.mechanism,
             joints=tracer.solver.joints,
@@ -240,10 +313,7 @@ class RowsAtOnce:
         if len(doubtful):
             rows.off[doubtful] = motion.rows(doubtful).configuration_error
         vars(motion)["configuration_error"] = rows.off
-        rates = self.kernel.read(rows.columns)
-        self._found[id(motion)] = _Block(
-            samples, columns, rows, parts, rates, vouched, steady
-        )
+        self._found[id(motion)] = _Block(samples, rows, parts, seen, goes_on)
         return motion
 
     def _read(self, samples: NDArray[np.intp], out: Floats) -> None:
@@ -275,8 +345,18 @@ class RowsAtOnce:
             rows.values[:, at] = evaluated.values.T
             rows.status[at], residual[of_mode] = evaluated.status, evaluated.residual
         closed = np.isfinite(residual)
-        rows.put(rest[closed], residual[closed], senses)
+        rows.put(rest[closed], senses, residual[closed])
         rows.residual[rest[~closed]] = np.nan
+
+
+def _without(
+    seen: Sequence[Seen], parts: Sequence[Part], late: NDArray[np.intp]
+) -> list[Seen]:
+    """Return what was seen of parts, forgotten of those with rows that were found late."""
+    return [
+        Seen() if np.any((late >= rows.start) & (late < rows.stop)) else here
+        for here, (_, rows) in zip(seen, parts, strict=True)
+    ]
 
 
 def _senses_at_end(motion: Motion, columns: RateColumns, field: PoleField) -> Floats:

@@ -10,7 +10,9 @@ from spherekit.analysis.batch import run_status
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import Motion, Tracer
+from spherekit.planning.poles import Pole
 from spherekit.rates.pole_field import PoleField
+from spherekit.rates.unread_columns import Unread
 from spherekit.sphere.rotation import Floats
 
 CODES = len(Status)
@@ -76,26 +78,24 @@ class RunStatistics:
         status = run_status(motion, fields)
         for number, mode in enumerate(motion.assembly_modes):
             of_mode = status[number * motion.samples : (number + 1) * motion.samples]
-            counts = np.bincount(of_mode, minlength=CODES)
+            counts = _codes(of_mode)
             self._status[mode.number] = counts + self._status.get(mode.number, 0)
         self._residual = _largest(self._residual, motion.residual)
-        held = motion.status == Status.OK
-        off = motion.configuration_error
-        self._off = _largest(self._off, off if np.all(held) else off[held])
+        good = _good(motion.status)
+        self._off = _largest(self._off, motion.configuration_error[good])
         for field in fields:
-            held = field.status == Status.OK
-            good = slice(None) if np.all(held) else held
+            if field.status is not motion.status:
+                good = _good(field.status)
             for codes, often in _counted_once(field.pole_status.values()):
-                counts = np.bincount(codes[good], minlength=CODES)
+                counts = _codes(codes[good])
                 locked = len(fields) > 1 and counts[Status.NO_POLE] == np.sum(counts)
                 if not locked:  # links that other inputs hold together have none
                     self._poles += often * counts
-            for error, _ in _counted_once(field.error.values()):
-                self._error = _largest(self._error, error[good])
-            for error, _ in _counted_once(field.velocity_coefficient_error.values()):
-                self._rate = _largest(self._rate, error[good])
-            for error, _ in _counted_once(field.acceleration_coefficient_error.values()):
-                self._rate_dq = _largest(self._rate_dq, error[good])
+            self._error = _largest_of(self._error, field.error, good)
+            rates = field.velocity_coefficient_error
+            self._rate = _largest_of(self._rate, rates, good)
+            changes = field.acceleration_coefficient_error
+            self._rate_dq = _largest_of(self._rate_dq, changes, good)
             self._by_equations[0] += int(np.sum(field.by_equations))
             self._by_equations[1] += len(field.by_equations)
             self._by_kernel += int(np.count_nonzero(field.by_kernel))
@@ -158,6 +158,21 @@ class RunStatistics:
         }
 
 
+def _good(status: NDArray[np.int8]) -> slice | NDArray[np.bool_]:
+    """Return which rows are well: a slice, if all are."""
+    held = status == Status.OK
+    return slice(None) if np.all(held) else np.asarray(held)
+
+
+def _codes(status: NDArray[np.int8]) -> NDArray[np.int64]:
+    """Return how often each code is there."""
+    if not np.any(status != Status.OK):
+        counts = np.zeros(CODES, dtype=np.int64)
+        counts[Status.OK] = len(status)
+        return counts
+    return np.bincount(status, minlength=CODES)
+
+
 def _counts(counts: NDArray[np.int64]) -> dict[str, int]:
     return {code.name: int(counts[code]) for code in Status if counts[code]}
 
@@ -171,6 +186,20 @@ def _counted_once(
         key = array.__array_interface__["data"][0], array.strides
         counted[key] = array, counted.get(key, (array, 0))[1] + 1
     return counted.values()
+
+
+def _largest_of(
+    so_far: float | None,
+    errors: Mapping[Pole, Floats],
+    good: slice | NDArray[np.bool_],
+) -> float | None:
+    """Return the largest error so far, with those of poles at good rows."""
+    if isinstance(errors, Unread):
+        given = [x for x in (so_far, errors.largest) if x is not None]
+        return max(given, default=None)
+    for error, _ in _counted_once(errors.values()):
+        so_far = _largest(so_far, error[good])
+    return so_far
 
 
 def _largest(so_far: float | None, values: Floats) -> float | None:
