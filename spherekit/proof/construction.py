@@ -6,7 +6,7 @@ equation. A structure that can just be assembled has at least one body with at m
 pairs, and has one again without it, so such an order always exists.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -231,19 +231,33 @@ def _orders(
     joins = {p: (bodies[structure.ends[p][0]], bodies[structure.ends[p][1]]) for p in free}
     if any(one == other for one, other in joins.values()):
         return
-    seen: set[tuple[frozenset[int], ...]] = set()
+    for order in removals(joins, frozenset(members), first):
+        made = _constructed(structure, given, members, first, order)
+        if made is not None:
+            yield made
+
+
+def removals(
+    joins: Mapping[int, tuple[int, int]], bodies: frozenset[int], first: int
+) -> Iterator[tuple[tuple[int, ...], ...]]:
+    """Yield orders of placing bodies from `first` on, each body with one or two pairs.
+
+    An order has (body, pairs) for each other body; no two orders have the same ones. The
+    pairs are the keys of `joins`, which has the bodies that they join.
+    """
+    seen: set[frozenset[tuple[int, ...]]] = set()
 
     def removed(
         left: frozenset[int], last: tuple[tuple[int, ...], ...]
-    ) -> Iterator[Construction]:
+    ) -> Iterator[tuple[tuple[int, ...], ...]]:
         """Take bodies away, the one placed last first; `last` holds their pairs."""
+        # what can still come depends on what was taken away, and not on when
+        key = frozenset(last)
+        if key in seen:
+            return
+        seen.add(key)
         if left == {first}:
-            key = tuple(sorted((frozenset((-1 - b[0], *b[1:])) for b in last), key=sorted))
-            if key not in seen:
-                seen.add(key)
-                made = _constructed(structure, given, members, first, last)
-                if made is not None:
-                    yield made
+            yield last
             return
         for body in sorted(left - {first}):
             joining = tuple(
@@ -252,7 +266,7 @@ def _orders(
             if 1 <= len(joining) <= 2:
                 yield from removed(left - {body}, ((body, *joining), *last))
 
-    yield from removed(frozenset(members), ())
+    yield from removed(bodies, ())
 
 
 def _constructed(
