@@ -32,7 +32,7 @@ DEG = np.pi / 180.0
 EQUAL = 1e-9
 """Shares that differ by less, relative, are equal: sizes mirror each other."""
 ROUNDING = 1e-12
-"""A quantity with a smaller spread, over the deviation of the sizes, does not hang on them."""
+"""A quantity whose spread over the deviation of sizes is less does not hang on them."""
 SHOWN = 6
 """Quantities whose derivatives are drawn, and sizes of each."""
 

@@ -40,8 +40,11 @@ class Budget:
         self._working.tell(lambda: f"{doing}, {self.taken:.0f} s")
         if self.taken < self.seconds:
             return True
-        spent = f"stopped after {self.seconds:.3g} s of processor time"
-        self._note = f"{spent if self.seconds else 'no processor time was left'} before {doing}"
+        if self.seconds:
+            ended = f"stopped after {self.seconds:.3g} s of processor time"
+        else:
+            ended = "no processor time was left"
+        self._note = f"{ended} before {doing}"
         return False
 
     @property
