@@ -34,6 +34,7 @@ NUMBERS = "biuf"
 """Kinds of NumPy's types that arrays of numbers have: truth values, integers, floats."""
 
 _MARK = "_judges_arguments"
+_ANY_ARRAY = NDArray[Any]
 _SIMPLE: Mapping[Any, tuple[tuple[type, ...], str]] = {
     bool: ((bool, np.bool_), "True or False"),
     int: ((int, np.integer), "a whole number"),
@@ -197,7 +198,7 @@ def _fits(value: Any, hint: Any) -> bool:
     """Return whether a value is one of a type, as far as that can be judged."""
     if hint is Any:
         return True
-    if hint == NDArray[Any] and isinstance(value, np.ndarray) and value.dtype == object:
+    if isinstance(value, np.ndarray) and value.dtype == object and hint == _ANY_ARRAY:
         return True  # numbers of another arithmetic
     if hint is ArrayLike or get_origin(hint) is np.ndarray:
         return _is_numeric(value, hint)
@@ -244,6 +245,7 @@ def _fits(value: Any, hint: Any) -> bool:
     return isinstance(value, kind) if isinstance(kind, type) else True
 
 
+@functools.cache
 def _parts(inner: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the parts of a union, with `ArrayLike`, a union itself, as one."""
     numbers = get_args(ArrayLike)
@@ -269,6 +271,7 @@ def _is_numeric(value: Any, hint: Any) -> bool:
         return False
 
 
+@functools.cache
 def _is_text(hint: Any) -> bool:
     return hint is not ArrayLike and "str" in str(hint)
 

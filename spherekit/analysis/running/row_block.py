@@ -18,6 +18,10 @@ from spherekit.sphere.rotation import Floats
 
 SLICE = 8184
 """Rows of a slice: no power of two, for columns would then share the lines of the cache."""
+FEW = 128
+"""So many angular velocities are compared one by one where their box leaves it open."""
+PARTS = 8
+"""Parts that more of them are divided into."""
 SHORTEST_RUN = 64
 """Rows without a configuration that follow each other less often are left out by number."""
 SMALL_STEP = 1e-6
@@ -308,7 +312,7 @@ def _seen(
     every = range(len(deciding.inputs))
     ends = columns[:, [0, -1]]
     return Seen(
-        tuple(_is_steady(deciding, columns, k) for k in every),
+        tuple(_is_steady(deciding, deciding.turning(columns, k), k) for k in every),
         tuple(deciding.relative(k, deciding.turning(ends, k)) for k in every),
         _largest(deciding, columns, closed),
     )
@@ -326,22 +330,31 @@ def _largest(
     )
 
 
-def _is_steady(deciding: RowFunction, columns: Floats, number: int) -> bool:
-    """Return whether no direction of an input reverses from one row to the next."""
-    turning = deciding.turning(columns, number)
-    if not len(turning):
+def _is_steady(deciding: RowFunction, turning: Floats, number: int) -> bool:
+    """Return whether no direction of an input reverses from one row to the next.
+
+    By the angular velocities (links, 3, n) of what turns: within their least and largest
+    first, then, where that leaves it open, in parts.
+    """
+    if not turning.size:
         return True
+    n = turning.shape[2]
+    if n <= FEW:
+        v = np.moveaxis(deciding.relative(number, turning), 1, 2)
+        return bool(np.all(_along(v[:, :-1], v[:, 1:])))
     low, high = np.minimum.reduce(turning, axis=2), np.maximum.reduce(turning, axis=2)
     least, most = deciding.relative(number, low, high), deciding.relative(number, high, low)
     # No product of two in a box falls below the one, no size exceeds the other.
     across, one, other = least * most, least * least, most * most
     inner = np.where(across > 0.0, np.minimum(one, other), across)
     product, size = np.sum(inner, axis=1), np.sum(np.maximum(one, other), axis=1)
-    unsure = ~(product >= ASIDE * size)
-    if not np.any(unsure):
+    if np.all(product >= ASIDE * size):
         return True
-    v = np.moveaxis(deciding.relative(number, turning)[unsure], 1, 2)
-    return bool(np.all(_along(v[:, :-1], v[:, 1:])))
+    step = -(-n // PARTS)
+    return all(
+        _is_steady(deciding, turning[..., start : start + step + 1], number)
+        for start in range(0, n - 1, step)
+    )
 
 
 def _turn(kernel: RowKernel, columns: Floats, mode: int, senses: Sequence[Floats]) -> None:

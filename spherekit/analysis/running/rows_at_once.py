@@ -46,7 +46,7 @@ REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
 BYTES = 1 << 27
 """Of columns in a block, at most."""
-MORE = 8
+MORE = 16
 """Blocks have so many times the rows of those without a kernel, at most."""
 
 
