@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import final
 
 import numpy as np
@@ -281,14 +280,21 @@ def steady(seen: Sequence[Seen], parts: Sequence[Part]) -> list[bool]:
         for (mode, _), here in zip(parts, seen, strict=True)
         if here.ends is not None
     ]
+    modes = np.array([mode for mode, _ in ends])
+    goes_on = modes[1:] == modes[:-1]
     return [
-        all(of_part)
-        and all(
-            mode != other or bool(np.all(_along(one[number][..., 1], two[number][..., 0])))
-            for (mode, one), (other, two) in pairwise(ends)
-        )
+        all(of_part) and bool(np.all(_joined([v[number] for _, v in ends])[goes_on]))
         for number, of_part in enumerate(zip(*inputs, strict=True))
     ]
+
+
+def _joined(ends: Sequence[Floats]) -> NDArray[np.bool_]:
+    """Return which directions (slices - 1, poles) do not reverse from slice to slice.
+
+    `ends` are (poles, 3, 2) angular velocities at the first and last row of each.
+    """
+    v = np.array(ends)
+    return _along(v[:-1, ..., 1], v[1:, ..., 0])
 
 
 def largest_errors(seen: Sequence[Seen], number: int) -> list[float | None]:

@@ -96,7 +96,7 @@ class RunStatistics:
             self._rate = _largest_of(self._rate, rates, good)
             changes = field.acceleration_coefficient_error
             self._rate_dq = _largest_of(self._rate_dq, changes, good)
-            self._by_equations[0] += int(np.sum(field.by_equations))
+            self._by_equations[0] += int(np.count_nonzero(field.by_equations))
             self._by_equations[1] += len(field.by_equations)
             self._by_kernel += int(np.count_nonzero(field.by_kernel))
         if self._rank is None and np.any(motion.status == Status.OK):
