@@ -283,7 +283,10 @@ def steady(seen: Sequence[Seen], parts: Sequence[Part]) -> list[bool]:
     modes = np.array([mode for mode, _ in ends])
     goes_on = modes[1:] == modes[:-1]
     return [
-        all(of_part) and bool(np.all(_joined([v[number] for _, v in ends])[goes_on]))
+        all(of_part)
+        and not (
+            np.any(goes_on) and np.any(~_joined([v[number] for _, v in ends])[goes_on])
+        )
         for number, of_part in enumerate(zip(*inputs, strict=True))
     ]
 

@@ -225,11 +225,11 @@ class RowsAtOnce:
         pieces = block.rows.again(block.parts, list(self._senses))
         return Refilled(self._columns, (self.kernel.kept, len(block.rows.off)), pieces)
 
-    def _named(self, samples: NDArray[np.intp]) -> Floats:
+    def _named(self, samples: NDArray[np.intp], chosen: slice | NDArray[np.intp]) -> Floats:
         """Return the numbers of samples and modes as bits of whole ones, and the inputs."""
         modes = self.course.tracer.assembly_modes
         numbers = np.array([mode.number for mode in modes])
-        inputs, count = self.course.inputs[samples].T, len(samples)
+        inputs, count = self.course.inputs[chosen].T, len(samples)
         shape = 2 + len(inputs), len(modes) * count
 
         def write(out: Floats) -> None:
@@ -251,7 +251,7 @@ class RowsAtOnce:
         """Return the motion at samples, by their numbers."""
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
-        n = modes * count
+        n, chosen = modes * count, _chosen(samples)
         values = self._values.array(len(tracer.mechanism.variable_owners), n)
         self._is_read |= self._left is not None and self._left.was_read
         is_made = self._is_read or self._is_doubtful
@@ -259,14 +259,14 @@ class RowsAtOnce:
         rows = Rows(
             self.kernel,
             self.positions,
-            np.ascontiguousarray(tracer.input_grid.q[samples].T),
+            np.ascontiguousarray(tracer.input_grid.q[chosen].T),
             values,
             columns,
             self._residuals.array(1, n)[0],
             self._off.array(1, n)[0],
             self._rooms,
         )
-        self._read(samples, values.reshape(-1, modes, count))
+        self._read(chosen, values.reshape(-1, modes, count))
         parts = [
             (mode, slice(start, min(start + SLICE, (mode + 1) * count)))
             for mode in range(modes)
@@ -293,7 +293,7 @@ class RowsAtOnce:
         timing = course.timing if self.with_times else None
         if timing is not None:
             timing = timing.rows(samples).repeated(modes)
-        named = self._named(samples)
+        named = self._named(samples, chosen)
         motion = Motion(
             mechanism=tracer.mechanism,
             joints=tracer.solver.joints,
@@ -316,13 +316,12 @@ class RowsAtOnce:
         self._found[id(motion)] = _Block(samples, rows, parts, seen, goes_on)
         return motion
 
-    def _read(self, samples: NDArray[np.intp], out: Floats) -> None:
+    def _read(self, chosen: slice | NDArray[np.intp], out: Floats) -> None:
         """Write what is read of samples (variables, modes, samples) between nodes."""
-        first, count = int(samples[0]), len(samples)
-        if int(samples[-1]) - first == count - 1:
-            self.positions.read(first, first + count, out)
+        if isinstance(chosen, slice):
+            self.positions.read(chosen.start, chosen.stop, out)
             return
-        for k, sample in enumerate(samples.tolist()):
+        for k, sample in enumerate(chosen.tolist()):
             self.positions.read(sample, sample + 1, out[:, :, k : k + 1])
 
     def _with_care(
@@ -347,6 +346,14 @@ class RowsAtOnce:
         closed = np.isfinite(residual)
         rows.put(rest[closed], senses, residual[closed])
         rows.residual[rest[~closed]] = np.nan
+
+
+def _chosen(samples: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+    """Return what chooses samples, by their numbers: a slice where they are successive."""
+    first, last = int(samples[0]), int(samples[-1])
+    if last - first != len(samples) - 1 or np.any(samples[1:] <= samples[:-1]):
+        return samples
+    return slice(first, last + 1)
 
 
 def _without(
