@@ -116,9 +116,8 @@ def _opened(
     ordered = sorted(block.poles, key=lambda pole: (-lines(pole), pole))
     for pole in ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]:
         left, passes = len(block.poles) - 1, block.round
-        for passes, (_, poles) in enumerate(
-            _following(chain, contacts, partners, block, pole), passes + 1
-        ):
+        for _, poles in _following(chain, contacts, partners, block, pole):
+            passes += 1
             left -= len(poles)
             if best is not None and best[0] == 0 and passes >= best[1]:
                 break
@@ -153,7 +152,7 @@ def _following(
     block: BlockPoles,
     opening: Pole,
 ) -> Iterator[tuple[Sequence[int], list[Pole]]]:
-    """Return, for each pass after a pole is known, what was known and which poles follow."""
+    """Return, for each pass from a pole on, what was known and which poles follow."""
     known = list(partners)
     _mark(known, [opening])
     left = [pole for pole in block.poles if pole != opening]
