@@ -31,6 +31,8 @@ from .of_rows import curve, largest_of, repeated, row_columns
 DEG = np.pi / 180.0
 EQUAL = 1e-9
 """Shares that differ by less, relative, are equal: sizes mirror each other."""
+ROUNDING = 1e-12
+"""A quantity whose spread over the deviation of sizes is less does not hang on them."""
 SHOWN = 6
 """Quantities whose derivatives are drawn, and sizes of each."""
 
@@ -228,12 +230,17 @@ class SensitivityAnalysis(AbstractAnalysis):
         return self._said(largest_of(before.figures, now.figures, "spread"))
 
     def _said(self, figures: Mapping[str, Mapping[str, Any]]) -> Findings:
+        least = ROUNDING * self.deviation * DEG
+        still = [name for name in figures if figures[name]["spread"] <= least]
         remarks = [
             f"{name}: standard deviation up to {_size(largest['spread'], name)}, at q = "
             f"{listing(f'{q:.4g}' for q in np.degrees(largest['q']))} deg, most of it from "
             f"{largest['size']}"
             for name, largest in figures.items()
+            if name not in still
         ]
+        if still:
+            remarks.append(f"{listing(still)}: changed by no size")
         remarks.append(f"every size off by {self.deviation:g} deg ({self.distribution})")
         return Findings(figures=figures, remarks=tuple(remarks))
 

@@ -40,7 +40,11 @@ class Budget:
         self._working.tell(lambda: f"{doing}, {self.taken:.0f} s")
         if self.taken < self.seconds:
             return True
-        self._note = f"stopped after {self.seconds:.3g} s of processor time before {doing}"
+        if self.seconds:
+            ended = f"stopped after {self.seconds:.3g} s of processor time"
+        else:
+            ended = "no processor time was left"
+        self._note = f"{ended} before {doing}"
         return False
 
     @property

@@ -129,7 +129,7 @@ WRONG = [
     (sk.ForwardKinematics, (5,), {}, "it has to be Mechanism"),
     (sk.ForwardKinematics(FIVE_BAR).solutions, ("a",), {}, "inputs is 'a'"),
     (sk.InverseKinematics(FIVE_BAR).solutions, ("a",), {}, "poses is 'a'"),
-    (FOUR_BAR.pair, (5,), {}, 'no pair is named "5"'),
+    (FOUR_BAR.pair, (5,), {}, 'no pair is named "5"|name is 5 .int., it has'),
     (FOUR_BAR.with_inputs, (5,), {}, "pairs is 5 .int., it has to be text"),
 ]
 

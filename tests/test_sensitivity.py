@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.cli.main import main
 from spherekit.design.sensitivity import Deviations, Sensitivity, sizes_of
 from spherekit.engine.frames import DesignGeometry, revolute_frames
 from spherekit.errors import DesignError, FileError
@@ -292,3 +293,34 @@ def test_deviating_profiles_are_drawn():
     )
     slope = (drawn[:, :, 0] - drawn[:, :, 1]) / (2.0 * size)
     assert slope == pytest.approx(gradients.sum(axis=0), abs=1e-6)
+
+
+def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
+    """The crank of a geared five-bar turns by its teeth, whatever the arcs are."""
+    path = tmp_path / "geared.toml"
+    path.write_text(
+        """
+format = 1
+name = "geared_five_bar"
+angle_unit = "deg"
+ground = "1"
+links.1 = { axes = ["left", "right"], arcs = [75.0] }
+links.2 = { axes = ["left", "32"], arcs = [20.0] }
+links.3 = { axes = ["32", "43"], arcs = [60.0] }
+links.4 = { axes = ["43", "54"], arcs = [55.0] }
+links.5 = { axes = ["right", "54"], arcs = [15.0] }
+pairs.left = { type = "R", links = ["1", "2"] }
+pairs.right = { type = "R", links = ["1", "5"] }
+pairs.32 = { type = "R", links = ["2", "3"] }
+pairs.43 = { type = "R", links = ["3", "4"] }
+pairs.54 = { type = "R", links = ["4", "5"] }
+pairs.mesh = { type = "Cr", links = ["2", "5"], teeth = [20, 40], axes = ["left", "right"] }
+inputs.left = { from = 0.0, to = 720.0 }
+outputs.pointer = { link = "3" }
+"""
+    )
+    arguments = ["--samples", "5", "-a", "sensitivity:of=theta_right+theta_43,draws=0"]
+    assert main(["run", str(path), *arguments]) == 0
+    said = capsys.readouterr().out
+    assert "theta_right: changed by no size" in said
+    assert "theta_right: standard" not in said and "theta_43: standard" in said
