@@ -347,7 +347,7 @@ def _crossings(curves: Any) -> Iterator[str]:
     """Return words for each place in the range where curves cross or nearly do."""
     words = {0: "curves cross", None: "curves cross, or miss each other by"}
     for saddle in curves.saddles:
-        q = curves.inside(float(saddle.centre[curves.driven]))
+        q = curves.inside(curves.input_at(saddle.centre))
         if q is not None:
             by = f" at most {saddle.gap:.0e} rad" if saddle.level != 0 else ""
             what = words.get(saddle.level, "curves miss each other by")
@@ -370,9 +370,10 @@ def _curve_lines(curves: Any, located: Any) -> list[str]:
         lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
     for point in located.points:
         where = "" if point.inside else ", out of the range"
+        off = np.degrees(point.stop.off * curves.laps)
         lines.append(
             f"  output {point.output}: type {point.kind} at {np.degrees(point.q):.9f} deg, "
-            f"to {np.degrees(point.stop.off):.0e}, on curve {point.curve}{where}"
+            f"to {off:.0e}, on curve {point.curve}{where}"
         )
     if located.undecided:
         lines.append(f"  singularities undecided in {located.undecided} parts of curves")
