@@ -134,10 +134,10 @@ def _opened(
             LinePole(
                 pole,
                 number,
-                bits_of(known[pole[0]] & known[pole[1]]),
+                bits_of(then[pole[0]] & then[pole[1]]),
                 tuple(contacts.get(pole, ())),
             )
-            for number, (known, poles) in enumerate(
+            for number, (then, poles) in enumerate(
                 _following(chain, contacts, partners, block, opening), block.round + 1
             )
             for pole in poles
@@ -153,16 +153,16 @@ def _following(
     opening: Pole,
 ) -> Iterator[tuple[Sequence[int], list[Pole]]]:
     """Return, for each pass from a pole on, what was known and which poles follow."""
-    known = list(partners)
-    _mark(known, [opening])
+    then = list(partners)
+    _mark(then, [opening])
     left = [pole for pole in block.poles if pole != opening]
     while left:
-        follows = [pole for pole in left if _has_lines(chain, contacts, known, pole)]
+        follows = [pole for pole in left if _has_lines(chain, contacts, then, pole)]
         if not follows:
             return
-        yield known, follows
-        _mark(known, follows)
-        left = [pole for pole in left if not known[pole[0]] >> pole[1] & 1]
+        yield then, follows
+        _mark(then, follows)
+        left = [pole for pole in left if not then[pole[0]] >> pole[1] & 1]
 
 
 def circles(
