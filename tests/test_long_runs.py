@@ -183,7 +183,7 @@ from spherekit.cli.main import main
 journal.EVERY = 0.0
 def stop(done, total):
     os.kill(os.getpid(), int(sys.argv[1]))
-run._progress = lambda options: stop
+run.progress = lambda quiet: stop
 sys.exit(main(sys.argv[2:]))
 """
 

@@ -11,7 +11,7 @@ from scipy.optimize import brentq, least_squares
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.model.mechanism import Input, LinkSizes, Mechanism, Pair, SizeGeometry
-from spherekit.motion import modes, steps
+from spherekit.motion import gathering, steps
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.crossings import crossings
@@ -216,7 +216,7 @@ def test_steps_in_vain_end_the_search_of_modes(monkeypatch):
     """As the claim says, with the number of steps that were tried."""
     made = sk.load("eight_bar_07")
     every = Tracer(made, samples=3)
-    monkeypatch.setattr(modes, "MOST_IN_VAIN", 0)
+    monkeypatch.setattr(gathering, "MOST_IN_VAIN", 0)
     tried = steps_counted(monkeypatch)
     few = Tracer(made, samples=3)
     assert 0 < len(few.assembly_modes) < len(every.assembly_modes)

@@ -35,6 +35,9 @@ class Turned(Curve):
             self.turn @ place.frame, place.curvature, place.curvature_rate, place.inside
         )
 
+    def curvature_second(self, s):
+        return self.curve.curvature_second(s)
+
     def reversed(self):
         return Turned(self.curve.reversed(), self.turn)
 

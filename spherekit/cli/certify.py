@@ -4,6 +4,8 @@ import argparse
 import json
 import math
 import sys
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -341,6 +343,17 @@ def _degrees(q: float) -> str:
     return f"{round(math.degrees(q), 9) + 0.0:.9f}"
 
 
+def _crossings(curves: Any) -> Iterator[str]:
+    """Return words for each place in the range where curves cross or nearly do."""
+    words = {0: "curves cross", None: "curves cross, or miss each other by"}
+    for saddle in curves.saddles:
+        q = curves.inside(curves.input_at(saddle.centre))
+        if q is not None:
+            by = f" at most {saddle.gap:.0e} rad" if saddle.level != 0 else ""
+            what = words.get(saddle.level, "curves miss each other by")
+            yield f"{what}{by} at {_degrees(q)} deg"
+
+
 def _curve_lines(curves: Any, located: Any) -> list[str]:
     import numpy as np
 
@@ -349,22 +362,18 @@ def _curve_lines(curves: Any, located: Any) -> list[str]:
         lines.append(
             f"  {_degrees(low)} to {_degrees(high)} deg: {count} mode{'s' * (count != 1)}"
         )
-    words = {0: "curves cross", None: "curves cross, or miss each other by"}
-    for saddle in curves.saddles:
-        q = curves.inside(float(saddle.centre[curves.driven]))
-        if q is not None:
-            by = f" at most {saddle.gap:.0e} rad" if saddle.level != 0 else ""
-            what = words.get(saddle.level, "curves miss each other by")
-            lines.append(f"  {what}{by} at {np.degrees(q):.9f} deg")
+    for place, number in Counter(_crossings(curves)).items():
+        lines.append(f"  {place}{f', in {number} configurations' if number > 1 else ''}")
     for q in curves.still_at:
-        lines.append(f"  a whole curve of modes at {np.degrees(q):.9f} deg")
+        lines.append(f"  a whole curve of modes at {_degrees(q)} deg")
     for low, high in curves.undecided[:8]:
         lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
     for point in located.points:
         where = "" if point.inside else ", out of the range"
+        off = np.degrees(point.stop.off * curves.laps)
         lines.append(
             f"  output {point.output}: type {point.kind} at {np.degrees(point.q):.9f} deg, "
-            f"to {np.degrees(point.stop.off):.0e}, on curve {point.curve}{where}"
+            f"to {off:.0e}, on curve {point.curve}{where}"
         )
     if located.undecided:
         lines.append(f"  singularities undecided in {located.undecided} parts of curves")

@@ -155,7 +155,7 @@ def carrier_of(
     Raises
     ------
     ModelError
-        If no link carries both.
+        If no link carries both, or the file lacks where their axes are in it.
     """
     one, other = (
         _carried(geometry, joined, link, axis)
@@ -163,6 +163,9 @@ def carrier_of(
     )
     both = [link for link in one if link in other and link not in links]
     if not both:
+        for link in sorted(set(joined[axes[0]]).intersection(joined[axes[1]])):
+            for axis in axes:
+                given_axis(geometry, joined, link, axis)  # says what of it is missing
         raise ModelError(
             f'R pairs "{axes[0]}" and "{axes[1]}" do not join the gears to a common link, '
             "nor does a pair coaxial with one of them; name the pairs whose axes one link "

@@ -10,7 +10,7 @@ every chain of up to twelve links that is known, and the plan says how; the equa
 all of them at once, and more surely. Then the passes go on.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -81,11 +81,24 @@ def _by_lines(
     round_number: int,
 ) -> LinePole | None:
     """Return the step that gives a pole by two lines or more, if there are as many."""
-    common = partners[pole[0]] & partners[pole[1]]
-    touching = tuple(contacts.get(pole, ()))
-    if len(circles(common, pole, chain.coaxial)) + len(touching) < 2:
+    if not _has_lines(chain, contacts, partners, pole):
         return None
-    return LinePole(pole, round_number, bits_of(common), touching)
+    common = partners[pole[0]] & partners[pole[1]]
+    return LinePole(pole, round_number, bits_of(common), tuple(contacts.get(pole, ())))
+
+
+def _has_lines(
+    chain: Plan,
+    contacts: dict[Pole, list[int]],
+    partners: Sequence[int],
+    pole: Pole,
+) -> bool:
+    """Return whether two different lines or more go through a pole."""
+    common = partners[pole[0]] & partners[pole[1]]
+    touching = len(contacts.get(pole, ()))
+    if common.bit_count() + touching < 2:
+        return False
+    return not chain.coaxial or len(circles(common, pole, chain.coaxial)) + touching >= 2
 
 
 def _opened(
@@ -99,26 +112,57 @@ def _opened(
     def lines(pole: Pole) -> int:
         return (partners[pole[0]] & partners[pole[1]]).bit_count()
 
-    best: tuple[int, int, Pole, tuple[LinePole, ...]] | None = None
+    best: tuple[int, int, Pole] | None = None
     ordered = sorted(block.poles, key=lambda pole: (-lines(pole), pole))
     for pole in ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]:
-        then = list(partners)
-        _mark(then, [pole])
-        left, passes = [other for other in block.poles if other != pole], block.round
-        steps: list[LinePole] = []
-        while left:
+        left, passes = len(block.poles) - 1, block.round
+        for _, poles in _following(chain, contacts, partners, block, pole):
             passes += 1
-            made = [_by_lines(chain, contacts, then, other, passes) for other in left]
-            new_steps = [step for step in made if step is not None]
-            if not new_steps:
+            left -= len(poles)
+            if best is not None and best[0] == 0 and passes >= best[1]:
                 break
-            _mark(then, [step.pole for step in new_steps])
-            steps += new_steps
-            left = [other for other in left if not then[other[0]] >> other[1] & 1]
-        if best is None or (len(left), passes) < best[:2]:
-            best = len(left), passes, pole, tuple(steps)
+        if left:
+            passes += 1
+        if best is None or (left, passes) < best[:2]:
+            best = left, passes, pole
     assert best is not None
-    return replace(block, opening=best[2], passes=best[3])
+    opening = best[2]
+    return replace(
+        block,
+        opening=opening,
+        passes=tuple(
+            LinePole(
+                pole,
+                number,
+                bits_of(then[pole[0]] & then[pole[1]]),
+                tuple(contacts.get(pole, ())),
+            )
+            for number, (then, poles) in enumerate(
+                _following(chain, contacts, partners, block, opening), block.round + 1
+            )
+            for pole in poles
+        ),
+    )
+
+
+def _following(
+    chain: Plan,
+    contacts: dict[Pole, list[int]],
+    partners: Sequence[int],
+    block: BlockPoles,
+    opening: Pole,
+) -> Iterator[tuple[Sequence[int], list[Pole]]]:
+    """Return, for each pass from a pole on, what was known and which poles follow."""
+    then = list(partners)
+    _mark(then, [opening])
+    left = [pole for pole in block.poles if pole != opening]
+    while left:
+        follows = [pole for pole in left if _has_lines(chain, contacts, then, pole)]
+        if not follows:
+            return
+        yield then, follows
+        _mark(then, follows)
+        left = [pole for pole in left if not then[pole[0]] >> pole[1] & 1]
 
 
 def circles(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,27 @@ def solved(square: BallMatrix, right: BallMatrix) -> BallMatrix:
         If the square matrix may be singular.
     """
     return square.solve(right)
+
+
+def solved_exactly(
+    square: Sequence[Sequence[Ball]], right: Sequence[Ball]
+) -> list[Fraction]:
+    """Return the solution of linear equations whose real numbers have no radius.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If the square matrix is singular.
+    """
+    flint = library()
+
+    def made(ball: Ball) -> Any:
+        mantissa, power = parts_of(ball)
+        return mantissa * flint.fmpq(2) ** power
+
+    rows = flint.fmpq_mat([[made(ball) for ball in row] for row in square])
+    column = flint.fmpq_mat([[made(ball)] for ball in right])
+    return [Fraction(int(e.p), int(e.q)) for e in rows.solve(column).entries()]
 
 
 def decimal(text: str) -> Ball:

@@ -86,7 +86,7 @@ def construction_table(written: Written, construction: Construction) -> Mapping[
             }
             for coupler in structure.couplers
         },
-        "follow": [names[pair] for pair in construction.followers],
+        "follow": [names[pair] for pair in structure.followers],
     }
 
 
@@ -102,6 +102,7 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
         **heading("curves over a range", written.document.text or "", written.tolerance),
         "inputs": {names[made.pairs[curves.driven]]: list(curves.range_text)},
         "construction": construction_table(written, made),
+        "input_turns_of_its_variable": made.laps,
         "complete": curves.claim.guarantee is Guarantee.CERTIFIED,
         "undecided_rad": [list(part) for part in curves.undecided],
         "problems": list(curves.problems),

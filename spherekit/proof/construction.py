@@ -28,12 +28,16 @@ MOST_KEPT = 256
 @final
 @dataclass(frozen=True)
 class Across:
-    """A link placed across a pair from a link placed before; `variable` is its angle."""
+    """A link placed across a pair from a link placed before; `variable` is its angle.
+
+    Or the pair turns by `turns` for one turn of the variable.
+    """
 
     link: int
     parent: int
     pair: int
     variable: int
+    turns: int = 1
 
 
 @final
@@ -57,7 +61,9 @@ class Construction:
     """All links of a mechanism in an order of placing them, from `root` on.
 
     Variables are numbered: the unknown angles, then those of the inputs, then those that
-    follow from them through wheels; their pairs are `pairs` in that order.
+    follow from them through wheels; their pairs are `pairs` in that order. Where wheels
+    turn with the variable of the input, and have none of their own, `laps` are the turns of
+    the input after which they are back: its angle is `laps` times the variable.
     """
 
     root: int
@@ -65,6 +71,7 @@ class Construction:
     pairs: tuple[int, ...]
     unknowns: int
     inputs: int
+    laps: int = 1
 
     @property
     def driven(self) -> tuple[int, ...]:
@@ -130,7 +137,7 @@ class Ranks:
             if isinstance(step, Across):
                 self.parent[step.link] = step.parent
                 self.local[step.link] = np.zeros(count, dtype=np.intp)
-                self.local[step.link][step.variable] = 1
+                self.local[step.link][step.variable] = abs(step.turns)
                 self.parents[step.link] = None
             else:
                 shared, degrees = self.between(*step.parents)

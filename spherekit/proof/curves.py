@@ -13,7 +13,6 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.proof.along import Doubt, Stop, stops
@@ -23,11 +22,13 @@ from spherekit.proof.construction import Construction, construct
 from spherekit.proof.cover import TURN
 from spherekit.proof.crossings import Arm, Crossings
 from spherekit.proof.equations import Equations
+from spherekit.proof.laps import turned_together
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.saddles import Saddle
 from spherekit.proof.search import OVERLAPPING, Search
 from spherekit.proof.tubes import Piece
 from spherekit.proof.written import Written
+from spherekit.sphere.rotation import Floats
 
 PRECISION = 80
 SMALLEST = 1e-6
@@ -40,9 +41,9 @@ MOST_BOXES = 6_000_000
 class CertifiedCurves:
     """What is proven of the configuration curves over a range of the only input.
 
-    `low` and `high` (rad), a whole turn if `whole`. Every closed configuration of the
-    range is on one of the `chains`, on an arm of one of the `crossings`, or in one of the
-    boxes left over in `paving`.
+    `low` and `high` (rad); all `laps` turns of the input if `whole`. Every closed
+    configuration of the range is on one of the `chains`, on an arm of one of the
+    `crossings`, or in one of the boxes left over in `paving`.
     `stopping` holds for each chain where the input stops along it, and undecided parts.
     """
 
@@ -62,6 +63,15 @@ class CertifiedCurves:
     def driven(self) -> int:
         """The number of the input's variable."""
         return self.construction.unknowns
+
+    @property
+    def laps(self) -> int:
+        """The turns of the input in which its variable goes round: 1 without wheels."""
+        return self.construction.laps
+
+    def input_at(self, place: Floats) -> float:
+        """Return the input (rad) at a place (v,)."""
+        return float(place[self.driven]) * self.laps
 
     @cached_property
     def stopping(self) -> tuple[tuple[list[Stop], list[Doubt]], ...]:
@@ -100,8 +110,8 @@ class CertifiedCurves:
         centres, radii = self.paving.centres, self.paving.radii
         parts = (
             [
-                (float(q - r), float(q + r))
-                for q, r in zip(centres[:, self.driven], radii[:, self.driven], strict=True)
+                (self.input_at(q - r), self.input_at(q + r))
+                for q, r in zip(centres, radii, strict=True)
             ]
             if len(centres)
             else []
@@ -119,13 +129,14 @@ class CertifiedCurves:
         parts = []
         for _, doubts in self.stopping:
             for doubt in doubts:
-                width = doubt.high - doubt.low
-                for q, part in ((doubt.low, 0.0), (0.5 * (doubt.low + doubt.high), 0.5)):
+                first, last = self.laps * doubt.low, self.laps * doubt.high
+                width = last - first
+                for q, part in ((first, 0.0), (0.5 * (first + last), 0.5)):
                     within = self.inside(q)
                     if within is not None:
                         low = within - part * width
                         parts.append((low, low + width))
-                within = self.inside(doubt.high)
+                within = self.inside(last)
                 if within is not None:
                     parts.append((within - width, within))
         return parts
@@ -150,8 +161,8 @@ class CertifiedCurves:
         """Return the inputs (rad) at crossings between which the input may stop."""
         parts = []
         for number, saddle in enumerate(self.saddles):
-            off = self._open_at(number, self.driven)
-            within = self.inside(float(saddle.centre[self.driven]))
+            off = self._open_at(number, self.driven) * self.laps
+            within = self.inside(self.input_at(saddle.centre))
             if off and within is not None:
                 parts.append((within - off, within + off))
         return parts
@@ -164,29 +175,30 @@ class CertifiedCurves:
     @cached_property
     def crossed(self) -> list[float]:
         """Inputs (rad) in the range at which curves cross, or all but do, in order."""
-        inputs = (self.inside(float(s.centre[self.driven])) for s in self.saddles)
+        inputs = (self.inside(self.input_at(s.centre)) for s in self.saddles)
         return sorted(q for q in inputs if q is not None)
 
     @cached_property
     def still_at(self) -> list[float]:
         """Inputs (rad) in the range at which there are whole curves of modes."""
         inputs = [
-            self.inside(float(chain.start.centre[self.driven]))
+            self.inside(self.input_at(chain.start.centre))
             for chain, still in zip(self.chains, self.still, strict=True)
             if still
         ]
         kept: list[float] = []
         for q in sorted(q for q in inputs if q is not None):
-            if all(abs(_apart(q, other)) > 1e-9 for other in kept):
+            if all(abs(_apart(q, other, self.laps * TURN)) > 1e-9 for other in kept):
                 kept.append(q)
         return kept
 
     def inside(self, q: float) -> float | None:
-        """Return an input less whole turns if it is in the range, else None."""
-        turned = self.low + np.remainder(q - self.low, TURN)
+        """Return an input less all laps if it is in the range, else None."""
+        period = self.laps * TURN
+        turned = self.low + np.remainder(q - self.low, period)
         if self.whole and turned > self.high - 1e-9:
-            turned -= TURN
-        for candidate in (turned, turned - TURN):
+            turned -= period
+        for candidate in (turned, turned - period):
             if self.low - 1e-9 <= candidate <= self.high + 1e-9:
                 return float(candidate)
         return None
@@ -194,18 +206,19 @@ class CertifiedCurves:
     @cached_property
     def turning_points(self) -> list[float]:
         """Inputs (rad) in the range at which two modes meet, in order."""
-        places = [
-            stop.place[self.driven] for stopped, _ in self.stopping for stop in stopped
-        ]
-        return sorted(q for q in (self.inside(float(p)) for p in places) if q is not None)
+        places = (
+            self.input_at(stop.place) for stopped, _ in self.stopping for stop in stopped
+        )
+        return sorted(q for q in map(self.inside, places) if q is not None)
 
     def modes_at(self, q: float) -> int:
         """Return the number of modes at an input (rad) that is no turning point."""
-        return sum(_crossings(low, high, q) for low, high in self.segments)
+        # of the variable, which goes round once in all laps
+        return sum(_crossings(low, high, q / self.laps) for low, high in self.segments)
 
     @cached_property
     def segments(self) -> list[tuple[float, float]]:
-        """The inputs (rad, turns counted) that each part of a chain without stops spans."""
+        """The input's variable (rad, turns counted) along parts of chains without stops."""
         segments = []
         for number, chain in enumerate(self.chains):
             if not self.still[number]:
@@ -237,6 +250,7 @@ class CertifiedCurves:
         off = max(
             (stop.off for stopped, _ in self.stopping for stop in stopped), default=0.0
         )
+        off *= self.laps
         return [
             (low, high, self.modes_at(0.5 * (low + high)))
             for low, high in pairwise(edges)
@@ -249,7 +263,8 @@ class CertifiedCurves:
 
     def _is_undecided(self, q: float) -> bool:
         """Return whether an input of the range (rad) is in an undecided part of it."""
-        turns = (-TURN, 0.0, TURN) if self.whole else (0.0,)
+        period = self.laps * TURN
+        turns = (-period, 0.0, period) if self.whole else (0.0,)
         return any(
             low <= q + turn <= high for low, high in self.undecided for turn in turns
         )
@@ -330,9 +345,9 @@ def _segments(
     return [(one[1], other[0]) for one, other in pairwise(breaks)]
 
 
-def _apart(one: float, other: float) -> float:
+def _apart(one: float, other: float, period: float = TURN) -> float:
     """Return the shorter way from one angle to another."""
-    return float(np.remainder(other - one + np.pi, TURN) - np.pi)
+    return float(np.remainder(other - one + 0.5 * period, period) - 0.5 * period)
 
 
 def certified_curves(
@@ -361,22 +376,19 @@ def certified_curves(
         If the mechanism is none that proofs are for.
     """
     made = construction or construct(written.structure)
-    if made.followers:
-        raise PlanError(
-            f"{written.mechanism.name}: wheels turn "
-            f"{listing(written.structure.pairs[pair] for pair in made.followers)} with the "
-            "input; proofs over ranges are for mechanisms without rolling contacts: give "
-            "values of the inputs with --at"
-        )
     with bits(PRECISION):
+        if made.followers:
+            made = turned_together(written, made)
         equations = Equations(written, made)
-        low, high = (written.input_angle(text) for text in range_text)
+        # of the variable, that goes round once where the input has gone round all laps
+        low, high = (written.input_angle(text) / made.laps for text in range_text)
         turns = middle(high - low) / TURN
-        exact_turn = _whole_turn(written, range_text)
+        exact_turn = _all_laps(written, range_text, made.laps)
         if turns > 1.0 and not exact_turn:
+            allowed = "a turn" if made.laps == 1 else f"{made.laps} turns"
             raise PlanError(
                 f"{written.mechanism.name}: {range_text[0]} to {range_text[1]} is more "
-                "than a turn, after which everything returns; give at most one"
+                f"than {allowed}, after which everything returns; give at most that"
             )
         axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(made.unknowns)]
         axes.append(Axis(low, 2 * pi()) if exact_turn else Axis(low, high - low))
@@ -390,8 +402,8 @@ def certified_curves(
         made,
         equations,
         range_text,
-        inputs.low,
-        inputs.high,
+        inputs.low * made.laps,
+        inputs.high * made.laps,
         inputs.whole,
         tuple(search.cover.chains),
         search.crossings,
@@ -400,7 +412,7 @@ def certified_curves(
     )
 
 
-def _whole_turn(written: Written, range_text: tuple[str, str]) -> bool:
-    """Return whether a range in degrees is exactly one turn."""
+def _all_laps(written: Written, range_text: tuple[str, str], laps: int) -> bool:
+    """Return whether a range in degrees is exactly so many turns."""
     low, high = (Decimal(text) for text in range_text)
-    return written.document.data["angle_unit"] == "deg" and high - low == 360
+    return written.document.data["angle_unit"] == "deg" and high - low == 360 * laps

@@ -95,6 +95,7 @@ class Equations:
         self.unknowns = construction.unknowns
         self.variables = len(construction.pairs)
         self.frames = written.frames()
+        self.offsets = self._offsets()
         self.parts: dict[int, Turning | Putting] = {}
         for step in construction.steps:
             made = self._turning(step) if isinstance(step, Across) else self._putting(step)
@@ -108,6 +109,14 @@ class Equations:
         side = self.written.structure.ends[pair].index(link)
         return self.frames[pair][side]
 
+    def _offsets(self) -> dict[int, Ball]:
+        """Return the angles (rad) at an input of 0 of pairs that turn with its variable."""
+        followers = self.written.structure.followers
+        if self.construction.followers or not followers:
+            return {}
+        _, *angles = self.written.given([exact(0.0)])
+        return dict(zip(followers, angles, strict=True))
+
     def _turning(self, step: Across) -> Turning:
         one = _columns(self.frame(step.pair, step.parent))
         other = _columns(self.frame(step.pair, step.link)).transpose()
@@ -118,6 +127,9 @@ class Equations:
         still, even, turned = (
             one * matrix([row[:3], row[3:6], row[6:]]) * other for row in (*parts, odd)
         )
+        if step.pair in self.offsets:
+            s, c = complex_ball(self.offsets[step.pair]).sin_cos()
+            even, turned = even * c + turned * s, turned * c - even * s
         return Turning(step.variable, (still, even, turned))
 
     def _putting(self, step: Onto) -> Putting:
@@ -174,7 +186,7 @@ class Equations:
         products = []
         for step in self.construction.steps:
             if isinstance(step, Across):
-                constants[step.link] = factors[..., step.variable]
+                constants[step.link] = factors[..., step.variable] ** abs(step.turns)
                 continue
             one, other = self._ways(step, constants)
             both = one * other
@@ -211,6 +223,17 @@ def _columns(frame: Frame) -> BallMatrix:
 
 def _column(vector: Vector) -> BallMatrix:
     return matrix([[complex_ball(entry)] for entry in vector])
+
+
+def _multiple(turn: tuple[Any, Any], times: int) -> tuple[Any, Any]:
+    """Return cosine and sine of a multiple of an angle from those of the angle."""
+    cosine, sine = turn
+    if times == 0:
+        return 0 * cosine + 1, 0 * sine
+    c, s = cosine, sine
+    for _ in range(abs(times) - 1):
+        c, s = c * cosine - s * sine, s * cosine + c * sine
+    return c, s if times > 0 else -s
 
 
 @final
@@ -256,14 +279,14 @@ class _Placing:
     def _turned(self, step: Across) -> Jet:
         part = self.parts[step.link]
         assert isinstance(part, Turning)
-        cosine, sine = self.turns[step.variable]
+        cosine, sine = _multiple(self.turns[step.variable], step.turns)
         still, even, odd = part.parts
         one = even * cosine + odd * sine
         jet: dict[tuple[int, ...], Any] = {(): still + one}
         if self.order > 0:
-            jet[(step.variable,)] = odd * cosine - even * sine
+            jet[(step.variable,)] = (odd * cosine - even * sine) * step.turns
         if self.order > 1:
-            jet[(step.variable, step.variable)] = -one
+            jet[(step.variable, step.variable)] = -one * step.turns**2
         return jet
 
     def _put(self, step: Onto) -> Jet:
@@ -351,8 +374,10 @@ class FloatEquations:
         one = np.ones_like(stretch[..., 0])
         for step in equations.construction.steps:
             if isinstance(step, Across):
-                factor = stretch[..., step.variable]
-                errors[step.link] = factor * (self._turned[step.link] + 64 * unit)
+                turns = abs(step.turns)
+                factor = stretch[..., step.variable] ** turns
+                rounding = 64 * unit * max(1, turns)
+                errors[step.link] = factor * (self._turned[step.link] + rounding)
                 constants[step.link] = factor
                 continue
             part, miss = self.parts[step.link], self._put[step.link]

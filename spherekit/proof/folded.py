@@ -169,6 +169,8 @@ def _folding(equations: Equations, number: int, step: Onto) -> Folding | None:
     joints = [s for s in across if isinstance(s, Across)]
     if joints[0].variable == joints[1].variable:
         return None
+    if any(s.turns != 1 or s.pair in equations.offsets for s in joints):
+        return None
     # the loop as links with the pairs between them, from the shared link round to it
     links = [shared, *first[::-1], step.link, *second]
     hinges = [

@@ -8,13 +8,23 @@ circles that touch nearly are taken to touch.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import final
 
 import numpy as np
 
 from spherekit.errors import PlanError
 from spherekit.planning.wheels import Mesh, Way, back, least_rolled, mesh_of
-from spherekit.proof.balls import Ball, complex_ball, exact, matrix, middle, pi, solved
+from spherekit.proof.balls import (
+    Ball,
+    complex_ball,
+    exact,
+    matrix,
+    middle,
+    pi,
+    solved,
+    solved_exactly,
+)
 from spherekit.proof.circles import Touching
 from spherekit.proof.structure import Structure
 from spherekit.proof.vectors import Frame, Vector, carried
@@ -71,6 +81,15 @@ class Train:
             for pair in self.structure.inputs
         ]
         return [list(column) for column in zip(*columns, strict=True)]
+
+    def exact_ratios(self, touching: Sequence[Touching]) -> list[Fraction] | None:
+        """Return the rates of angles by the only input, None unless all have teeth."""
+        rows = self._rows(touching)
+        if not all(factor.is_exact() for row in rows for factor in row.values()):
+            return None
+        (driven,) = self.structure.inputs
+        square = [[_of(row, pair) for pair in self.followers] for row in rows]
+        return solved_exactly(square, [-_of(row, driven) for row in rows])
 
     def angles(
         self,

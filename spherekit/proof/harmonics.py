@@ -177,7 +177,7 @@ class _Term:
         pairs = zip(sums.ravel(), self.coefficients.ravel(), strict=True)
         missed = float(sum(upper(ball - exact(near)) for ball, near in pairs))
         size = float(np.sum(np.abs(self.coefficients)))
-        steps = sum(side + 2 + 4 * 2 ** (side // 2) for side in self.shape)
+        steps = sum(side + 2 + 8 * (side // 2) for side in self.shape)
         return float(1.001 * (open_ * norm + missed) + 2.0 * steps * UNIT * size)
 
     def first(self, waves: Floats) -> tuple[Floats, dict[int, Floats]]:

@@ -12,7 +12,6 @@ import numpy as np
 
 from spherekit.guarantee import Guarantee
 from spherekit.proof.along import Stop
-from spherekit.proof.cover import TURN
 from spherekit.proof.curves import CertifiedCurves
 from spherekit.proof.written import Written
 
@@ -47,7 +46,8 @@ class CertifiedSingularities:
     (rad) is the range of the input, a whole turn if `whole`; `complete` says that all
     curves are known. At `dead_centres` the input stops, at the inputs `crossed` (rad)
     curves cross or nearly do, and at those of `still` there are whole curves of modes.
-    An output of `resting` is at rest all along the curve of that number.
+    An output of `resting` is at rest all along the curve of that number. Inputs are `laps`
+    times the variables of places.
     """
 
     points: tuple[CertifiedSingularity, ...]
@@ -61,6 +61,7 @@ class CertifiedSingularities:
     crossed: tuple[tuple[float, float], ...] = ()
     still: tuple[float, ...] = ()
     resting: tuple[tuple[str, int], ...] = ()
+    laps: int = 1
 
     def clearance(self, q: float) -> float:
         """Return how far (rad) the input may go from q before a singularity, at least.
@@ -70,16 +71,18 @@ class CertifiedSingularities:
         if not self.complete or self.undecided:
             return 0.0
         ends = [] if self.whole else [q - self.low, self.high - q]
-        gaps = [
-            abs(float(np.remainder(stop.place[-1] - q + np.pi, TURN)) - np.pi) - stop.off
-            for stop in (*self.dead_centres, *(point.stop for point in self.points))
+        stops = (*self.dead_centres, *(point.stop for point in self.points))
+        places = [
+            *((self.laps * float(s.place[-1]), self.laps * s.off) for s in stops),
+            *self.crossed,
+            *((place, 0.0) for place in self.still),
         ]
-        places = [*self.crossed, *((place, 0.0) for place in self.still)]
-        gaps += [
-            abs(float(np.remainder(place - q + np.pi, TURN)) - np.pi) - off
+        half = np.pi * self.laps
+        gaps = [
+            abs(float(np.remainder(place - q + half, 2.0 * half)) - half) - off
             for place, off in places
         ]
-        return max(min([*gaps, *ends, np.pi]) - ROUNDING, 0.0)
+        return max(min([*gaps, *ends, half]) - self.laps * ROUNDING, 0.0)
 
 
 def pair_of_output(written: Written, name: str) -> int | None:
@@ -109,7 +112,7 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     resting: list[tuple[str, int]] = []
     for output in mechanism.outputs:
         pair = pair_of_output(curves.written, output.name)
-        if pair == made.pairs[curves.driven]:
+        if pair == made.pairs[curves.driven] or pair in curves.equations.offsets:
             continue
         has_angle = pair is not None and pair in made.pairs
         variable = made.pairs.index(pair) if pair is not None and has_angle else None
@@ -127,8 +130,8 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
                 for stop in one:
                     near = any(_meet(stop, other) for other in others)
                     words = f"{kind} or III" if near else kind
-                    inside = curves.inside(float(stop.place[curves.driven]))
-                    q = float(stop.place[curves.driven]) if inside is None else inside
+                    inside = curves.inside(curves.input_at(stop.place))
+                    q = curves.input_at(stop.place) if inside is None else inside
                     points.append(
                         CertifiedSingularity(
                             output.name, words, curve, stop, q, inside is not None
@@ -146,11 +149,12 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
         complete,
         tuple(stop for found_on, _ in curves.stopping for stop in found_on),
         tuple(
-            (float(saddle.centre[curves.driven]), float(saddle.zone[curves.driven]))
+            (curves.input_at(saddle.centre), curves.input_at(saddle.zone))
             for saddle in curves.crossings.saddles
         ),
         tuple(curves.still_at),
         tuple(resting),
+        curves.laps,
     )
 
 

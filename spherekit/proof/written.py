@@ -6,6 +6,7 @@ An angle of 45.1 degrees is 45.1 pi / 180 here, and no float64 number next to it
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any, final
 
 import numpy as np
@@ -88,6 +89,13 @@ class Written:
         if self.train is None:
             return []
         return self.train.ratios([self._touching(m.contact) for m in self.train.meshes])
+
+    def exact_ratios(self) -> list[Fraction] | None:
+        """Return the rates of the followers by the only input, None if not exact."""
+        if self.train is None:
+            return []
+        touches = [self._touching(m.contact) for m in self.train.meshes]
+        return self.train.exact_ratios(touches)
 
     def motion_columns(self) -> list[tuple[str, float]]:
         """Return the column of the table motion and the factor of each pair's angle.

@@ -1,0 +1,193 @@
+"""Loops with wheels over ranges: proven curves against a closed form of a geared five-bar.
+
+The closed form is that of `test_wheels`: the second crank turns back by the ratio of teeth,
+and two arcs close the loop where they reach over the gap between the tips, with two modes.
+"""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+from proof_checker import Refused, check
+from scipy.optimize import brentq
+from test_wheels import FIVE_BAR, closes, right_crank
+
+from spherekit.cli.main import main
+from spherekit.errors import PlanError
+from spherekit.files.document import parse
+from spherekit.files.read import read
+from spherekit.guarantee import Guarantee
+from spherekit.proof.balls import bits, exact, middle
+from spherekit.proof.certificate import curves_certificate
+from spherekit.proof.construction import construct
+from spherekit.proof.curves import certified_curves
+from spherekit.proof.equations import Equations
+from spherekit.proof.harmonics import Placed
+from spherekit.proof.laps import turned_together
+from spherekit.proof.modes import certified_modes
+from spherekit.proof.singular import singularities
+from spherekit.proof.written import Written
+
+
+def geared(teeth, text=FIVE_BAR):
+    document = parse(text.format(*teeth, 0.0, 360.0), "geared")
+    return Written.of(read(document), document)
+
+
+def margin(q, teeth):
+    q = np.atleast_1d(np.asarray(q, dtype=float))
+    return closes(q, right_crank(q, teeth))
+
+
+def dead_centres(low, high, teeth):
+    """Return the inputs (deg) at which the couplers are in line, by the closed form."""
+    grid = np.linspace(low, high, 40 * round((high - low) / 90.0) + 1)
+    sign = np.sign(margin(grid, teeth))
+    return [
+        brentq(lambda q: margin(q, teeth)[0], grid[k], grid[k + 1], xtol=1e-12)
+        for k in np.flatnonzero(sign[1:] != sign[:-1])
+    ]
+
+
+CASES = [
+    ((40, 20), 1, ("0", "360")),
+    ((20, 40), 2, ("-360", "360")),
+    ((20, 40), 2, ("400", "700.5")),
+    ((20, 20), 1, ("0", "360")),
+    ((20, 30), 3, ("-100", "980")),
+    ((17, 23), 23, ("3000", "3900")),
+]
+
+
+@pytest.mark.parametrize(("teeth", "laps", "ends"), CASES)
+def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_form(
+    teeth, laps, ends
+):
+    curves = certified_curves(geared(teeth), ends)
+    low, high = map(float, ends)
+    assert curves.claim.guarantee is Guarantee.CERTIFIED and curves.laps == laps
+    assert curves.whole == (high - low == 360 * laps)
+    wanted = dead_centres(low, high, teeth)
+    proven = np.degrees(curves.turning_points)
+    assert len(wanted) == len(proven) and np.all(np.abs(proven - wanted) < 1e-6)
+    for first, last, count in curves.intervals:
+        inside = np.degrees(np.linspace(first, last, 9)[1:-1])
+        assert np.all((margin(inside, teeth) > 0) == (count == 2)) and count in (0, 2)
+    reach = curves.intervals[0][0], curves.intervals[-1][1]
+    assert np.allclose(np.degrees(reach), [low, high], rtol=0, atol=1e-9)
+    located = singularities(curves)
+    assert located.complete and not located.undecided
+    q = 0.5 * sum(wanted[:2]) if len(wanted) > 1 else 0.5 * (low + high)
+    ends_too = [] if curves.whole else [low, high]
+    span = 360.0 * laps
+    nearest = min(
+        [abs((p - q + 0.5 * span) % span - 0.5 * span) for p in wanted]
+        + [abs(p - q) for p in ends_too]
+        + [0.5 * span]
+    )
+    assert 0 <= nearest - np.degrees(located.clearance(np.radians(q))) < 1e-5
+
+
+def test_modes_over_several_turns_are_those_proven_at_inputs():
+    written = geared((20, 30))
+    curves = certified_curves(written, ("0", "1080"))
+    counts = []
+    for q in ("33", "393", "753", "170", "530", "890"):
+        modes = certified_modes(written, (q,))
+        assert modes.complete
+        counts.append(len(modes.real))
+        assert curves.modes_at(np.radians(float(q))) == counts[-1]
+    assert set(counts) == {0, 2}
+
+
+@pytest.mark.parametrize("teeth", [(20, 40), (30, 20), (14, 10)])
+def test_equations_with_one_variable_for_all_wheels_are_the_same(teeth):
+    written = geared(teeth)
+    apart = construct(written.structure)
+    with bits(120):
+        together = turned_together(written, apart)
+        one, other = Equations(written, together), Equations(written, apart)
+        rates = np.array([together.laps, -together.laps * teeth[0] / teeth[1]])
+        moves = np.random.default_rng(4)
+        for x, part in moves.uniform(-3, 3, (4, 2)):
+            given = written.given([exact(float(part)) * together.laps])
+            (jet,) = one.at([exact(float(x)), exact(float(part))], 2)
+            (plain,) = other.at([exact(float(x)), *given], 2)
+            numbers = {key: middle(ball[0, 0].real) for key, ball in plain.items()}
+            first = sum(rates[k] * numbers.get((k + 1,), 0.0) for k in (0, 1))
+            second = sum(
+                rates[j] * rates[k] * numbers.get((min(j, k) + 1, max(j, k) + 1), 0.0)
+                for j in (0, 1)
+                for k in (0, 1)
+            )
+            mixed = sum(rates[k] * numbers.get((0, k + 1), 0.0) for k in (0, 1))
+            wanted = {
+                (): numbers[()],
+                (0,): numbers[(0,)],
+                (1,): first,
+                (0, 0): numbers[(0, 0)],
+                (0, 1): mixed,
+                (1, 1): second,
+            }
+            made = {key: middle(ball[0, 0].real) for key, ball in jet.items()}
+            assert made.keys() == wanted.keys()
+            assert max(abs(made[key] - wanted[key]) for key in wanted) < 1e-12
+            turns = np.array([[np.cos(x), np.sin(x)], [np.cos(part), np.sin(part)]])
+            (degrees,) = together.degrees
+            for real in (one.real, Placed(one)):
+                value, slope, bend = real.second(turns)
+                error = real.error[0] * np.array(
+                    [1, *degrees, *np.outer(degrees, degrees).flat]
+                )
+                keys = (), (0,), (1,), (0, 0), (0, 1), (0, 1), (1, 1)
+                exactly = np.array([wanted[key] for key in keys])
+                near = np.array([value[0], *slope[0], *bend[0].flat])
+                assert np.all(np.abs(near - exactly) <= error + 1e-13)
+            size = one.bounds().constant[0]
+            assert abs(made[(1, 1)]) <= size * degrees[1] ** 2
+
+
+def test_wheels_are_told_to_come_back_or_refused():
+    with pytest.raises(PlanError, match=r"more than 2 turns, after which everything"):
+        certified_curves(geared((20, 40)), ("0", "721"))
+    with pytest.raises(PlanError, match=r"wheels turn right .* at most 64: give values"):
+        certified_curves(geared((71, 67)), ("0", "10"))
+    bare = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
+    with pytest.raises(PlanError, match=r"wheels turn right .* ratios of teeth"):
+        certified_curves(geared((20, 40), bare), ("0", "10"))
+
+
+def test_certify_says_what_it_proves_of_wheels_and_the_checker_leaves_it(tmp_path, capsys):
+    path = tmp_path / "geared.toml"
+    path.write_text(FIVE_BAR.format(20, 40, 0.0, 720.0), encoding="utf-8")
+    assert main(["certify", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "certified: all configurations" in said
+    first, second = dead_centres(0, 720, (20, 40))
+    lines = [line.split() for line in said.splitlines() if line.endswith(" modes")]
+    told = np.array([[float(words[k]) for k in (0, 2, 4)] for words in lines])
+    wanted = [(0, first, 2), (first, second, 0), (second, 720, 2)]
+    assert np.allclose(told, wanted, rtol=0, atol=1e-6)
+    kept = curves_certificate(certified_curves(geared((20, 40)), ("0", "720")))
+    assert kept["input_turns_of_its_variable"] == 2
+    with pytest.raises(Refused, match="wheels in mesh are not checked"):
+        check(json.loads(json.dumps(kept)))
+
+
+def test_a_planet_on_a_crank_has_the_modes_that_are_proven_at_inputs():
+    """A wheel of the coupler rolls about one of the ground, which the crank carries."""
+    planet = FIVE_BAR.replace('links = ["2", "5"]\nteeth', 'links = ["1", "3"]\nteeth')
+    planet = planet.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')
+    written = geared((14, 21), planet)
+    curves = certified_curves(written, ("0", "1080"))
+    assert curves.claim.guarantee is Guarantee.CERTIFIED and curves.laps == 3
+    assert len(curves.turning_points) > 0
+    counts = []
+    for q in np.random.default_rng(2).uniform(0, 1080, 12):
+        modes = certified_modes(written, (repr(float(q)),))
+        assert modes.complete and len(modes.real) == curves.modes_at(np.radians(q))
+        counts.append(len(modes.real))
+    assert set(counts) == {0, 2}
