@@ -126,6 +126,9 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
     reverses = any(p.output == links and p.output_turns for p in points)
     left = not curve.closed and Status.OK in curve.ends
     far = ", as far as the curve was followed" if left else ""
+    if _degrees(high - low) == "0":
+        where = f" at {_degrees(high)} deg" if variable is not None else ""
+        return f"rests{where}"
     if variable is None:
         to_and_fro = "to and fro " if reverses else ""
         return f"turns {to_and_fro}by {_degrees(high - low)} deg about its moving pole{far}"

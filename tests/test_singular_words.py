@@ -52,6 +52,12 @@ def test_a_dyad_at_its_limit_is_no_crossing_for_an_output_before_it():
     assert "least transmission angle of vane/body: 0 deg" in said
 
 
+def test_an_output_that_stands_still_on_a_whole_curve_rests_there():
+    """With all arcs of 90 degrees two links come to lie on each other and turn as one."""
+    said, _ = said_of(four_bar(np.radians([90.0] * 4)))
+    assert "4/1 rests at 0 deg on configuration curves" in said and "swings 0" not in said
+
+
 def test_a_folding_loop_is_told_up_to_its_crossings():
     said, warnings = said_of(four_bar(np.radians([60.0, 25.0, 60.0, 25.0])))
     assert "curves of configurations cross: at 21 = 0, 180 deg" in said
