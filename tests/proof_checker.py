@@ -200,11 +200,19 @@ class System:
 
     def __init__(self, certificate):
         self.made = certificate["construction"]
-        need(not self.made["follow"], "wheels in mesh are not checked")
         text, tolerance = certificate["mechanism"], certificate["tolerance_rad"]
-        self.sizes = Sizes(text, tolerance, self.made["couplers"])
+        follow = self.made["follow"]
+        self.sizes = Sizes(text, tolerance, self.made["couplers"], bool(follow))
         self.unknowns = self.made["unknowns"]
         self.inputs = list(certificate["inputs"])
+        self.follower = None
+        self.turning = {}
+        if follow:
+            from proof_checker_gears import follower_of
+
+            self.follower = follower_of(self.sizes, self.inputs)
+            need(follow == [self.follower.pair], "other wheels follow")
+        self.lap(1)
         ends = self.sizes.ends
         placed, used, self.across, self.onto = {self.made["root"]}, [], [], []
         for step in self.made["steps"]:
@@ -219,12 +227,24 @@ class System:
         need(placed == set(self.sizes.links), "links are missing")
         need(sorted(used) == sorted(ends), "pairs are missing or used twice")
         angles = [step["by"][0] for step in self.across]
-        need(sorted(angles) == sorted(self.unknowns + self.inputs), "other unknowns")
+        every = self.unknowns + self.inputs + follow
+        need(sorted(angles) == sorted(every), "other unknowns")
         need(len(self.onto) == len(self.unknowns), "not as many equations as unknowns")
         self.frames = {
             (pair, link): self.sizes.frame(pair, link)
             for pair, two in ends.items()
             for link in two
+        }
+
+    def lap(self, laps):
+        """Count by a variable that goes round once while the input turns `laps` times."""
+        if self.follower is None:
+            return
+        driven, ratio = self.follower.driven, self.follower.ratio * laps
+        rate = arb(ratio.numerator) / ratio.denominator
+        self.turning = {
+            driven: (driven, arb(laps), arb(0)),
+            self.follower.pair: (driven, rate, self.follower.offset),
         }
 
     def bound(self):
@@ -265,15 +285,16 @@ class System:
             link, on, by = step["link"], step["on"], step["by"]
             if len(by) == 1:
                 (pair,), (parent,) = by, on
-                s, c = acb(angle[pair]).sin_cos()
+                variable, rate, offset = self.turning.get(pair, (pair, arb(1), arb(0)))
+                s, c = (acb(angle[variable]) * rate + offset).sin_cos()
                 if self.sizes.ends[pair][0] != parent:
                     s = -s
                 turn = rows([[c, -s, 0], [s, c, 0], [0, 0, 1]])
                 slopes = list(nothing)
-                if pair in self.unknowns:
+                if variable in self.unknowns:
                     sense = 1 if self.sizes.ends[pair][0] == parent else -1
                     change = [[-s, -c, 0], [c, -s, 0], [0, 0, 0]]
-                    slopes[self.unknowns.index(pair)] = sense * rows(change)
+                    slopes[self.unknowns.index(variable)] = sense * rate * rows(change)
                 before = constant(self.frames[pair, parent])
                 after = constant(self.frames[pair, link].transpose())
                 placed[link] = placed[parent] @ before @ Dual(turn, slopes) @ after
@@ -374,6 +395,7 @@ def check_modes(certificate):
     left = certificate["undecided_rad"]
     need(certificate["complete"] == (counted or not left), "not complete")
     if certificate["systems"]:
+        need(system.follower is None, "systems with wheels are not checked")
         from proof_checker_systems import check_systems
 
         check_systems(system, certificate, driven)
@@ -723,6 +745,17 @@ def check_curves(certificate):
     system = System(certificate)
     ((_, (low, high)),) = certificate["inputs"].items()
     low, high = system.sizes.angle(low), system.sizes.angle(high)
+    laps = certificate["input_turns_of_its_variable"]
+    if system.follower is None:
+        need(laps == 1 and not certificate["wheels"], "wheels that are not in the file")
+    else:
+        from proof_checker_gears import check_stated
+
+        tolerance = certificate["tolerance_rad"]
+        check_stated(certificate["wheels"], system.follower, laps, tolerance)
+        system.lap(laps)
+    low, high = low / laps, high / laps
+    need(high - low < 2 * arb.pi() + 1e-9, "a range after which all is back")
     wide = Wide(system)
     pieces = []
     for curve in certificate["curves"]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from spherekit.guarantee import Guarantee
-from spherekit.proof.balls import Ball, exact, middle, parts_of, upper
+from spherekit.proof.balls import Ball, bits, exact, middle, parts_of, upper
 from spherekit.proof.construction import Across, Construction
 from spherekit.proof.curves import CertifiedCurves
 from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED, InputMap
@@ -17,6 +17,7 @@ from spherekit.proof.written import Written
 from spherekit.version import __version__
 
 FORMAT = 1
+WHEEL_BITS = 80
 CROSSING = {
     0: "curves cross",
     1: "curves miss each other, above and below",
@@ -103,6 +104,7 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
         "inputs": {names[made.pairs[curves.driven]]: list(curves.range_text)},
         "construction": construction_table(written, made),
         "input_turns_of_its_variable": made.laps,
+        "wheels": _wheels(written, made),
         "complete": curves.claim.guarantee is Guarantee.CERTIFIED,
         "undecided_rad": [list(part) for part in curves.undecided],
         "problems": list(curves.problems),
@@ -145,6 +147,23 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
             )
         ],
     }
+
+
+def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
+    """Return by how much wheels turn with the only variable, and their angles at zero."""
+    structure = written.structure
+    turns = {step.pair: step.turns for step in made.steps if isinstance(step, Across)}
+    with bits(WHEEL_BITS):
+        angles = written.given([exact(0.0)])[1:]
+        return [
+            {
+                "pair": structure.pairs[pair],
+                "turns": turns[pair],
+                "at_zero_rad": middle(angle),
+                "off": upper(angle - exact(middle(angle))),
+            }
+            for pair, angle in zip(structure.followers, angles, strict=True)
+        ]
 
 
 def map_certificate(boxes: InputMap) -> dict[str, Any]:

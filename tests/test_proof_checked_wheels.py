@@ -1,0 +1,205 @@
+"""What the checker repeats of loops with wheels in mesh, and what it refuses."""
+
+import copy
+import json
+
+import pytest
+
+pytest.importorskip("flint")
+
+from proof_checker import Refused, check
+from test_wheels import FIVE_BAR
+
+from spherekit.files.document import parse
+from spherekit.files.read import read
+from spherekit.proof.certificate import (
+    curves_certificate,
+    modes_certificate,
+    singular_table,
+)
+from spherekit.proof.curves import certified_curves
+from spherekit.proof.modes import certified_modes
+from spherekit.proof.singular import singularities
+from spherekit.proof.written import Written
+
+PLANET = FIVE_BAR.replace('links = ["2", "5"]\nteeth', 'links = ["1", "3"]\nteeth')
+PLANET = PLANET.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')
+WITHIN = FIVE_BAR + 'contact = "internal"\n'
+TURNED = FIVE_BAR.replace('links = ["1", "5"]', 'links = ["5", "1"]')
+BACKWARDS = FIVE_BAR.replace("inputs.left", "inputs.right")
+POSED = """
+format = 1
+name = "posed_geared_five_bar"
+angle_unit = "deg"
+ground = "1"
+links = {{ 1 = {{}}, 2 = {{}}, 3 = {{}}, 4 = {{}}, 5 = {{}} }}
+pairs.left = {{ type = "R", links = ["1", "2"], lonlat = [0, 0], value = 20.5 }}
+pairs.right = {{ type = "R", links = ["1", "5"], lonlat = [75, 0], value = -31 }}
+pairs.32 = {{ type = "R", links = ["2", "3"], lonlat = [5.0, 40.0] }}
+pairs.43 = {{ type = "R", links = ["3", "4"], lonlat = [50.0, 70.0] }}
+pairs.54 = {{ type = "R", links = ["4", "5"], lonlat = [80.0, 35.0] }}
+inputs.left = {{ from = {2}, to = {3} }}
+outputs.pointer = {{ link = "3" }}
+[pairs.mesh]
+type = "Cr"
+links = ["2", "5"]
+teeth = [{0}, {1}]
+axes = ["left", "right"]
+"""
+
+
+def geared(teeth, text=FIVE_BAR):
+    document = parse(text.format(*teeth, 0.0, 360.0), "geared")
+    return Written.of(read(document), document)
+
+
+def certificate_of(teeth, ends, text=FIVE_BAR):
+    curves = certified_curves(geared(teeth, text), ends)
+    whole = curves_certificate(curves)
+    whole["singularities"] = singular_table(singularities(curves))
+    assert whole["complete"] and whole["curves"] and len(whole["wheels"]) == 1
+    return json.loads(json.dumps(whole))
+
+
+CASES = [
+    ((40, 20), ("0", "360"), FIVE_BAR),
+    ((20, 30), ("-100", "150"), FIVE_BAR),
+    ((14, 21), ("100", "300"), PLANET),
+    ((40, 20), ("0", "90"), WITHIN),
+    ((20, 40), ("10", "200"), TURNED),
+    ((20, 40), ("10", "200"), BACKWARDS),
+    ((20, 40), ("0", "90"), POSED),
+]
+
+
+@pytest.mark.parametrize(("teeth", "ends", "text"), CASES)
+def test_curves_of_loops_with_wheels_are_repeated(teeth, ends, text):
+    check(certificate_of(teeth, ends, text))
+
+
+@pytest.mark.parametrize("text", [FIVE_BAR, PLANET, WITHIN, TURNED, POSED])
+def test_modes_of_loops_with_wheels_are_repeated(text):
+    """They are refused with an input that is not that of the roots."""
+    modes = certified_modes(geared((20, 30), text), ("393.25",))
+    whole = json.loads(json.dumps(modes_certificate(modes)))
+    check(whole)
+    (driven,) = whole["inputs"]
+    whole["inputs"][driven] = "33.25"
+    with pytest.raises(Refused):
+        check(whole)
+
+
+@pytest.fixture(scope="module")
+def part_of_laps():
+    whole = certificate_of((20, 40), ("400", "700.5"))
+    assert len(whole["curves"]) == 2
+    check(whole)
+    return whole
+
+
+def other_teeth(changed):
+    changed["mechanism"] = changed["mechanism"].replace("[20, 40]", "[20, 41]")
+
+
+def other_teeth_told_too(changed):
+    """3 turns of a wheel for 2 of the input, of the file too, but not of the pieces."""
+    changed["mechanism"] = changed["mechanism"].replace("[20, 40]", "[60, 40]")
+    changed["wheels"][0]["turns"] = -3
+    changed["wheels"][0]["at_zero_rad"] *= 5.0 / 3.0
+    changed["wheels"][0]["off"] = 9e-15
+
+
+def within(changed):
+    changed["mechanism"] += 'contact = "internal"\n'
+
+
+def other_turns(changed):
+    changed["wheels"][0]["turns"] = 1
+
+
+def other_laps(changed):
+    changed["input_turns_of_its_variable"] = 4
+    changed["wheels"][0]["turns"] = -2
+
+
+def no_laps(changed):
+    changed["input_turns_of_its_variable"] = 1
+
+
+def other_offset(changed):
+    changed["wheels"][0]["at_zero_rad"] += 1e-12
+
+
+def vague_offset(changed):
+    changed["wheels"][0]["off"] = 7.0
+
+
+def other_pair(changed):
+    changed["wheels"][0]["pair"] = "54"
+
+
+def no_wheels(changed):
+    changed["wheels"] = []
+
+
+def nothing_follows(changed):
+    changed["construction"]["follow"] = []
+
+
+def missing_chain(changed):
+    del changed["curves"][1]
+
+
+def moved_piece(changed):
+    changed["curves"][0]["pieces"][5]["centre"][0] += 1e-6
+
+
+def other_range(changed):
+    changed["inputs"]["left"] = ["300", "700.5"]
+
+
+def more_than_all_laps(changed):
+    changed["inputs"]["left"] = ["400", "1121"]
+
+
+CHANGES = [
+    other_teeth,
+    other_teeth_told_too,
+    within,
+    other_turns,
+    other_laps,
+    no_laps,
+    other_offset,
+    vague_offset,
+    other_pair,
+    no_wheels,
+    nothing_follows,
+    missing_chain,
+    moved_piece,
+    other_range,
+    more_than_all_laps,
+]
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_tampered_certificates_of_wheels_are_refused(part_of_laps, change):
+    changed = copy.deepcopy(part_of_laps)
+    change(changed)
+    assert changed != part_of_laps
+    with pytest.raises(Refused):
+        check(changed)
+
+
+def test_a_file_with_other_teeth_of_the_same_ratio_is_repeated(part_of_laps):
+    changed = copy.deepcopy(part_of_laps)
+    changed["mechanism"] = changed["mechanism"].replace("[20, 40]", "[17, 34]")
+    check(changed)
+
+
+def test_two_pairs_of_wheels_are_refused(part_of_laps):
+    """Which whole turns several wheels have rolled least with is not repeated."""
+    changed = copy.deepcopy(part_of_laps)
+    more = '[pairs.more]\ntype = "Cr"\nlinks = ["2", "5"]\nteeth = [20, 40]\n'
+    changed["mechanism"] += more + 'axes = ["left", "right"]\n'
+    with pytest.raises(Refused, match="more than one pair of wheels"):
+        check(changed)
