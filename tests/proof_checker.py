@@ -741,6 +741,10 @@ def check_singularities(wide, system, certificate):
 def check_curves(certificate):
     need(certificate["statement"] == "curves over a range", "another statement")
     need(certificate["complete"] and not certificate["undecided_rad"], "not complete")
+    need(not certificate["crossings"], "crossings are not checked")
+    still = any(curve["at_one_input"] for curve in certificate["curves"])
+    need(not still, "curves at one input are not checked")
+    need(not certificate["curves_at_one_input_rad"], "curves at one input are not checked")
     ctx.prec = 80
     system = System(certificate)
     ((_, (low, high)),) = certificate["inputs"].items()

@@ -162,7 +162,18 @@ def more_than_all_laps(changed):
     changed["inputs"]["left"] = ["400", "1121"]
 
 
+def a_crossing(changed):
+    crossing = {"centre": [0.0, 0.0], "limits": [0.1, 0.1], "is": "curves cross"}
+    changed["crossings"] = [crossing]
+
+
+def at_one_input(changed):
+    changed["curves"][0]["at_one_input"] = True
+
+
 CHANGES = [
+    a_crossing,
+    at_one_input,
     other_teeth,
     other_teeth_told_too,
     within,
