@@ -26,6 +26,7 @@ from spherekit.analysis.folder import resource_check as room
 from spherekit.analysis.folder.journal import WORK, RunFolder
 from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.needs import Needs
+from spherekit.analysis.running import rows_at_once
 from spherekit.analysis.scene import Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
@@ -178,9 +179,11 @@ def test_killed_runs_go_on(tmp_path):
 STOPPED = """
 import os, sys
 from spherekit.analysis.folder import journal
+from spherekit.analysis.running import rows_at_once
 from spherekit.cli import run
 from spherekit.cli.main import main
 journal.EVERY = 0.0
+rows_at_once.BYTES = 1 << 21
 def stop(done, total):
     os.kill(os.getpid(), int(sys.argv[1]))
 run.progress = lambda quiet: stop
@@ -190,7 +193,8 @@ sys.exit(main(sys.argv[2:]))
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_says_how_to_go_on(number, tmp_path, capsys):
+def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(rows_at_once, "BYTES", 1 << 21)
     folder = tmp_path / "with space"
     words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "80000", "-o"]
     done = subprocess.run(

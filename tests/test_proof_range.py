@@ -4,18 +4,21 @@ import copy
 import itertools
 import json
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("flint")
 
+from chains import EIGHT_BARS, mechanism, random_axes
 from proof_checker import Refused, check
 
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.files.read import loads
 from spherekit.guarantee import Guarantee
+from spherekit.model.mechanism import Input
 from spherekit.planning.inputs import driven_at
 from spherekit.proof.along import rates
 from spherekit.proof.balls import bits, circle, exact
@@ -58,6 +61,27 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
         middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
         modes = certified_modes(curves.written, (middle,))
         assert modes.counted and len(modes.real) == count
+
+
+@pytest.mark.parametrize("seed", [62, 82])
+def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
+    """Where a piece is all but too long to prove, its bounds are those of the piece."""
+    chain = EIGHT_BARS[0]
+    axes = random_axes(np.random.default_rng(seed), len(chain.split()))
+    made = mechanism(chain, axes)
+    made = replace(made, inputs=(Input(made.pairs[0].name, 0.0, 2.0 * np.pi),))
+    curves = over(made)
+    assert curves.claim.guarantee is Guarantee.CERTIFIED, curves.claim
+    for chain in curves.chains:
+        for piece in chain.pieces:
+            for part in (0.25, 0.5, 0.9, 1.0):
+                bounds = rates(piece, part * piece.half)
+                assert np.all(bounds.low <= bounds.high)
+                assert np.all(bounds.bend_low <= bounds.bend_high)
+    for low, high, count in curves.intervals:
+        middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
+        modes = certified_modes(curves.written, (middle,))
+        assert modes.complete and len(modes.real) == count
 
 
 def test_rates_along_pieces_are_within_their_bounds():

@@ -9,10 +9,12 @@ All others are cut in two.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import final
 
 import numpy as np
 
+from spherekit.errors import SolveError
 from spherekit.proof.chains import Chain
 from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import UP, Piece, corrected, frame_at, local, piece_at
@@ -58,6 +60,8 @@ def rates(piece: Piece, half: float) -> Rates:
     length = np.array(half)
     rows = float(np.max(test.rows(length, np.array(piece.radius)))) * UP
     tight = float(np.max(test.displacement(length))) / (1.0 - rows) * UP
+    # the arc is in the piece; where rows come close to 1, that says more
+    tight = min(tight, piece.radius)
     rows = float(np.max(test.rows(length, np.array(tight)))) * UP
     spare = 1.0 - rows
     change = test.sums(length, np.array(tight))
@@ -118,7 +122,13 @@ class Doubt:
 def stops(
     equations: Equations, chain: Chain, variable: int
 ) -> tuple[list[Stop], list[Doubt]]:
-    """Return where a variable stops along a chain, and the parts that are undecided."""
+    """Return where a variable stops along a chain, and the parts that are undecided.
+
+    Raises
+    ------
+    SolveError
+        If its rate does not change its sign back from one place to the next.
+    """
     places: list[Stop] = []
     undecided: list[Doubt] = []
     parts = _Parts(equations, variable)
@@ -129,6 +139,12 @@ def stops(
                 places.append(replace(stop, after=number))
             else:
                 undecided.append(replace(stop, after=number))
+    around = [*places, *(places[:1] if chain.closed else ())]
+    if not undecided and any(one.before == two.before for one, two in pairwise(around)):
+        raise SolveError(
+            f"bounds of the rate of variable {variable} contradict each other along a "
+            "curve, so nothing is certified; please report the mechanism"
+        )
     return places, undecided
 
 
