@@ -12,7 +12,7 @@ from spherekit.design.gradients import FigureGradients, with_derivatives
 from spherekit.design.sweep import Columns
 from spherekit.design.wanted import Sizing
 from spherekit.engine.arrays import ArrayFunction
-from spherekit.engine.design_kernel import row_quantities
+from spherekit.engine.row_quantities import row_quantities
 from spherekit.sphere.rotation import Floats
 
 STEPS = 50

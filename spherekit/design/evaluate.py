@@ -34,11 +34,10 @@ from spherekit.engine.design_kernel import (
     DesignTerms,
     arc_function,
     design_kernel,
-    row_quantities,
-    sample_names,
 )
 from spherekit.engine.hinges import hinged
 from spherekit.engine.path_kernel import PathKernel, path_kernel
+from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document

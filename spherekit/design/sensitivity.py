@@ -28,10 +28,9 @@ from spherekit.engine.design_kernel import (
     NewtonKernel,
     design_kernel,
     newton_kernel,
-    row_quantities,
-    sample_names,
 )
 from spherekit.engine.hinges import Hinged, hinged
+from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
 from spherekit.model.geometry import COLLINEAR

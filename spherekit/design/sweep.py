@@ -24,7 +24,7 @@ from spherekit.design.samples import DesignSamples
 from spherekit.design.space import DesignSpace
 from spherekit.design.table_figures import TableFigures
 from spherekit.design.variables import DesignVariable, check_variables, design_variable
-from spherekit.engine.design_kernel import row_quantities
+from spherekit.engine.row_quantities import row_quantities
 from spherekit.errors import DesignError, OutputError
 from spherekit.files.atomic import make_folder, write_text
 from spherekit.files.document import Document

@@ -28,10 +28,7 @@ from spherekit.engine.kinematics import Structure
 from spherekit.engine.misfits import answers, misfit_rates, misfits
 from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.engine.profile_columns import ProfileColumns
-from spherekit.engine.row_quantities import RowQuantities
-from spherekit.engine.row_quantities import middle_pairs as middle_pairs
-from spherekit.engine.row_quantities import row_quantities as row_quantities
-from spherekit.engine.row_quantities import sample_names as sample_names
+from spherekit.engine.row_quantities import RowQuantities, sample_names
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from spherekit.design.sensitivity import Deviations as Deviations
     from spherekit.design.sensitivity import Distribution as Distribution
     from spherekit.design.sensitivity import Sensitivity as Sensitivity
-    from spherekit.engine.design_kernel import middle_pairs as middle_pairs
-    from spherekit.engine.design_kernel import row_quantities as row_quantities
+    from spherekit.engine.row_quantities import middle_pairs as middle_pairs
+    from spherekit.engine.row_quantities import row_quantities as row_quantities
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)
