@@ -23,6 +23,7 @@ from spherekit.engine.columns import (
 )
 from spherekit.engine.compiler import CompiledFunction, compile_function
 from spherekit.engine.expression_graph import Expr
+from spherekit.engine.parted_places import PartedPlaces
 from spherekit.engine.profile_columns import ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
@@ -156,6 +157,11 @@ class RowKernel:
         return self._make_whole()
 
     @cached_property
+    def parted(self) -> PartedPlaces:
+        """Places that share no column."""
+        return PartedPlaces.of(self.rates, self.residual)
+
+    @cached_property
     def _closing(self) -> _Function:
         return self._make_closing()
 
@@ -181,26 +187,21 @@ class RowKernel:
             first += 8 * count
         return made
 
-    def signed(self, columns: Floats, number: int) -> Floats:
-        """Return (8, poles, n) the same of an input, from all columns: a view."""
-        places = self.rates[number]
-        count = len(places.signed)
-        block = columns[places.block : places.block + 8 * count]
-        return block.reshape(8, count, columns.shape[1])
 
-    def read(self, columns: Floats) -> list[RateColumns]:
-        """Return rates by input, as views of columns that are kept."""
-        every = range(len(self.rates))
-        return [_read(self.rates[k], columns, self.signed(columns, k)) for k in every]
+def signed_columns(places: RatePlaces, columns: Floats) -> Floats:
+    """Return (8, poles, n) what has a sign of its own, from all columns: a view."""
+    count = len(places.signed)
+    block = columns[places.block : places.block + 8 * count]
+    return block.reshape(8, count, columns.shape[1])
 
 
-def _read(places: RatePlaces, columns: Floats, signed: Floats) -> RateColumns:
+def read_columns(places: RatePlaces, columns: Floats) -> RateColumns:
+    """Return the rates of an input, as views of columns that are kept."""
+    signed = signed_columns(places, columns)
     return RateColumns(
         {pole: _pole(places, pole, columns, signed) for pole in places.poles},
         {link: place.of(columns) for link, place in places.w.items()},
         {link: place.of(columns) for link, place in places.dw.items()},
-        places.signed,
-        signed,
     )
 
 
@@ -214,7 +215,7 @@ def _pole(places: RatePlaces, pole: Pole, columns: Floats, signed: Floats) -> Po
         rate, change = first[0], second[0]
     angle, *errors = (part.of(columns)[0] for part in (at.angle, *at.errors))
     one, other, last = errors
-    return PoleColumns(unit, turn, rate, change, angle, one, other, last, at.axis is None)
+    return PoleColumns(unit, turn, rate, change, angle, one, other, last)
 
 
 def row_kernel(

@@ -41,10 +41,7 @@ class _Loan:
 
 @final
 class Refilled:
-    """An array (rows, columns) in lent memory, made when it is read, as often as that is.
-
-    `was_read` says that all of it was, at once.
-    """
+    """An array (rows, columns) in lent memory, made when it is read, however often."""
 
     def __init__(
         self, lender: "LentMemory", shape: tuple[int, int], pieces: Callable[[Reader], None]
@@ -55,7 +52,6 @@ class Refilled:
         """
         self.shape, self._pieces, self._lender = shape, pieces, lender
         self._loan: Callable[[], _Loan | None] = _nothing
-        self.was_read = False
 
     def fills(self, lent: Floats, first: int = 0) -> None:
         """Take lent memory (k, columns) that holds the rows from `first` on, for a while.
@@ -73,7 +69,6 @@ class Refilled:
         loan = self._loan()
         if loan is not None:
             return np.asarray(loan)[: rows * columns].reshape(rows, columns)
-        self.was_read = True
         made = self._lender.array(rows, columns)
 
         def fill(some: slice, held: Floats) -> None:

@@ -5,25 +5,24 @@ rates follow, and what all of that may be off by. Rows that it does not vouch fo
 found by `Tracer` and `evaluate`, as without it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal, final
+from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.running.in_turn import in_turn
+from spherekit.analysis.running.made_columns import SLICE, MadeColumns
 from spherekit.analysis.running.positions import Positions
-from spherekit.analysis.running.row_block import (
-    SLICE,
-    Part,
-    Rooms,
-    Rows,
+from spherekit.analysis.running.reversals import (
+    Numbers,
     Seen,
     largest_errors,
-    steady,
+    stops_of,
 )
+from spherekit.analysis.running.row_block import Part, Rooms, Rows, parts_of
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
@@ -31,10 +30,16 @@ from spherekit.engine.row_kernel import RowKernel, row_kernel
 from spherekit.motion.motion import Motion
 from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled, Template
 from spherekit.rates.columns import Gaps, RateColumns
-from spherekit.rates.from_columns import field_of_columns, field_unread
+from spherekit.rates.from_columns import CarefulRows, field_unread
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
-from spherekit.rates.signs import SignMemory, steady_signs
+from spherekit.rates.signs import (
+    SignMemory,
+    Stops,
+    TurnedRows,
+    sides_of,
+    signs_at_stops,
+)
 from spherekit.rates.unread_columns import UnreadColumns
 from spherekit.sphere.rotation import Floats
 
@@ -46,6 +51,8 @@ REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
 BYTES = 1 << 27
 """Of columns in a block, at most."""
+JUDGED = 1 << 18
+"""Numbers that decide about the rows of a slice: they stay in the cache."""
 MORE = 16
 """Blocks have so many times the rows of those without a kernel, at most."""
 
@@ -53,16 +60,17 @@ MORE = 16
 @final
 @dataclass(frozen=True)
 class _Block:
-    """What was found of a block: its `rows` in `parts`, and which inputs are `steady`.
+    """What was found of a block: its `rows`, and by input where directions are looked at.
 
-    `seen` is what was seen of the parts while they were filled.
+    `held` (n,) are the rows with a configuration, `doubtful` (k,) those of them that the
+    kernel does not vouch for. `errors` are the largest of slices and later rows.
     """
 
-    samples: NDArray[np.intp]
     rows: Rows
-    parts: Sequence[Part]
-    seen: Sequence[Seen]
-    steady: Sequence[bool]
+    held: NDArray[np.bool_]
+    doubtful: Numbers
+    stops: Sequence[Mapping[int, Stops]]
+    errors: Sequence[tuple[tuple[float, ...], ...]]
 
 
 @final
@@ -84,16 +92,10 @@ class RowsAtOnce:
 
     def __post_init__(self) -> None:
         self._found: dict[int, _Block] = {}
-        modes = len(self.course.tracer.assembly_modes)
-        rates = self.kernel.rates
         self._rooms = Rooms()
         self._columns, self._values, self._gaps = (LentMemory() for _ in range(3))
         self._residuals, self._off, self._numbers = (LentMemory() for _ in range(3))
-        # Expected from the block before: then nothing has to be turned round later.
-        self._senses = [np.ones((modes, len(places.signed))) for places in rates]
-        self._left: Refilled | None = None
-        self._is_read, self._is_doubtful = self.with_planes, False
-        self._template: tuple[Template, list[RateColumns]] | None = None
+        self._templates: dict[Any, tuple[Template, list[RateColumns]]] = {}
 
     @classmethod
     def of(
@@ -125,6 +127,11 @@ class RowsAtOnce:
         )
 
     @property
+    def _slice(self) -> int:
+        """Rows that are judged at once: so many that little is left to do between."""
+        return JUDGED // (8 * self.kernel.judging.width) * 8 - 8
+
+    @property
     def block(self) -> int:
         """Samples in a block; where they are recorded, as many as without a kernel."""
         tracer = self.course.tracer
@@ -153,77 +160,76 @@ class RowsAtOnce:
     def fields(
         self, motion: Motion, memories: Sequence[SignMemory]
     ) -> tuple[PoleField, ...]:
-        """Return the poles of a motion that was found, for each input that moves."""
+        """Return the poles of a motion that was found, for each input that moves.
+
+        They are made when they are read.
+        """
         block = self._found.pop(id(motion))
-        if block.rows.columns is None:
-            return self._unread(motion, block, memories)
-        rates = self.kernel.read(block.rows.columns)
+        rows, doubtful = block.rows, block.doubtful
+        asked = self.requests[: len(memories)]
+        made = (CarefulRows.of(motion, wanted, doubtful) for wanted in asked)
+        careful = tuple(item for item in made if item is not None)
+        columns = MadeColumns(
+            self.kernel,
+            rows.values,
+            parts_of(len(motion.assembly_modes), motion.samples, SLICE),
+            self._rooms,
+            rows.careful,
+            rows.residual[rows.careful],
+            careful,
+        )
+        columns.turned = [
+            self._signs(motion, block, columns, number, memory)
+            for number, memory in enumerate(memories[: len(asked)])
+        ]
+        left = columns.refilled(self._columns)
+        left.fills(rows.residual[None], columns.residual_row)
+        template, shown = self._template(columns, left.shape)
+        gaps = Gaps(np.flatnonzero(motion.failed), self._gaps)
         fields = []
-        for number, (wanted, columns, memory) in enumerate(
-            zip(self.requests, rates, memories, strict=False)
-        ):
-            field = field_of_columns(
-                motion,
-                wanted,
-                columns,
-                block.rows.vouched,
-                memory,
-                self.with_planes,
-                block.steady[number],
-                self._gaps,
+        for number, wanted in enumerate(asked):
+            fields.append(
+                field_unread(
+                    motion,
+                    wanted,
+                    UnreadColumns(
+                        left, template, shown[number], partial(columns.read, number), gaps
+                    ),
+                    rows.vouched,
+                    largest_errors(block.errors, number),
+                    careful[number] if careful else None,
+                )
             )
-            self._senses[number] = _senses_at_end(motion, columns, field)
-            fields.append(field)
-        if all(block.steady):
-            self._made_again(block).fills(block.rows.columns)
+            for pole in wanted.planes if self.with_planes else ():
+                _ = fields[-1].planes[pole]
         return tuple(fields)
 
-    def _unread(
-        self, motion: Motion, block: _Block, memories: Sequence[SignMemory]
-    ) -> tuple[PoleField, ...]:
-        """Return the poles of a motion that are left to be made when they are read."""
-        values, kernel, n = block.rows.values, self.kernel, len(motion)
+    def _template(
+        self, columns: MadeColumns, shape: tuple[int, int]
+    ) -> tuple[Template, list[RateColumns]]:
+        """Return what stands for columns of a shape, and for the rates of each input."""
+        key = bool(columns.careful), shape
+        if key not in self._templates:
+            template, every = Template(*shape), range(len(columns.places))
+            self._templates = {
+                key: (template, [columns.read(k, template.unmade) for k in every])
+            }
+        return self._templates[key]
 
-        def signed_at(rows: Sequence[int], number: int) -> Floats:
-            return kernel.signed_at(values[:, list(rows)])[number]
-
-        for number, (places, memory) in enumerate(
-            zip(kernel.rates, memories, strict=False)
-        ):
-            self._senses[number] = steady_signs(
-                motion, places.signed, partial(signed_at, number=number), memory
-            )
-        self._left = left = self._made_again(block)
-        left.fills(block.rows.residual[None], kernel.residual)
-        if self._template is None or self._template[0].shape[1] != n:
-            template = Template(kernel.kept, n)
-            self._template = template, kernel.read(template.unmade)
-        gaps = Gaps(np.flatnonzero(motion.failed), self._gaps)
-        return tuple(
-            field_unread(
-                motion,
-                wanted,
-                UnreadColumns(
-                    left, *self._template_of(number), partial(self._of, number), gaps
-                ),
-                block.rows.vouched,
-                largest_errors([*block.seen, *block.rows.late], number),
-            )
-            for number, wanted in enumerate(self.requests[: len(memories)])
-        )
-
-    def _template_of(self, number: int) -> tuple[Template, RateColumns]:
-        assert self._template is not None
-        template, shown = self._template
-        return template, shown[number]
-
-    def _of(self, number: int, columns: Floats) -> RateColumns:
-        return self.kernel.read(columns)[number]
-
-    def _made_again(self, block: _Block) -> Refilled:
-        """Return the columns of a block, made when they are read."""
-        pieces = block.rows.again(block.parts, list(self._senses))
-        return Refilled(self._columns, (self.kernel.kept, len(block.rows.off)), pieces)
+    def _signs(
+        self,
+        motion: Motion,
+        block: _Block,
+        columns: MadeColumns,
+        number: int,
+        memory: SignMemory,
+    ) -> TurnedRows:
+        """Return which directions of an input are turned round."""
+        if not motion.is_path:
+            return sides_of(motion, block.held, memory)
+        signed = columns.places[number].signed
+        at = partial(columns.relative_at, number)
+        return signs_at_stops(motion, signed, block.stops[number], at, memory)
 
     def _named(self, samples: NDArray[np.intp], chosen: slice | NDArray[np.intp]) -> Floats:
         """Return the numbers of samples and modes as bits of whole ones, and the inputs."""
@@ -253,43 +259,26 @@ class RowsAtOnce:
         modes, count = len(tracer.assembly_modes), len(samples)
         n, chosen = modes * count, _chosen(samples)
         values = self._values.array(len(tracer.mechanism.variable_owners), n)
-        self._is_read |= self._left is not None and self._left.was_read
-        is_made = self._is_read or self._is_doubtful
-        columns = self._columns.array(self.kernel.kept, n) if is_made else None
         rows = Rows(
             self.kernel,
             self.positions,
             np.ascontiguousarray(tracer.input_grid.q[chosen].T),
             values,
-            columns,
             self._residuals.array(1, n)[0],
             self._off.array(1, n)[0],
             self._rooms,
         )
         self._read(chosen, values.reshape(-1, modes, count))
-        parts = [
-            (mode, slice(start, min(start + SLICE, (mode + 1) * count)))
-            for mode in range(modes)
-            for start in range(mode * count, (mode + 1) * count, SLICE)
-        ]
-        senses = [of_input.copy() for of_input in self._senses]
-        seen = rows.fill(parts, senses)
+        parts = parts_of(modes, count, self._slice)
+        seen = rows.fill(parts)
         rest = np.flatnonzero(~rows.vouched & (rows.status == Status.OK))
         if len(rest):
-            self._with_care(rows, samples, rest, senses)
+            self._with_care(rows, samples, rest)
             seen = _without(seen, parts, rest)
         failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
         rows.leave_out(failed)
-        vouched = rows.vouched & (rows.status == Status.OK)
-        is_steady = tracer.input_grid.is_path and bool(np.all(vouched | failed))
-        goes_on = [False] * len(self.requests)
-        if is_steady:
-            seen = rows.looked_through(seen, parts, ~failed)
-            goes_on = steady(seen, parts)
-        rows.vouched = vouched
-        self._is_doubtful = not all(goes_on)
-        if self._is_doubtful:
-            rows.make(parts, senses, self._columns)
+        rows.vouched &= rows.status == Status.OK
+        doubtful = np.flatnonzero(~(rows.vouched | failed))
         timing = course.timing if self.with_times else None
         if timing is not None:
             timing = timing.rows(samples).repeated(modes)
@@ -309,11 +298,16 @@ class RowsAtOnce:
             is_path=tracer.input_grid.is_path,
             timing=timing,
         )
-        doubtful = np.flatnonzero(~(vouched | failed))
         if len(doubtful):
             rows.off[doubtful] = motion.rows(doubtful).configuration_error
         vars(motion)["configuration_error"] = rows.off
-        self._found[id(motion)] = _Block(samples, rows, parts, seen, goes_on)
+        stops: Sequence[Mapping[int, Stops]] = ()
+        looked = rows.looked_through(seen, parts)
+        if motion.is_path:
+            held, every = ~failed.reshape(modes, count), range(len(self.requests))
+            stops = [stops_of(looked, k, held, doubtful) for k in every]
+        errors = [here.errors for _, here in looked] + rows.late
+        self._found[id(motion)] = _Block(rows, ~failed, doubtful, stops, errors)
         return motion
 
     def _read(self, chosen: slice | NDArray[np.intp], out: Floats) -> None:
@@ -329,7 +323,6 @@ class RowsAtOnce:
         rows: Rows,
         samples: NDArray[np.intp],
         rest: NDArray[np.intp],
-        senses: Sequence[Floats],
     ) -> None:
         """Find rows as the tracer does, and what the kernel says of them."""
         tracer, count = self.course.tracer, len(samples)
@@ -344,7 +337,7 @@ class RowsAtOnce:
             rows.values[:, at] = evaluated.values.T
             rows.status[at], residual[of_mode] = evaluated.status, evaluated.residual
         closed = np.isfinite(residual)
-        rows.put(rest[closed], senses, residual[closed])
+        rows.put(rest[closed], residual[closed])
         rows.residual[rest[~closed]] = np.nan
 
 
@@ -357,20 +350,10 @@ def _chosen(samples: NDArray[np.intp]) -> slice | NDArray[np.intp]:
 
 
 def _without(
-    seen: Sequence[Seen], parts: Sequence[Part], late: NDArray[np.intp]
-) -> list[Seen]:
+    seen: Sequence[Seen | None], parts: Sequence[Part], late: Numbers
+) -> list[Seen | None]:
     """Return what was seen of parts, forgotten of those with rows that were found late."""
     return [
-        Seen() if np.any((late >= rows.start) & (late < rows.stop)) else here
+        None if np.any((late >= rows.start) & (late < rows.stop)) else here
         for here, (_, rows) in zip(seen, parts, strict=True)
     ]
-
-
-def _senses_at_end(motion: Motion, columns: RateColumns, field: PoleField) -> Floats:
-    """Return (modes, poles) signs of directions without a sense, at the last rows held."""
-    modes = len(motion.assembly_modes)
-    held = ~motion.failed.reshape(modes, motion.samples)
-    last = motion.samples - 1 - np.argmax(held[:, ::-1], axis=1)
-    rows = last + motion.samples * np.arange(modes)
-    rates = [field.velocity_coefficient[pole][rows] for pole in columns.signed]
-    return np.where(np.array(rates).reshape(-1, modes).T < 0.0, -1.0, 1.0)
