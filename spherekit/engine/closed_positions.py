@@ -32,22 +32,34 @@ whatever their ends are off by."""
 class ClosedPositions:
     """The configurations of a mechanism by its inputs and the signs of its dyads.
 
-    `function` gives, of inputs and signs in rows, all variables and the squares of the
-    dyads' triple products.
+    `function` gives, of inputs and signs in `inputs` rows, all `variables` and the squares
+    of the dyads' triple products: `outputs` rows.
     """
 
     variables: int
+    inputs: int
+    outputs: int
     function: CompiledFunction | ArrayFunction
 
-    def at(self, q: Floats, signs: Sequence[int]) -> tuple[Floats, NDArray[np.bool_]]:
+    @property
+    def width(self) -> int:
+        """Rows of the memory that `at` may be given."""
+        return self.inputs + self.outputs
+
+    def at(
+        self, q: Floats, signs: Sequence[int], memory: Floats | None = None
+    ) -> tuple[Floats, NDArray[np.bool_]]:
         """Return the variables (variables, n) at inputs q (inputs, n), and what is lost.
 
-        NaN where no configuration is found; (n,) is true where surely none is.
+        NaN where no configuration is found; (n,) is true where surely none is. They may be
+        in `memory` (width, n).
         """
-        given = np.empty((len(q) + len(signs), q.shape[1]))
+        if memory is None:
+            memory = np.empty((self.width, q.shape[1]))
+        given = memory[: self.inputs]
         given[: len(q)] = q
         given[len(q) :] = np.array(signs, dtype=float)[:, None]
-        positions = np.asarray(self.function(given))
+        positions = np.asarray(self.function(given, memory[self.inputs :]))
         with np.errstate(invalid="ignore"):
             lost = np.any(positions[self.variables :] < OUT_OF_REACH, axis=0)
         return positions[: self.variables], lost
@@ -73,7 +85,9 @@ def closed_positions(
         ]
         outputs = [*angles, *(dyad.square for dyad in placed.dyads)]
         by = compile_function if engine == "compiled" else array_function
-        return ClosedPositions(len(angles), by(outputs, [*inputs, *signs]))
+        given = [*inputs, *signs]
+        made = by(outputs, given)
+        return ClosedPositions(len(angles), len(given), len(outputs), made)
 
     return COMPILED.get(mechanism, repr(("positions", assembly.inputs, engine)), make)
 

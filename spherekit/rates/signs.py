@@ -39,6 +39,11 @@ class _Path:
     v: Floats
     dv: Floats
 
+    def at(self, rows: Any) -> "_Path":
+        """Return it at some rows."""
+        v, dv = self.v[:, rows], self.dv[:, rows]
+        return _Path(self.way[rows], self.sense[rows], v, dv)
+
 
 @final
 class SignMemory:
@@ -182,20 +187,18 @@ def signs_at_stops(
             good = np.flatnonzero(is_moved[j, some])
             if not len(good):
                 continue
-            unit = units[:, j, some]
-            home = _home(motion, mode.number, int(rows[good[0]]), memory)
-            chain = _chain(
-                memory,
-                (mode.number, pole),
-                -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0,
-                _Path(
-                    way[good],
-                    np.ones(len(good)),
-                    vectors[:, j, some][:, good],
-                    changes[:, j, some][:, good],
-                ),
-                since[good[1:]] > since[good[:-1]],
-            )
+            unit, key, side = units[:, j, some], (mode.number, pole), 1.0
+            if key not in memory.last:
+                home = _home(motion, mode.number, int(rows[good[0]]), memory)
+                side = -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0
+            path = _Path(way, np.ones(len(rows)), vectors[:, j, some], changes[:, j, some])
+            if len(good) < len(rows):
+                path = path.at(good)
+            linked = since[good[1:]] > since[good[:-1]]
+            chain = _chain(memory, key, side, path, linked)
+            if len(good) == len(rows) and not np.any(linked):
+                ranges += [(j, int(rows[0]), end)] if chain[0] < 0.0 else []
+                continue
             signs = np.repeat(chain, np.diff(good, append=len(rows)))
             signs = np.append(np.ones(good[0]), signs)
             for k in np.flatnonzero(is_good[j, some] & ~is_moved[j, some]):
@@ -309,24 +312,24 @@ def _chain(
     From the last sign in memory, or the `side` that it starts on. It may reverse only
     where it is `linked` (k - 1,), unless that is left out.
     """
-    way, sense, v, dv = path.way, path.sense, path.v, path.dv
+    flips = np.ones(len(path.way) - 1)
     if linked is None or np.any(linked):
-        flips = _flips(way, sense, v, dv)
+        flips = _flips(path.way, path.sense, path.v, path.dv)
         if linked is not None:
             flips[~linked] = 1.0
-    else:
-        flips = np.ones(len(linked))
     if key in memory.last:
         last = memory.last[key]
-        first = _flips(
-            np.append(last.way, way[:1]),
-            np.append(last.sense, sense[:1]),
-            np.column_stack([last.w, v[:, :1]]),
-            np.column_stack([last.dw, dv[:, :1]]),
-        )
-        side = last.sign * float(first[0])
-    chain = np.cumprod(np.append(side, flips))
-    end = _Path(*(part[..., -1:].copy() for part in (way, sense, v, dv)))
+        side = last.sign
+        if last.w[:, 0] @ path.v[:, 0] < 0.0:
+            first = _flips(
+                np.append(last.way, path.way[:1]),
+                np.append(last.sense, path.sense[:1]),
+                np.column_stack([last.w, path.v[:, :1]]),
+                np.column_stack([last.dw, path.dv[:, :1]]),
+            )
+            side *= float(first[0])
+    chain = side * np.concatenate(([1.0], np.cumprod(flips)))
+    end = path.at(slice(-1, None))
     memory.last[key] = _Last(end.way, end.sense, end.v, end.dv, float(chain[-1]))
     return chain
 

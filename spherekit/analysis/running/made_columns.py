@@ -9,10 +9,10 @@ import numpy as np
 
 from spherekit.analysis.running.in_turn import each_at_once
 from spherekit.analysis.running.reversals import Numbers
-from spherekit.analysis.running.row_block import Part, Rooms
+from spherekit.analysis.running.row_block import Part
 from spherekit.engine.columns import RatePlaces
 from spherekit.engine.row_kernel import RowKernel, read_columns, signed_columns
-from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled
+from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled, Rooms
 from spherekit.rates.columns import RateColumns
 from spherekit.rates.from_columns import CarefulRows
 from spherekit.rates.signs import TurnedRows

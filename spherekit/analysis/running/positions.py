@@ -45,18 +45,26 @@ class Positions:
         elif self.closed is None:
             out[:] = np.nan
 
+    @property
+    def width(self) -> int:
+        """Rows of the memory that `complete` takes."""
+        if self.closed is not None and self.predictor is None:
+            return self.closed.width
+        return len(self.tracer.mechanism.variable_owners)
+
     def complete(
-        self, number: int, q: Floats, values: Floats
+        self, number: int, q: Floats, values: Floats, memory: Floats
     ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return variables (variables, n) of a mode at inputs q (inputs, n).
+        """Return variables (variables, n) of a mode at inputs q (inputs, n), in `memory`.
 
         Those of `values`, which were read; the others in closed form, or NaN. With them
-        (n,) which samples the mode surely does not reach.
+        (n,) which samples the mode surely does not reach. The memory is (width, n).
         """
         mode = self.tracer.assembly_modes[number]
         if self.closed is not None and self.predictor is None:
-            return self.closed.at(q, mode.signs)
-        values = np.ascontiguousarray(values)
+            return self.closed.at(q, mode.signs, memory)
+        memory[:] = values
+        values = memory
         lost = np.zeros(q.shape[1], dtype=bool)
         open_ = np.flatnonzero(np.isnan(values[0]))
         if len(open_) and self.closed is not None:

@@ -1,7 +1,6 @@
 """A block of rows judged by a kernel, slice by slice, so that each stays in the cache."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -13,6 +12,7 @@ from spherekit.analysis.running.positions import Positions
 from spherekit.analysis.running.reversals import Numbers, Seen, largest
 from spherekit.conventions import Status
 from spherekit.engine.row_kernel import RowKernel
+from spherekit.numeric.lent_memory import Rooms
 from spherekit.sphere.rotation import Floats
 
 SHORTEST_RUN = 64
@@ -34,29 +34,6 @@ def parts_of(modes: int, count: int, size: int) -> list[Part]:
 
 
 @final
-class Rooms:
-    """Memory for slices that are filled at the same time, used again and again."""
-
-    def __init__(self) -> None:
-        self._free: list[Floats] = []
-
-    @contextmanager
-    def lent(self, rows: int, columns: int) -> Iterator[Floats]:
-        """Lend an array (rows, columns) that nobody else has."""
-        size = rows * columns
-        try:
-            room = self._free.pop()
-        except IndexError:
-            room = np.empty(size)
-        if len(room) < size:
-            room = np.empty(size)
-        try:
-            yield room[:size].reshape(rows, columns)
-        finally:
-            self._free.append(room)
-
-
-@final
 @dataclass
 class Rows:
     """The rows of a block while they are found, slice by slice.
@@ -74,11 +51,11 @@ class Rows:
     values: Floats
     residual: Floats
     off: Floats
+    vouched: NDArray[np.bool_]
     rooms: Rooms
 
     def __post_init__(self) -> None:
         n = self.values.shape[1]
-        self.vouched: NDArray[np.bool_] = np.empty(n, dtype=bool)
         self.status: NDArray[np.int8] = np.empty(n, dtype=np.int8)
         self.careful: Numbers = np.empty(0, dtype=np.intp)
         self.late: list[tuple[tuple[float, ...], ...]] = []
@@ -144,17 +121,20 @@ class Rows:
         mode, rows = part
         first, count = mode * self.q.shape[1], rows.stop - rows.start
         q = self.q[:, rows.start - first : rows.stop - first]
-        values, lost = self.positions.complete(mode, q, self.values[:, rows])
-        self.status[rows] = Status.OK
+        judging, positions = self.kernel.judging, self.positions
         none = np.empty(0, dtype=np.intp)
-        if np.any(lost):
-            self.status[rows][lost] = Status.OUT_OF_REACH
-            if np.all(lost):
-                self.vouched[rows] = False
-                return None, none
-        self.values[:, rows] = values
-        judging = self.kernel.judging
-        with self.rooms.lent(judging.width, count) as columns:
+        with (
+            self.rooms.lent(positions.width, count) as room,
+            self.rooms.lent(judging.width, count) as columns,
+        ):
+            values, lost = positions.complete(mode, q, self.values[:, rows], room)
+            self.status[rows] = Status.OK
+            if np.any(lost):
+                self.status[rows][lost] = Status.OUT_OF_REACH
+                if np.all(lost):
+                    self.vouched[rows] = False
+                    return None, none
+            self.values[:, rows] = values
             judging(values, columns)
             self.residual[rows] = judging.residual(columns)
             self.off[rows] = judging.off(columns)

@@ -8,7 +8,7 @@ found by `Tracer` and `evaluate`, as without it.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, final
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,20 @@ from spherekit.analysis.running.reversals import (
     largest_errors,
     stops_of,
 )
-from spherekit.analysis.running.row_block import Part, Rooms, Rows, parts_of
+from spherekit.analysis.running.row_block import Part, Rows, parts_of
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
 from spherekit.engine.row_kernel import RowKernel, row_kernel
 from spherekit.motion.motion import Motion
-from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled, Template
-from spherekit.rates.columns import Gaps, RateColumns
+from spherekit.numeric.lent_memory import (
+    LentMemory,
+    Reader,
+    Refilled,
+    Rooms,
+    Template,
+)
+from spherekit.rates.columns import Gaps
 from spherekit.rates.from_columns import CarefulRows, field_unread
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
@@ -40,7 +46,7 @@ from spherekit.rates.signs import (
     sides_of,
     signs_at_stops,
 )
-from spherekit.rates.unread_columns import UnreadColumns
+from spherekit.rates.unread_columns import ShownColumns, UnreadColumns
 from spherekit.sphere.rotation import Floats
 
 FEWEST = 1 << 14
@@ -53,7 +59,7 @@ BYTES = 1 << 27
 """Of columns in a block, at most."""
 JUDGED = 1 << 18
 """Numbers that decide about the rows of a slice: they stay in the cache."""
-MORE = 16
+MORE = 32
 """Blocks have so many times the rows of those without a kernel, at most."""
 
 
@@ -95,7 +101,8 @@ class RowsAtOnce:
         self._rooms = Rooms()
         self._columns, self._values, self._gaps = (LentMemory() for _ in range(3))
         self._residuals, self._off, self._numbers = (LentMemory() for _ in range(3))
-        self._templates: dict[Any, tuple[Template, list[RateColumns]]] = {}
+        self._vouched = LentMemory()
+        self._shown: dict[tuple[bool, tuple[int, int]], list[ShownColumns]] = {}
 
     @classmethod
     def of(
@@ -129,7 +136,7 @@ class RowsAtOnce:
     @property
     def _slice(self) -> int:
         """Rows that are judged at once: so many that little is left to do between."""
-        return JUDGED // (8 * self.kernel.judging.width) * 8 - 8
+        return max(1, round(JUDGED / (self.kernel.judging.width * SLICE))) * SLICE
 
     @property
     def block(self) -> int:
@@ -184,7 +191,7 @@ class RowsAtOnce:
         ]
         left = columns.refilled(self._columns)
         left.fills(rows.residual[None], columns.residual_row)
-        template, shown = self._template(columns, left.shape)
+        shown = self._shown_of(columns, left.shape)
         gaps = Gaps(np.flatnonzero(motion.failed), self._gaps)
         fields = []
         for number, wanted in enumerate(asked):
@@ -192,9 +199,7 @@ class RowsAtOnce:
                 field_unread(
                     motion,
                     wanted,
-                    UnreadColumns(
-                        left, template, shown[number], partial(columns.read, number), gaps
-                    ),
+                    UnreadColumns(left, shown[number], partial(columns.read, number), gaps),
                     rows.vouched,
                     largest_errors(block.errors, number),
                     careful[number] if careful else None,
@@ -204,17 +209,16 @@ class RowsAtOnce:
                 _ = fields[-1].planes[pole]
         return tuple(fields)
 
-    def _template(
-        self, columns: MadeColumns, shape: tuple[int, int]
-    ) -> tuple[Template, list[RateColumns]]:
-        """Return what stands for columns of a shape, and for the rates of each input."""
+    def _shown_of(self, columns: MadeColumns, shape: tuple[int, int]) -> list[ShownColumns]:
+        """Return what columns of a shape look like, by input."""
         key = bool(columns.careful), shape
-        if key not in self._templates:
-            template, every = Template(*shape), range(len(columns.places))
-            self._templates = {
-                key: (template, [columns.read(k, template.unmade) for k in every])
-            }
-        return self._templates[key]
+        if key not in self._shown:
+            template = Template(*shape)
+            self._shown[key] = [
+                ShownColumns(template, columns.read(k, template.unmade))
+                for k in range(len(columns.places))
+            ]
+        return self._shown[key]
 
     def _signs(
         self,
@@ -266,6 +270,7 @@ class RowsAtOnce:
             values,
             self._residuals.array(1, n)[0],
             self._off.array(1, n)[0],
+            self._vouched.array(1, -(-n // 8))[0].view(bool)[:n],
             self._rooms,
         )
         self._read(chosen, values.reshape(-1, modes, count))

@@ -415,9 +415,11 @@ def _at_unit_speed(q: Floats) -> Timing:
 
     Of several inputs (k, inputs) on a straight path, the fastest turns so.
     """
-    spans = np.ptp(q, axis=0)
+    ends = Extent.of(q, None).inputs
+    spans = ends[1] - ends[0]
     fastest = int(np.argmax(spans))
-    t = (q[:, fastest] - np.min(q[:, fastest])) / UNIT_SPEED
+    t = q[:, fastest] - ends[0, fastest]
+    t /= UNIT_SPEED
     share = np.ones(1) if q.shape[1] == 1 else spans / spans[fastest]
     return Timing(
         t, np.broadcast_to(UNIT_SPEED * share, q.shape), np.broadcast_to(0.0, q.shape)
