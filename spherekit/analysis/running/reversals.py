@@ -1,6 +1,5 @@
 """Where directions of a block's poles may reverse from one row to the next."""
 
-import itertools
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -88,16 +87,19 @@ def stops_of(
     gaps: dict[int, list[Numbers]] = defaultdict(list)
     for mode, here in seen:
         gaps[mode].append(here.gaps[number])
-    for (mode, one), (other, two) in itertools.pairwise(seen):
-        before, after = one.ends[number][..., 1], two.ends[number][..., 0]
-        if mode == other and not np.all(_along(before, after)):
-            gaps[mode].append(np.array([[one.last], [two.first]]))
+    ends = np.array([here.ends[number] for _, here in seen])
+    if len(seen) > 1:
+        reverses = ~np.all(_along(ends[:-1, ..., 1], ends[1:, ..., 0]), axis=1)
+        for k in np.flatnonzero(reverses).tolist():
+            (mode, one), (other, two) = seen[k : k + 2]
+            if mode == other:
+                gaps[mode].append(np.array([[one.last], [two.first]]))
     stops: dict[int, Stops] = {}
     for mode, of_mode in enumerate(held):
         if not np.any(of_mode):
             continue
         start, count = mode * len(of_mode), len(of_mode)
-        ends = int(np.argmax(of_mode)), count - 1 - int(np.argmax(of_mode[::-1]))
+        outer = int(np.argmax(of_mode)), count - 1 - int(np.argmax(of_mode[::-1]))
         some = careful[(careful >= start) & (careful < start + count)]
         if len(some):
             rows = np.flatnonzero(of_mode) + start
@@ -105,7 +107,7 @@ def stops_of(
             at, going_on = at[at > 0], at[at < len(rows) - 1]
             gaps[mode].append(np.array([rows[at - 1], rows[at]]))
             gaps[mode].append(np.array([rows[going_on], rows[going_on + 1]]))
-        stops[mode] = _stops(np.array(ends) + start, gaps[mode])
+        stops[mode] = _stops(np.array(outer) + start, gaps[mode])
     return stops
 
 
@@ -128,9 +130,9 @@ def largest_errors(
 
 
 def _along(one: Floats, two: Floats) -> NDArray[np.bool_]:
-    """Return which directions (poles, 3, ...) do not reverse from one to the other."""
-    sizes = np.sum(one * one, axis=1) * np.sum(two * two, axis=1)
-    return np.asarray(np.sum(one * two, axis=1) >= ASIDE * np.sqrt(sizes))
+    """Return which directions (..., 3) do not reverse from one to the other."""
+    sizes = np.sum(one * one, axis=-1) * np.sum(two * two, axis=-1)
+    return np.asarray(np.sum(one * two, axis=-1) >= ASIDE * np.sqrt(sizes))
 
 
 def _gaps(deciding: RowFunction, turning: Floats, number: int, first: int = 0) -> Numbers:
@@ -144,8 +146,8 @@ def _gaps(deciding: RowFunction, turning: Floats, number: int, first: int = 0) -
     if not turning.size or n < 2:
         return none
     if n <= FEW:
-        v = deciding.relative(number, turning)
-        return first + np.flatnonzero(~np.all(_along(v[..., :-1], v[..., 1:]), axis=0))
+        v = np.moveaxis(deciding.relative(number, turning), 1, 2)
+        return first + np.flatnonzero(~np.all(_along(v[:, :-1], v[:, 1:]), axis=0))
     low, high = np.minimum.reduce(turning, axis=2), np.maximum.reduce(turning, axis=2)
     least, most = deciding.relative(number, low, high), deciding.relative(number, high, low)
     # No product of two in a box falls below the one, no size exceeds the other.

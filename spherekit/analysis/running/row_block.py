@@ -42,7 +42,8 @@ class Rows:
     (variables, n) what was read of the variables, then all of them. `vouched` (n,) says
     where the values close all loops and the kernel's numbers may be given; `residual` (n,)
     is by how much loops are open, `off` (n,) the error of the configuration. `careful` are
-    the rows that were found with care, `late` the errors of rows after their slice.
+    the rows that were found with care, `late` the errors of rows after their slice. The
+    block `is_whole` if its slices were vouched for as they were filled.
     """
 
     kernel: RowKernel
@@ -52,21 +53,22 @@ class Rows:
     residual: Floats
     off: Floats
     vouched: NDArray[np.bool_]
+    status: NDArray[np.int8]
     rooms: Rooms
 
     def __post_init__(self) -> None:
-        n = self.values.shape[1]
-        self.status: NDArray[np.int8] = np.empty(n, dtype=np.int8)
         self.careful: Numbers = np.empty(0, dtype=np.intp)
         self.late: list[tuple[tuple[float, ...], ...]] = []
+        self.is_whole = False
 
     def fill(self, parts: Sequence[Part]) -> list[Seen | None]:
         """Fill all rows; return what was seen of parts whose rows are all vouched for."""
         made = each_at_once(self._fill, parts)
-        open_ = np.concatenate([rows for _, rows in made])
+        self.is_whole = all(is_whole for *_, is_whole in made)
+        open_ = np.concatenate([rows for _, rows, _ in made])
         if len(open_):
             self._close(open_)
-        return [seen for seen, _ in made]
+        return [seen for seen, *_ in made]
 
     def put(self, rows: Numbers, residual: Floats | None = None) -> None:
         """Fill rows by their numbers, whose values are known, and the residual may be."""
@@ -116,8 +118,8 @@ class Rows:
         counted = np.ones(len(rows), dtype=bool)
         return Seen.of(judging, judging(self.values[:, rows]), rows, counted)
 
-    def _fill(self, part: Part) -> tuple[Seen | None, Numbers]:
-        """Fill a slice; return what was seen of it, and which rows are not quite closed."""
+    def _fill(self, part: Part) -> tuple[Seen | None, Numbers, bool]:
+        """Fill a slice; return what was seen, rows that are open, and if all are well."""
         mode, rows = part
         first, count = mode * self.q.shape[1], rows.stop - rows.start
         q = self.q[:, rows.start - first : rows.stop - first]
@@ -133,7 +135,7 @@ class Rows:
                 self.status[rows][lost] = Status.OUT_OF_REACH
                 if np.all(lost):
                     self.vouched[rows] = False
-                    return None, none
+                    return None, none, False
             self.values[:, rows] = values
             judging(values, columns)
             self.residual[rows] = judging.residual(columns)
@@ -141,13 +143,13 @@ class Rows:
             good = judging.vouched(columns)
             closed = judging.closed(columns)
             np.logical_and(good, closed, out=self.vouched[rows])
-            seen = None
-            if np.all(good):
+            seen, is_good = None, bool(np.all(good))
+            if is_good:
                 seen = Seen.of(judging, columns, np.arange(rows.start, rows.stop), closed)
             if np.all(closed):
-                return seen, none
+                return seen, none, is_good
             open_ = np.flatnonzero(~closed & np.isfinite(self.residual[rows]))
-            return seen, open_ + rows.start
+            return seen, open_ + rows.start, False
 
     def _close(self, open_: Numbers) -> None:
         """Take a step of Newton's method at some rows; keep what that closes, near by."""

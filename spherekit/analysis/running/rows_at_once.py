@@ -57,7 +57,7 @@ REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
 BYTES = 1 << 27
 """Of columns in a block, at most."""
-JUDGED = 1 << 18
+JUDGED = 1 << 19
 """Numbers that decide about the rows of a slice: they stay in the cache."""
 MORE = 32
 """Blocks have so many times the rows of those without a kernel, at most."""
@@ -101,7 +101,8 @@ class RowsAtOnce:
         self._rooms = Rooms()
         self._columns, self._values, self._gaps = (LentMemory() for _ in range(3))
         self._residuals, self._off, self._numbers = (LentMemory() for _ in range(3))
-        self._vouched = LentMemory()
+        self._vouched, self._status = LentMemory(), LentMemory()
+        self._of_modes = np.empty(0, dtype=np.int64)
         self._shown: dict[tuple[bool, tuple[int, int]], list[ShownColumns]] = {}
 
     @classmethod
@@ -235,17 +236,15 @@ class RowsAtOnce:
         at = partial(columns.relative_at, number)
         return signs_at_stops(motion, signed, block.stops[number], at, memory)
 
-    def _named(self, samples: NDArray[np.intp], chosen: slice | NDArray[np.intp]) -> Floats:
-        """Return the numbers of samples and modes as bits of whole ones, and the inputs."""
-        modes = self.course.tracer.assembly_modes
-        numbers = np.array([mode.number for mode in modes])
-        inputs, count = self.course.inputs[chosen].T, len(samples)
-        shape = 2 + len(inputs), len(modes) * count
+    def _named(self, samples: NDArray[np.intp], chosen: slice | Numbers) -> Floats:
+        """Return the numbers of samples as bits of whole ones, and the inputs, by row."""
+        modes, count = len(self.course.tracer.assembly_modes), len(samples)
+        inputs = self.course.inputs[chosen].T
+        shape = 1 + len(inputs), modes * count
 
         def write(out: Floats) -> None:
-            whole = out[:2].view(np.int64).reshape(2, len(modes), count)
-            whole[0], whole[1] = samples, numbers[:, None]
-            out[2:].reshape(-1, len(modes), count)[:] = inputs[:, None]
+            out[0].view(np.int64).reshape(modes, count)[:] = samples
+            out[1:].reshape(-1, modes, count)[:] = inputs[:, None]
 
         def pieces(reader: Reader) -> None:
             again = np.empty(shape)
@@ -257,12 +256,20 @@ class RowsAtOnce:
         Refilled(self._numbers, shape, pieces).fills(named)
         return named
 
+    def _modes(self, count: int) -> NDArray[np.int64]:
+        """Return the numbers of the modes of so many samples each, by row."""
+        if len(self._of_modes) != count * len(self.course.tracer.assembly_modes):
+            numbers = [mode.number for mode in self.course.tracer.assembly_modes]
+            self._of_modes = np.repeat(np.array(numbers, dtype=np.int64), count)
+        return self._of_modes
+
     def _motion(self, samples: NDArray[np.intp]) -> Motion:
         """Return the motion at samples, by their numbers."""
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
         n, chosen = modes * count, _chosen(samples)
         values = self._values.array(len(tracer.mechanism.variable_owners), n)
+        flags = [memory.array(1, -(-n // 8))[0] for memory in (self._vouched, self._status)]
         rows = Rows(
             self.kernel,
             self.positions,
@@ -270,20 +277,23 @@ class RowsAtOnce:
             values,
             self._residuals.array(1, n)[0],
             self._off.array(1, n)[0],
-            self._vouched.array(1, -(-n // 8))[0].view(bool)[:n],
+            flags[0].view(bool)[:n],
+            flags[1].view(np.int8)[:n],
             self._rooms,
         )
         self._read(chosen, values.reshape(-1, modes, count))
         parts = parts_of(modes, count, self._slice)
         seen = rows.fill(parts)
-        rest = np.flatnonzero(~rows.vouched & (rows.status == Status.OK))
-        if len(rest):
-            self._with_care(rows, samples, rest)
-            seen = _without(seen, parts, rest)
-        failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
-        rows.leave_out(failed)
-        rows.vouched &= rows.status == Status.OK
-        doubtful = np.flatnonzero(~(rows.vouched | failed))
+        failed, doubtful = np.broadcast_to(False, n), np.empty(0, dtype=np.intp)
+        if not rows.is_whole:
+            rest = np.flatnonzero(~rows.vouched & (rows.status == Status.OK))
+            if len(rest):
+                self._with_care(rows, samples, rest)
+                seen = _without(seen, parts, rest)
+            failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
+            rows.leave_out(failed)
+            rows.vouched &= rows.status == Status.OK
+            doubtful = np.flatnonzero(~(rows.vouched | failed))
         timing = course.timing if self.with_times else None
         if timing is not None:
             timing = timing.rows(samples).repeated(modes)
@@ -295,8 +305,8 @@ class RowsAtOnce:
             assembly_modes=tracer.assembly_modes,
             samples=count,
             sample=named[0].view(np.int64),
-            assembly_mode=named[1].view(np.int64),
-            inputs=named[2:].T,
+            assembly_mode=self._modes(count),
+            inputs=named[1:].T,
             values=rows.values.T,
             status=rows.status,
             residual=rows.residual,
