@@ -260,7 +260,9 @@ class RowsAtOnce:
         """Return the numbers of the modes of so many samples each, by row."""
         if len(self._of_modes) != count * len(self.course.tracer.assembly_modes):
             numbers = [mode.number for mode in self.course.tracer.assembly_modes]
-            self._of_modes = np.repeat(np.array(numbers, dtype=np.int64), count)
+            made = self._numbers.array(1, count * len(numbers))[0].view(np.int64)
+            made.reshape(-1, count)[:] = np.array(numbers)[:, None]
+            self._of_modes = made
         return self._of_modes
 
     def _motion(self, samples: NDArray[np.intp]) -> Motion:

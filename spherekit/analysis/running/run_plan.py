@@ -190,7 +190,7 @@ def job_of(
 
 def _need_times(course: Sampling, asked: Asked) -> None:
     for analysis, what in zip(asked.analyses, asked.needs, strict=True):
-        if what.time and course.timing is None:
+        if what.time and course.clock is None:
             raise AnalysisError(
                 f"{analysis.name}: needs time, but with several inputs nothing says how "
                 "they move; give a law for every input, and a duration"
