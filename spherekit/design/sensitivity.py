@@ -17,6 +17,7 @@ from spherekit.design.profile_numbers import (
     columns_of,
     has_other_profiles,
 )
+from spherekit.design.size_keys import link_sizes, quantities_of, sizes_of
 from spherekit.design.variables import (
     DesignVariable,
     check_variables,
@@ -34,9 +35,8 @@ from spherekit.engine.hinges import Hinged, hinged
 from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
-from spherekit.model.geometry import COLLINEAR
 from spherekit.model.joints import Track
-from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import Floats
 
@@ -113,7 +113,8 @@ class Sensitivity:
     mechanism
         A mechanism with its inputs.
     keys
-        Sizes, as keys of its file; by default all arcs and angles, or all axes of a pose.
+        Sizes, as keys of its file; by default all arcs and angles, which a pose with
+        R pairs alone has too, or else all axes of the pose.
     quantities
         Names of `row_quantities`; by default the angles of pairs between an output and the
         link it is seen from, or else of all passive pairs.
@@ -132,7 +133,13 @@ class Sensitivity:
         self.inputs = tuple(item.pair for item in mechanism.inputs)
         self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
-        self.keys = tuple(keys) or sizes_of(mechanism) or self._of_profiles()
+        self._in_pose = link_sizes(mechanism)
+        self.keys = (
+            tuple(keys)
+            or tuple(self._in_pose)
+            or sizes_of(mechanism)
+            or self._of_profiles()
+        )
         if not self.keys:
             raise DesignError(
                 f"{mechanism.name}: no link of it has sizes, for none has two axes; name "
@@ -175,6 +182,8 @@ class Sensitivity:
         return has_other_profiles(self.mechanism)
 
     def _variable(self, key: str) -> DesignVariable:
+        if key in self._in_pose:
+            return self._in_pose[key]
         variable = design_variable(self.document, key)
         of_contact = variable.path[0] == "pairs" and (
             self._hinged is not None if not self._profiled else "profiles" in variable.path
@@ -445,44 +454,3 @@ class Sensitivity:
             for step, following in pairwise(lengths):
                 shrinks &= following <= np.maximum(SHRINKING * step, STILL)
         return now, closed & shrinks
-
-
-def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the keys of all arcs and angles, or of all axes in a reference pose.
-
-    Without those of links with two axes on one line, which no small size parts.
-    """
-    if isinstance(mechanism.geometry, SizeGeometry):
-        return tuple(
-            f"links.{link}.{kind}" + (f"s.{pair}" if len(axes) > 1 else "")
-            for link, sizes in mechanism.geometry.links.items()
-            if all(abs(np.sin(arc)) > COLLINEAR for arc in sizes.arcs)
-            for kind, axes in (("arc", sizes.axes[1:]), ("angle", sizes.axes[2:]))
-            for pair in axes
-        )
-    return tuple(
-        f"pairs.{pair.name}.{kind}"
-        for pair in mechanism.pairs
-        if pair.kind.has_axis
-        for kind in ("longitude", "latitude")
-    )
-
-
-def quantities_of(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the angles that say where outputs are, else those of all passive pairs.
-
-    Without any, how outputs turn while the inputs move.
-    """
-    driven = {item.pair for item in mechanism.inputs}
-    ends = {frozenset((output.link, output.relative_to)) for output in mechanism.outputs}
-    passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name not in driven]
-    chosen = [p for p in passive if frozenset(p.links) in ends] or passive
-    if chosen:
-        return tuple(f"theta_{pair.name}" for pair in chosen)
-    possible = row_quantities(mechanism)
-    speeds = [f"velocity_coefficient_{o.link}_{o.relative_to}" for o in mechanism.outputs]
-    return tuple(
-        name
-        for name in possible
-        if any(name == speed or name.startswith(f"{speed}_by_") for speed in speeds)
-    )
