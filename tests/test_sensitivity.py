@@ -7,10 +7,11 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.design.sensitivity import Deviations, Sensitivity
+from spherekit.design.deviations import Deviations
+from spherekit.design.sensitivity import Sensitivity
 from spherekit.design.size_keys import sizes_of
 from spherekit.engine.frames import DesignGeometry, revolute_frames
-from spherekit.errors import DesignError, FileError
+from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.exact.rows import exact_rows
 from spherekit.files.change import document_of, number_at, number_path, with_numbers
 from spherekit.files.read import read
@@ -196,14 +197,14 @@ def test_defaults_and_mistakes():
     assert len(sizes_of(sk.load("double_butterfly"))) == 20
     four_bar = sk.load("four_bar")
     for arguments, error, message in (
-        ((["mass.2.tensor.0.0"],), DesignError, "is no size"),
+        ((["inputs.21.to"],), DesignError, "is no size"),
         ((["links.7.arc"],), FileError, 'there is no "7"'),
         (((), ["theta_99"]), DesignError, '"theta_99" is no quantity'),
         ((["links.2.arc", "links.2.arcs.32"],), DesignError, "are the same number"),
     ):
         with pytest.raises(error, match=message):
             Sensitivity(four_bar, *arguments)
-    with pytest.raises(DesignError, match="positive angle"):
+    with pytest.raises(DesignError, match="positive number"):
         Deviations(-1.0)
 
 
@@ -453,3 +454,78 @@ def test_a_pose_has_the_sizes_of_its_links(name):
     assert np.allclose(values, others, rtol=1e-10, atol=1e-10)
     assert np.max(np.abs(own - theirs)) < 1e-9 * np.max(np.abs(own))
     assert np.all(np.max(np.abs(own[:, 0]), axis=0) > 1e-2)
+
+
+def acted_on(stiffness=3.0, rest=40.0, tensor=0.4):
+    """Return a four-bar with a coil and inertia."""
+    made = stretched().with_sizes(angle_unit="deg", arcs={"base": 60.0, "crank": 25.0})
+    return sk.build(
+        "acted_on",
+        angle_unit="deg",
+        ground="base",
+        links={
+            link: {"axes": list(sizes.axes), "arcs": np.degrees(sizes.arcs).tolist()}
+            for link, sizes in made.geometry.links.items()
+        },
+        pairs={pair.name: list(pair.links) for pair in made.pairs},
+        inputs={"drive": (0, 360)},
+        mass={
+            "rocker": {"tensor": [[1.0, 0.0, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, tensor]]},
+            "coupler": {
+                "tensor": [[0.5, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.0, 0.3]],
+            },
+        },
+        loads={
+            "coil": {
+                "kind": "spring",
+                "pair": "hinge",
+                "stiffness": stiffness,
+                "rest": rest,
+            },
+        },
+        outputs={"out": {"link": "rocker"}},
+    )
+
+
+def test_derivatives_by_masses_and_loads_are_those_of_differences():
+    keys = ("loads.coil.stiffness", "loads.coil.rest", "mass.rocker.tensor.2.2")
+    steps = {"stiffness": 1.0, "rest": np.degrees(1e-3), "tensor": 0.05}
+    mechanism = acted_on()
+    motion = sk.trace(mechanism, samples=9)
+    sensitivity = Sensitivity(mechanism, (*keys, "links.rocker.arc"), ["torque", "B"])
+    _, gradients = sensitivity.at(samples_of(motion), motion.values)
+    nominal = {"stiffness": 3.0, "rest": 40.0, "tensor": 0.4}
+    for key, (name, step), own in zip(keys, steps.items(), gradients, strict=False):
+        sides = []
+        for side in (step, -step):
+            other = acted_on(**{name: nominal[name] + side})
+            numbers = Sensitivity(other, ["links.rocker.arc"], ["torque", "B"])
+            sides.append(numbers.at(samples_of(motion), motion.values)[0])
+        unit = np.radians(step) if name == "rest" else step
+        wanted = (sides[0] - sides[1]) / (2.0 * unit)
+        assert np.max(np.abs(own - wanted)) < 1e-9 * max(1.0, np.max(np.abs(wanted))), key
+        assert np.max(np.abs(own)) > 1e-3
+    alone = Sensitivity(mechanism, ["links.rocker.arc"], ["torque", "B"])
+    same = alone.at(samples_of(motion), motion.values)[1]
+    assert np.allclose(gradients[3], same[0], rtol=1e-12, atol=1e-12)
+
+
+def test_each_number_may_have_a_deviation_of_its_own():
+    by = "by=links.crank.arc+links.rocker.arc+loads.coil.stiffness"
+    own = "deviations=links.rocker.arc:0.02+loads.coil.stiffness:0.3"
+    run = sk.run(acted_on(), f"sensitivity:of=torque,{by},{own},draws=512", samples=5)
+    table = run.frame("sensitivity")
+    rows = run.frame("sensitivity", "tolerances")
+    sizes = dict(
+        zip(by[3:].split("+"), (np.radians(0.1), np.radians(0.02), 0.3), strict=True)
+    )
+    parts = table["derivative"] * table["size"].map(sizes).astype(float)
+    spread = (parts**2).groupby([table["assembly_mode"], table["sample"]]).sum() ** 0.5
+    assert np.allclose(rows["spread"], spread.to_numpy(), rtol=1e-12)
+    assert np.allclose(rows["drawn_spread"], rows["spread"], rtol=0.1)
+    said = run.summary["remarks"]
+    assert "but links.rocker.arc by 0.02, loads.coil.stiffness by 0.3" in said[-1]
+    with pytest.raises(AnalysisError, match="KEY:DEVIATION"):
+        sk.run(acted_on(), "sensitivity:deviations=links.rocker.arc")
+    with pytest.raises(DesignError, match="by which nothing is asked"):
+        sk.run(acted_on(), "sensitivity:deviations=links.9.arc:0.1")
