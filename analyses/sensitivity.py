@@ -110,7 +110,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column("worst", "", "worst case, to first order"),
                 Column("drawn_spread", "", "standard deviation of the draws", scale="none"),
                 Column("drawn_worst", "", "largest deviation of a draw", scale="none"),
-                Column("lost", "", "share of draws that do not close", scale="none"),
+                Column("lost", "", "share of draws that cannot be or close", scale="none"),
                 Column(
                     "matters_most",
                     "",
@@ -362,7 +362,7 @@ def _otherwise(largest: Mapping[str, Any], name: str) -> str:
     if abs(drawn - largest["spread"]) < BEYOND * largest["spread"] and not lost:
         return ""
     words = f" to first order (of the draws {_size(drawn, name)}"
-    return words + (f", {lost:.0%} do not close)" if lost else ")")
+    return words + (f", {lost:.0%} cannot be)" if lost else ")")
 
 
 def _size(value: float, name: str) -> str:
