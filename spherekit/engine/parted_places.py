@@ -14,21 +14,21 @@ from spherekit.sphere.rotation import Floats
 @final
 @dataclass(frozen=True)
 class PartedPlaces:
-    """The places of all rates in columns of their own, and of how far loops are open.
+    """The places of all rates in columns of their own, and of the closure.
 
     `column` (k,) says which of the columns that are shared each is a copy of, `moves` (k,)
     where it is one, `numbers` (k,) what it is throughout otherwise.
     """
 
     rates: tuple[RatePlaces, ...]
-    residual: int
+    closure: int
     column: NDArray[np.intp]
     moves: NDArray[np.bool_]
     numbers: Floats
 
     @classmethod
-    def of(cls, rates: Sequence[RatePlaces], residual: int) -> "PartedPlaces":
-        """Return those of rates by input, and a column, whose places may be shared."""
+    def of(cls, rates: Sequence[RatePlaces], closure: int) -> "PartedPlaces":
+        """Return those of rates by input, and of the closure, that may be shared."""
         columns: list[int] = []
         numbers: list[float] = []
 
@@ -57,9 +57,9 @@ class PartedPlaces:
             )
             for places in rates
         )
-        left = parted(Place(residual, 1)).first
+        first = parted(Place(closure, 2)).first
         column = np.array(columns, dtype=np.intp)
-        return cls(made, left, column, column >= 0, np.array(numbers, dtype=float))
+        return cls(made, first, column, column >= 0, np.array(numbers, dtype=float))
 
     def fill(self, columns: Floats, out: Floats) -> None:
         """Write the columns (k, n) from those that are shared."""

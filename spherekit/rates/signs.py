@@ -211,12 +211,14 @@ def signs_at_stops(
 
 
 def sides_of(motion: Motion, held: NDArray[np.bool_], memory: SignMemory) -> TurnedRows:
-    """Return that directions are turned to the side that modes start on, in `held` rows."""
+    """Return that directions are turned to the side that modes start on.
+
+    `held` (modes, samples) says which rows have a configuration.
+    """
     sides = np.zeros((len(motion.assembly_modes), 3))
     for number, mode in enumerate(motion.assembly_modes):
-        rows = held[number * motion.samples : (number + 1) * motion.samples]
-        if np.any(rows):
-            first = number * motion.samples + int(np.argmax(rows))
+        if np.any(held[number]):
+            first = number * motion.samples + int(np.argmax(held[number]))
             sides[number] = _home(motion, mode.number, first, memory)
     return TurnedRows.of([], sides)
 

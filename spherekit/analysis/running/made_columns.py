@@ -30,8 +30,8 @@ class MadeColumns:
     By assembly mode, then sample, in `parts`. Rows where `values` are NaN have none.
     `careful` are, by input, the poles of the rows that the kernel does not vouch for; as
     what is alike of others need not be so there, columns are then parted. Of the rows
-    `given` loops are open by `residual`. `turned` says by input which directions are turned
-    round.
+    `given` the closure (2, k) is known, see `Rows`. `turned` says by input which directions
+    are turned round.
     """
 
     kernel: RowKernel
@@ -39,7 +39,7 @@ class MadeColumns:
     parts: Sequence[Part]
     rooms: Rooms
     given: Numbers
-    residual: Floats
+    closure: Floats
     careful: Sequence[CarefulRows] = ()
     turned: list[TurnedRows] = field(default_factory=list)
 
@@ -49,9 +49,9 @@ class MadeColumns:
         return self.kernel.parted.rates if self.careful else self.kernel.rates
 
     @property
-    def residual_row(self) -> int:
-        """Which of the columns says by how much loops are open."""
-        return self.kernel.parted.residual if self.careful else self.kernel.residual
+    def closure_row(self) -> int:
+        """Which of the columns is the first of the closure."""
+        return self.kernel.parted.closure if self.careful else self.kernel.closure
 
     @property
     def count(self) -> int:
@@ -115,7 +115,8 @@ class MadeColumns:
             here = (careful.rows >= rows.start) & (careful.rows < rows.stop)
             columns[:, careful.rows[here] - rows.start] = self._careful[:, here]
         here = (self.given >= rows.start) & (self.given < rows.stop)
-        columns[self.residual_row, self.given[here] - rows.start] = self.residual[here]
+        of_closure = slice(self.closure_row, self.closure_row + 2)
+        columns[of_closure, self.given[here] - rows.start] = self.closure[:, here]
         for number, turned in enumerate(self.turned):
             turned.turn(signed_columns(self.places[number], columns), mode, rows.start)
         empty = np.flatnonzero(np.isnan(values[0]))

@@ -46,18 +46,20 @@ class Seen:
         deciding: RowFunction,
         columns: Floats,
         rows: Numbers,
-        counted: NDArray[np.bool_],
+        counted: NDArray[np.bool_] | None = None,
     ) -> "Seen":
         """Return what is seen of successive rows; errors are those of the `counted`."""
         every = range(len(deciding.inputs))
         turning = [deciding.turning(columns, k) for k in every]
-        at = (_gaps(deciding, turning[k], k) for k in every)
+        boxes = [deciding.ends(columns, k) for k in every]
+        at = [_gaps(deciding, turning[k], k, boxes[k][:2]) for k in every]
+        errors = tuple(box[2] for box in boxes)
         return cls(
             int(rows[0]),
             int(rows[-1]),
             tuple(deciding.relative(k, turning[k][..., [0, -1]]) for k in every),
             tuple(np.array([rows[k], rows[k + 1]]) for k in at),
-            largest(deciding, columns, counted),
+            errors if counted is None else largest(deciding, columns, counted),
         )
 
 
@@ -135,11 +137,17 @@ def _along(one: Floats, two: Floats) -> NDArray[np.bool_]:
     return np.asarray(np.sum(one * two, axis=-1) >= ASIDE * np.sqrt(sizes))
 
 
-def _gaps(deciding: RowFunction, turning: Floats, number: int, first: int = 0) -> Numbers:
+def _gaps(
+    deciding: RowFunction,
+    turning: Floats,
+    number: int,
+    box: tuple[Floats, Floats] | None = None,
+    first: int = 0,
+) -> Numbers:
     """Return after which rows a direction of an input may reverse to the next one.
 
-    By the angular velocities (links, 3, n) of what turns: within their least and largest
-    first, then, where that leaves it open, in parts.
+    By the angular velocities (links, 3, n) of what turns: within their `box`, least and
+    largest, first, then, where that leaves it open, in parts.
     """
     none = np.empty(0, dtype=np.intp)
     n = turning.shape[2]
@@ -148,7 +156,10 @@ def _gaps(deciding: RowFunction, turning: Floats, number: int, first: int = 0) -
     if n <= FEW:
         v = np.moveaxis(deciding.relative(number, turning), 1, 2)
         return first + np.flatnonzero(~np.all(_along(v[:, :-1], v[:, 1:]), axis=0))
-    low, high = np.minimum.reduce(turning, axis=2), np.maximum.reduce(turning, axis=2)
+    low, high = box or (
+        np.minimum.reduce(turning, axis=2),
+        np.maximum.reduce(turning, axis=2),
+    )
     least, most = deciding.relative(number, low, high), deciding.relative(number, high, low)
     # No product of two in a box falls below the one, no size exceeds the other.
     across, one, other = least * most, least * least, most * most
@@ -159,6 +170,7 @@ def _gaps(deciding: RowFunction, turning: Floats, number: int, first: int = 0) -
     step = -(-n // PARTS)
     starts = range(0, n - 1, step)
     parts = (
-        _gaps(deciding, turning[..., k : k + step + 1], number, first + k) for k in starts
+        _gaps(deciding, turning[..., k : k + step + 1], number, None, first + k)
+        for k in starts
     )
     return np.concatenate([none, *parts])

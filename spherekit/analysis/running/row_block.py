@@ -11,7 +11,8 @@ from spherekit.analysis.running.in_turn import each_at_once
 from spherekit.analysis.running.positions import Positions
 from spherekit.analysis.running.reversals import Numbers, Seen, largest
 from spherekit.conventions import Status
-from spherekit.engine.row_kernel import RowKernel
+from spherekit.engine.closed_positions import given_by
+from spherekit.engine.row_kernel import RowFunction, RowKernel
 from spherekit.numeric.lent_memory import Rooms
 from spherekit.sphere.rotation import Floats
 
@@ -34,51 +35,81 @@ def parts_of(modes: int, count: int, size: int) -> list[Part]:
 
 
 @final
+@dataclass(frozen=True)
+class _Filled:
+    """What a slice was filled with: what was `seen`, and which rows are `open_`.
+
+    Of a slice with rows that are not well also which are `vouched` for, and their `status`.
+    """
+
+    seen: Seen | None
+    open_: Numbers
+    vouched: NDArray[np.bool_] | None = None
+    status: NDArray[np.int8] | None = None
+
+
+@final
 @dataclass
 class Rows:
     """The rows of a block while they are found, slice by slice.
 
-    By assembly mode, then sample. `q` (inputs, samples) are the inputs, `values`
-    (variables, n) what was read of the variables, then all of them. `vouched` (n,) says
-    where the values close all loops and the kernel's numbers may be given; `residual` (n,)
-    is by how much loops are open, `off` (n,) the error of the configuration. `careful` are
-    the rows that were found with care, `late` the errors of rows after their slice. The
-    block `is_whole` if its slices were vouched for as they were filled.
+    By assembly mode, then sample. `deciding` is what decides about slices, by inputs or
+    variables as `positions` are. `q` (inputs, samples) are the inputs, `values`
+    (variables, n) what was read of the variables, then all of them. `closure` (2, n) is by
+    how much loops are open, and the error of the configuration. `vouched` (n,) says where
+    the values close all loops and the kernel's numbers may be given; the block `is_whole`
+    where that is everywhere. `careful` are the rows that were found with care, `late` the
+    errors of rows after their slice.
     """
 
     kernel: RowKernel
+    deciding: RowFunction
     positions: Positions
     q: Floats
     values: Floats
-    residual: Floats
-    off: Floats
-    vouched: NDArray[np.bool_]
-    status: NDArray[np.int8]
+    closure: Floats
     rooms: Rooms
 
     def __post_init__(self) -> None:
+        n = self.values.shape[1]
+        self.vouched: NDArray[np.bool_] = np.broadcast_to(True, n)
+        self.status: NDArray[np.int8] = np.broadcast_to(np.int8(Status.OK), n)
         self.careful: Numbers = np.empty(0, dtype=np.intp)
         self.late: list[tuple[tuple[float, ...], ...]] = []
-        self.is_whole = False
+        self.is_whole = True
+
+    @property
+    def residual(self) -> Floats:
+        """(n,) by how much loops are open, rad."""
+        return np.asarray(self.closure[0])
+
+    @property
+    def off(self) -> Floats:
+        """(n,) the errors of configurations."""
+        return np.asarray(self.closure[1])
 
     def fill(self, parts: Sequence[Part]) -> list[Seen | None]:
         """Fill all rows; return what was seen of parts whose rows are all vouched for."""
         made = each_at_once(self._fill, parts)
-        self.is_whole = all(is_whole for *_, is_whole in made)
-        open_ = np.concatenate([rows for _, rows, _ in made])
+        self.is_whole = all(item.vouched is None for item in made)
+        if not self.is_whole:
+            self.vouched, self.status = self.vouched.copy(), self.status.copy()
+        for (_, rows), item in zip(parts, made, strict=True):
+            if item.vouched is not None and item.status is not None:
+                self.vouched[rows], self.status[rows] = item.vouched, item.status
+        open_ = np.concatenate([item.open_ for item in made])
         if len(open_):
             self._close(open_)
-        return [seen for seen, *_ in made]
+        return [item.seen for item in made]
 
     def put(self, rows: Numbers, residual: Floats | None = None) -> None:
         """Fill rows by their numbers, whose values are known, and the residual may be."""
         judging, values = self.kernel.judging, self.values[:, rows]
         judged = judging(values)
         if residual is not None:
-            judging.residual(judged)[:] = residual
+            judging.closure(judged)[0] = residual
             self.careful = rows
-        self.residual[rows] = judging.residual(judged)
-        self.off[rows] = judging.off(judged)
+        self.closure[:, rows] = judging.closure(judged)
         good = judging.vouched(judged)
         if residual is None:
             good &= judging.closed(judged)
@@ -97,7 +128,7 @@ class Rows:
         if len(runs) * SHORTEST_RUN > len(failed):
             runs = [np.flatnonzero(failed)]
         for rows in runs:
-            self.values[:, rows] = self.off[rows] = self.residual[rows] = np.nan
+            self.values[:, rows] = self.closure[:, rows] = np.nan
             self.vouched[rows] = False
 
     def looked_through(
@@ -115,41 +146,42 @@ class Rows:
         if not len(rows):
             return None
         judging = self.kernel.judging
-        counted = np.ones(len(rows), dtype=bool)
-        return Seen.of(judging, judging(self.values[:, rows]), rows, counted)
+        return Seen.of(judging, judging(self.values[:, rows]), rows)
 
-    def _fill(self, part: Part) -> tuple[Seen | None, Numbers, bool]:
-        """Fill a slice; return what was seen, rows that are open, and if all are well."""
+    def _fill(self, part: Part) -> _Filled:
+        """Fill a slice."""
         mode, rows = part
+        lost: NDArray[np.bool_] | None = None
         first, count = mode * self.q.shape[1], rows.stop - rows.start
         q = self.q[:, rows.start - first : rows.stop - first]
-        judging, positions = self.kernel.judging, self.positions
-        none = np.empty(0, dtype=np.intp)
-        with (
-            self.rooms.lent(positions.width, count) as room,
-            self.rooms.lent(judging.width, count) as columns,
-        ):
-            values, lost = positions.complete(mode, q, self.values[:, rows], room)
-            self.status[rows] = Status.OK
-            if np.any(lost):
-                self.status[rows][lost] = Status.OUT_OF_REACH
-                if np.all(lost):
-                    self.vouched[rows] = False
-                    return None, none, False
-            self.values[:, rows] = values
-            judging(values, columns)
-            self.residual[rows] = judging.residual(columns)
-            self.off[rows] = judging.off(columns)
-            good = judging.vouched(columns)
-            closed = judging.closed(columns)
-            np.logical_and(good, closed, out=self.vouched[rows])
-            seen, is_good = None, bool(np.all(good))
-            if is_good:
-                seen = Seen.of(judging, columns, np.arange(rows.start, rows.stop), closed)
-            if np.all(closed):
-                return seen, none, is_good
-            open_ = np.flatnonzero(~closed & np.isfinite(self.residual[rows]))
-            return seen, open_ + rows.start, False
+        by_inputs, judging = self.positions.by_inputs, self.deciding
+        with self.rooms.lent(judging.width + judging.given, count) as room:
+            given, columns = room[: judging.given], room[judging.given :]
+            if by_inputs:
+                given_by(q, self.positions.signs(mode), given)
+            else:
+                given[:] = self.values[:, rows]
+                if np.isnan(np.min(given[0])):
+                    lost = self.positions.complete(mode, q, given)
+            judging(given, columns)
+            self.values[:, rows] = columns[: judging.variables] if by_inputs else given
+            self.closure[:, rows] = judging.closure(columns)
+            numbers = np.arange(rows.start, rows.stop)
+            if judging.is_well(columns):
+                return _Filled(Seen.of(judging, columns, numbers), numbers[:0])
+            good, closed = judging.vouched(columns), judging.closed(columns)
+            status = np.zeros(count, dtype=np.int8)
+            if by_inputs:
+                lost = judging.lost(columns)
+            if lost is not None:
+                status[lost] = Status.OUT_OF_REACH
+            here, seen = good & closed, None
+            open_ = np.flatnonzero(~closed & np.isfinite(judging.closure(columns)[0]))
+            if np.all(good):
+                seen = Seen.of(judging, columns, numbers, closed)
+            elif not len(open_) and np.any(here):
+                seen = Seen.of(judging, columns[:, here], numbers[here])
+            return _Filled(seen, open_ + rows.start, here, status)
 
     def _close(self, open_: Numbers) -> None:
         """Take a step of Newton's method at some rows; keep what that closes, near by."""

@@ -26,7 +26,7 @@ from spherekit.analysis.running.row_block import Part, Rows, parts_of
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
-from spherekit.engine.row_kernel import RowKernel, row_kernel
+from spherekit.engine.row_kernel import RowFunction, RowKernel, row_kernel
 from spherekit.motion.motion import Motion
 from spherekit.numeric.lent_memory import (
     LentMemory,
@@ -68,8 +68,9 @@ MORE = 32
 class _Block:
     """What was found of a block: its `rows`, and by input where directions are looked at.
 
-    `held` (n,) are the rows with a configuration, `doubtful` (k,) those of them that the
-    kernel does not vouch for. `errors` are the largest of slices and later rows.
+    `held` (modes, samples) are the rows with a configuration, `doubtful` (k,) those of
+    them that the kernel does not vouch for. `errors` are the largest of slices and of rows
+    after them.
     """
 
     rows: Rows
@@ -82,7 +83,7 @@ class _Block:
 @final
 @dataclass
 class RowsAtOnce:
-    """The rows of a course by a kernel, run by `engine`.
+    """The rows of a course by a kernel.
 
     Configurations that `positions` does not know are those of the tracer.
     """
@@ -91,7 +92,6 @@ class RowsAtOnce:
     requests: tuple[Request, ...]
     kernel: RowKernel
     positions: Positions
-    engine: Literal["numpy", "compiled"]
     with_planes: bool
     looks_ahead: bool
     with_times: bool
@@ -100,8 +100,7 @@ class RowsAtOnce:
         self._found: dict[int, _Block] = {}
         self._rooms = Rooms()
         self._columns, self._values, self._gaps = (LentMemory() for _ in range(3))
-        self._residuals, self._off, self._numbers = (LentMemory() for _ in range(3))
-        self._vouched, self._status = LentMemory(), LentMemory()
+        self._closures, self._numbers = LentMemory(), LentMemory()
         self._of_modes = np.empty(0, dtype=np.int64)
         self._shown: dict[tuple[bool, tuple[int, int]], list[ShownColumns]] = {}
 
@@ -128,16 +127,19 @@ class RowsAtOnce:
         made = row_kernel(tracer.sparse(REFERENCES), requests, engine)
         if made is None:
             return None
-        positions = Positions.of(tracer, engine)
+        positions = Positions.of(tracer, made)
         wanted = tuple(requests)
-        return cls(
-            course, wanted, made, positions, engine, with_planes, looks_ahead, with_times
-        )
+        return cls(course, wanted, made, positions, with_planes, looks_ahead, with_times)
 
     @property
     def _slice(self) -> int:
         """Rows that are judged at once: so many that little is left to do between."""
-        return max(1, round(JUDGED / (self.kernel.judging.width * SLICE))) * SLICE
+        return max(1, round(JUDGED / (self._deciding.width * SLICE))) * SLICE
+
+    @property
+    def _deciding(self) -> RowFunction:
+        """What decides about rows: by inputs, or of variables that were read."""
+        return self.kernel.by_inputs if self.positions.by_inputs else self.kernel.judging
 
     @property
     def block(self) -> int:
@@ -183,7 +185,7 @@ class RowsAtOnce:
             parts_of(len(motion.assembly_modes), motion.samples, SLICE),
             self._rooms,
             rows.careful,
-            rows.residual[rows.careful],
+            rows.closure[:, rows.careful],
             careful,
         )
         columns.turned = [
@@ -191,7 +193,7 @@ class RowsAtOnce:
             for number, memory in enumerate(memories[: len(asked)])
         ]
         left = columns.refilled(self._columns)
-        left.fills(rows.residual[None], columns.residual_row)
+        left.fills(rows.closure, columns.closure_row)
         shown = self._shown_of(columns, left.shape)
         gaps = Gaps(np.flatnonzero(motion.failed), self._gaps)
         fields = []
@@ -271,22 +273,19 @@ class RowsAtOnce:
         modes, count = len(tracer.assembly_modes), len(samples)
         n, chosen = modes * count, _chosen(samples)
         values = self._values.array(len(tracer.mechanism.variable_owners), n)
-        flags = [memory.array(1, -(-n // 8))[0] for memory in (self._vouched, self._status)]
         rows = Rows(
             self.kernel,
+            self._deciding,
             self.positions,
             np.ascontiguousarray(tracer.input_grid.q[chosen].T),
             values,
-            self._residuals.array(1, n)[0],
-            self._off.array(1, n)[0],
-            flags[0].view(bool)[:n],
-            flags[1].view(np.int8)[:n],
+            self._closures.array(2, n),
             self._rooms,
         )
         self._read(chosen, values.reshape(-1, modes, count))
         parts = parts_of(modes, count, self._slice)
         seen = rows.fill(parts)
-        failed, doubtful = np.broadcast_to(False, n), np.empty(0, dtype=np.intp)
+        held, doubtful = np.broadcast_to(True, (modes, count)), np.empty(0, dtype=np.intp)
         if not rows.is_whole:
             rest = np.flatnonzero(~rows.vouched & (rows.status == Status.OK))
             if len(rest):
@@ -296,6 +295,7 @@ class RowsAtOnce:
             rows.leave_out(failed)
             rows.vouched &= rows.status == Status.OK
             doubtful = np.flatnonzero(~(rows.vouched | failed))
+            held = ~failed.reshape(modes, count)
         timing = course.timing if self.with_times else None
         if timing is not None:
             timing = timing.rows(samples).repeated(modes)
@@ -321,10 +321,10 @@ class RowsAtOnce:
         stops: Sequence[Mapping[int, Stops]] = ()
         looked = rows.looked_through(seen, parts)
         if motion.is_path:
-            held, every = ~failed.reshape(modes, count), range(len(self.requests))
+            every = range(len(self.requests))
             stops = [stops_of(looked, k, held, doubtful) for k in every]
         errors = [here.errors for _, here in looked] + rows.late
-        self._found[id(motion)] = _Block(rows, ~failed, doubtful, stops, errors)
+        self._found[id(motion)] = _Block(rows, held, doubtful, stops, errors)
         return motion
 
     def _read(self, chosen: slice | NDArray[np.intp], out: Floats) -> None:

@@ -84,7 +84,7 @@ class RunPlan:
     def identity(self) -> dict[str, Any]:
         """What makes the run the one it is, ready for JSON."""
         made, at_once = self.evaluation, self.evaluation.at_once
-        kernel = None if at_once is None else at_once.engine
+        kernel = None if at_once is None else at_once.kernel.engine
         identity = identity_of(self.course, self.analyses, self.block, made.setting)
         return identity | {"kernel": kernel}
 
