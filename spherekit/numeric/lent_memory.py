@@ -44,7 +44,10 @@ class _Loan:
 
 @final
 class Refilled:
-    """An array (rows, columns) in lent memory, made when it is read, however often."""
+    """An array (rows, columns) in lent memory, made when it is read, however often.
+
+    `was_read` says that all of it was, at once.
+    """
 
     def __init__(
         self, lender: "LentMemory", shape: tuple[int, int], pieces: Callable[[Reader], None]
@@ -55,6 +58,7 @@ class Refilled:
         """
         self.shape, self._pieces, self._lender = shape, pieces, lender
         self._loan: Callable[[], _Loan | None] = _nothing
+        self.was_read = False
 
     def fills(self, lent: Floats, first: int = 0) -> None:
         """Take lent memory (k, columns) that holds the rows from `first` on, for a while.
@@ -72,6 +76,7 @@ class Refilled:
         loan = self._loan()
         if loan is not None:
             return np.asarray(loan)[: rows * columns].reshape(rows, columns)
+        self.was_read = True
         made = self._lender.array(rows, columns)
 
         def fill(some: slice, held: Floats) -> None:

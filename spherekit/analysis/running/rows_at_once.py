@@ -56,7 +56,7 @@ MANY = 1 << 19
 REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
 BYTES = 1 << 27
-"""Of columns in a block, at most."""
+"""Of columns in a block, at most; of what they follow from, where they are not made."""
 JUDGED = 1 << 19
 """Numbers that decide about the rows of a slice: they stay in the cache."""
 MORE = 32
@@ -101,6 +101,8 @@ class RowsAtOnce:
         self._rooms = Rooms()
         self._columns, self._values, self._gaps = (LentMemory() for _ in range(3))
         self._closures, self._numbers = LentMemory(), LentMemory()
+        self._left: Refilled | None = None
+        self._was_read = False
         self._of_modes = np.empty(0, dtype=np.int64)
         self._shown: dict[tuple[bool, tuple[int, int]], list[ShownColumns]] = {}
 
@@ -151,13 +153,38 @@ class RowsAtOnce:
         return max(1, min(many, MORE * tracer.block))
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
-        """Yield the motion from sample `first` on in blocks of successive samples."""
-        whole = len(self.course)
+        """Yield the motion from sample `first` on in blocks of successive samples.
 
-        def block(start: int) -> Motion:
-            return self._motion(np.arange(start, min(start + size, whole)))
+        Of `size`; they grow while all columns are left to be made when they are read.
+        """
 
-        yield from in_turn(block, range(first, whole, size), self.looks_ahead)
+        def slices() -> Iterator[range]:
+            start, whole = first, len(self.course)
+            while start < whole:
+                grows = size == self.block and self._left is not None
+                grows = grows and not self.with_planes and not self._is_read
+                stop = min(start + (self._grown if grows else size), whole)
+                yield range(start, stop)
+                start = stop
+
+        yield from in_turn(
+            lambda rows: self._motion(np.arange(rows.start, rows.stop)),
+            slices(),
+            self.looks_ahead,
+        )
+
+    @property
+    def _is_read(self) -> bool:
+        """Whether all columns of a block were made at once, for arrays or files."""
+        self._was_read |= self._left is not None and self._left.was_read
+        return self._was_read
+
+    @property
+    def _grown(self) -> int:
+        """Samples in a block of which only what columns follow from is kept."""
+        tracer = self.course.tracer
+        kept = len(tracer.mechanism.variable_owners) + len(tracer.inputs) + 3
+        return max(self.block, BYTES // (8 * kept * len(tracer.assembly_modes)))
 
     def motion_at(self, samples: NDArray[np.intp]) -> Motion:
         """Return the motion at some samples, by their numbers."""
@@ -192,7 +219,7 @@ class RowsAtOnce:
             self._signs(motion, block, columns, number, memory)
             for number, memory in enumerate(memories[: len(asked)])
         ]
-        left = columns.refilled(self._columns)
+        self._left = left = columns.refilled(self._columns)
         left.fills(rows.closure, columns.closure_row)
         shown = self._shown_of(columns, left.shape)
         gaps = Gaps(np.flatnonzero(motion.failed), self._gaps)
