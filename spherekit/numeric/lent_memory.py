@@ -8,6 +8,7 @@ made again are set aside until somebody reads them.
 import mmap
 import sys
 import weakref
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -21,7 +22,9 @@ Floats = NDArray[np.float64]
 LARGE_PAGE = 1 << 21
 """Bytes of the pages that Linux hands over at once where it is asked for."""
 WORTH_A_PAGE = 1 << 18
-"""From so many bytes on memory that is used again and again gets one."""
+"""From so many bytes on an array gets one."""
+MOST_IDLE = 1 << 27
+"""Bytes at most that wait to be used again."""
 
 
 Reader = Callable[[slice, Floats], None]
@@ -201,64 +204,68 @@ def _loan_of(view: Any) -> "_Loan | None":
 
 @final
 class LentMemory:
-    """Arrays whose memory comes back when they and their views are gone."""
+    """Arrays whose memory comes back when they and their views are gone.
 
-    def __init__(self) -> None:
-        self._free: list[Floats] = []
+    At most so many bytes stay for others while nobody has them.
+    """
+
+    def __init__(self, most: int = MOST_IDLE) -> None:
+        self._most, self._idle = most, 0
+        self._free: defaultdict[int, list[Floats]] = defaultdict(list)
 
     def array(self, rows: int, columns: int) -> Floats:
         """Return an array (rows, columns) that holds anything."""
         size = rows * columns
         memory = self._taken(size)
         loan = _Loan(memory, self)
-        weakref.finalize(loan, self._free.append, memory).atexit = False
+        weakref.finalize(loan, self._take_back, memory).atexit = False
         return np.asarray(loan)[:size].reshape(rows, columns)
 
-    def _taken(self, size: int) -> Floats:
-        while self._free:
-            memory = self._free.pop()
-            if len(memory) >= size:
-                return memory
-        return _new(size)
-
-
-@final
-class Rooms:
-    """Memory for what is done at the same time, used again and again."""
-
-    def __init__(self) -> None:
-        self._free: list[Floats] = []
-
     @contextmanager
-    def lent(self, rows: int, columns: int) -> Iterator[Floats]:
-        """Lend an array (rows, columns) that nobody else has."""
+    def room(self, rows: int, columns: int) -> Iterator[Floats]:
+        """Lend an array (rows, columns) that holds anything, for as long as a context."""
         size = rows * columns
-        room = self._taken(size)
+        memory = self._taken(size)
         try:
-            yield room[:size].reshape(rows, columns)
+            yield memory[:size].reshape(rows, columns)
         finally:
-            self._free.append(room)
+            self._take_back(memory)
 
     def _taken(self, size: int) -> Floats:
-        free = self._free
-        for _ in range(len(free)):
-            try:
-                room = free.pop()
-            except IndexError:  # another thread took it
-                break
-            if len(room) >= size:
-                return room
-            free.insert(0, room)
-        return _new(size, WORTH_A_PAGE)
+        pages = _pages(size)
+        try:
+            memory = self._free[pages].pop()
+        except IndexError:
+            return _new(pages) if pages else np.empty(size)
+        self._idle -= memory.nbytes
+        return memory
+
+    def _take_back(self, memory: Floats) -> None:
+        # Of what several threads do here, no step depends on another.
+        pages = memory.nbytes // LARGE_PAGE
+        if pages and self._idle + memory.nbytes <= self._most:
+            self._idle += memory.nbytes
+            self._free[pages].append(memory)
 
 
-def _new(size: int, least: int = LARGE_PAGE) -> Floats:
-    """Return memory for so many numbers, in large pages from the `least` bytes on."""
-    if sys.platform == "linux" and 8 * size >= least:
-        pages = -(-8 * size // LARGE_PAGE)
-        private = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
-        mapped = mmap.mmap(-1, pages * LARGE_PAGE, flags=private)
-        with suppress(OSError):  # a system without large pages
-            mapped.madvise(mmap.MADV_HUGEPAGE)
-        return np.frombuffer(mapped)
-    return np.empty(size)
+def _pages(size: int) -> int:
+    """Return how many large pages hold so many numbers, none if these are few.
+
+    In steps of a quarter at most, so that what comes back is of use again.
+    """
+    if 8 * size < WORTH_A_PAGE:
+        return 0
+    pages = -(-8 * size // LARGE_PAGE)
+    step = 1 << max(0, pages.bit_length() - 3)
+    return -(-pages // step) * step
+
+
+def _new(pages: int) -> Floats:
+    """Return memory of so many large pages, where the system has these."""
+    size = pages * LARGE_PAGE
+    if sys.platform != "linux":
+        return np.empty(size // 8)
+    mapped = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    with suppress(OSError):  # a system without large pages
+        mapped.madvise(mmap.MADV_HUGEPAGE)
+    return np.frombuffer(mapped)

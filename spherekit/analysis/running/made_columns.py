@@ -12,7 +12,7 @@ from spherekit.analysis.running.reversals import Numbers
 from spherekit.analysis.running.row_block import Part
 from spherekit.engine.columns import RatePlaces
 from spherekit.engine.row_kernel import RowKernel, read_columns, signed_columns
-from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled, Rooms
+from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled
 from spherekit.rates.columns import RateColumns
 from spherekit.rates.from_columns import CarefulRows
 from spherekit.rates.signs import TurnedRows
@@ -37,7 +37,7 @@ class MadeColumns:
     kernel: RowKernel
     values: Floats
     parts: Sequence[Part]
-    rooms: Rooms
+    memory: LentMemory
     given: Numbers
     closure: Floats
     careful: Sequence[CarefulRows] = ()
@@ -87,9 +87,9 @@ class MadeColumns:
                 v[:, k, here], dv[:, k, here] = careful.relative(pole, at[here])
         return unit, v, dv
 
-    def refilled(self, lender: LentMemory) -> Refilled:
+    def refilled(self) -> Refilled:
         """Return them as an array (columns, n), not made yet."""
-        return Refilled(lender, (self.count, self.values.shape[1]), self._pieces)
+        return Refilled(self.memory, (self.count, self.values.shape[1]), self._pieces)
 
     def _pieces(self, reader: Reader) -> None:
         whole, parted = self.kernel.whole, self.kernel.parted
@@ -97,12 +97,12 @@ class MadeColumns:
         def fill(part: Part) -> None:
             rows = part[1]
             given = np.ascontiguousarray(self.values[:, rows])
-            with self.rooms.lent(whole.width, given.shape[1]) as room:
+            with self.memory.room(whole.width, given.shape[1]) as room:
                 whole(given, room)
                 if not self.careful:
                     reader(rows, self._finished(room[: self.kernel.kept], given, part))
                     return
-                with self.rooms.lent(self.count, given.shape[1]) as apart:
+                with self.memory.room(self.count, given.shape[1]) as apart:
                     parted.fill(room, apart)
                     reader(rows, self._finished(apart, given, part))
 

@@ -13,7 +13,7 @@ from spherekit.analysis.running.reversals import Numbers, Seen, largest
 from spherekit.conventions import Status
 from spherekit.engine.closed_positions import given_by
 from spherekit.engine.row_kernel import RowFunction, RowKernel
-from spherekit.numeric.lent_memory import Rooms
+from spherekit.numeric.lent_memory import LentMemory
 from spherekit.sphere.rotation import Floats
 
 SHORTEST_RUN = 64
@@ -68,7 +68,7 @@ class Rows:
     q: Floats
     values: Floats
     closure: Floats
-    rooms: Rooms
+    memory: LentMemory
 
     def __post_init__(self) -> None:
         n = self.values.shape[1]
@@ -155,7 +155,7 @@ class Rows:
         first, count = mode * self.q.shape[1], rows.stop - rows.start
         q = self.q[:, rows.start - first : rows.stop - first]
         by_inputs, judging = self.positions.by_inputs, self.deciding
-        with self.rooms.lent(judging.width + judging.given, count) as room:
+        with self.memory.room(judging.width + judging.given, count) as room:
             given, columns = room[: judging.given], room[judging.given :]
             if by_inputs:
                 given_by(q, self.positions.signs(mode), given)

@@ -28,13 +28,7 @@ from spherekit.conventions import Status
 from spherekit.engine.compiler import available
 from spherekit.engine.row_kernel import RowFunction, RowKernel, row_kernel
 from spherekit.motion.motion import Motion
-from spherekit.numeric.lent_memory import (
-    LentMemory,
-    Reader,
-    Refilled,
-    Rooms,
-    Template,
-)
+from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled, Template
 from spherekit.rates.columns import Gaps
 from spherekit.rates.from_columns import CarefulRows, field_unread
 from spherekit.rates.pole_field import PoleField
@@ -61,6 +55,10 @@ JUDGED = 1 << 19
 """Numbers that decide about the rows of a slice: they stay in the cache."""
 MORE = 32
 """Blocks have so many times the rows of those without a kernel, at most."""
+
+
+MEMORY = LentMemory()
+"""What blocks are in, of this run and the next."""
 
 
 @final
@@ -98,9 +96,6 @@ class RowsAtOnce:
 
     def __post_init__(self) -> None:
         self._found: dict[int, _Block] = {}
-        self._rooms = Rooms()
-        self._columns, self._values, self._gaps = (LentMemory() for _ in range(3))
-        self._closures, self._numbers = LentMemory(), LentMemory()
         self._left: Refilled | None = None
         self._was_read = False
         self._of_modes = np.empty(0, dtype=np.int64)
@@ -210,7 +205,7 @@ class RowsAtOnce:
             self.kernel,
             rows.values,
             parts_of(len(motion.assembly_modes), motion.samples, SLICE),
-            self._rooms,
+            MEMORY,
             rows.careful,
             rows.closure[:, rows.careful],
             careful,
@@ -219,10 +214,10 @@ class RowsAtOnce:
             self._signs(motion, block, columns, number, memory)
             for number, memory in enumerate(memories[: len(asked)])
         ]
-        self._left = left = columns.refilled(self._columns)
+        self._left = left = columns.refilled()
         left.fills(rows.closure, columns.closure_row)
         shown = self._shown_of(columns, left.shape)
-        gaps = Gaps(np.flatnonzero(motion.failed), self._gaps)
+        gaps = Gaps(np.flatnonzero(motion.failed), MEMORY)
         fields = []
         for number, wanted in enumerate(asked):
             fields.append(
@@ -280,16 +275,16 @@ class RowsAtOnce:
             write(again)
             reader(slice(0, shape[1]), again)
 
-        named = self._numbers.array(*shape)
+        named = MEMORY.array(*shape)
         write(named)
-        Refilled(self._numbers, shape, pieces).fills(named)
+        Refilled(MEMORY, shape, pieces).fills(named)
         return named
 
     def _modes(self, count: int) -> NDArray[np.int64]:
         """Return the numbers of the modes of so many samples each, by row."""
         if len(self._of_modes) != count * len(self.course.tracer.assembly_modes):
             numbers = [mode.number for mode in self.course.tracer.assembly_modes]
-            made = self._numbers.array(1, count * len(numbers))[0].view(np.int64)
+            made = MEMORY.array(1, count * len(numbers))[0].view(np.int64)
             made.reshape(-1, count)[:] = np.array(numbers)[:, None]
             self._of_modes = made
         return self._of_modes
@@ -299,15 +294,15 @@ class RowsAtOnce:
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
         n, chosen = modes * count, _chosen(samples)
-        values = self._values.array(len(tracer.mechanism.variable_owners), n)
+        values = MEMORY.array(len(tracer.mechanism.variable_owners), n)
         rows = Rows(
             self.kernel,
             self._deciding,
             self.positions,
             np.ascontiguousarray(tracer.input_grid.q[chosen].T),
             values,
-            self._closures.array(2, n),
-            self._rooms,
+            MEMORY.array(2, n),
+            MEMORY,
         )
         self._read(chosen, values.reshape(-1, modes, count))
         parts = parts_of(modes, count, self._slice)
