@@ -45,7 +45,7 @@ class Seen:
         cls,
         deciding: RowFunction,
         columns: Floats,
-        rows: Numbers,
+        rows: Numbers | range,
         counted: NDArray[np.bool_] | None = None,
     ) -> "Seen":
         """Return what is seen of successive rows; errors are those of the `counted`."""
@@ -58,9 +58,13 @@ class Seen:
             int(rows[0]),
             int(rows[-1]),
             tuple(deciding.relative(k, turning[k][..., [0, -1]]) for k in every),
-            tuple(np.array([rows[k], rows[k + 1]]) for k in at),
+            tuple(np.array([_numbers(rows, k), _numbers(rows, k + 1)]) for k in at),
             errors if counted is None else largest(deciding, columns, counted),
         )
+
+
+def _numbers(rows: Numbers | range, chosen: Numbers) -> Numbers:
+    return chosen + rows.start if isinstance(rows, range) else rows[chosen]
 
 
 def largest(

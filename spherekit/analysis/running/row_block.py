@@ -21,6 +21,7 @@ SHORTEST_RUN = 64
 SMALL_STEP = 1e-6
 """A step of Newton's method (rad) from what was predicted stays in its mode."""
 
+NONE: Numbers = np.empty(0, dtype=np.intp)
 Part = tuple[int, slice]
 """A slice of successive rows, and the number of their assembly mode."""
 
@@ -74,7 +75,7 @@ class Rows:
         n = self.values.shape[1]
         self.vouched: NDArray[np.bool_] = np.broadcast_to(True, n)
         self.status: NDArray[np.int8] = np.broadcast_to(np.int8(Status.OK), n)
-        self.careful: Numbers = np.empty(0, dtype=np.intp)
+        self.careful = NONE
         self.late: list[tuple[tuple[float, ...], ...]] = []
         self.is_whole = True
 
@@ -166,9 +167,9 @@ class Rows:
             judging(given, columns)
             self.values[:, rows] = columns[: judging.variables] if by_inputs else given
             self.closure[:, rows] = judging.closure(columns)
-            numbers = np.arange(rows.start, rows.stop)
+            numbers = range(rows.start, rows.stop)
             if judging.is_well(columns):
-                return _Filled(Seen.of(judging, columns, numbers), numbers[:0])
+                return _Filled(Seen.of(judging, columns, numbers), NONE)
             good, closed = judging.vouched(columns), judging.closed(columns)
             status = np.zeros(count, dtype=np.int8)
             if by_inputs:
@@ -180,7 +181,7 @@ class Rows:
             if np.all(good):
                 seen = Seen.of(judging, columns, numbers, closed)
             elif not len(open_) and np.any(here):
-                seen = Seen.of(judging, columns[:, here], numbers[here])
+                seen = Seen.of(judging, columns[:, here], np.flatnonzero(here) + rows.start)
             return _Filled(seen, open_ + rows.start, here, status)
 
     def _close(self, open_: Numbers) -> None:

@@ -53,6 +53,8 @@ BYTES = 1 << 27
 """Of columns in a block, at most; of what they follow from, where they are not made."""
 JUDGED = 1 << 19
 """Numbers that decide about the rows of a slice: they stay in the cache."""
+PROBE = 16
+"""Part of a block that the first one is."""
 MORE = 32
 """Blocks have so many times the rows of those without a kernel, at most."""
 
@@ -150,21 +152,26 @@ class RowsAtOnce:
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples.
 
-        Of `size`; they grow while all columns are left to be made when they are read.
+        Of `size`, unless that is the ordinary one: then they grow while all columns are
+        left to be made when they are read, which a small one tells that comes first.
         """
+        ordinary = size == self.block and not self.with_planes
+        start, whole = first, len(self.course)
+        if ordinary and first == 0 and whole > size:
+            start = -(-size // PROBE)
+            yield self._motion(np.arange(start))
 
-        def slices() -> Iterator[range]:
-            start, whole = first, len(self.course)
-            while start < whole:
-                grows = size == self.block and self._left is not None
-                grows = grows and not self.with_planes and not self._is_read
-                stop = min(start + (self._grown if grows else size), whole)
-                yield range(start, stop)
-                start = stop
+        def blocks() -> Iterator[range]:
+            stop = start
+            while stop < whole:
+                before = stop
+                grows = ordinary and self._left is not None and not self._is_read
+                stop = min(before + (self._grown if grows else size), whole)
+                yield range(before, stop)
 
         yield from in_turn(
             lambda rows: self._motion(np.arange(rows.start, rows.stop)),
-            slices(),
+            blocks(),
             self.looks_ahead,
         )
 
