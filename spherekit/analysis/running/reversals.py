@@ -58,12 +58,13 @@ class Seen:
             int(rows[0]),
             int(rows[-1]),
             tuple(deciding.relative(k, turning[k][..., [0, -1]]) for k in every),
-            tuple(np.array([_numbers(rows, k), _numbers(rows, k + 1)]) for k in at),
+            tuple(np.array([numbered(rows, k), numbered(rows, k + 1)]) for k in at),
             errors if counted is None else largest(deciding, columns, counted),
         )
 
 
-def _numbers(rows: Numbers | range, chosen: Numbers) -> Numbers:
+def numbered(rows: Numbers | range, chosen: Numbers) -> Numbers:
+    """Return the numbers of chosen ones of rows or samples."""
     return chosen + rows.start if isinstance(rows, range) else rows[chosen]
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,17 @@ def parts_of(modes: int, count: int, size: int) -> list[Part]:
     ]
 
 
+def named_of(samples: Numbers | range, q: Floats) -> Floats:
+    """Return the numbers of samples as bits of whole ones, and the inputs (inputs, n)."""
+    made = np.empty((1 + len(q), q.shape[1]))
+    numbers: NDArray[Any] = made[0].view(np.int64)
+    numbers[:] = (
+        np.arange(samples.start, samples.stop) if isinstance(samples, range) else samples
+    )
+    made[1:] = q
+    return made
+
+
 @final
 @dataclass(frozen=True)
 class _Filled:
@@ -55,7 +66,8 @@ class Rows:
     """The rows of a block while they are found, slice by slice.
 
     By assembly mode, then sample. `deciding` is what decides about slices, by inputs or
-    variables as `positions` are. `q` (inputs, samples) are the inputs, `values`
+    variables as `positions` are. `q` (inputs, samples) are the inputs, `named` what rows
+    get of the numbers of `samples`, as bits of whole ones, and of the inputs. `values`
     (variables, n) what was read of the variables, then all of them. `closure` (2, n) is by
     how much loops are open, and the error of the configuration. `vouched` (n,) says where
     the values close all loops and the kernel's numbers may be given; the block `is_whole`
@@ -66,9 +78,11 @@ class Rows:
     kernel: RowKernel
     deciding: RowFunction
     positions: Positions
+    samples: Numbers | range
     q: Floats
     values: Floats
     closure: Floats
+    named: Floats
     memory: LentMemory
 
     def __post_init__(self) -> None:
@@ -154,7 +168,9 @@ class Rows:
         mode, rows = part
         lost: NDArray[np.bool_] | None = None
         first, count = mode * self.q.shape[1], rows.stop - rows.start
-        q = self.q[:, rows.start - first : rows.stop - first]
+        here = slice(rows.start - first, rows.stop - first)
+        q = self.q[:, here]
+        self.named[:, rows] = named_of(self.samples[here], q)
         by_inputs, judging = self.positions.by_inputs, self.deciding
         with self.memory.room(judging.width + judging.given, count) as room:
             given, columns = room[: judging.given], room[judging.given :]
@@ -176,13 +192,13 @@ class Rows:
                 lost = judging.lost(columns)
             if lost is not None:
                 status[lost] = Status.OUT_OF_REACH
-            here, seen = good & closed, None
+            well, seen = good & closed, None
             open_ = np.flatnonzero(~closed & np.isfinite(judging.closure(columns)[0]))
             if np.all(good):
                 seen = Seen.of(judging, columns, numbers, closed)
-            elif not len(open_) and np.any(here):
-                seen = Seen.of(judging, columns[:, here], np.flatnonzero(here) + rows.start)
-            return _Filled(seen, open_ + rows.start, here, status)
+            elif not len(open_) and np.any(well):
+                seen = Seen.of(judging, columns[:, well], np.flatnonzero(well) + rows.start)
+            return _Filled(seen, open_ + rows.start, well, status)
 
     def _close(self, open_: Numbers) -> None:
         """Take a step of Newton's method at some rows; keep what that closes, near by."""

@@ -20,9 +20,10 @@ from spherekit.analysis.running.reversals import (
     Numbers,
     Seen,
     largest_errors,
+    numbered,
     stops_of,
 )
-from spherekit.analysis.running.row_block import Part, Rows, parts_of
+from spherekit.analysis.running.row_block import Part, Rows, named_of, parts_of
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
@@ -159,7 +160,7 @@ class RowsAtOnce:
         start, whole = first, len(self.course)
         if ordinary and first == 0 and whole > size:
             start = -(-size // PROBE)
-            yield self._motion(np.arange(start))
+            yield self._motion(range(start))
 
         def blocks() -> Iterator[range]:
             stop = start
@@ -169,11 +170,7 @@ class RowsAtOnce:
                 stop = min(before + (self._grown if grows else size), whole)
                 yield range(before, stop)
 
-        yield from in_turn(
-            lambda rows: self._motion(np.arange(rows.start, rows.stop)),
-            blocks(),
-            self.looks_ahead,
-        )
+        yield from in_turn(self._motion, blocks(), self.looks_ahead)
 
     @property
     def _is_read(self) -> bool:
@@ -267,25 +264,21 @@ class RowsAtOnce:
         at = partial(columns.relative_at, number)
         return signs_at_stops(motion, signed, block.stops[number], at, memory)
 
-    def _named(self, samples: NDArray[np.intp], chosen: slice | Numbers) -> Floats:
-        """Return the numbers of samples as bits of whole ones, and the inputs, by row."""
-        modes, count = len(self.course.tracer.assembly_modes), len(samples)
-        inputs = self.course.inputs[chosen].T
-        shape = 1 + len(inputs), modes * count
+    def _named(self, rows: Rows, count: int) -> Floats:
+        """Return an array for the numbers of samples and the inputs of rows.
 
-        def write(out: Floats) -> None:
-            out[0].view(np.int64).reshape(modes, count)[:] = samples
-            out[1:].reshape(-1, modes, count)[:] = inputs[:, None]
+        It is filled with them, and made again when it is read.
+        """
+        modes, (inputs, _) = len(self.course.tracer.assembly_modes), rows.q.shape
+        samples, q, shape = rows.samples, rows.q, (1 + inputs, modes * count)
 
         def pieces(reader: Reader) -> None:
-            again = np.empty(shape)
-            write(again)
-            reader(slice(0, shape[1]), again)
+            again = named_of(samples, q)
+            for mode in range(modes):
+                reader(slice(mode * count, (mode + 1) * count), again)
 
-        named = MEMORY.array(*shape)
-        write(named)
-        Refilled(MEMORY, shape, pieces).fills(named)
-        return named
+        Refilled(MEMORY, shape, pieces).fills(rows.named)
+        return rows.named
 
     def _modes(self, count: int) -> NDArray[np.int64]:
         """Return the numbers of the modes of so many samples each, by row."""
@@ -296,7 +289,7 @@ class RowsAtOnce:
             self._of_modes = made
         return self._of_modes
 
-    def _motion(self, samples: NDArray[np.intp]) -> Motion:
+    def _motion(self, samples: Numbers | range) -> Motion:
         """Return the motion at samples, by their numbers."""
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
@@ -306,9 +299,11 @@ class RowsAtOnce:
             self.kernel,
             self._deciding,
             self.positions,
+            samples,
             np.ascontiguousarray(tracer.input_grid.q[chosen].T),
             values,
             MEMORY.array(2, n),
+            MEMORY.array(1 + len(tracer.inputs), n),
             MEMORY,
         )
         self._read(chosen, values.reshape(-1, modes, count))
@@ -327,8 +322,8 @@ class RowsAtOnce:
             held = ~failed.reshape(modes, count)
         timing = course.timing if self.with_times else None
         if timing is not None:
-            timing = timing.rows(samples).repeated(modes)
-        named = self._named(samples, chosen)
+            timing = timing.rows(chosen).repeated(modes)
+        named = self._named(rows, count)
         motion = Motion(
             mechanism=tracer.mechanism,
             joints=tracer.solver.joints,
@@ -367,8 +362,8 @@ class RowsAtOnce:
     def _with_care(
         self,
         rows: Rows,
-        samples: NDArray[np.intp],
-        rest: NDArray[np.intp],
+        samples: Numbers | range,
+        rest: Numbers,
     ) -> None:
         """Find rows as the tracer does, and what the kernel says of them."""
         tracer, count = self.course.tracer, len(samples)
@@ -378,7 +373,7 @@ class RowsAtOnce:
             if not np.any(of_mode):
                 continue
             at = rest[of_mode]
-            wanted = samples[at - number * count]
+            wanted = numbered(samples, at - number * count)
             evaluated = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
             rows.values[:, at] = evaluated.values.T
             rows.status[at], residual[of_mode] = evaluated.status, evaluated.residual
@@ -387,12 +382,13 @@ class RowsAtOnce:
         rows.residual[rest[~closed]] = np.nan
 
 
-def _chosen(samples: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+def _chosen(samples: Numbers | range) -> slice | Numbers:
     """Return what chooses samples, by their numbers: a slice where they are successive."""
     first, last = int(samples[0]), int(samples[-1])
-    if last - first != len(samples) - 1 or np.any(samples[1:] <= samples[:-1]):
-        return samples
-    return slice(first, last + 1)
+    successive = last - first == len(samples) - 1
+    if isinstance(samples, range) or (successive and np.all(np.diff(samples) == 1)):
+        return slice(first, last + 1)
+    return samples
 
 
 def _without(
