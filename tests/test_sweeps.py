@@ -19,7 +19,7 @@ from spherekit.analysis.merit import Merit, Reducing
 from spherekit.cli.main import main
 from spherekit.design.evaluated import refused
 from spherekit.design.samples import DesignSamples
-from spherekit.design.sensitivity import sizes_of
+from spherekit.design.size_keys import sizes_of
 from spherekit.design.space import DesignSpace, between, listed, variation
 from spherekit.design.sweep import run_sweep
 from spherekit.engine.design_kernel import DesignTerms, design_kernel

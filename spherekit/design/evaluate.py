@@ -29,7 +29,7 @@ from spherekit.design.profile_numbers import (
     tracks_of,
 )
 from spherekit.design.samples import DesignSamples
-from spherekit.design.sensitivity import sizes_of
+from spherekit.design.size_keys import sizes_of
 from spherekit.design.variables import (
     ACTIONS,
     DesignVariable,
