@@ -96,12 +96,16 @@ class State:
 
 
 def place_dyad(
-    state: State, group: Group, ends: tuple[tuple[int, int], ...], sign: float
+    state: State,
+    group: Group,
+    ends: tuple[tuple[int, int], ...],
+    sign: Floats | float,
 ) -> Floats:
     """Place the two free bodies of a dyad and merge; return the sine of its dead centre.
 
-    The mode's `sign` is that of u_1 . (u_2 x u_3), the axes of the group's pairs in
-    file order. Samples whose arcs cannot close are marked in `state.lost`.
+    The mode's `sign`, one for all samples or (n,), is that of u_1 . (u_2 x u_3), the axes
+    of the group's pairs in file order. Samples whose arcs cannot close are marked in
+    `state.lost`.
     """
     near, middle, far = group.dyad_places
 

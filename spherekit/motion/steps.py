@@ -169,7 +169,7 @@ class InputPaths:
     trail
         What was reached in each step, with the ways it belongs to, if it is kept.
     tried
-        How many steps were tried on all ways, those that did not hold too.
+        (n,) how many steps were tried on each way, those that did not hold too.
     """
 
     def __init__(
@@ -188,7 +188,7 @@ class InputPaths:
         self.status = np.full(len(q), Status.OK, dtype=np.int8)
         self.trail: list[tuple[Rows, Nodes]] | None = [] if keeps_trail else None
         self.going = np.flatnonzero(length > 0.0)
-        self.tried = 0
+        self.tried = np.zeros(len(q), dtype=np.intp)
         self._left = np.full(len(q), MOST_NODES)
         follow_paths(self, np.full(len(q), np.inf))
 
@@ -198,7 +198,7 @@ class InputPaths:
 
     def advance(self, rows: Rows, step: Floats) -> Floats:
         """Go on by steps, the last ones exactly to the inputs wanted."""
-        self.tried += len(rows)
+        self.tried[rows] += 1
         at, q = self.at.rows(rows), self.q[rows]
         here = at.values[:, self.driven]
         rest = np.sum((q - here) * at.direction, axis=1)
@@ -221,6 +221,15 @@ class InputPaths:
         """Return the steps below which inputs cannot go on."""
         q = np.max(np.abs(self.at.values[rows][:, self.driven]), axis=1)
         return np.asarray(2 * SMALLEST_STEP * np.maximum(1.0, q))
+
+    def nodes_of(self, rows: Sequence[int]) -> list[Nodes]:
+        """Return what ways reached in their steps, in order, of a kept trail."""
+        assert self.trail is not None
+        if not self.trail:
+            return [self.at.rows(slice(0, 0)) for _ in rows]
+        ways = np.concatenate([moved for moved, _ in self.trail])
+        nodes = Nodes.joined([made for _, made in self.trail])
+        return [nodes.rows(ways == row) for row in rows]
 
     def stop(self, row: int) -> None:
         """End a way at its last node."""

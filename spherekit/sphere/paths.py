@@ -1,6 +1,7 @@
 """Curves on the unit sphere in a parameter of their own: a Fourier colatitude, a spline."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol, final
 
 import numpy as np
@@ -50,15 +51,24 @@ class FourierPath:
 
     def colatitude(self, a: Floats, derivatives: int) -> list[Floats]:
         """Return the colatitude and so many derivatives at azimuths a of any shape."""
-        out = [np.zeros_like(a) for _ in range(derivatives + 1)]
-        out[0] += self.cosines[0]
-        for k in range(1, len(self.cosines)):
-            c, s = np.cos(k * a), np.sin(k * a)
-            even, odd = self.cosines[k], self.sines[k]
-            for order in range(derivatives + 1):
-                out[order] += even * c + odd * s
-                even, odd = k * odd, -k * even
+        angles = np.multiply.outer(np.arange(len(self.cosines)), a)
+        c, s = np.cos(angles), np.sin(angles)
+        shape = (-1, *[1] * np.ndim(a))
+        out = []
+        for even, odd in self._series[: derivatives + 1]:
+            terms = even.reshape(shape) * c + odd.reshape(shape) * s
+            out.append(np.add.accumulate(terms, axis=0)[-1])  # one place as many
         return out
+
+    @cached_property
+    def _series(self) -> list[tuple[Floats, Floats]]:
+        """Cosines and sines (k,) of the colatitude and its first three derivatives."""
+        made = [(self.cosines, self.sines)]
+        orders = np.arange(len(self.cosines))
+        for _ in range(3):
+            even, odd = made[-1]
+            made.append((orders * odd, -orders * even))
+        return made
 
     def speed(self, u: Floats) -> Floats:
         """Return |dp/du| at u of any shape."""
