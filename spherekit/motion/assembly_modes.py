@@ -289,7 +289,7 @@ class Solver:
         if np.any(open_):
             result = self.closure.solve(values[open_], self.driven)
             values[open_], residual[open_] = result.values, result.residual
-            rotations[open_] = self.closure.at(result.values).placed
+            rotations[open_] = result.at.placed
             flipped = np.zeros(len(values), dtype=bool)
             flipped[open_] = self._flipped(wanted.signs, result.values, open_)
             _mark(status, flipped, Status.MODE_LOST)

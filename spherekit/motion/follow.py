@@ -110,7 +110,7 @@ def follow_each(
 
     Over an input range that is made so wide as to hold the input of each; see `follow`.
     """
-    starts = nodes_at(closure, [driven], values, np.ones((len(values), 1)))
+    starts = nodes_at(closure.at(values), [driven], np.ones((len(values), 1)))
     moving = starts.reciprocal_condition > AT_DEAD_CENTRE
     moving &= np.all(np.isfinite(starts.slope), axis=1)
     curves: list[ModeCurve | None] = [None] * len(values)
@@ -129,9 +129,9 @@ def _from_dead_centre(
 ) -> ModeCurve:
     """Return the curve through a dead centre (variables,), by a way that leaves it."""
     tried = 0
-    start = nodes_at(closure, [driven], values[None], np.ones((1, 1)))
+    start = nodes_at(closure.at(values[None]), [driven], np.ones((1, 1)))
     for beside in _ways_on(closure, driven, values):
-        start = nodes_at(closure, [driven], beside[None], np.ones((1, 1)))
+        start = nodes_at(closure.at(beside[None]), [driven], np.ones((1, 1)))
         (curve,) = _through(closure, driven, start, low, high)
         tried += curve.tried
         if (reached := curve.to(values, driven)) is not None:

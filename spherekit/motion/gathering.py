@@ -55,7 +55,7 @@ NEAR_GUIDE = 1e-3
 """A mode is examined where its guide is nearer (rad) than this and its nodes' spread."""
 AHEAD = 16
 """Configurations on different modes that are followed together."""
-GUESSED = 8
+GUESSED = 6
 """The same of random starts, some of which are on one mode."""
 AS_ASSEMBLED = Claim(
     Guarantee.COMPONENT,

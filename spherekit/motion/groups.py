@@ -164,12 +164,10 @@ def place_group(
 
     Returns the solver's result, and the group there.
     """
-    closure = group_closure(state, group, ends)
-    result = closure.solve(start)
-    at = closure.at(result.values)
-    state.merge(group, at.placed)
+    result = group_closure(state, group, ends).solve(start)
+    state.merge(group, result.at.placed)
     state.values[:, group_variables(state, group)] = result.values
-    return result, at
+    return result, result.at
 
 
 def place_train(
