@@ -33,6 +33,8 @@ EQUAL = 1e-9
 """Shares that differ by less, relative, are equal: sizes mirror each other."""
 ROUNDING = 1e-12
 """A quantity whose spread over the deviation of sizes is less does not hang on them."""
+BEYOND = 0.1
+"""Where the spread of draws is off by this part, the first order is not enough."""
 SHOWN = 6
 """Quantities whose derivatives are drawn, and sizes of each."""
 
@@ -138,7 +140,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return derivatives and tolerances of the rows of a batch."""
         sensitivity, deviations = self._asked(batch.mechanism)
         values, gradients = self._found(batch, sensitivity)
-        spread = self._spread(batch, sensitivity, deviations, gradients)
+        spread = self._spread(batch, sensitivity, deviations)
         names, keys = sensitivity.quantities, sensitivity.keys
         status = batch.status.copy()
         lost = ~np.all(np.isfinite(gradients), axis=(0, 1))
@@ -184,12 +186,19 @@ class SensitivityAnalysis(AbstractAnalysis):
         batch: Batch,
         sensitivity: Sensitivity,
         deviations: Deviations,
-        gradients: Floats,
     ) -> Spread:
+        return batch.once("spread", lambda: self._spread_of(batch, sensitivity, deviations))
+
+    def _spread_of(
+        self,
+        batch: Batch,
+        sensitivity: Sensitivity,
+        deviations: Deviations,
+    ) -> Spread:
+        values, gradients = self._found(batch, sensitivity)
         squares = (gradients * deviations.spread) ** 2
         variance = np.sum(squares, axis=0)
         drawn = np.full((3, *variance.shape), np.nan)
-        values, _ = self._found(batch, sensitivity)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
             scattered = sensitivity.scattered(
@@ -211,18 +220,19 @@ class SensitivityAnalysis(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return the largest spread of each quantity, and what makes most of it."""
         sensitivity, deviations = self._asked(batch.mechanism)
-        _, gradients = self._found(batch, sensitivity)
-        parts = np.abs(gradients) * deviations.spread
+        made = self._spread(batch, sensitivity, deviations)
         figures = {}
         for k, name in enumerate(sensitivity.quantities):
-            spread = np.sqrt(np.sum(parts[:, k] ** 2, axis=0))
-            if np.any(np.isfinite(spread)):
-                row = int(np.nanargmax(spread))
+            if np.any(np.isfinite(made.spread[k])):
+                row = int(np.nanargmax(made.spread[k]))
                 figures[name] = {
-                    "spread": float(spread[row]),
+                    "spread": float(made.spread[k, row]),
                     "q": batch.inputs[row].tolist(),
-                    "size": sensitivity.keys[int(np.argmax(parts[:, k, row]))],
+                    "size": sensitivity.keys[int(np.argmax(made.shares[:, k, row]))],
                 }
+                if self.draws:
+                    figures[name]["drawn"] = float(made.drawn_spread[k, row])
+                    figures[name]["lost"] = float(made.lost[k, row])
         return self._said(figures)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
@@ -233,7 +243,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         least = ROUNDING * self.deviation * DEG
         still = [name for name in figures if figures[name]["spread"] <= least]
         remarks = [
-            f"{name}: standard deviation up to {_size(largest['spread'], name)}, at q = "
+            f"{name}: standard deviation up to {_size(largest['spread'], name)}"
+            f"{_otherwise(largest, name)}, at q = "
             f"{listing(f'{q:.4g}' for q in np.degrees(largest['q']))} deg, most of it from "
             f"{largest['size']}"
             for name, largest in figures.items()
@@ -318,6 +329,17 @@ def _moments(off: Floats) -> Floats:
         spread = np.sqrt(np.maximum(square - mean * mean, 0.0))
         worst = np.max(np.where(closed, np.abs(off), 0.0), axis=-1)
     return np.stack([spread, worst, 1.0 - count / off.shape[-1]])
+
+
+def _otherwise(largest: Mapping[str, Any], name: str) -> str:
+    """Return what the draws say where the first order is not enough."""
+    if "drawn" not in largest:
+        return ""
+    drawn, lost = largest["drawn"], largest["lost"]
+    if abs(drawn - largest["spread"]) < BEYOND * largest["spread"] and not lost:
+        return ""
+    words = f" to first order (of the draws {_size(drawn, name)}"
+    return words + (f", {lost:.0%} do not close)" if lost else ")")
 
 
 def _size(value: float, name: str) -> str:

@@ -135,6 +135,7 @@ class SeveralInputs:
         return SINGULARITIES.stacked(batch.mechanism, self._listed(batch))
 
     def _listed(self, batch: Batch) -> list[Row]:
+        self._search(batch)
         parts: list[Row] = []
         for output in self.outputs(batch.mechanism):
             met = np.zeros((0, len(batch.mechanism.variable_names)))
@@ -290,6 +291,13 @@ class SeveralInputs:
                 self._budget(batch).part(FOR_SLICES, "slices"),
             ),
         )
+
+    def _search(self, batch: Batch) -> None:
+        """Find all that takes of the time, before anything is said of it."""
+        for output in self.outputs(batch.mechanism):
+            self._curves(batch, output)
+            self._surfaces(batch, output)
+        self._aspects(batch)
 
     def _budget(self, batch: Batch) -> Budget:
         """Return the time of all searches, which runs from the first one on."""

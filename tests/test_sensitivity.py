@@ -324,3 +324,73 @@ outputs.pointer = { link = "3" }
     said = capsys.readouterr().out
     assert "theta_right: changed by no size" in said
     assert "theta_right: standard" not in said and "theta_43: standard" in said
+
+
+def rocker(arcs, q, side):
+    """Return the angle of the rocker of a four-bar (rad) by spherical triangles."""
+    base, crank, coupler, other = arcs
+    tip = [-np.sin(crank) * np.sin(q), np.sin(crank) * np.cos(q), np.cos(crank)]
+    away = np.arccos(tip[1] * np.sin(base) + tip[2] * np.cos(base))
+    # From the hinge, the input's axis lies towards -y and the x axis is on the right.
+    seen = np.arctan2(tip[0], tip[2] * np.sin(base) - tip[1] * np.cos(base))
+    with np.errstate(invalid="ignore"):
+        corner = (np.cos(coupler) - np.cos(away) * np.cos(other)) / (
+            np.sin(away) * np.sin(other)
+        )
+        return seen + side * np.arccos(corner)
+
+
+BESIDE_A_DEAD_CENTRE = {"base": 179.9, "crank": 30.0, "coupler": 100.0, "rocker": 110.0}
+
+
+def stretched():
+    """Return a four-bar that reaches 1e-3 rad beyond a quarter of a turn."""
+    return sk.build(
+        "stretched",
+        angle_unit="deg",
+        ground="base",
+        links={
+            "base": {"axes": ["drive", "hinge"], "arcs": [179.9]},
+            "crank": {"axes": ["drive", "tip"], "arcs": [30]},
+            "coupler": {"axes": ["tip", "joint"], "arcs": [100]},
+            "rocker": {"axes": ["hinge", "joint"], "arcs": [110]},
+        },
+        pairs={
+            "drive": ["base", "crank"],
+            "tip": ["crank", "coupler"],
+            "joint": ["coupler", "rocker"],
+            "hinge": ["base", "rocker"],
+        },
+    )
+
+
+def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
+    mechanism = stretched()
+    sensitivity = Sensitivity(mechanism, (), ["theta_hinge"])
+    motion = sk.trace(mechanism, samples=25)
+    motion = motion.rows(~motion.failed)
+    deviations = Deviations(np.radians(0.1), count=256).draws(4)
+    drawn = sensitivity.scattered(samples_of(motion), motion.values, deviations)[0]
+    angle = motion.values[:, mechanism.variable_names.index("theta_hinge")]
+    nominal = np.radians(list(BESIDE_A_DEAD_CENTRE.values()))
+    seen = []
+    for q, theta, draws in zip(motion.q, angle, drawn, strict=True):
+        sides = [rocker(nominal, q, side) for side in (1.0, -1.0)]
+        misses = [abs(np.exp(1j * side) - np.exp(1j * theta)) for side in sides]
+        assert min(misses) < 1e-6
+        side = (1.0, -1.0)[int(np.argmin(misses))]
+        wanted = rocker(nominal[:, None] + deviations, q, side)
+        assert np.array_equal(np.isnan(draws), np.isnan(wanted))
+        off = np.abs(np.exp(1j * draws) - np.exp(1j * wanted))
+        assert np.nanmax(off) < 1e-8
+        assert np.nanmax(np.abs(draws - theta)) < 1.0
+        seen.append(np.isnan(draws).any())
+    assert any(seen)
+
+
+def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
+    run = sk.run(stretched(), "sensitivity:of=theta_hinge,draws=64", samples=13)
+    (remark, _) = run.summary["remarks"]
+    assert "to first order (of the draws" in remark and "do not close" in remark
+    (remark, _) = sk.run("four_bar", "sensitivity:draws=64", samples=13).summary["remarks"]
+    assert "first order" not in remark

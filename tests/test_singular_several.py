@@ -29,7 +29,7 @@ from spherekit.rates.core import equations
 from spherekit.singular.aspects import aspects
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.locus import Locus
-from spherekit.singular.several import RowType, coefficients
+from spherekit.singular.several import RowType, coefficients, relations
 from spherekit.singular.slices import solver_of
 from spherekit.singular.stationarity import InputsLocked, output_of
 from spherekit.singular.surface import singular_surface
@@ -310,7 +310,7 @@ def test_newton_reaches_the_locus_of_right_angles():
             continue
         reached += 1
         space = locus.space(point.values)
-        there = output_of(made).orientation(space)[0] @ turn
+        there = output_of(made).orientation(space.at)[0] @ turn
         assert abs(right_angle_locus(np.diag(there))) < 1e-12
     assert reached >= 3
 
@@ -576,6 +576,38 @@ def test_surface_of_type_two_in_a_three_rrr():
     away -= 2.0 * np.pi * np.round(away / (2.0 * np.pi))
     lengths = np.linalg.norm(away, axis=1)
     assert np.max(lengths) < 0.75 and np.median(lengths) == pytest.approx(0.3, abs=0.06)
+
+
+def test_a_surface_does_not_depend_on_how_many_vertices_are_made_at_once(monkeypatch):
+    made = sk.load("three_rrr")
+    options = {"slices_of_each": 0, "side": 0.3, "halved": 1, "most": 120}
+    many = singular_surface(made, "I", **options)
+    monkeypatch.setattr("spherekit.singular.surface.AHEAD", 1)
+    monkeypatch.setattr("spherekit.singular.locus.PIECE", 7)
+    one = singular_surface(made, "I", **options)
+    assert np.array_equal(one.triangles, many.triangles)
+    np.testing.assert_allclose(one.points.values, many.points.values, atol=1e-9)
+    np.testing.assert_allclose(one.points.inputs, many.points.inputs, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["three_rrr", "five_bar"])
+def test_relations_without_rates_are_those_with_them(name):
+    """u to its sign; c and d with it, at ordinary and at singular configurations."""
+    made = sk.load(name)
+    tracer = Tracer(made, samples=11)
+    singular = (
+        singular_curves(made, "I", slices_of_each=2).curves[0].points.values
+        if len(made.inputs) == 2
+        else singular_surface(made, "I", slices_of_each=0, side=0.3, most=40).points.values
+    )
+    for motion in (tracer.motion(), tracer.given(singular)):
+        whole = coefficients(motion, output_of(made), by_rank=tracer.by_rank)
+        good = ~motion.failed
+        c, d, u = relations(motion, output_of(made), tracer.by_rank)
+        for one, other in ((c, whole.c), (d, whole.d)):
+            np.testing.assert_allclose(np.abs(one[good]), np.abs(other[good]), atol=1e-10)
+        across = np.linalg.norm(np.cross(u[good], whole.u[good]), axis=2)
+        assert np.nanmax(across) < 1e-10
 
 
 def test_errors_say_what_is_possible():

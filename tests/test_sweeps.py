@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import spherekit as sk
+from spherekit.analysis.merit import Merit, Reducing
 from spherekit.cli.main import main
 from spherekit.design.samples import DesignSamples
 from spherekit.design.sensitivity import sizes_of
@@ -27,6 +28,7 @@ from spherekit.files.library import find
 from spherekit.files.read import read
 from spherekit.front.sweep import sweep_of
 from spherekit.model.study import Study
+from spherekit.numeric.turns import widest_swing, wrap
 from spherekit.plugin.designs import middle_pairs, row_quantities
 
 SAMPLES = 25
@@ -446,7 +448,66 @@ def test_conditions_leave_out_designs_and_rows():
     )
 
 
-def test_nothing_left_is_no_row():
+def beyond_half_a_turn(tmp_path, start, stop):
+    """Return a four-bar whose crank reaches half a turn about 0, over a turn."""
+    document = document_of("four_bar")
+    arcs = {"links.1.arc": 179.9, "links.2.arc": 30.0, "links.3.arc": 100.0}
+    numbers = {number_path(document, key): value for key, value in arcs.items()}
+    numbers[number_path(document, "links.4.arc")] = 110.0
+    mechanism = read(with_numbers(document, numbers))
+    path = tmp_path / f"{stop}.toml"
+    (driven,) = (item.pair for item in mechanism.inputs)
+    ranges = {driven: (start, stop)}
+    turned = mechanism.with_inputs(driven, ranges=ranges, angle_unit="deg")
+    sk.dump(turned, path)
+    return path
+
+
+def test_a_swing_goes_on_where_the_turn_begins_anew(tmp_path):
+    """A range from 0 to 360 deg cuts through what -180 to 180 has in one piece."""
+    swings = [
+        sk.sweep(
+            str(beyond_half_a_turn(tmp_path, *ends)),
+            {"links.2.arc": [30.0]},
+            "swing=swing(theta_41)",
+            samples=361,
+        ).frame()["swing"]
+        for ends in ((0.0, 360.0), (-180.0, 180.0))
+    ]
+    assert np.allclose(*swings, rtol=1e-9, atol=0.0)
+    assert np.all(swings[0] > 150.0)
+
+
+def test_the_swing_of_a_sweep_is_that_of_a_sizing():
+    rng = np.random.default_rng(0)
+    merit = Merit("swing", "swing", "theta")
+    q = np.linspace(0.0, 2.0 * np.pi, 41)
+    for returns in (False, True):
+        for _ in range(50):
+            angles = 2.0 * np.sin(q + rng.uniform(0.0, 6.0)) + 1.7 * np.sin(2.0 * q)
+            angles = wrap(angles)
+            angles[rng.integers(0, 41, rng.integers(1, 4))] = np.nan
+            reducing = Reducing(merit, 1, returns)
+            for place, angle in zip(q, angles, strict=True):
+                reducing.take(place, np.array([angle]))
+            swing, low, high = widest_swing(angles, returns)
+            assert reducing.result()[0] == pytest.approx(swing, abs=1e-12)
+            assert wrap(angles[high] - angles[low] - swing) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_impossible_designs_have_no_class(tmp_path):
+    found = sk.sweep("four_bar", {"links.2.arc": [20, 200]}, "max(rate_41)").frame()
+    assert list(found["grashof"]) == ["crank-rocker", "crank-rocker", ""]
+
+
+def test_nothing_left_is_no_row(capsys):
+    command = ["sweep", "four_bar", "--vary", "links.2.arc=20", "--samples", "9"]
+    assert main([*command, "--reduce", "a=min(rate_41)", "--where", "a > 100"]) == 0
+    assert "0 rows" in (said := capsys.readouterr().out)
+    assert "none meets a > 100" in said and "Empty" not in said
+
+
+def test_no_row_is_left_where_nothing_meets_the_conditions():
     vary = {"links.2.arc": [10.0, 20.0]}
     for where in ("links_2_arc > 90", "most > 1000"):
         found = sk.sweep("four_bar", vary, "most=max(rate_41)", where=where, samples=5)

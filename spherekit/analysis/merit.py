@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError, ModelError
 from spherekit.model.expression import Expression, parse
-from spherekit.numeric.turns import wrap
+from spherekit.numeric.turns import SAME_ANGLE, wrap
 
 Floats = NDArray[np.float64]
 
@@ -168,10 +168,14 @@ def parse_merit(text: str, radians: float) -> Merit:
 
 @final
 class Reducing:
-    """A figure of merit of n designs while their samples come, in order."""
+    """A figure of merit of n designs while their samples come, in order.
 
-    def __init__(self, merit: Merit, count: int) -> None:
+    `returns` says that the inputs of the last sample are those of the first but for turns.
+    """
+
+    def __init__(self, merit: Merit, count: int, returns: bool = False) -> None:
         self.kind = merit.reduction
+        self._returns = returns
         self._low = np.full(count, np.nan)
         self._high = np.full(count, np.nan)
         self._total = np.zeros(count)
@@ -179,6 +183,9 @@ class Reducing:
         self._place = np.full(count, np.nan)
         self._before = np.full(count, np.nan)
         self._reached = np.full(count, np.nan)
+        self._first: Floats | None = None
+        self._head = np.full((2, count), np.nan)
+        self._broken = np.zeros(count, dtype=bool)
 
     def take(self, q: float, values: Floats) -> None:
         """Take the values (n,) at an input q; NaN where the design does not close."""
@@ -212,6 +219,20 @@ class Reducing:
         self._before = values
         self._total = np.fmax(self._total, self._high - self._low)
         self._rows += np.isfinite(values)
+        if self._first is None:
+            self._first = values.copy()
+        self._broken |= np.isnan(values)
+        ends = np.stack([self._low, self._high]) - self._first
+        self._head = np.where(self._broken, self._head, ends)
+
+    def _swung(self) -> Floats:
+        """Return the widest piece; the last goes on with the first where inputs return."""
+        if self._first is None or not self._returns:
+            return self._total
+        meets = np.abs(wrap(self._before - self._first)) < SAME_ANGLE
+        low = np.fmin(self._low, self._reached + self._head[0])
+        high = np.fmax(self._high, self._reached + self._head[1])
+        return np.where(meets & self._broken, np.fmax(self._total, high - low), self._total)
 
     def result(self) -> Floats:
         """Return the figure (n,); NaN for designs without a value."""
@@ -224,7 +245,7 @@ class Reducing:
                 "mean": self._total / self._rows,
                 "rms": np.sqrt(self._total / self._rows),
                 "sum": np.where(self._rows > 0, self._total, np.nan),
-                "swing": np.where(self._rows > 0, self._total, np.nan),
+                "swing": np.where(self._rows > 0, self._swung(), np.nan),
                 "argmin": self._place,
                 "argmax": self._place,
             }[self.kind]

@@ -146,7 +146,10 @@ def _tell(result: "SweepResult") -> None:
         words.append(f"{int(failed.sum())} of them impossible or never closing")
     print(f"{result.sweep.mechanism.name}: {', '.join(words)}")
     frame.columns = [f"{n} [{units[n]}]" if units.get(n) else n for n in frame.columns]
-    print(frame.head(SHOWN).to_string(index=False, na_rep="", float_format="%.6g"))
+    if frame.empty:
+        print(f"none meets {' and '.join(result.sweep.where)}")
+    else:
+        print(frame.head(SHOWN).to_string(index=False, na_rep="", float_format="%.6g"))
     if len(frame) > SHOWN:
         print(f"... {counted(len(frame) - SHOWN, 'more row')}")
     if result.folder is not None:

@@ -343,7 +343,7 @@ class Evaluator:
         prepared = kernel.prepare(np.ascontiguousarray(sizes))
         parts, closing = [], np.zeros(n, dtype=bool)
         for signs in product((1.0, -1.0), repeat=len(kernel.places)):
-            reducing = [Reducing(merit, n) for merit in self.merits]
+            reducing = self._reducing(n)
             closes = np.zeros(n)
             with np.errstate(all="ignore"):
                 for sample, columns, closed in in_mode(
@@ -375,7 +375,7 @@ class Evaluator:
         prepared = kernel.prepare(np.ascontiguousarray(sizes[:, modes.design]))
         values = modes.values[:, place]
         count, k = len(modes.design), len(samples)
-        reducing = [Reducing(merit, count) for merit in self.merits]
+        reducing = self._reducing(count)
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
             for sample, columns, closed in at_modes(kernel, prepared, values, samples):
@@ -393,6 +393,10 @@ class Evaluator:
         why = np.full(sizes.shape[1], NEVER, dtype=object)
         nowhere = without(others, why, self.merits, claim)
         return self._joined([made, nowhere]), modes.lost
+
+    def _reducing(self, count: int) -> list[Reducing]:
+        returns = self.samples.returns
+        return [Reducing(merit, count, returns) for merit in self.merits]
 
     def _rows(
         self,
@@ -499,7 +503,7 @@ class Evaluator:
         kernel = design_kernel(terms, self.columns, compiled=False)
         modes = tracer.assembly_modes
         count = len(modes)
-        reducing = [Reducing(merit, count) for merit in self.merits]
+        reducing = self._reducing(count)
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
             for sample, columns, closed in at_variables(kernel, motion, rows, tracks):

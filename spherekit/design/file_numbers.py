@@ -1,5 +1,6 @@
 """Numbers of a kernel that are read from the file of each design, with its checks."""
 
+import re
 from collections.abc import Sequence
 from functools import cached_property
 from typing import final
@@ -39,6 +40,8 @@ PARTS = (1e-2, 1e-4, 1e-6)
 SAME = 1e-14
 """Numbers that differ by less are the same but for rounding."""
 TURN = 2.0 * np.pi
+_PLACE = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ")
+"""A file's name, and perhaps a line, before what is wrong."""
 STEADY = 1e-10
 """Derivatives that differ by less, relative, are the same."""
 
@@ -210,4 +213,4 @@ class FileNumbers:
 def first_line(problem: SpherekitError) -> str:
     """Return the first line of what is wrong with a design, without the file's name."""
     line, *_ = str(problem).splitlines()
-    return line
+    return _PLACE.sub("", line)

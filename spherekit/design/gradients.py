@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit
 from spherekit.design.evaluate import Evaluator
@@ -13,6 +14,7 @@ from spherekit.engine.design_kernel import design_kernel
 from spherekit.engine.expression_graph import symbols
 from spherekit.engine.expression_terms import expression_terms
 from spherekit.model.expression import Expression
+from spherekit.numeric.turns import widest_swing
 from spherekit.sphere.rotation import Floats
 
 
@@ -55,15 +57,13 @@ class FigureGradients:
                 there_at = points[:, : len(merit.point)]
                 closed = closed & np.all(there_at == merit.point, axis=1)
             if np.any(closed):
-                figures[k], by_sizes = self._reduced(
-                    merit, k, quantities[:, closed], changes[:, :, closed]
-                )
+                figures[k], by_sizes = self._reduced(merit, k, quantities, changes, closed)
                 gradients[k] = by_sizes @ slopes
         return figures, gradients, float(np.mean(every[0]))
 
     def _rows(
         self, sizes: Floats, signs: Sequence[float], samples: Floats
-    ) -> tuple[Floats, Floats, Floats]:
+    ) -> tuple[NDArray[np.bool_], Floats, Floats]:
         """Return who closes (n,), quantities (c, n) and derivatives (sizes, c, n)."""
         kernel, count = self._kernel, len(sizes)
         fixed = np.concatenate([np.array(signs)[:, None], kernel.prepare(sizes[:, None])])
@@ -79,18 +79,29 @@ class FigureGradients:
         return closed, whole[: first + columns], changes
 
     def _reduced(
-        self, merit: Merit, k: int, quantities: Floats, changes: Floats
+        self,
+        merit: Merit,
+        k: int,
+        quantities: Floats,
+        changes: Floats,
+        closed: NDArray[np.bool_],
     ) -> tuple[float, Floats]:
+        quantities, changes = quantities[:, closed], changes[:, :, closed]
         both = self._functions[k](np.ascontiguousarray(quantities))
         value, partial = both[0], both[1:]
         slope = np.einsum("cn,vcn->vn", partial, changes)
         match merit.reduction:
+            case "swing":
+                samples = np.full(len(closed), np.nan)
+                samples[closed] = value
+                returns = self.evaluator.samples.returns
+                swing, low, high = widest_swing(samples, returns)
+                low, high = (int(np.sum(closed[:end])) for end in (low, high))
+                return swing, slope[:, high] - slope[:, low]
             case "min" | "max":
                 place = int(np.argmin(value if merit.reduction == "min" else -value))
                 return float(value[place]), slope[:, place]
-            case "range" | "swing":
-                if merit.reduction == "swing":
-                    value = np.unwrap(value)
+            case "range":
                 low, high = int(np.argmin(value)), int(np.argmax(value))
                 return float(value[high] - value[low]), slope[:, high] - slope[:, low]
             case "mean" | "sum" | "at":

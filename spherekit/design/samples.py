@@ -13,6 +13,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
 from spherekit.motion.input_grid import InputGrid, given_path, grid, straight
 from spherekit.motion.timing import by_laws
+from spherekit.numeric.turns import return_by_turns
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 
@@ -89,6 +90,12 @@ class DesignSamples:
         time = (q[:, :1] - start[0]) / UNIT_SPEED
         rows = np.concatenate([q, ones, np.zeros_like(q), time], axis=1)
         return DesignSamples(tuple(inputs), rows, shape or (n,))
+
+    @property
+    def returns(self) -> bool:
+        """Whether a path ends at the inputs of its start, after whole turns."""
+        first, last = self.rows[[0, -1], : len(self.inputs)]
+        return len(self.shape) == 1 and return_by_turns(first, last)
 
     @property
     def lattice(self) -> InputGrid:

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import TURN, listing, nearest
 from spherekit.design.file_numbers import FileNumbers
 from spherekit.design.profile_numbers import (
     APART,
@@ -36,6 +37,7 @@ from spherekit.files.change import document_of
 from spherekit.model.geometry import COLLINEAR
 from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import Floats
 
 Distribution = Literal["normal", "uniform"]
@@ -46,6 +48,12 @@ NEWTON_STEPS = 12
 """Most steps from the configuration of the file to that of a deviating mechanism."""
 TOGETHER = 8192
 """Deviating configurations that are solved together."""
+SHRINKING = 0.125
+"""Newton's steps that shrink by this part lead to the nearest configuration."""
+SHORTEST = 2.0**-16
+"""Part of a deviation below which it is not followed: no configuration is ahead."""
+STILL = 1e-9
+"""Steps (rad) so short do not leap."""
 CLOSED = 1e-12
 """A configuration whose pairs miss each other by less (rad) is closed."""
 
@@ -120,6 +128,7 @@ class Sensitivity:
     def __init__(
         self, mechanism: Mechanism, keys: Sequence[str] = (), quantities: Sequence[str] = ()
     ) -> None:
+        mechanism = driven_at(mechanism)
         self.inputs = tuple(item.pair for item in mechanism.inputs)
         self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
@@ -351,7 +360,7 @@ class Sensitivity:
 
         Notes
         -----
-        By Newton's method from each configuration; NaN where that does not close.
+        Followed from each configuration by Newton's method; NaN where none is there.
         """
         draws = deviations.shape[1]
         sizes = self._deviating(deviations)
@@ -378,26 +387,64 @@ class Sensitivity:
         tracks: Sequence[Track] | None = (),
     ) -> Floats:
         """Return the quantities (c, n, draws) of mechanisms with sizes (k, draws)."""
-        newton, n, draws = self._newton, len(samples), of_draws.shape[1]
+        n, draws = len(samples), of_draws.shape[1]
         if tracks is None:
             return np.full((len(self.quantities), n, draws), np.nan)
+        start = np.repeat(self._placed(values).T, draws, axis=1)
         sizes = np.tile(of_draws, n)
-        prepared = newton.prepare(sizes)
-        now = np.repeat(self._placed(values).T, draws, axis=1)
-        closed: NDArray[np.bool_] = np.zeros(n * draws, dtype=bool)
+        now, closed = self._followed(start, sizes, tracks)
         with np.errstate(all="ignore"):
-            for _ in range(NEWTON_STEPS):
-                placed = [now, columns_of(tracks, now.T)] if tracks else [now]
-                result = newton.step(np.concatenate([*placed, prepared]))
-                closed = result[-1] < CLOSED**2
-                if np.all(closed | ~np.isfinite(result[-1])):
-                    break
-                now = now + result[:-1]
             kernel = self._plain
             placed = [now, columns_of(tracks, now.T)] if tracks else [now]
             rows = [np.repeat(samples.T, draws, axis=1), *placed, kernel.prepare(sizes)]
             result = kernel.evaluate(np.concatenate(rows))
         return np.where(closed, result, np.nan).reshape(-1, n, draws)
+
+    def _followed(
+        self, start: Floats, sizes: Floats, tracks: Sequence[Track]
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the variables (v, m) that follow to sizes (k, m), and which get there.
+
+        In parts of the way, halved where Newton's steps do not shrink at once, so that none
+        leaps to another assembly mode.
+        """
+        away = sizes - self._nominal
+        if self._numbers is not None:
+            away -= TURN * np.round(away / TURN)  # angles of wheels are of any turn
+        now, m = start.copy(), sizes.shape[1]
+        gone, part = np.zeros(m), np.ones(m)
+        while len(left := np.flatnonzero((gone < 1.0) & (part >= SHORTEST))):
+            ahead = np.minimum(gone[left] + part[left], 1.0)
+            there = sizes[:, left] - (1.0 - ahead) * away[:, left]
+            beyond, holds = self._stepped(now[:, left], there, tracks)
+            now[:, left[holds]] = beyond[:, holds]
+            gone[left[holds]] = ahead[holds]
+            part[left] *= np.where(holds, 2.0, 0.5)
+        return now, gone >= 1.0
+
+    def _stepped(
+        self, start: Floats, sizes: Floats, tracks: Sequence[Track]
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the variables (v, m) by Newton's method, and where it goes straight there.
+
+        That is where each step is an eighth of the one before at most (Kantorovich 1948).
+        """
+        newton = self._newton
+        prepared, now = newton.prepare(sizes), start
+        lengths: list[Floats] = []
+        with np.errstate(all="ignore"):
+            for _ in range(NEWTON_STEPS):
+                placed = [now, columns_of(tracks, now.T)] if tracks else [now]
+                result = newton.step(np.concatenate([*placed, prepared]))
+                closed = result[-1] < CLOSED**2
+                lengths.append(np.linalg.norm(result[:-1], axis=0))
+                if np.all(closed | ~np.isfinite(result[-1])):
+                    break
+                now = now + result[:-1]
+            shrinks = np.ones(len(closed), dtype=bool)
+            for step, following in pairwise(lengths):
+                shrinks &= following <= np.maximum(SHRINKING * step, STILL)
+        return now, closed & shrinks
 
 
 def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:

@@ -19,7 +19,8 @@ from spherekit.analysis.frames import columns_of_files, frame_of, write_columns
 from spherekit.analysis.merit import Merit
 from spherekit.conventions import counted, listing
 from spherekit.design.conditions import Condition, condition
-from spherekit.design.evaluate import Evaluator
+from spherekit.design.evaluate import NEVER, Evaluator
+from spherekit.design.file_numbers import OK
 from spherekit.design.samples import DesignSamples
 from spherekit.design.space import DesignSpace
 from spherekit.design.table_figures import TableFigures
@@ -214,7 +215,8 @@ class Sweep:
         }
         made["claim"] = evaluated.claim
         if classes is not None:
-            made["grashof"] = classes[design].astype(object)
+            there = np.isin(evaluated.status, [OK, NEVER])
+            made["grashof"] = np.where(there, classes[design], "").astype(object)
         for merit in self.merits:
             values = evaluated.merits[merit.name]
             if self.angle == "deg" and self._unit(merit) == "rad":

@@ -19,6 +19,7 @@ from spherekit.design.variables import DesignVariable, designed
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.study import Study
+from spherekit.numeric.turns import return_by_turns
 from spherekit.sphere.rotation import Floats
 
 if TYPE_CHECKING:
@@ -129,7 +130,8 @@ class TableFigures:
                 f"{len(merit.point)}"
             )
         chosen = present.index(f"q_{merit.place}") if f"q_{merit.place}" in present else 0
-        reducing = Reducing(merit, 1)
+        returns = bool(present) and len(q) > 0 and return_by_turns(q[0], q[-1])
+        reducing = Reducing(merit, 1, returns)
         for place, value in zip(q, values, strict=True):
             if not merit.point or np.max(np.abs(place - merit.point)) < 1e-9:
                 reducing.take(float(place[chosen]), np.array([value]))

@@ -10,6 +10,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import counted
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.complex_modes import meetings_of
@@ -84,7 +85,7 @@ class InputTurningPoints:
                 words = "on both sides of the only input of the range at which they meet"
             words = words if count else "which meet nowhere in the range"
             return Claim(Guarantee.COMPLETE, f"all modes, {words}")
-        words = f"all modes at {len(self.probes(step))} inputs"
+        words = f"all modes at {counted(len(self.probes(step)), 'input')}"
         if len(self.places):
             words += f", and between {len(self.places)} at which they are known to meet"
         return Claim(Guarantee.TO_BOX, words, gap)

@@ -30,6 +30,8 @@ ON_LOCUS = CLOSURE_TOLERANCE
 TINY = float(np.finfo(float).tiny)
 TRUST = 0.3
 """Largest change of a variable (rad) in one step."""
+PIECE = 512
+"""Points that are corrected at once: the others take no steps for the slowest of these."""
 
 
 @final
@@ -160,6 +162,20 @@ class Locus:
         most
             Steps that Newton's method may take.
         """
+        starts = (values, motions, borders, targets)
+        pieces = [slice(k, k + PIECE) for k in range(0, max(len(values), 1), PIECE)]
+        return LocusPoints.joined(
+            [
+                self._corrected(tuple(part[rows] for part in starts), like, most)
+                for rows in pieces
+            ]
+        )
+
+    def _corrected(
+        self, starts: tuple[Floats, ...], like: Floats | None, most: int
+    ) -> LocusPoints:
+        """Return the points that starts (values, motions, borders, targets) lead to."""
+        values, motions, borders, targets = starts
         n = len(values)
         steps = NewtonSteps(n, TRUST)
         last = np.full(n, np.inf)

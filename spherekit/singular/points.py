@@ -109,24 +109,33 @@ class View:
         rest = self.output if kind == "I" else InputsLocked(driven)
         return Locus(self.solver.closure, len(driven), rest)
 
+    @cached_property
+    def ranges(self) -> tuple[Floats, Floats]:
+        """The lowest and the highest declared values (g,) of the inputs (rad)."""
+        ends = [(item.start, item.stop) for item in self.solver.mechanism.inputs]
+        low, high = np.array(ends).T
+        return low, high
+
+    def inputs_of(self, values: Floats) -> Floats:
+        """Return the inputs (n, g) of configurations (n, V), as in `SingularPoints`."""
+        driven = list(self.solver.driven)
+        return into_range(values[:, driven], *self.ranges, self.solver.periods)
+
     def points(self, nodes: LocusPoints) -> SingularPoints:
         """Return what points of the locus look like."""
         return self.seen(nodes.values, nodes.motions, nodes.residual)
 
     def seen(self, values: Floats, motions: Floats, residual: Floats) -> SingularPoints:
         """Return what configurations and singular motions (n, V) look like."""
-        space = self.locus.space(values)
+        at = self.solver.closure.at(values)
         driven = list(self.solver.driven)
-        ranges = [(item.start, item.stop) for item in self.solver.mechanism.inputs]
-        low, high = np.array(ranges).T
-        periods = self.solver.periods
-        inputs = into_range(values[:, driven], low, high, periods)
-        orientation = self.output.orientation(space)
+        low, high = self.ranges
+        inputs = self.inputs_of(values)
+        orientation = self.output.orientation(at)
         pointing = None
         if self.output.pointing is not None:
             pointing = orientation @ np.array(self.output.pointing)
-        rows, _ = self.output.rows(space)
-        moving = np.einsum("nmv,nv->nm", rows, motions)
+        moving = np.einsum("nmv,nv->nm", self.output.equations(at), motions)
         return SingularPoints(
             self.kind,
             values,

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole, pole_of
-from spherekit.rates.field import evaluate
+from spherekit.rates.field import TRUSTED_ERROR, evaluate
+from spherekit.rates.lines import evaluate_lines
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request, request
 from spherekit.rates.transmission import SINGULAR, Transmission
@@ -173,14 +174,14 @@ def _coefficients(
     c, d = np.full((n, g), np.nan), np.full((n, g), np.nan)
     for k, (name, field) in enumerate((name, fields[name]) for name in poles):
         w[:, k] = field.w[output.link] - field.w[output.relative_to]
-        c[:, k], d[:, k], u[:, k] = _relation(requests[name], field, output)
+        c[:, k], d[:, k], u[:, k] = _relation(requests[name], field.direction, output)
     _without_plan(motion, output, c, d, u)
     c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
     triplets = tuple(combinations(range(g), 3))
     triples = [np.linalg.det(u[:, list(three)]) for three in triplets]
-    by_motions = _by_motions(motion, output, tolerance)
+    measured = by_motions(motion, output, tolerance)
     return replace(
-        by_motions,
+        measured,
         w=w,
         u=u,
         c=c,
@@ -191,42 +192,85 @@ def _coefficients(
 
 
 def _relation(
-    wanted: Request, field: PoleField, output: OutputStationary
+    wanted: Request, directions: Mapping[Pole, Floats], output: OutputStationary
 ) -> tuple[Floats, Floats, Floats]:
-    """Return c, d (n,) and the output's pole (n, 3) with one input moving."""
+    """Return c, d (n,) and the output's pole (n, 3) with one input moving.
+
+    `directions` (n, 3) are those of the poles of links.
+    """
     mechanism = wanted.plan.mechanism
     r, i = mechanism.ends[wanted.plan.input]
     links = (i, r, output.link, output.relative_to)
     body = wanted.plan.body
     named = {body[link]: link for link in reversed(links)}
     i, r, o, s = (named[body[link]] for link in links)
-    n = len(field.status)
     if o == s:
+        n = len(directions[output.pole])
         return np.ones(n), np.zeros(n), np.full((n, 3), np.nan)
 
     def direction(a: int, b: int) -> Floats:
-        return field.direction[pole_of(a, b)]
+        return directions[pole_of(a, b)]
 
     four = FourLinks(i, r, o, s)
     made = form_i(four, SixPoles.of(four, direction))
     return made.c, made.d, direction(o, s)
 
 
+def relations(
+    motion: Motion, output: OutputStationary, by_rank: bool = False
+) -> tuple[Floats, Floats, Floats]:
+    """Return c, d (n, g) and u (n, g, 3) of `OutputCoefficients`, u with any signs.
+
+    By the plan's great circles where these are surely good, else by motions. No rate is
+    asked for, nor its error, which takes longer than all poles.
+    """
+    n, g = len(motion), len(motion.assembly.inputs)
+    c, d = np.full((n, g), np.nan), np.full((n, g), np.nan)
+    u = np.full((n, g, 3), np.nan)
+    for k, (name, needed) in enumerate(needed_poles(motion, output).items()):
+        wanted = request(motion.mechanism, name, needed, derivatives=False, by_rank=by_rank)
+        lines = evaluate_lines(wanted.plan, motion)
+        directions = {}
+        for pole in wanted.poles:
+            body_pole = wanted.plan.pole(*pole)
+            directions[pole] = np.full((n, 3), np.nan)
+            if body_pole is not None:
+                sure = lines.error[body_pole] < TRUSTED_ERROR
+                directions[pole][sure] = lines.unit[body_pole][:, sure].T
+        c[:, k], d[:, k], u[:, k] = _relation(wanted, directions, output)
+    _without_plan(motion, output, c, d, u)
+    return c, d, u
+
+
 def _without_plan(
     motion: Motion, output: OutputStationary, c: Floats, d: Floats, u: Floats
 ) -> None:
-    """Fill in c, d (n, g) and u (n, g, 3) of rows whose pole axes no plan gives usably.
-
-    Their axes are those of the motion in which one input moves alone. That is finite at
-    singularities; an axis of links that rest in it is not known, but for the input's own.
-    """
+    """Fill in c, d (n, g) and u (n, g, 3) of rows whose pole axes no plan gives usably."""
     rows = np.flatnonzero(~motion.failed & np.any(~np.isfinite(c), axis=1))
     if not len(rows):
         return
+    made = relations_by_motions(motion.rows(rows), output)
+    for whole, filling in zip((c, d, u), made, strict=True):
+        whole[rows] = np.where(np.isfinite(whole[rows]), whole[rows], filling)
+
+
+def relations_by_motions(
+    motion: Motion, output: OutputStationary
+) -> tuple[Floats, Floats, Floats]:
+    """Return c, d (n, g) and u (n, g, 3) of `OutputCoefficients` without a plan.
+
+    The axes are those of the motion in which one input moves alone. That is finite at
+    singularities; an axis of links that rest in it is not known, but for the input's own,
+    and what needs it is NaN. The signs of u are any.
+    """
     closure = Closure.of(motion.mechanism, motion.joints)
     held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
-    space = Locus(closure, len(held), output).space(motion.values[rows])
+    n, g = len(motion), len(held)
+    c, d = np.full((n, g), np.nan), np.full((n, g), np.nan)
+    u = np.full((n, g, 3), np.nan)
+    space = Locus(closure, g, output).space(motion.values)
     alone = space.basis @ adjugate(space.basis[:, held])
+    o, s = output.link, output.relative_to
     for k, pair in enumerate(motion.assembly.inputs):
         ways = alone[:, :, k] / np.linalg.norm(alone[:, :, k], axis=1, keepdims=True)
         rates = space.at.body_rates(ways)
@@ -243,26 +287,23 @@ def _without_plan(
             size = np.linalg.norm(between, axis=1, keepdims=True)
             return np.asarray(between / np.where(size > SINGULAR, size, np.nan))
 
-        o, s = output.link, output.relative_to
-        if len({i, r, o, s}) < 2 or o == s:
+        if o == s:
             continue
         four = FourLinks(i, r, o, s)
         made = form_i(four, SixPoles.of(four, direction))
-        for whole, filling in ((c, made.c), (d, made.d), (u, direction(o, s))):
-            missing = ~np.isfinite(whole[rows, k])
-            whole[rows, k] = np.where(missing, filling, whole[rows, k])
+        c[:, k], d[:, k], u[:, k] = made.c, made.d, direction(o, s)
+    return c, d, u
 
 
-def _by_motions(
-    motion: Motion, output: OutputStationary, tolerance: float
+def by_motions(
+    motion: Motion, output: OutputStationary, tolerance: float = SINGULAR
 ) -> OutputCoefficients:
     """Return what the motions that close the loops say; poles are left empty."""
     held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     n, g = len(motion), len(held)
     closure = Closure.of(motion.mechanism, motion.joints)
     space = Locus(closure, g, output).space(motion.values)
-    rows, _ = output.rows(space)
-    inputs, moving = space.basis[:, held], rows @ space.basis
+    inputs, moving = space.basis[:, held], output.equations(space.at) @ space.basis
     one = _singular_values(moving)[:, -1]
     transmission = Transmission(
         closure.tree, tuple(held), output.link, output.relative_to, output.pointing

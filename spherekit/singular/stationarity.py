@@ -11,6 +11,7 @@ from spherekit.errors import AnalysisError
 from spherekit.model.geometry import link_axes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.outputs import chosen_output
+from spherekit.motion.linearisation import Linearisation
 from spherekit.singular.tangent_space import TangentSpace
 from spherekit.sphere.rotation import Floats, cross, perpendicular
 
@@ -81,28 +82,39 @@ class OutputStationary:
 
     def rows(self, space: TangentSpace) -> tuple[Floats, Floats]:
         """Return E (n, m, V) and its derivatives (n, g + 1, m, V) along the directions."""
-        paths = space.at.tree.paths
-        used = (paths[self.link] - paths[self.relative_to])[:, None]
-        watched = np.swapaxes(space.at.placed[:, self.link] @ self._watched, 1, 2)
-        turning = used * space.at.vectors
-        of_link = paths[self.link][:, None] * space.at.vectors
+        at = space.at
+        watched, turning = self._watched_at(at)
+        of_link = at.tree.paths[self.link][:, None] * at.vectors
         w = np.einsum("nvg,nvk->ngk", space.directions, of_link)
         moved = cross(w[:, :, None], watched[:, None])
-        rows = watched @ np.swapaxes(turning, 1, 2)
+        turned = self._between(at)[:, None] * space.turned
         change = moved @ np.swapaxes(turning, 1, 2)[:, None]
-        change = change + watched[:, None] @ np.swapaxes(used * space.turned, 2, 3)
-        return rows, change
+        change = change + watched[:, None] @ np.swapaxes(turned, 2, 3)
+        return self.equations(at), change
 
-    def orientation(self, space: TangentSpace) -> Floats:
+    def equations(self, at: Linearisation) -> Floats:
+        """Return E (n, m, V) alone."""
+        watched, turning = self._watched_at(at)
+        return np.asarray(watched @ np.swapaxes(turning, 1, 2))
+
+    def _between(self, at: Linearisation) -> Floats:
+        """Return how variables turn the output: (V,) 1, -1, or 0 for no part in it."""
+        return np.asarray(at.tree.paths[self.link] - at.tree.paths[self.relative_to])
+
+    def _watched_at(self, at: Linearisation) -> tuple[Floats, Floats]:
+        """Return the watched directions (n, m, 3), and what turns the link (n, V, 3)."""
+        watched = np.swapaxes(at.placed[:, self.link] @ self._watched, 1, 2)
+        return watched, self._between(at)[:, None] * at.vectors
+
+    def orientation(self, at: Linearisation) -> Floats:
         """Return (n, 3, 3), from the link's axes to those of the reference link."""
-        reference = np.swapaxes(space.at.placed[:, self.relative_to], 1, 2)
-        return np.asarray(reference @ space.at.placed[:, self.link])
+        reference = np.swapaxes(at.placed[:, self.relative_to], 1, 2)
+        return np.asarray(reference @ at.placed[:, self.link])
 
     def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:
         """Return (n, k, 3) in the axes of body 0, of k rates (n, V, k)."""
-        paths = space.at.tree.paths
-        used = (paths[self.link] - paths[self.relative_to])[:, None]
-        return np.asarray(np.einsum("nvk,nvd->nkd", rates, used * space.at.vectors))
+        turning = self._between(space.at)[:, None] * space.at.vectors
+        return np.asarray(np.einsum("nvk,nvd->nkd", rates, turning))
 
 
 def output_of(

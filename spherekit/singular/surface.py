@@ -8,6 +8,7 @@ the locus to rounding. Seeds are singular configurations of slices with two inpu
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import final
 
 import numpy as np
@@ -42,6 +43,10 @@ TURNED = 0.8
 """Least cosine between tangent planes, and between singular motions, at an edge's ends."""
 BEYOND = 0.25
 """So far beyond the ranges (in sides) a vertex still counts as within them."""
+FOR_FRONT = 0.6
+"""Part of the time that laying triangles may take where they are halved afterwards."""
+AHEAD = 32
+"""Edges for which new vertices are corrected at once."""
 FLAT = 1e-4
 """A point whose equations have this reciprocal condition is where surfaces cross."""
 
@@ -161,8 +166,9 @@ def singular_surface(
     ranges = ranges_of(mechanism, whole_turn)
     if made is None and slices_of_each:
         made = cut(solver, ranges, slices_of_each, budget.part(0.6))
-    source = Seeding(view, ranges, made, budget)
-    front = _Front(locus, None if whole_turn else view, side, most, budget)
+    laying = budget.part(FOR_FRONT) if halved else budget
+    source = Seeding(view, ranges, made, laying)
+    front = _Front(locus, None if whole_turn else view, side, most, laying)
     irregular = 0
     for points in source.batches():
         inside = np.ones(len(points), dtype=bool)
@@ -200,7 +206,8 @@ def singular_surface(
 class _Front:
     """A growing mesh. `open` has the edges with one triangle, and its third vertex.
 
-    `ways` are the edges in the sense in which triangles have them.
+    `ways` are the edges in the sense in which triangles have them, `ready` new vertices for
+    open edges, None where the locus is not found.
 
     It grows from edges with an end inside of the ranges, by one triangle beyond these.
     """
@@ -218,6 +225,7 @@ class _Front:
         self.component: list[int] = []
         self.inside: list[bool] = []
         self.open: dict[Edge, int] = {}
+        self.ready: dict[Edge, LocusPoints | None] = {}
         self.ways: set[Edge] = set()
         self.closed: set[Edge] = set()
 
@@ -244,13 +252,15 @@ class _Front:
             return False
         if len(self.near(seed.values[0], seed.motions[0], self.side)):
             return False
+        if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
+            return False
         number = self.component[-1] + 1 if self.component else 0
         a = self._add(seed, number)
-        first = self._beside(a, np.array([self.side, 0.0]))
+        (first,) = self._beside([a], np.array([[self.side, 0.0]]))
         if first is None:
             return True
         b = self._add(first, number)
-        third = self._beside(a, self.side * np.array([0.5, HEIGHT]))
+        (third,) = self._beside([a], self.side * np.array([[0.5, HEIGHT]]))
         if third is None:
             return True
         c = self._add(third, number)
@@ -262,6 +272,7 @@ class _Front:
                 break
             if edge in self.open and (self.inside[edge[0]] or self.inside[edge[1]]):
                 self._advance(edge, queue, number)
+        self.ready.clear()
         return True
 
     def _add(self, point: LocusPoints, number: int) -> int:
@@ -294,44 +305,76 @@ class _Front:
         """
         if self.view is None:
             return True
-        inputs = self.view.points(point).inputs[0]
-        declared = self.view.solver.mechanism.inputs
-        low, high = np.array([(item.start, item.stop) for item in declared]).T
+        inputs = self.view.inputs_of(point.values)[0]
+        low, high = self.view.ranges
         room = BEYOND * self.side
         return bool(np.all(in_range(inputs, low - room, high + room)))
 
-    def _beside(self, base: int, way: Floats) -> LocusPoints | None:
-        """Return the locus where a way (2,) in the tangent plane at a vertex leads."""
-        start = self.parts[base]
-        tangents = start.tangents[0]
-        guess = start.values + way @ tangents.T
-        turned = start.motions + way @ start.turns[0].T
-        borders = tangents.T[None]
-        targets = guess @ tangents
-        point = self.locus.correct(guess, turned, borders, targets)
-        if not point.good[0] or point.reciprocal_condition[0] < FLAT:
-            return None
-        aligned = np.linalg.svd(tangents.T @ point.tangents[0], compute_uv=False)[-1]
-        moved = np.linalg.norm(point.values - guess)
-        same = abs(float(point.motions[0] @ start.motions[0]))
-        if aligned < TURNED or same < TURNED or moved > 0.5 * self.side:
-            return None
-        return point
+    def _beside(self, bases: list[int], ways: Floats) -> list[LocusPoints | None]:
+        """Return the locus where ways (k, 2) in the tangent planes at vertices lead."""
+        starts = LocusPoints.joined([self.parts[base] for base in bases])
+        tangents = starts.tangents
+        guess = starts.values + np.einsum("nvk,nk->nv", tangents, ways)
+        turned = starts.motions + np.einsum("nvk,nk->nv", starts.turns, ways)
+        borders = np.swapaxes(tangents, 1, 2)
+        targets = np.einsum("nkv,nv->nk", borders, guess)
+        points = self.locus.correct(guess, turned, borders, targets)
+        regular = points.good & ~(points.reciprocal_condition < FLAT)
+        across = np.where(regular[:, None, None], borders @ points.tangents, 0.0)
+        aligned = np.linalg.svd(across, compute_uv=False)[:, -1]
+        moved = np.linalg.norm(points.values - guess, axis=1)
+        same = np.abs(np.sum(points.motions * starts.motions, axis=1))
+        fits = regular & (aligned >= TURNED) & (same >= TURNED) & (moved <= 0.5 * self.side)
+        return [
+            points.rows(slice(row, row + 1)) if fit else None
+            for row, fit in enumerate(fits.tolist())
+        ]
 
-    def _advance(self, edge: Edge, queue: deque[Edge], number: int) -> None:
-        """Put a triangle on the open side of an edge, if one can be."""
+    def _outwards(self, edge: Edge) -> tuple[Floats, Floats]:
+        """Return the plane (V, 2) of an open edge, along it and out, and the ideal place.
+
+        That is where a third vertex makes the triangle on its open side equilateral.
+        """
         a, b = edge
-        third = self.open[edge]
         origin, tangents = self.values[a], self.parts[a].tangents[0]
         along = self.away(origin, slice(b, b + 1))[0] @ tangents
         length = float(np.linalg.norm(along))
         e = along / length
         out = np.array([-e[1], e[0]])
+        third = self.open[edge]
         back = self.away(origin, slice(third, third + 1))[0] @ tangents
         if back @ out > 0.0:
             out = -out
         plane = tangents @ np.stack([e, out], axis=1)
-        ideal = np.array([0.5 * length, HEIGHT * self.side])
+        return plane, np.array([0.5 * length, HEIGHT * self.side])
+
+    def _made(self, edge: Edge, queue: deque[Edge]) -> LocusPoints | None:
+        """Return the new vertex for an edge, made with those for the next in the queue.
+
+        They depend on nothing but their edges and the triangles on these.
+        """
+        if edge not in self.ready:
+            ahead = (other for other in queue if self._wanted(other))
+            edges = [edge, *islice(ahead, AHEAD - 1)]
+            ways = []
+            for other in edges:
+                plane, ideal = self._outwards(other)
+                ways.append(self.parts[other[0]].tangents[0].T @ plane @ ideal)
+            made = self._beside([other[0] for other in edges], np.array(ways))
+            self.ready |= dict(zip(edges, made, strict=True))
+        return self.ready.pop(edge)
+
+    def _wanted(self, edge: Edge) -> bool:
+        """Return whether an edge gets a triangle, and no vertex was made for it."""
+        if edge not in self.open or edge in self.ready:
+            return False
+        return self.inside[edge[0]] or self.inside[edge[1]]
+
+    def _advance(self, edge: Edge, queue: deque[Edge], number: int) -> None:
+        """Put a triangle on the open side of an edge, if one can be."""
+        a, b = edge
+        plane, ideal = self._outwards(edge)
+        origin, length = self.values[a], 2.0 * float(ideal[0])
         middle = origin + plane @ ideal
         around = self.near(middle, self.motions[a], 2.5 * self.side)
         flat = self.away(origin, around) @ plane
@@ -346,7 +389,7 @@ class _Front:
             if distance < MERGED * self.side and self._fits(edge, vertex, place, walls):
                 self._join(a, b, vertex, queue)
                 return
-        made = self._beside(a, np.linalg.lstsq(tangents, plane @ ideal, rcond=None)[0])
+        made = self._made(edge, queue)
         if made is not None:
             away = self.away(made.values[0], around)
             crowded = np.min(np.linalg.norm(away, axis=1), initial=np.inf)

@@ -6,12 +6,15 @@ from itertools import combinations
 import numpy as np
 
 from spherekit.motion.motion import Motion
-from spherekit.singular.several import coefficients
+from spherekit.singular.several import by_motions, relations
 from spherekit.singular.stationarity import OutputStationary
 from spherekit.sphere.rotation import Floats
 
 VANISHES = 1e-8
 """A coefficient or triple product below this vanishes."""
+
+PIECE = 1024
+"""Rows that are looked at once, so that what they are judged by fits the cache."""
 
 
 def what_vanishes(
@@ -27,14 +30,25 @@ def what_vanishes(
     says it, what else does. For the symbols see
     `spherekit.singular.several.OutputCoefficients`.
     """
-    if not len(motion):
-        return []
-    at = coefficients(motion, output, by_rank=by_rank)
+    words = []
+    for start in range(0, len(motion), PIECE):
+        rows = slice(start, start + PIECE)
+        along = None if pointing is None else pointing[rows]
+        words += _of_piece(motion.rows(rows), output, along, by_rank)
+    return words
+
+
+def _of_piece(
+    motion: Motion, output: OutputStationary, pointing: Floats | None, by_rank: bool
+) -> list[str]:
+    at = by_motions(motion, output)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        c, d, u = relations(motion, output, by_rank)
     pairs = [motion.mechanism.pairs[pair].name for pair in motion.assembly.inputs]
-    # At a singularity the plan's axes may be unknown; the rates vanish with c and d.
-    c = np.where(np.isfinite(at.c), at.c, at.input_rate)
-    d = np.where(np.isfinite(at.d), at.d, at.output_rate)
-    u = np.where(np.isfinite(at.u), at.u, at.alone)
+    # At a singularity the plan's axes may be unknown too; the rates vanish with c and d.
+    c = np.where(np.isfinite(c), c, at.input_rate)
+    d = np.where(np.isfinite(d), d, at.output_rate)
+    u = np.where(np.isfinite(u), u, at.alone)
     words: list[list[str]] = [[] for _ in motion.values]
 
     def note(sizes: Floats, text: Callable[[int], str]) -> None:
@@ -48,8 +62,9 @@ def what_vanishes(
         direction = np.einsum("nij,nj->ni", turned, pointing)
         off = np.linalg.norm(np.cross(u, direction[:, None]), axis=2)
         note(off, lambda k: f"u_{pairs[k]} along the direction")
-    triples = [", ".join(pairs[k] for k in three) for three in at.triplets]
-    volumes = [np.abs(np.linalg.det(u[:, list(three)])) for three in at.triplets]
+    triplets = list(combinations(range(len(pairs)), 3))
+    triples = [", ".join(pairs[k] for k in three) for three in triplets]
+    volumes = [np.abs(np.linalg.det(u[:, list(three)])) for three in triplets]
     if volumes:
         note(np.stack(volumes, axis=1), lambda k: f"u of {triples[k]} coplanar")
     two = list(combinations(range(len(pairs)), 2))
