@@ -296,9 +296,10 @@ class Gathering:
         census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
         self.go_beyond()
         while census.goes_on and not self.is_full:
-            met = self.add_new(*starts.round(), ahead=1 if several else GUESSED)
-            census.add(STARTS, met, max(self.families, default=-1) + 1)
-            self.probes += STARTS
+            count = 1 if census.starts else RANGE_ROUNDS
+            met = self.add_new(*starts.rounds(count), ahead=1 if several else GUESSED)
+            census.add(count * STARTS, met, max(self.families, default=-1) + 1)
+            self.probes += count * STARTS
             self._working.tell(lambda: census.words("components"))
         return census
 

@@ -80,18 +80,19 @@ class FourierPath:
         """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
         colatitude, d1, d2, d3 = self.colatitude(u, 3)
         s, c = np.sin(colatitude), np.cos(colatitude)
-        outward, along = turned(self.axes, u)
-        centre = self.axes[:, 2]
-        point = c[:, None] * centre + s[:, None] * outward
-        away = c[:, None] * outward - s[:, None] * centre
+        # components first: a place each in the innermost loops
+        outward, along = (vectors.T for vectors in turned(self.axes, u))
+        centre = self.axes[:, 2, None]
+        point = c * centre + s * outward
+        away = c * outward - s * centre
         v = np.sqrt(d1 * d1 + s * s)
-        tangent = (d1 / v)[:, None] * away + (s / v)[:, None] * along
+        tangent = (d1 / v) * away + (s / v) * along
         # k = bend / v^3 with bend = det(p, p', p''), in the basis away, along
         bend = 2.0 * c * d1**2 + s * (s * c - d2)
         bend_rate = d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
         v_rate = d1 * (d2 + s * c) / v
         k = bend / v**3
-        return exact_frame(point, tangent), k, bend_rate / v**4 - 3.0 * k * v_rate / v**2
+        return exact_frame(point.T, tangent.T), k, bend_rate / v**4 - 3.0 * k * v_rate / v**2
 
     def place(self, u: float) -> str:
         """Return words for where u is."""
@@ -168,8 +169,9 @@ def axes_about(centre: ArrayLike) -> Floats:
 
 def turned(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
     """Return the unit vectors (n, 3) at right angles to the third axis: out, onward."""
-    c, s = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
-    return c * axes[:, 0] + s * axes[:, 1], c * axes[:, 1] - s * axes[:, 0]
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    x, y = axes[:, 0, None], axes[:, 1, None]
+    return (c * x + s * y).T, (c * y - s * x).T
 
 
 def dot(a: Floats, b: Floats) -> Floats:
