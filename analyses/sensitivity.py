@@ -12,6 +12,7 @@ from spherekit.plugin import (
     INPUTS,
     SAMPLE,
     AbstractAnalysis,
+    AnalysisError,
     Batch,
     Column,
     Findings,
@@ -59,10 +60,13 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     `of` lists quantities such as ``theta_41+velocity_coefficient_4_1``, by default the
     angles of the outputs; `by` lists sizes by their keys in the file, such as
-    ``links.2.arc+links.3.arc``, by default all arcs and angles. `deviation` (degrees) is
+    ``links.2.arc+links.3.arc``, or numbers of masses and loads, by default all arcs and
+    angles. `deviation` (degrees) is
     the standard deviation of a ``normal`` `distribution`, or the largest one of a
-    ``uniform`` one, of every size. `draws` mechanisms are drawn beside the first order, at
-    each row; 0 for none.
+    ``uniform`` one, of every size; `deviations` has those of single numbers, such as
+    ``links.3.arc:0.02+mass.4.mass:0.01``, in degrees or in the unit of the number, and
+    masses and loads that it does not name are exact. `draws` mechanisms are drawn beside
+    the first order, at each row; 0 for none.
     """
 
     name: ClassVar[str] = "sensitivity"
@@ -90,7 +94,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                     turns="otherwise",
                 ),
                 Column("value", "", "the quantity, rad and SI"),
-                Column("derivative", "", "by the size, per rad, inputs and loops held"),
+                Column("derivative", "", "by the size, per rad or unit, the inputs held"),
                 Column("status", "", "what became of the row", "status"),
             ),
         ),
@@ -106,7 +110,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column("worst", "", "worst case, to first order"),
                 Column("drawn_spread", "", "standard deviation of the draws", scale="none"),
                 Column("drawn_worst", "", "largest deviation of a draw", scale="none"),
-                Column("lost", "", "share of draws that do not close", scale="none"),
+                Column("lost", "", "share of draws that cannot be or close", scale="none"),
                 Column(
                     "matters_most",
                     "",
@@ -123,6 +127,7 @@ class SensitivityAnalysis(AbstractAnalysis):
     of: str = ""
     by: str = ""
     deviation: float = 0.1
+    deviations: str = ""
     distribution: Distribution = "normal"
     draws: int = 256
 
@@ -134,7 +139,21 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, Deviations]:
         sensitivity = Sensitivity(mechanism, _split(self.by), _split(self.of))
-        return sensitivity, Deviations(self.deviation * DEG, self.distribution, self.draws)
+        sizes = sensitivity.deviating(self.deviation * DEG, self._singly())
+        return sensitivity, Deviations(sizes, self.distribution, self.draws)
+
+    def _singly(self) -> dict[str, float]:
+        """Return the deviations of single numbers by their keys."""
+        made = {}
+        for part in _split(self.deviations):
+            key, _, number = part.rpartition(":")
+            try:
+                made[key] = float(number)
+            except ValueError:
+                raise AnalysisError(
+                    f'deviations: "{part}": write KEY:DEVIATION, such as links.3.arc:0.02'
+                ) from None
+        return made
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return derivatives and tolerances of the rows of a batch."""
@@ -196,7 +215,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         deviations: Deviations,
     ) -> Spread:
         values, gradients = self._found(batch, sensitivity)
-        squares = (gradients * deviations.spread) ** 2
+        squares = (gradients * deviations.spread[:, None, None]) ** 2
         variance = np.sum(squares, axis=0)
         drawn = np.full((3, *variance.shape), np.nan)
         rows = np.flatnonzero(np.isfinite(values[0]))
@@ -210,7 +229,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         with np.errstate(all="ignore"):
             return Spread(
                 np.sqrt(variance),
-                np.sum(np.abs(gradients), axis=0) * deviations.worst,
+                np.einsum("scn,s->cn", np.abs(gradients), deviations.worst),
                 drawn[0],
                 drawn[1],
                 drawn[2],
@@ -252,14 +271,18 @@ class SensitivityAnalysis(AbstractAnalysis):
         ]
         if still:
             remarks.append(f"{listing(still)}: changed by no size")
-        remarks.append(f"every size off by {self.deviation:g} deg ({self.distribution})")
+        singly = [f"{part.replace(':', ' by ')}" for part in _split(self.deviations)]
+        but = f", but {listing(singly)}" if singly else ""
+        remarks.append(
+            f"every size off by {self.deviation:g} deg{but} ({self.distribution})"
+        )
         return Findings(figures=figures, remarks=tuple(remarks))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the spread of each quantity, and the derivatives that make most of it."""
         sensitivity, deviations = self._asked(batch.mechanism)
         _, gradients = self._found(batch, sensitivity)
-        squares = (gradients * deviations.spread) ** 2
+        squares = (gradients * deviations.spread[:, None, None]) ** 2
         spread = np.sqrt(np.sum(squares, axis=0))
         keys = sensitivity.keys
         return tuple(
@@ -339,7 +362,7 @@ def _otherwise(largest: Mapping[str, Any], name: str) -> str:
     if abs(drawn - largest["spread"]) < BEYOND * largest["spread"] and not lost:
         return ""
     words = f" to first order (of the draws {_size(drawn, name)}"
-    return words + (f", {lost:.0%} do not close)" if lost else ")")
+    return words + (f", {lost:.0%} cannot be)" if lost else ")")
 
 
 def _size(value: float, name: str) -> str:

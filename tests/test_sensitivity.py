@@ -7,9 +7,11 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.design.sensitivity import Deviations, Sensitivity, sizes_of
+from spherekit.design.deviations import Deviations
+from spherekit.design.sensitivity import Sensitivity
+from spherekit.design.size_keys import sizes_of
 from spherekit.engine.frames import DesignGeometry, revolute_frames
-from spherekit.errors import DesignError, FileError
+from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.exact.rows import exact_rows
 from spherekit.files.change import document_of, number_at, number_path, with_numbers
 from spherekit.files.read import read
@@ -195,14 +197,14 @@ def test_defaults_and_mistakes():
     assert len(sizes_of(sk.load("double_butterfly"))) == 20
     four_bar = sk.load("four_bar")
     for arguments, error, message in (
-        ((["mass.2.tensor.0.0"],), DesignError, "is no size"),
+        ((["inputs.21.to"],), DesignError, "is no size"),
         ((["links.7.arc"],), FileError, 'there is no "7"'),
         (((), ["theta_99"]), DesignError, '"theta_99" is no quantity'),
         ((["links.2.arc", "links.2.arcs.32"],), DesignError, "are the same number"),
     ):
         with pytest.raises(error, match=message):
             Sensitivity(four_bar, *arguments)
-    with pytest.raises(DesignError, match="positive angle"):
+    with pytest.raises(DesignError, match="positive number"):
         Deviations(-1.0)
 
 
@@ -391,6 +393,139 @@ def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
 def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
     run = sk.run(stretched(), "sensitivity:of=theta_hinge,draws=64", samples=13)
     (remark, _) = run.summary["remarks"]
-    assert "to first order (of the draws" in remark and "do not close" in remark
+    assert "to first order (of the draws" in remark and "cannot be" in remark
     (remark, _) = sk.run("four_bar", "sensitivity:draws=64", samples=13).summary["remarks"]
     assert "first order" not in remark
+
+
+def by_sizes(mechanism):
+    """Return a mechanism of a reference pose by arcs, angles and zeros."""
+    axes, values = mechanism.geometry.axes, mechanism.geometry.values
+    carried = {
+        link: [pair.name for pair in mechanism.pairs if link in pair.links]
+        for link in mechanism.links
+    }
+
+    def turn(about, one, other):
+        """Return the angle about an axis from the arc to one to the arc to another."""
+        one, other = np.cross(about, one), np.cross(about, other)
+        return np.arctan2(np.cross(one, other) @ about, one @ other)
+
+    def leads(link, pair):
+        first, second, *_ = carried[link]
+        return np.array(axes[second if pair == first else first])
+
+    links, zeros = {}, {}
+    for link, names in carried.items():
+        start, *others = (np.array(axes[name]) for name in names)
+        links[link] = {
+            "axes": names,
+            "arcs": [float(np.arccos(start @ axis)) for axis in others],
+            "angles": [float(turn(start, others[0], axis)) for axis in others[1:]],
+        }
+    for pair in mechanism.pairs:
+        ends = (leads(link, pair.name) for link in pair.links)
+        between = turn(np.array(axes[pair.name]), *ends)
+        zeros[pair.name] = float(between - values.get(pair.name, 0.0))
+    return sk.build(
+        mechanism.name,
+        angle_unit="rad",
+        ground=mechanism.ground,
+        links={k: {n: v for n, v in sizes.items() if v} for k, sizes in links.items()},
+        pairs={p.name: {"links": p.links, "zero": zeros[p.name]} for p in mechanism.pairs},
+        inputs={i.pair: (i.start, i.stop) for i in mechanism.inputs},
+    )
+
+
+@pytest.mark.parametrize("name", ["double_butterfly", "eight_bar_05"])
+def test_a_pose_has_the_sizes_of_its_links(name):
+    """In its pose too sizes are off, where axes moved in the pose would stay closed."""
+    posed = sk.load(name)
+    sized = by_sizes(posed)
+    pairs = [pair.name for pair in posed.pairs if pair.name != posed.inputs[0].pair]
+    wanted = [f"theta_{pairs[0]}", f"rate_{pairs[1]}", f"theta_{pairs[-1]}"]
+    motion = sk.trace(posed, samples=3, search=False)
+    motion = motion.rows(~motion.failed)
+    both = [Sensitivity(mechanism, (), wanted) for mechanism in (posed, sized)]
+    assert both[0].keys == both[1].keys
+    (values, own), (others, theirs) = (
+        sensitivity.at(samples_of(motion), motion.values) for sensitivity in both
+    )
+    assert np.allclose(values, others, rtol=1e-10, atol=1e-10)
+    assert np.max(np.abs(own - theirs)) < 1e-9 * np.max(np.abs(own))
+    assert np.all(np.max(np.abs(own[:, 0]), axis=0) > 1e-2)
+
+
+def acted_on(stiffness=3.0, rest=40.0, tensor=0.4):
+    """Return a four-bar with a coil and inertia."""
+    made = stretched().with_sizes(angle_unit="deg", arcs={"base": 60.0, "crank": 25.0})
+    return sk.build(
+        "acted_on",
+        angle_unit="deg",
+        ground="base",
+        links={
+            link: {"axes": list(sizes.axes), "arcs": np.degrees(sizes.arcs).tolist()}
+            for link, sizes in made.geometry.links.items()
+        },
+        pairs={pair.name: list(pair.links) for pair in made.pairs},
+        inputs={"drive": (0, 360)},
+        mass={
+            "rocker": {"tensor": [[1.0, 0.0, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, tensor]]},
+            "coupler": {
+                "tensor": [[0.5, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.0, 0.3]],
+            },
+        },
+        loads={
+            "coil": {
+                "kind": "spring",
+                "pair": "hinge",
+                "stiffness": stiffness,
+                "rest": rest,
+            },
+        },
+        outputs={"out": {"link": "rocker"}},
+    )
+
+
+def test_derivatives_by_masses_and_loads_are_those_of_differences():
+    keys = ("loads.coil.stiffness", "loads.coil.rest", "mass.rocker.tensor.2.2")
+    steps = {"stiffness": 1.0, "rest": np.degrees(1e-3), "tensor": 0.05}
+    mechanism = acted_on()
+    motion = sk.trace(mechanism, samples=9)
+    sensitivity = Sensitivity(mechanism, (*keys, "links.rocker.arc"), ["torque", "B"])
+    _, gradients = sensitivity.at(samples_of(motion), motion.values)
+    nominal = {"stiffness": 3.0, "rest": 40.0, "tensor": 0.4}
+    for key, (name, step), own in zip(keys, steps.items(), gradients, strict=False):
+        sides = []
+        for side in (step, -step):
+            other = acted_on(**{name: nominal[name] + side})
+            numbers = Sensitivity(other, ["links.rocker.arc"], ["torque", "B"])
+            sides.append(numbers.at(samples_of(motion), motion.values)[0])
+        unit = np.radians(step) if name == "rest" else step
+        wanted = (sides[0] - sides[1]) / (2.0 * unit)
+        assert np.max(np.abs(own - wanted)) < 1e-9 * max(1.0, np.max(np.abs(wanted))), key
+        assert np.max(np.abs(own)) > 1e-3
+    alone = Sensitivity(mechanism, ["links.rocker.arc"], ["torque", "B"])
+    same = alone.at(samples_of(motion), motion.values)[1]
+    assert np.allclose(gradients[3], same[0], rtol=1e-12, atol=1e-12)
+
+
+def test_each_number_may_have_a_deviation_of_its_own():
+    by = "by=links.crank.arc+links.rocker.arc+loads.coil.stiffness"
+    own = "deviations=links.rocker.arc:0.02+loads.coil.stiffness:0.3"
+    run = sk.run(acted_on(), f"sensitivity:of=torque,{by},{own},draws=512", samples=5)
+    table = run.frame("sensitivity")
+    rows = run.frame("sensitivity", "tolerances")
+    sizes = dict(
+        zip(by[3:].split("+"), (np.radians(0.1), np.radians(0.02), 0.3), strict=True)
+    )
+    parts = table["derivative"] * table["size"].map(sizes).astype(float)
+    spread = (parts**2).groupby([table["assembly_mode"], table["sample"]]).sum() ** 0.5
+    assert np.allclose(rows["spread"], spread.to_numpy(), rtol=1e-12)
+    assert np.allclose(rows["drawn_spread"], rows["spread"], rtol=0.1)
+    said = run.summary["remarks"]
+    assert "but links.rocker.arc by 0.02, loads.coil.stiffness by 0.3" in said[-1]
+    with pytest.raises(AnalysisError, match="KEY:DEVIATION"):
+        sk.run(acted_on(), "sensitivity:deviations=links.rocker.arc")
+    with pytest.raises(DesignError, match="by which nothing is asked"):
+        sk.run(acted_on(), "sensitivity:deviations=links.9.arc:0.1")

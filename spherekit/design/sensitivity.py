@@ -1,10 +1,9 @@
 """How quantities of a configuration change with sizes, and what deviations of sizes do."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +16,14 @@ from spherekit.design.profile_numbers import (
     columns_of,
     has_other_profiles,
 )
+from spherekit.design.size_keys import link_sizes, quantities_of, sizes_of
 from spherekit.design.variables import (
+    ACTIONS,
     DesignVariable,
     check_variables,
     design_variable,
     designed_pairs,
+    is_angle_of_load,
 )
 from spherekit.engine.design_kernel import (
     DesignKernel,
@@ -34,15 +36,10 @@ from spherekit.engine.hinges import Hinged, hinged
 from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
-from spherekit.model.geometry import COLLINEAR
 from spherekit.model.joints import Track
-from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import Floats
-
-Distribution = Literal["normal", "uniform"]
-
-DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "uniform")
 
 NEWTON_STEPS = 12
 """Most steps from the configuration of the file to that of a deviating mechanism."""
@@ -59,52 +56,6 @@ CLOSED = 1e-12
 
 
 @final
-@dataclass(frozen=True)
-class Deviations:
-    """Draws of sizes about those of the file.
-
-    With a ``"normal"`` distribution `size` (rad) is the standard deviation, and the worst
-    case three of it; with a ``"uniform"`` one sizes are off by at most `size`.
-    """
-
-    size: float
-    distribution: Distribution = "normal"
-    count: int = 1024
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.distribution not in DISTRIBUTIONS:
-            raise DesignError(
-                f'distribution "{self.distribution}" is not known; it is normal or uniform'
-            )
-        if not (np.isfinite(self.size) and self.size > 0.0) or self.count < 0:
-            raise DesignError(
-                "a deviation is a positive angle, the number of draws not < 0"
-            )
-
-    @property
-    def spread(self) -> float:
-        """The standard deviation (rad)."""
-        return self.size if self.distribution == "normal" else self.size / np.sqrt(3.0)
-
-    @property
-    def worst(self) -> float:
-        """The deviation (rad) of the worst case."""
-        return 3.0 * self.size if self.distribution == "normal" else self.size
-
-    def draws(self, sizes: int) -> Floats:
-        """Return deviations (sizes, count) rad, spread evenly by a Sobol sequence."""
-        from scipy.special import ndtri
-        from scipy.stats import qmc
-
-        power = int(np.ceil(np.log2(max(self.count, 1))))
-        unit = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
-        if self.distribution == "uniform":
-            return np.asarray(self.size * (2.0 * unit - 1.0))
-        return np.asarray(self.size * ndtri(np.clip(unit, 1e-12, 1.0 - 1e-12)))
-
-
-@final
 class Sensitivity:
     """Quantities of configurations and their exact derivatives by sizes.
 
@@ -113,7 +64,8 @@ class Sensitivity:
     mechanism
         A mechanism with its inputs.
     keys
-        Sizes, as keys of its file; by default all arcs and angles, or all axes of a pose.
+        Sizes, or numbers of masses and loads, as keys of its file; by default all arcs and
+        angles, which a pose with R pairs alone has too, or else all axes of the pose.
     quantities
         Names of `row_quantities`; by default the angles of pairs between an output and the
         link it is seen from, or else of all passive pairs.
@@ -121,8 +73,8 @@ class Sensitivity:
     Raises
     ------
     DesignError
-        If a key is no size of an R pair and no number of a profile, or a quantity is not
-        known.
+        If a key is no size of an R pair and no number of a profile, a mass or a load, or a
+        quantity is not known.
     """
 
     def __init__(
@@ -132,14 +84,32 @@ class Sensitivity:
         self.inputs = tuple(item.pair for item in mechanism.inputs)
         self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
-        self.keys = tuple(keys) or sizes_of(mechanism) or self._of_profiles()
+        self._in_pose = link_sizes(mechanism)
+        self.keys = (
+            tuple(keys)
+            or tuple(self._in_pose)
+            or sizes_of(mechanism)
+            or self._of_profiles()
+        )
         if not self.keys:
             raise DesignError(
                 f"{mechanism.name}: no link of it has sizes, for none has two axes; name "
                 "numbers of the file"
             )
-        self.variables = tuple(self._variable(key) for key in self.keys)
-        check_variables(self.document, self.variables)
+        every = tuple(self._variable(key) for key in self.keys)
+        check_variables(self.document, every)
+        acting = [variable.path[0] in ACTIONS for variable in every]
+        self._shaping, self._acting = (
+            np.flatnonzero(~np.array(acting)),
+            np.flatnonzero(acting),
+        )
+        self.variables = tuple(every[k] for k in self._shaping)
+        self.actions: FileNumbers | None = None
+        if any(acting):
+            chosen = [every[k] for k in self._acting]
+            self.actions = FileNumbers(
+                self.document, mechanism, chosen, self.inputs, None, whole=False
+            )
         self.quantities = tuple(quantities) or quantities_of(mechanism)
         try:
             possible = row_quantities(mechanism)
@@ -175,16 +145,26 @@ class Sensitivity:
         return has_other_profiles(self.mechanism)
 
     def _variable(self, key: str) -> DesignVariable:
+        if key in self._in_pose:
+            return self._in_pose[key]
         variable = design_variable(self.document, key)
+        if variable.path[0] in ACTIONS:
+            return variable
         of_contact = variable.path[0] == "pairs" and (
             self._hinged is not None if not self._profiled else "profiles" in variable.path
         )
         if variable.slot is None and not of_contact:
             raise DesignError(
                 f"{self.mechanism.name}: {key} is no size: derivatives are by arcs, "
-                "angles, zeros and axes of R pairs, and by numbers of profiles"
+                "angles, zeros and axes of R pairs, by numbers of profiles, and of masses "
+                "and loads"
             )
         return variable
+
+    @property
+    def _of_actions(self) -> list[int]:
+        """Which numbers of masses and loads the kernel has after its sizes."""
+        return [] if self.actions is None else self.actions.of_actions
 
     @cached_property
     def _hinged(self) -> Hinged | None:
@@ -205,6 +185,7 @@ class Sensitivity:
                     self.mechanism, chosen, numbers, self._profiled
                 ),
                 closed_form=False,
+                differing=self._of_actions,
             )
         except EngineError:
             if self._hinged is None or self._hinged.train is None:
@@ -252,6 +233,31 @@ class Sensitivity:
         moving = sample_names(self.inputs)[len(self.inputs) :]
         return any(name in moving or name.startswith("torque") for name in self.quantities)
 
+    def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
+        """Return by how much each size is off, `size` (rad) or what is said `singly`.
+
+        The latter in degrees for angles, and in the unit of other numbers; masses and loads
+        are exact where nothing is said.
+
+        Raises
+        ------
+        DesignError
+            If nothing is asked by a key, or what it stands for is exact anyway.
+        """
+        for key in singly:
+            if key not in self.keys:
+                raise DesignError(
+                    f"{self.mechanism.name}: a deviation of {key}, by which nothing is "
+                    f"asked{nearest(key, self.keys) or ';'} it is by {listing(self.keys)}"
+                )
+        made = np.full(len(self.keys), size)
+        made[self._acting] = 0.0
+        for key, deviation in singly.items():
+            place = self.keys.index(key)
+            is_angle = place in self._shaping or is_angle_of_load(self.document, key)
+            made[place] = np.radians(deviation) if is_angle else deviation
+        return tuple(made.tolist())
+
     def at_rest(self, inputs: Floats) -> Floats:
         """Return samples (n, 3 inputs + 1) at inputs (n, inputs) rad that rest."""
         rest = np.zeros((len(inputs), 2 * len(self.inputs) + 1))
@@ -268,6 +274,7 @@ class Sensitivity:
                 tuple(names.values()),
                 lambda numbers: contacts.pairs({k: numbers[n] for k, n in names.items()}),
                 closed_form=False,
+                differing=self._of_actions,
             )
         assert self._as_given is not None
         return self._as_given
@@ -286,16 +293,39 @@ class Sensitivity:
 
     @cached_property
     def _nominal(self) -> Floats:
+        """What the kernel has as inputs (k, 1) in the file."""
+        sizes = np.array([[variable.value] for variable in self.variables]).reshape(-1, 1)
         if self._numbers is not None:
-            return np.array(self._numbers.nominal)[self._numbers.of_contacts][:, None]
-        values = np.array([[variable.value] for variable in self.variables])
-        return values[self._sized] if self._profiled else values
+            sizes = np.array(self._numbers.nominal)[self._numbers.of_contacts][:, None]
+        elif self._profiled:
+            sizes = sizes[self._sized]
+        if self.actions is None:
+            return sizes
+        numbers = np.array(self.actions.nominal)[self._of_actions]
+        return np.concatenate([sizes, numbers[:, None]])
+
+    @property
+    def _acting_from(self) -> int:
+        """At which of the kernel's inputs numbers of masses and loads begin."""
+        return len(self._nominal) - len(self._of_actions)
 
     def _by_sizes(self, gradients: Floats, values: Floats) -> Floats:
         """Return derivatives (sizes, c, n) from those by what the kernel has as inputs.
 
         At the configurations `values` (n, w).
         """
+        first, last = self._acting_from, len(self._nominal)
+        made = np.empty((len(self.keys), *gradients.shape[1:]))
+        shape = np.concatenate([gradients[:first], gradients[last:]])
+        made[self._shaping] = self._by_shape(shape, values)
+        if self.actions is not None:
+            numbers = np.array([variable.value for variable in self.actions.variables])
+            slopes = self.actions.slopes(numbers)
+            made[self._acting] = np.tensordot(slopes.T, gradients[first:last], 1)
+        return made
+
+    def _by_shape(self, gradients: Floats, values: Floats) -> Floats:
+        """Return those by what says where links are."""
         if self._profiles is not None:
             count = len(self._sized)
             slopes = self._profiles.slopes(values)
@@ -310,13 +340,18 @@ class Sensitivity:
 
     def _deviating(self, deviations: Floats) -> Floats:
         """Return what the kernel has as inputs (k, draws); NaN where nothing is."""
-        if self._profiled:
-            return self._nominal + deviations[self._sized]
-        if self._numbers is None:
-            return self._nominal + deviations
-        values = np.array([[variable.value] for variable in self.variables])
-        numbers, _ = self._numbers.at(values + deviations)
-        return numbers[: len(self._numbers.of_contacts)]
+        shape, first = deviations[self._shaping], self._acting_from
+        if self._numbers is not None:
+            values = np.array([[variable.value] for variable in self.variables])
+            numbers, _ = self._numbers.at(values + shape)
+            made = numbers[: len(self._numbers.of_contacts)]
+        else:
+            made = self._nominal[:first] + (shape[self._sized] if self._profiled else shape)
+        if self.actions is None:
+            return made
+        values = np.array([[variable.value] for variable in self.actions.variables])
+        numbers, _ = self.actions.at(values + deviations[self._acting])
+        return np.concatenate([made, numbers])
 
     def _placed(self, values: Floats) -> Floats:
         """Return the variables (n, v) that the kernel has, from those of a motion."""
@@ -356,7 +391,7 @@ class Sensitivity:
         samples, values
             (n, 3 inputs + 1) and (n, variables) as in `at`.
         deviations
-            (sizes, draws) rad, added to the sizes.
+            (sizes, draws) rad, or in the unit of the number, added to the sizes.
 
         Notes
         -----
@@ -366,7 +401,7 @@ class Sensitivity:
         sizes = self._deviating(deviations)
         tracks = () if self._profiles is None else self._profiles.tracks
         if self._profiles is not None and self._profiles.vary:
-            profiles = self._profiles.drawn(deviations)
+            profiles = self._profiles.drawn(deviations[self._shaping])
             drawn = [
                 self._closed(samples, values, sizes[:, [k]], tracks)
                 for k, tracks in enumerate(profiles)
@@ -410,7 +445,8 @@ class Sensitivity:
         """
         away = sizes - self._nominal
         if self._numbers is not None:
-            away -= TURN * np.round(away / TURN)  # angles of wheels are of any turn
+            angles = away[: self._acting_from]
+            angles -= TURN * np.round(angles / TURN)  # those of wheels are of any turn
         now, m = start.copy(), sizes.shape[1]
         gone, part = np.zeros(m), np.ones(m)
         while len(left := np.flatnonzero((gone < 1.0) & (part >= SHORTEST))):
@@ -445,44 +481,3 @@ class Sensitivity:
             for step, following in pairwise(lengths):
                 shrinks &= following <= np.maximum(SHRINKING * step, STILL)
         return now, closed & shrinks
-
-
-def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the keys of all arcs and angles, or of all axes in a reference pose.
-
-    Without those of links with two axes on one line, which no small size parts.
-    """
-    if isinstance(mechanism.geometry, SizeGeometry):
-        return tuple(
-            f"links.{link}.{kind}" + (f"s.{pair}" if len(axes) > 1 else "")
-            for link, sizes in mechanism.geometry.links.items()
-            if all(abs(np.sin(arc)) > COLLINEAR for arc in sizes.arcs)
-            for kind, axes in (("arc", sizes.axes[1:]), ("angle", sizes.axes[2:]))
-            for pair in axes
-        )
-    return tuple(
-        f"pairs.{pair.name}.{kind}"
-        for pair in mechanism.pairs
-        if pair.kind.has_axis
-        for kind in ("longitude", "latitude")
-    )
-
-
-def quantities_of(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the angles that say where outputs are, else those of all passive pairs.
-
-    Without any, how outputs turn while the inputs move.
-    """
-    driven = {item.pair for item in mechanism.inputs}
-    ends = {frozenset((output.link, output.relative_to)) for output in mechanism.outputs}
-    passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name not in driven]
-    chosen = [p for p in passive if frozenset(p.links) in ends] or passive
-    if chosen:
-        return tuple(f"theta_{pair.name}" for pair in chosen)
-    possible = row_quantities(mechanism)
-    speeds = [f"velocity_coefficient_{o.link}_{o.relative_to}" for o in mechanism.outputs]
-    return tuple(
-        name
-        for name in possible
-        if any(name == speed or name.startswith(f"{speed}_by_") for speed in speeds)
-    )

@@ -15,6 +15,7 @@ from spherekit.files.limits import Limits, limits_of
 from spherekit.files.locate import KeyPath
 from spherekit.files.read import stated
 from spherekit.files.read_dynamics import DynamicsReader
+from spherekit.model.dynamics import LOADS, PairTorque
 from spherekit.model.mechanism import Mechanism
 
 DESIGNED = ("links", "pairs", "mass", "loads")
@@ -103,6 +104,15 @@ def design_geometry(
             kind, place = variable.slot
             made[kind][place] = numbers[variable.name]
     return DesignGeometry(**made)
+
+
+def is_angle_of_load(document: Document, key: str) -> bool:
+    """Return whether a number of a load is an angle, or an angle per second."""
+    table, name, *rest = number_path(document, key)
+    if table != "loads" or len(rest) != 1:
+        return False
+    kind = LOADS[document.data["loads"][name].get("kind", PairTorque.kind)]
+    return kind.keys.get(str(rest[0])) in ("angle", "rate")
 
 
 def designed_pairs(

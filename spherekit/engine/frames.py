@@ -16,7 +16,15 @@ from spherekit.engine.algebra import Exprs, cross, vector
 from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.errors import EngineError
 from spherekit.model.geometry import COLLINEAR, axes_from_sizes, reference_frame
-from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
+from spherekit.model.mechanism import (
+    LinkSizes,
+    Mechanism,
+    Pair,
+    PoseGeometry,
+    SizeGeometry,
+)
+from spherekit.model.pose_sizes import pose_sizes
+from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -24,8 +32,9 @@ from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGe
 class DesignGeometry:
     """Sizes that take the place of a mechanism's own: numbers (rad) or terms.
 
-    `arcs`, `angles` by link and the pair they lead to, `zeros` and `values` by pair; in a
-    reference pose `longitudes` and `latitudes` of axes by pair, of both or none.
+    `arcs`, `angles` by link and the pair they lead to (in a reference pose `pose_sizes`),
+    `zeros` and `values` by pair; in a reference pose `longitudes` and `latitudes` of axes
+    by pair, of both or none.
     """
 
     arcs: Mapping[tuple[str, str], Expr]
@@ -54,7 +63,7 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
         if not pair.kind.has_axis:
             continue
         if isinstance(geometry, PoseGeometry):
-            made[pair.name] = _in_pose(geometry, design, pair.name)
+            made[pair.name] = _in_pose(mechanism, geometry, design, pair)
         else:
             zero = design.zeros.get(pair.name, geometry.zeros.get(pair.name, 0.0))
             one, other = (
@@ -65,16 +74,34 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
     return made
 
 
-def _in_pose(geometry: PoseGeometry, design: DesignGeometry, pair: str) -> Frames:
-    x, y, z = geometry.axes[pair]
-    longitude = design.longitudes.get(pair, float(np.arctan2(y, x)))
-    latitude = design.latitudes.get(pair, float(np.arctan2(z, np.hypot(x, y))))
+def _in_pose(
+    mechanism: Mechanism, geometry: PoseGeometry, design: DesignGeometry, pair: Pair
+) -> Frames:
+    x, y, z = geometry.axes[pair.name]
+    longitude = design.longitudes.get(pair.name, float(np.arctan2(y, x)))
+    latitude = design.latitudes.get(pair.name, float(np.arctan2(z, np.hypot(x, y))))
     level = _cosine(latitude)
     axis = vector([level * _cosine(longitude), level * _sine(longitude), _sine(latitude)])
     east = vector([-1.0 * _sine(longitude), _cosine(longitude), 0.0])
-    first = np.stack([east, cross(axis, east), axis], axis=1)
-    value = design.values.get(pair, geometry.values.get(pair, 0.0))
-    return first, first @ _about_z(value)
+    frame = np.stack([east, cross(axis, east), axis], axis=1)
+    value = design.values.get(pair.name, geometry.values.get(pair.name, 0.0))
+    one, other = (_off(mechanism, design, link, pair.name, frame) for link in pair.links)
+    return one, other @ _about_z(value)
+
+
+def _off(
+    mechanism: Mechanism, design: DesignGeometry, link: str, pair: str, frame: Exprs
+) -> Exprs:
+    """Return the frame of a pair in a link whose sizes are not those of the pose."""
+    key = link, pair
+    terms = {"arcs": design.arcs.get(key), "angles": design.angles.get(key)}
+    if all(term is None for term in terms.values()):
+        return frame
+    for size in pose_sizes(mechanism, link):  # arcs before angles
+        term = terms[size.kind]
+        if size.pair == pair and term is not None:
+            frame = _about(size.about, term - size.value) @ frame
+    return frame
 
 
 def _in_link(
@@ -115,6 +142,22 @@ def _in_link(
 def _about_z(angle: Expr) -> Exprs:
     c, s = _cosine(angle), _sine(angle)
     rows = [[c, -1.0 * s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+    return np.array(rows, dtype=object)
+
+
+def _about(axis: Floats, angle: Expr) -> Exprs:
+    """Return the rotation about an axis of numbers (Rodrigues)."""
+    x, y, z = map(float, axis)
+    c, s = _cosine(angle), _sine(angle)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    along = np.outer(axis, axis)
+    rows = [
+        [
+            c * float(i == k) + s * float(across[i, k]) + (1.0 - c) * float(along[i, k])
+            for k in range(3)
+        ]
+        for i in range(3)
+    ]
     return np.array(rows, dtype=object)
 
 

@@ -1,0 +1,65 @@
+"""Arcs and angles within the links of a reference pose, which says them by its axes."""
+
+from dataclasses import dataclass
+from typing import Literal, final
+
+import numpy as np
+
+from spherekit.model.geometry import COLLINEAR
+from spherekit.model.mechanism import Mechanism, PoseGeometry
+from spherekit.sphere.rotation import Floats, cross
+
+
+@final
+@dataclass(frozen=True)
+class PoseSize:
+    """An arc from the first R pair's axis of a link to another one's, or an angle there.
+
+    Attributes
+    ----------
+    link, pair
+        The link, and the pair to which the arc or the angle leads.
+    kind
+        Arcs start at the first axis; angles count at it, counter-clockwise, from the arc
+        to the second axis.
+    value
+        What it is in the pose (rad).
+    about
+        (3,) in ground axes: what turns the axis of the pair when the size grows.
+    """
+
+    link: str
+    pair: str
+    kind: Literal["arcs", "angles"]
+    value: float
+    about: Floats
+
+
+def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
+    """Return the sizes of a link in a reference pose, its axes in the order of the pairs.
+
+    An axis on the line of the first one has none: no arc parts them.
+    """
+    assert isinstance(mechanism.geometry, PoseGeometry)
+    first, *others = (
+        (pair.name, np.array(mechanism.geometry.axes[pair.name], dtype=float))
+        for pair in mechanism.pairs
+        if pair.kind.has_axis and link in pair.links
+    )
+    _, start = first
+    made: list[PoseSize] = []
+    toward: Floats | None = None
+    for name, axis in others:
+        normal = cross(start, axis)
+        sine = float(np.linalg.norm(normal))
+        if sine < COLLINEAR:
+            continue
+        normal = normal / sine
+        arc = float(np.arctan2(sine, start @ axis))
+        made.append(PoseSize(link, name, "arcs", arc, normal))
+        if toward is None:
+            toward = normal
+            continue
+        angle = float(np.arctan2(cross(toward, normal) @ start, toward @ normal))
+        made.append(PoseSize(link, name, "angles", angle, start))
+    return tuple(made)
