@@ -92,7 +92,11 @@ class FourierPath:
         bend_rate = d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
         v_rate = d1 * (d2 + s * c) / v
         k = bend / v**3
-        return exact_frame(point.T, tangent.T), k, bend_rate / v**4 - 3.0 * k * v_rate / v**2
+        return (
+            exact_frame(point.T, tangent.T),
+            k,
+            bend_rate / v**4 - 3.0 * k * v_rate / v**2,
+        )
 
     def place(self, u: float) -> str:
         """Return words for where u is."""
