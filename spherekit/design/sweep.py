@@ -20,7 +20,8 @@ from spherekit.analysis.frames import columns_of_files, frame_of, write_columns
 from spherekit.analysis.merit import Merit
 from spherekit.conventions import counted, listing
 from spherekit.design.conditions import Condition, condition
-from spherekit.design.evaluate import NEVER, Evaluator
+from spherekit.design.evaluate import Evaluator
+from spherekit.design.evaluated import NEVER_CLOSES
 from spherekit.design.file_numbers import OK
 from spherekit.design.samples import DesignSamples
 from spherekit.design.space import DesignSpace
@@ -39,7 +40,7 @@ from spherekit.sphere.rotation import Floats
 if TYPE_CHECKING:
     import pandas as pd
 
-OWN = ("design", "mode", "status", "closes", "claim", "grashof")
+OWN = ("design", "mode", "status", "reason", "closes", "claim", "grashof")
 """Columns that every table may have."""
 
 DEFINITION = "_sweep.json"
@@ -166,6 +167,7 @@ class Sweep:
             "merits": [asdict(merit) for merit in self.merits],
             "where": list(self.where),
             "part": self.part_size,
+            "columns": list(OWN),
         }
 
     @property
@@ -214,16 +216,17 @@ class Sweep:
             "mode": evaluated.mode,
             "status": evaluated.status,
             "closes": evaluated.closes,
+            "claim": evaluated.claim,
         }
-        made["claim"] = evaluated.claim
         if classes is not None:
-            there = np.isin(evaluated.status, [OK, NEVER])
+            there = np.isin(evaluated.status, [OK, NEVER_CLOSES])
             made["grashof"] = np.where(there, classes[design], "").astype(object)
         for merit in self.merits:
             values = evaluated.merits[merit.name]
             if self.angle == "deg" and self._unit(merit) == "rad":
                 values = np.degrees(values)
             made[merit.name] = values
+        made["reason"] = evaluated.reason
         return made
 
     @cached_property
