@@ -67,7 +67,7 @@ def test_curves_that_are_short_along_the_input_are_met():
     made = mechanism("1-2 2-3 3-4 1-4", axes, "p1_4")
     solver = solver_of(made)
     turn = np.array([np.pi])
-    values, _ = RangeSearch(solver, -turn, turn).round()
+    values, _ = RangeSearch(solver, -turn, turn).rounds()
     assert np.max(solver.closure.at(values).gap) < 1e-12
     swing = values[:, solver.single]
     assert np.ptp(swing[np.abs(swing) < 0.1]) < np.radians(1.5)
@@ -79,7 +79,7 @@ def test_starts_keep_to_the_range_of_the_input():
     made = ten_bar(0)
     low, high = np.array([-0.02]), np.array([0.03])
     solver = solver_of(made)
-    values, _ = RangeSearch(solver, low, high).round()
+    values, _ = RangeSearch(solver, low, high).rounds()
     assert len(values) > 10
     assert np.all((values[:, solver.single] >= low) & (values[:, solver.single] <= high))
 

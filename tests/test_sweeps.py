@@ -17,12 +17,21 @@ import pytest
 import spherekit as sk
 from spherekit.analysis.merit import Merit, Reducing
 from spherekit.cli.main import main
+from spherekit.design.evaluated import refused
 from spherekit.design.samples import DesignSamples
 from spherekit.design.size_keys import sizes_of
 from spherekit.design.space import DesignSpace, between, listed, variation
 from spherekit.design.sweep import run_sweep
 from spherekit.engine.design_kernel import DesignTerms, design_kernel
-from spherekit.errors import AnalysisError, DesignError, FileError, OutputError
+from spherekit.errors import (
+    AnalysisError,
+    DesignError,
+    FileError,
+    ModelError,
+    OutputError,
+    PlanError,
+    SolveError,
+)
 from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.library import find
 from spherekit.files.read import read
@@ -310,7 +319,8 @@ def test_contacts_of_circles_are_those_of_runs(name, vary):
 def test_profiles_that_enter_each_other_are_rows_with_their_reason():
     vary = {"pairs.contact.profiles.cam.radius": [25.0, 169.0]}
     frame = sk.sweep("roller_cam", vary, "max(q)", samples=3).frame()
-    assert frame["status"].iloc[-1] == (
+    assert frame["status"].iloc[-1] == "IMPOSSIBLE"
+    assert frame["reason"].iloc[-1] == (
         "roller_cam: pairs.contact: the profiles curve into each other, or alike"
     )
 
@@ -319,10 +329,39 @@ def test_designs_that_cannot_be_are_rows_with_their_reason():
     vary = {"links.2.arc": [20.0, 0.0, 190.0], "links.3.arc": [70.0, 5.0]}
     found = sk.sweep("four_bar", vary, "max(q)", samples=9).frame()
     assert sorted(set(found["design"])) == list(range(6))
-    reasons = found[found["status"] != "OK"].set_index("design")["status"]
+    assert set(found["reason"][found["status"] == "OK"]) == {""}
+    assert set(found["status"]) == {"OK", "IMPOSSIBLE"}
+    reasons = found[found["status"] != "OK"].set_index("design")["reason"]
     assert reasons[2] == "links.2.arc = 0: not between 0 and 180 deg"
     assert reasons[4].startswith("links.2.arc = 190")
     assert found[found["design"] == 1]["closes"].max() < 1.0
+
+
+def test_the_command_prints_a_word_for_each_design_and_each_reason_once(capsys):
+    vary = ["--vary", "links.2.arc=20,0,190", "--vary", "links.4.arc=45,179"]
+    assert main(["sweep", "four_bar", *vary, "--reduce", "max(q)", "--samples", "9"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    table, reasons = "\n".join(lines[:-2]), lines[-2:]
+    assert "IMPOSSIBLE" in table and "NEVER_CLOSES" in table and "between" not in table
+    assert [line.strip() for line in reasons] == [
+        "IMPOSSIBLE, designs 2, 3, 4, 5: of 2 links.2.arc = 0: not between 0 and 180 deg",
+        "NEVER_CLOSES, design 1: does not close at any sample",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("problem", "status"),
+    [
+        (ModelError("a.toml:3: links.2: no arc"), "IMPOSSIBLE"),
+        (PlanError("mobility 2"), "IMPOSSIBLE"),
+        (SolveError("no configuration"), "NEVER_CLOSES"),
+        (AnalysisError("workspace: failed"), "FAILED"),
+    ],
+)
+def test_errors_of_single_designs_have_a_status_and_their_words(problem, status):
+    row = refused(problem, ())
+    assert row.status.tolist() == [status]
+    assert row.reason.tolist() == [str(problem).removeprefix("a.toml:3: ")]
 
 
 ACTED = """
@@ -376,7 +415,7 @@ def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
     assert sweep.evaluator.kernel is not None
     found = run_sweep(sweep).frame()
     bad = found["mass_3_mass"] < 0.0
-    assert found["status"][bad].str.contains("mass").all() and sum(bad) == 8
+    assert found["reason"][bad].str.contains("mass").all() and sum(bad) == 8
     document = document_of(path)
     names = [key.replace(".", "_") for key in vary]
     for _, row in found[~bad].iloc[::5].iterrows():
@@ -574,6 +613,48 @@ def test_a_sweep_that_was_killed_goes_on_to_the_same_data_set(whole, tmp_path):
         pd.testing.assert_frame_equal(one, other, check_exact=True)
 
 
+KILLED = """
+import os, pathlib, signal, sys
+import spherekit as sk
+from spherekit.design import evaluate, sweep
+from spherekit.errors import DesignError
+
+evaluate.PART = 2
+folder, mode = pathlib.Path(sys.argv[1]), sys.argv[2]
+write = sweep.Sweep.write
+
+
+def ending(self, place, number):
+    if mode == "always" or (number == 2 and not (folder / "mark").exists()):
+        (folder / "mark").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return write(self, place, number)
+
+
+sweep.Sweep.write = ending
+if __name__ == "__main__":
+    vary = {"links.2.arc": [10.0, 20.0, 30.0, 15.0, 40.0, 25.0]}
+    try:
+        found = sk.sweep("four_bar", vary, "max(q)", samples=5, folder=folder, workers=2)
+        print(len(found.frame()["design"].unique()))
+    except DesignError as problem:
+        print(problem)
+"""
+
+
+@pytest.mark.parametrize("always", [False, True])
+def test_parts_of_a_process_that_is_killed_are_made_again(always, tmp_path):
+    """By another one; where none makes any, the sweep ends in words."""
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED)
+    command = [sys.executable, script, tmp_path, "always" if always else "once"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    if always:
+        assert "the system ended a process of the sweep" in ended.stdout
+    else:
+        assert ended.stdout.split() == ["6"], ended.stderr
+
+
 def test_a_folder_holds_one_sweep(tmp_path):
     vary = {"links.2.arc": [10.0, 20.0]}
     sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
@@ -581,6 +662,29 @@ def test_a_folder_holds_one_sweep(tmp_path):
     assert again.computed == 0 and len(again.frame()) == 4
     with pytest.raises(OutputError, match="holds another sweep, with other samples"):
         sk.sweep("four_bar", vary, "max(q)", samples=6, folder=tmp_path)
+
+
+def test_parts_whose_sweep_is_not_known_are_not_taken(tmp_path):
+    (tmp_path / "part-000000.parquet").write_bytes(b"")
+    with pytest.raises(OutputError, match="holds parts of which"):
+        sk.sweep("four_bar", {"links.2.arc": [10.0]}, "max(q)", folder=tmp_path)
+
+
+@pytest.mark.parametrize("where", [(), "links_2_arc > 25"])
+def test_a_folder_is_one_data_set(where, tmp_path, monkeypatch):
+    """Also where no row of the first part is left."""
+    monkeypatch.setattr("spherekit.design.evaluate.PART", 2)
+    vary = {"links.2.arc": [10.0, 20.0, 30.0, 200.0, 40.0]}
+    found = sk.sweep(
+        "four_bar", vary, "max(rate_41)", samples=5, where=where, folder=tmp_path
+    )
+    assert found.sweep.parts == 3
+    read, wanted = pd.read_parquet(tmp_path), found.frame()
+    assert len(read) == len(wanted) > 3
+    for name in ("design", "links_2_arc", "closes", "max_rate_41"):
+        assert np.array_equal(read[name], wanted[name], equal_nan=True)
+    for name in ("mode", "status", "claim", "grashof"):
+        assert list(read[name].astype(str)) == list(wanted[name].astype(str))
 
 
 def test_lost_workers_of_a_cluster_change_nothing(whole, tmp_path):

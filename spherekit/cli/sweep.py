@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.study import add_study_arguments, study_from
 from spherekit.cli.suggest import analyses as names_of_analyses
 from spherekit.cli.suggest import suggesting
-from spherekit.conventions import counted
+from spherekit.conventions import counted, numbered, without_numbers
 
 if TYPE_CHECKING:
     from spherekit.design.sweep import SweepResult
@@ -28,6 +28,8 @@ EXAMPLES = (
 
 SHOWN = 10
 """Rows that are printed."""
+REASONS = 5
+"""Reasons that are printed of designs without figures, the most frequent first."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -145,16 +147,38 @@ def _tell(result: "SweepResult") -> None:
     if failed.any():
         words.append(f"{int(failed.sum())} of them impossible or never closing")
     print(f"{result.sweep.mechanism.name}: {', '.join(words)}")
-    frame.columns = [f"{n} [{units[n]}]" if units.get(n) else n for n in frame.columns]
     if frame.empty:
         print(f"none meets {' and '.join(result.sweep.where)}")
     else:
-        print(frame.head(SHOWN).to_string(index=False, na_rep="", float_format="%.6g"))
+        table = frame.drop(columns="reason").head(SHOWN)
+        table.columns = [f"{n} [{units[n]}]" if units.get(n) else n for n in table.columns]
+        print(table.to_string(index=False, na_rep="", float_format="%.6g"))
     if len(frame) > SHOWN:
         print(f"... {counted(len(frame) - SHOWN, 'more row')}")
+    for line in _reasons(frame[failed]):
+        print(line)
     if result.folder is not None:
         print(
             f"{counted(result.sweep.parts, 'part')} in {result.folder}, "
             f"{result.computed} computed now; read with pandas.read_parquet",
             file=sys.stderr,
         )
+
+
+def _reasons(failed: Any) -> list[str]:
+    """Return why designs have no figures, a line for all that differ in numbers only."""
+    alike: dict[tuple[str, str], list[tuple[int, str]]] = {}
+    for row in failed.itertuples():
+        key = row.status, without_numbers(row.reason)
+        alike.setdefault(key, []).append((int(row.design), row.reason))
+    ranked = sorted(alike.items(), key=lambda item: -len(item[1]))
+    lines = []
+    for (status, _), rows in ranked[:REASONS]:
+        differ = len({reason for _, reason in rows}) > 1
+        of_first = f"of {rows[0][0]} " if differ else ""
+        designs = numbered("design", [design for design, _ in rows])
+        lines.append(f"  {status}, {designs}: {of_first}{rows[0][1]}")
+    if len(ranked) > REASONS:
+        left = counted(len(ranked) - REASONS, "more reason")
+        lines.append(f"  ... {left}, in the column reason")
+    return lines

@@ -12,8 +12,17 @@ from spherekit.analysis.merit import Merit, Reducing
 from spherekit.conventions import counted, listing
 from spherekit.design.all_solutions import StartSet, start_set
 from spherekit.design.at_samples import BLOCK, at_modes, at_variables, in_mode
-from spherekit.design.evaluated import Evaluated, without
-from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers, first_line
+from spherekit.design.evaluated import (
+    IMPOSSIBLE,
+    NEVER,
+    NEVER_CLOSES,
+    Evaluated,
+    evaluated,
+    none,
+    refused,
+    without,
+)
+from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers
 from spherekit.design.followed_modes import followed_modes
 from spherekit.design.profile_numbers import (
     has_other_profiles,
@@ -63,7 +72,6 @@ COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
 
 SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
-NEVER = "does not close at any sample"
 INERTIAL = ("B", "dB_dq", "torque")
 DEG = np.pi / 180.0
 
@@ -267,13 +275,12 @@ class Evaluator:
 
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
-        nothing = np.zeros(0, dtype=np.int64)
-        parts = [without(nothing, np.empty(0, dtype=object), self.merits)]
+        parts = [none(self.merits)]
         together = BLOCK if self._paths is None else self._followed_together
         for start in range(0, values.shape[1], together):
             some = values[:, start : start + together]
-            evaluated = self._together(some) if self.kernel else self._one_by_one(some)
-            parts.append(replace(evaluated, design=evaluated.design + start))
+            block = self._together(some) if self.kernel else self._one_by_one(some)
+            parts.append(replace(block, design=block.design + start))
         return self._joined(parts)
 
     def _joined(self, parts: Sequence[Evaluated]) -> Evaluated:
@@ -304,38 +311,38 @@ class Evaluator:
     def _together(self, values: Floats) -> Evaluated:
         assert self.kernel is not None
         sizes = self.radians(values)
-        refused = self._refused(values, sizes)
+        reason = self._impossible(values, sizes)
         parts = []
         if self.numbers is not None:
             numbers, why = self.numbers.at(values)
             sizes = np.concatenate([sizes, numbers])
-            refused = np.where(refused == OK, why, refused)
-            unlike = np.flatnonzero(refused == UNLIKE)
-            evaluated = self._one_by_one(values[:, unlike])
-            parts.append(replace(evaluated, design=unlike[evaluated.design]))
-        possible = np.flatnonzero(refused == OK)
-        lacking = np.flatnonzero((refused != OK) & (refused != UNLIKE))
-        parts.append(without(lacking, refused, self.merits))
+            reason = np.where(reason == OK, why, reason)
+            unlike = np.flatnonzero(reason == UNLIKE)
+            singly = self._one_by_one(values[:, unlike])
+            parts.append(replace(singly, design=unlike[singly.design]))
+        possible = np.flatnonzero(reason == OK)
+        lacking = np.flatnonzero((reason != OK) & (reason != UNLIKE))
+        parts.append(without(lacking, IMPOSSIBLE, reason[lacking], self.merits))
         if len(possible) and self._paths is None:
-            evaluated = self._modes(self.kernel, sizes[:, possible])
-            parts.append(replace(evaluated, design=possible[evaluated.design]))
+            closed = self._modes(self.kernel, sizes[:, possible])
+            parts.append(replace(closed, design=possible[closed.design]))
         elif len(possible):
-            evaluated, lost = self._followed(self.kernel, sizes[:, possible])
-            parts.append(replace(evaluated, design=possible[evaluated.design]))
-            evaluated = self._one_by_one(values[:, possible[lost]])
-            parts.append(replace(evaluated, design=possible[lost[evaluated.design]]))
+            followed, lost = self._followed(self.kernel, sizes[:, possible])
+            parts.append(replace(followed, design=possible[followed.design]))
+            singly = self._one_by_one(values[:, possible[lost]])
+            parts.append(replace(singly, design=possible[lost[singly.design]]))
         return self._joined(parts)
 
-    def _refused(self, values: Floats, sizes: Floats) -> NDArray[np.object_]:
+    def _impossible(self, values: Floats, sizes: Floats) -> NDArray[np.object_]:
         """Return why designs (n,) are impossible, OK where they are not."""
-        status = np.full(values.shape[1], OK, dtype=object)
+        reason = np.full(values.shape[1], OK, dtype=object)
         for variable, row, given in zip(self.variables, sizes, values, strict=True):
             if variable.slot is None or variable.slot[0] != "arcs":
                 continue
             outside = ~((row > 0.0) & (row < np.pi)) & ~_signed(self.mechanism, variable)
-            for k in np.flatnonzero(outside & (status == OK)):
-                status[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
-        return status
+            for k in np.flatnonzero(outside & (reason == OK)):
+                reason[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
+        return reason
 
     def _modes(self, kernel: DesignKernel, sizes: Floats) -> Evaluated:
         """Return designs (variables, n) of a kernel in all their modes."""
@@ -359,8 +366,8 @@ class Evaluator:
             rows = np.flatnonzero(closes > 0)
             parts.append(self._rows(rows, [label] * n, closes, reducing, COMPLETE))
             closing |= closes > 0
-        why = np.full(n, NEVER, dtype=object)
-        parts.append(without(np.flatnonzero(~closing), why, self.merits, COMPLETE))
+        never = np.flatnonzero(~closing)
+        parts.append(without(never, NEVER_CLOSES, NEVER, self.merits, COMPLETE))
         return self._joined(parts)
 
     def _followed(
@@ -390,8 +397,7 @@ class Evaluator:
         made = self._rows(rows, modes.labels, closes, reducing, claim)
         made = replace(made, design=modes.design[made.design])
         others = np.setdiff1d(np.arange(sizes.shape[1]), [*modes.lost, *made.design])
-        why = np.full(sizes.shape[1], NEVER, dtype=object)
-        nowhere = without(others, why, self.merits, claim)
+        nowhere = without(others, NEVER_CLOSES, NEVER, self.merits, claim)
         return self._joined([made, nowhere]), modes.lost
 
     def _reducing(self, count: int) -> list[Reducing]:
@@ -409,12 +415,11 @@ class Evaluator:
         results = zip(
             self.merits, (reduction.result() for reduction in reducing), strict=True
         )
-        return Evaluated(
+        return evaluated(
             rows,
             np.array(labels, dtype=object)[rows],
             closes[rows] / len(self.samples.rows),
-            np.full(len(rows), OK, dtype=object),
-            np.full(len(rows), claim, dtype=object),
+            claim,
             {merit.name: figures[rows] for merit, figures in results},
         )
 
@@ -472,15 +477,13 @@ class Evaluator:
     # One design after the other.
 
     def _one_by_one(self, values: Floats) -> Evaluated:
-        nothing = np.zeros(0, dtype=np.int64)
-        parts = [without(nothing, np.empty(0, dtype=object), self.merits)]
+        parts = [none(self.merits)]
         for k, design in enumerate(values.T):
             try:
-                evaluated = self._single(designed(self.document, self.variables, design))
+                of_design = self._single(designed(self.document, self.variables, design))
             except SpherekitError as problem:
-                why = np.array([first_line(problem)], dtype=object)
-                evaluated = without(np.zeros(1, dtype=np.int64), why, self.merits)
-            parts.append(replace(evaluated, design=evaluated.design + k))
+                of_design = refused(problem, self.merits)
+            parts.append(replace(of_design, design=of_design.design + k))
         return self._joined(parts)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
@@ -520,8 +523,8 @@ class Evaluator:
                     self._take(reducing, sample, columns, closed, self._point(sample))
         claim = tracer.claim.guarantee.value
         if not np.any(closes):
-            why = np.array([NEVER], dtype=object)
-            return without(np.zeros(1, dtype=np.int64), why, self.merits, claim)
+            one = np.zeros(1, dtype=np.int64)
+            return without(one, NEVER_CLOSES, NEVER, self.merits, claim)
         labels = [f"{mode.number} {mode.label}" for mode in modes]
         made = self._rows(np.flatnonzero(closes > 0), labels, closes, reducing, claim)
         return replace(made, design=np.zeros_like(made.design))

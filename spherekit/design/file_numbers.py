@@ -40,7 +40,7 @@ PARTS = (1e-2, 1e-4, 1e-6)
 SAME = 1e-14
 """Numbers that differ by less are the same but for rounding."""
 TURN = 2.0 * np.pi
-_PLACE = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ")
+_PLACE = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ", re.MULTILINE)
 """A file's name, and perhaps a line, before what is wrong."""
 STEADY = 1e-10
 """Derivatives that differ by less, relative, are the same."""
@@ -121,7 +121,7 @@ class FileNumbers:
                     return UNLIKE
                 contacts = with_contacts.numbers
         except SpherekitError as problem:
-            return first_line(problem)
+            return reason_of(problem)
         if actions.form != self._form:
             return UNLIKE
         return [*contacts, *actions.numbers]
@@ -210,7 +210,6 @@ class FileNumbers:
         return np.full(len(self.differing), np.nan)
 
 
-def first_line(problem: SpherekitError) -> str:
-    """Return the first line of what is wrong with a design, without the file's name."""
-    line, *_ = str(problem).splitlines()
-    return _PLACE.sub("", line)
+def reason_of(problem: SpherekitError) -> str:
+    """Return what is wrong with a design in one line, without the file's name."""
+    return " ".join(_PLACE.sub("", str(problem)).split())

@@ -13,8 +13,7 @@ from spherekit.analysis.result import MOTION, RunResult
 from spherekit.analysis.run import executed
 from spherekit.conventions import Status, counted, listing, nearest
 from spherekit.design.evaluate import SINGLY
-from spherekit.design.evaluated import Evaluated, without
-from spherekit.design.file_numbers import OK, first_line
+from spherekit.design.evaluated import Evaluated, evaluated, none, refused
 from spherekit.design.variables import DesignVariable, designed
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.document import Document
@@ -65,15 +64,13 @@ class TableFigures:
 
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
-        nothing = np.zeros(0, dtype=np.int64)
-        parts = [without(nothing, np.empty(0, dtype=object), self.merits)]
+        parts = [none(self.merits)]
         for k, design in enumerate(values.T):
             try:
-                evaluated = self._single(list(design))
+                of_design = self._single(list(design))
             except SpherekitError as problem:
-                why = np.array([first_line(problem)], dtype=object)
-                evaluated = without(np.zeros(1, dtype=np.int64), why, self.merits)
-            parts.append(replace(evaluated, design=evaluated.design + k))
+                of_design = refused(problem, self.merits)
+            parts.append(replace(of_design, design=of_design.design + k))
         return Evaluated.joined(parts, [merit.name for merit in self.merits])
 
     def _single(self, values: Sequence[float]) -> Evaluated:
@@ -93,12 +90,11 @@ class TableFigures:
         }
         words = str(run.summary.get("search", ""))
         claim = words.partition(":")[0] if MOTION in run.results and ":" in words else ""
-        return Evaluated(
+        return evaluated(
             np.zeros(len(modes), dtype=np.int64),
             np.array(modes, dtype=object),
             np.array([_closes(run, mode) for mode in modes]),
-            np.full(len(modes), OK, dtype=object),
-            np.full(len(modes), claim, dtype=object),
+            claim,
             made,
         )
 

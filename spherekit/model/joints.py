@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from types import MappingProxyType
 from typing import ClassVar, Literal, Self, final
 
@@ -205,12 +206,12 @@ class Revolute(Joint):
     @classmethod
     def states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
         made = PairStates.blank(len(values), len(joints))
-        frame = np.array([joint.first for joint in joints])
+        (x, y, axis), second = _still(tuple(joints))
         c, s = np.cos(values), np.sin(values)
-        made.first[..., 0] = c * frame[..., 0] + s * frame[..., 1]
-        made.first[..., 1] = c * frame[..., 1] - s * frame[..., 0]
-        made.first[..., 2] = frame[..., 2]
-        made.second[:] = np.array([joint.second for joint in joints])
+        made.first[..., 0] = c * x + s * y
+        made.first[..., 1] = c * y - s * x
+        made.first[..., 2] = axis
+        made.second[:] = second
         return made
 
     @staticmethod
@@ -380,6 +381,14 @@ class Sliding(Joint):
             np.stack(vectors, axis=2),
             cross(first_w, tangent) + s1 * (k1 * normal - point),
         )
+
+
+@lru_cache(maxsize=512)
+def _still(joints: tuple[Revolute, ...]) -> tuple[Floats, Floats]:
+    """Return columns (3, m, 3) of the frames in the first links, and frames (m, 3, 3)."""
+    first = np.array([joint.first for joint in joints])
+    columns = np.ascontiguousarray(np.moveaxis(first, 2, 0))
+    return columns, np.array([joint.second for joint in joints])
 
 
 Kind = type[Joint]

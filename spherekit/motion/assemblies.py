@@ -16,7 +16,6 @@ from spherekit.motion.groups import (
     group_closure,
     group_variables,
     place_dyad,
-    place_group,
 )
 from spherekit.motion.solutions import (
     CLOSED_FORM,
@@ -99,11 +98,15 @@ def _grown(
     reference = solver.geometry.reference
     variables = group_variables(state, group)
     given = None if reference is None else reference[None, variables]
-    configurations, method = solutions(group, group_closure(state, group, ends), given)
-    for values in configurations:
-        further = state.copy()
-        place_group(further, group, ends, values[None])
-        grown.append((0, further))
+    closure = group_closure(state, group, ends)
+    configurations, method = solutions(group, closure, given)
+    if configurations:
+        result = closure.solve(np.array(configurations))
+        for row, values in enumerate(result.values):
+            further = state.copy()
+            further.merge(group, result.at.placed[row : row + 1])
+            further.values[:, variables] = values
+            grown.append((0, further))
     return grown, method
 
 

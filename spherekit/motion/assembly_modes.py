@@ -6,7 +6,7 @@ a sheet for several) that predicts where Newton's method has to arrive and what 
 not leave.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -190,21 +190,51 @@ class Solver:
         An assembly mode guided by a sheet is known at the samples of its input grid only;
         `rows` (n,) says which ones they are.
         """
+        signs = [float(sign) for sign in assembly_mode.signs]
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            return self._evaluate(assembly_mode, q, rows)
+            guidance = None
+            if assembly_mode.guide is not None:
+                guidance = _guided(assembly_mode.guide, q, rows)
+            wanted = _Wanted(signs, assembly_mode.determinants, guidance)
+            return self._evaluate(wanted, q)
 
-    def _evaluate(
-        self, assembly_mode: AssemblyMode, q: Floats, rows: NDArray[np.intp] | None
+    def evaluate_each(
+        self,
+        assembly_modes: Sequence[AssemblyMode],
+        which: NDArray[np.intp],
+        q: Floats,
+        rows: NDArray[np.intp],
     ) -> Evaluated:
+        """Return several guided modes side by side: at inputs q (n, inputs) one of them.
+
+        `which` (n,) are their places among those given; the rest is as in `evaluate`.
+        """
+        values = np.full((len(q), len(self.mechanism.variable_owners)), np.nan)
+        guidance = values, np.zeros(len(q)), np.zeros(len(q), dtype=np.int8)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            for number in np.unique(which):
+                guide, here = assembly_modes[number].guide, which == number
+                assert guide is not None
+                parts = _guided(guide, q[here], rows[here])
+                for whole, part in zip(guidance, parts, strict=True):
+                    whole[here] = part
+            signs, determinants = (
+                np.array(of_modes, dtype=float)[which].T
+                for of_modes in zip(
+                    *((mode.signs, mode.determinants) for mode in assembly_modes),
+                    strict=True,
+                )
+            )
+            return self._evaluate(_Wanted(signs, determinants, guidance), q)
+
+    def _evaluate(self, wanted: "_Wanted", q: Floats) -> Evaluated:
         ends = self.mechanism.ends
         state = self.start(q)
         status = np.zeros(len(q), dtype=np.int8)
-        if assembly_mode.guide is not None:
-            predicted, spread, why = _guided(assembly_mode.guide, q, rows)
         for number, (group, sign) in enumerate(
-            zip(self.assembly.groups, assembly_mode.signs, strict=True)
+            zip(self.assembly.groups, wanted.signs, strict=True)
         ):
-            if sign:
+            if group.is_dyad:
                 sine = place_dyad(state, group, ends, sign)
                 _mark(status, state.lost, Status.OUT_OF_REACH)
                 _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
@@ -213,6 +243,8 @@ class Solver:
                 result, at = self.place(state, number, q)
                 _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
             else:
+                assert wanted.guidance is not None
+                predicted, spread, why = wanted.guidance
                 for reason in Status:
                     if reason != Status.OK:
                         _mark(status, why == reason, reason)
@@ -225,9 +257,9 @@ class Solver:
                 _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
             states = at.states
             determinant, reciprocal_condition = determinant_signs(at.jacobian)
-            if assembly_mode.determinants:
+            if len(wanted.determinants):
                 # of a flat group the sign is rounding
-                flipped = determinant != assembly_mode.determinants[number]
+                flipped = determinant != wanted.determinants[number]
                 flipped &= reciprocal_condition >= FLAT_GROUP
                 _mark(status, flipped, Status.MODE_LOST)
             _mark(status, reciprocal_condition < FLAT_GROUP, Status.AT_SINGULARITY)
@@ -237,10 +269,10 @@ class Solver:
                 penetrates([self.joints[p] for p in group.pairs], states),
                 Status.CURVATURE,
             )
-        return self._finish(assembly_mode, state, status)
+        return self._finish(wanted, state, status)
 
     def _finish(
-        self, assembly_mode: AssemblyMode, state: State, status: NDArray[np.int8]
+        self, wanted: "_Wanted", state: State, status: NDArray[np.int8]
     ) -> Evaluated:
         values = state.values
         links = range(len(self.mechanism.links))
@@ -257,9 +289,9 @@ class Solver:
         if np.any(open_):
             result = self.closure.solve(values[open_], self.driven)
             values[open_], residual[open_] = result.values, result.residual
-            rotations[open_] = self.closure.at(result.values).placed
+            rotations[open_] = result.at.placed
             flipped = np.zeros(len(values), dtype=bool)
-            flipped[open_] = self._flipped(assembly_mode, result.values)
+            flipped[open_] = self._flipped(wanted.signs, result.values, open_)
             _mark(status, flipped, Status.MODE_LOST)
         _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
         failed = (status != Status.OK) & (status != Status.AT_SINGULARITY)
@@ -270,20 +302,40 @@ class Solver:
         values[:, free] = wrap(values[:, free])
         return Evaluated(values, rotations, status, residual)
 
-    def _flipped(self, assembly_mode: AssemblyMode, values: Floats) -> NDArray[np.bool_]:
-        """Return (n,) whether a dyad of configurations has not the sign of its mode."""
+    def _flipped(
+        self, signs: "Signs", values: Floats, rows: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Return whether a dyad of configurations, some rows, has not its mode's sign."""
         axes = self.closure.at(values).axes
         flipped = np.zeros(len(values), dtype=bool)
-        for group, sign in zip(self.assembly.groups, assembly_mode.signs, strict=True):
-            if sign:
+        for group, sign in zip(self.assembly.groups, signs, strict=True):
+            if group.is_dyad:
                 triple = np.linalg.det(axes[:, list(group.pairs)])
-                flipped |= np.sign(triple) * sign < 0.0
+                wanted = np.broadcast_to(sign, rows.shape)[rows]
+                flipped |= np.sign(triple) * wanted < 0.0
         return flipped
 
     @property
     def angles(self) -> list[int]:
         """Numbers of the variables that are angles of R pairs."""
         return list(self.mechanism.angles.values())
+
+
+Signs = Sequence[float] | Floats
+"""Of each group, one for all rows or (n,)."""
+
+
+@final
+@dataclass(frozen=True)
+class _Wanted:
+    """What rows are to be: `signs` of dyads and `determinants` of the other groups.
+
+    `guidance` is what guides say of the rows, see `_guided`; None where there are none.
+    """
+
+    signs: Signs
+    determinants: Signs
+    guidance: tuple[Floats, Floats, NDArray[np.int8]] | None
 
 
 def _guided(

@@ -73,7 +73,7 @@ class Closure:
         -------
         NewtonResult
             Per sample: values, residual, the size of the first step and the ratio of
-            the second to the first (0 where one step was enough).
+            the second to the first (0 where one step was enough); and the closure there.
         """
         free = [v for v in range(values.shape[1]) if v not in held]
         values = values.copy()
@@ -81,13 +81,15 @@ class Closure:
         residual = np.full(n, np.inf)
         steps = NewtonSteps(n, trust)
         active = np.arange(n)
-        best = values.copy()
+        best, at_best = values.copy(), None
         for step in range(iterations + 1):
             at = self.take(active).at(values[active])
             size = at.gap
             better = size < residual[active]
             improved = active[better]
             best[improved], residual[improved] = values[improved], size[better]
+            if len(improved):
+                at_best = at if len(improved) == n else None
             going = np.isfinite(size) & (size > 1e-15) & (better | (size > 1e-9))
             if step == iterations or not np.any(going):
                 break
@@ -95,7 +97,9 @@ class Closure:
             change = least_change(at.jacobian[going][:, :, free], -at.residual[going])
             length = np.max(np.abs(change), axis=1)
             values[active[:, None], free] += change * steps.part(length, active)
-        return NewtonResult(best, residual, steps.first, steps.ratio)
+        if at_best is None:
+            at_best = self.at(best)
+        return NewtonResult(best, residual, steps.first, steps.ratio, at_best)
 
 
 @final
@@ -107,6 +111,7 @@ class NewtonResult:
     residual: Floats
     first_step: Floats
     ratio: Floats
+    at: Linearisation
 
 
 def least_change(matrices: Floats, right: Floats) -> Floats:

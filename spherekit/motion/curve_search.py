@@ -104,7 +104,7 @@ class CurveSearch:
         census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
         working = Working("searching the configuration curves")
         while census.goes_on and len(self.curves) < MOST_CURVES:
-            values, _ = starts.round()
+            values, _ = starts.rounds()
             self.add(values)
             met = np.full(len(values), -1, dtype=np.intp)
             for number, curve in enumerate(self.curves):

@@ -99,18 +99,44 @@ def follow(
     values
         (variables,) a closed configuration with `values[driven]` in [low, high], rad.
     """
-    start = nodes_at(closure, [driven], values[None], np.ones((1, 1)))
-    if start.reciprocal_condition[0] > AT_DEAD_CENTRE and np.all(np.isfinite(start.slope)):
-        return _through(closure, driven, start, low, high)
+    (curve,) = follow_each(closure, driven, values[None], low, high)
+    return curve
+
+
+def follow_each(
+    closure: Closure, driven: int, values: Floats, low: float, high: float
+) -> list[ModeCurve]:
+    """Return the curves through closed configurations (n, variables), side by side.
+
+    Over an input range that is made so wide as to hold the input of each; see `follow`.
+    """
+    starts = nodes_at(closure.at(values), [driven], np.ones((len(values), 1)))
+    moving = starts.reciprocal_condition > AT_DEAD_CENTRE
+    moving &= np.all(np.isfinite(starts.slope), axis=1)
+    curves: list[ModeCurve | None] = [None] * len(values)
+    (regular,) = np.nonzero(moving)
+    followed = _through(closure, driven, starts.rows(regular), low, high)
+    for row, curve in zip(regular, followed, strict=True):
+        curves[row] = curve
+    return [
+        _from_dead_centre(closure, driven, one, low, high) if curve is None else curve
+        for one, curve in zip(values, curves, strict=True)
+    ]
+
+
+def _from_dead_centre(
+    closure: Closure, driven: int, values: Floats, low: float, high: float
+) -> ModeCurve:
+    """Return the curve through a dead centre (variables,), by a way that leaves it."""
     tried = 0
+    start = nodes_at(closure.at(values[None]), [driven], np.ones((1, 1)))
     for beside in _ways_on(closure, driven, values):
-        start = nodes_at(closure, [driven], beside[None], np.ones((1, 1)))
-        q = float(beside[driven])
-        curve = _through(closure, driven, start, min(low, q), max(high, q))
+        start = nodes_at(closure.at(beside[None]), [driven], np.ones((1, 1)))
+        (curve,) = _through(closure, driven, start, low, high)
         tried += curve.tried
         if (reached := curve.to(values, driven)) is not None:
             return replace(reached, tried=tried)
-    curve = _through(closure, driven, start, low, high)
+    (curve,) = _through(closure, driven, start, low, high)
     return replace(curve, tried=tried + curve.tried)
 
 
@@ -122,24 +148,28 @@ def _ways_on(closure: Closure, driven: int, values: Floats) -> list[Floats]:
 
 
 def _through(
-    closure: Closure, driven: int, start: Nodes, low: float, high: float
-) -> ModeCurve:
-    """Return the curve through a node at which the input moves."""
-    both = np.repeat(start.values, 2, axis=0)
-    goals = np.array([[low], [high]])
-    paths = InputPaths(closure, [driven], both, goals, keeps_trail=True)
-    down, up = (_of_way(start, paths, row) for row in (0, 1))
-    values, slopes = (np.concatenate([down[k][:0:-1], up[k]]) for k in (0, 1))
-    ends = Status(paths.status[0]), Status(paths.status[1])
-    return ModeCurve(values[:, driven].copy(), values, slopes, ends, paths.tried)
-
-
-def _of_way(start: Nodes, paths: InputPaths, row: int) -> tuple[Floats, Floats]:
-    """Return values and slopes by the input (k, variables) of a way, the start first."""
-    nodes = [start]
-    for rows, made in paths.trail or ():
-        nodes.append(made.rows(rows == row))
-    return (
-        np.concatenate([node.values for node in nodes]),
-        np.concatenate([node.slope * node.direction for node in nodes]),
-    )
+    closure: Closure, driven: int, starts: Nodes, low: float, high: float
+) -> list[ModeCurve]:
+    """Return the curves through nodes at which the input moves."""
+    here = starts.values[:, driven]
+    goals = np.concatenate([np.minimum(low, here), np.maximum(high, here)])
+    both = np.concatenate([starts.values, starts.values])
+    paths = InputPaths(closure, [driven], both, goals[:, None], keeps_trail=True)
+    count = len(here)
+    ways = paths.nodes_of(range(2 * count))
+    curves = []
+    for row in range(count):
+        start = starts.rows(slice(row, row + 1))
+        down = Nodes.joined([ways[row].rows(slice(None, None, -1)), start])
+        nodes = Nodes.joined([down, ways[count + row]])
+        ends = Status(paths.status[row]), Status(paths.status[count + row])
+        curves.append(
+            ModeCurve(
+                nodes.values[:, driven].copy(),
+                nodes.values,
+                nodes.slope * nodes.direction,
+                ends,
+                int(paths.tried[row] + paths.tried[count + row]),
+            )
+        )
+    return curves

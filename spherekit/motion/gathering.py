@@ -19,16 +19,15 @@ from spherekit.motion.assemblies import MOST_ASSEMBLY_MODES, assemblies, signs_a
 from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_signs
 from spherekit.motion.distinct import SAME_MODE
 from spherekit.motion.elimination import has_elimination
-from spherekit.motion.follow import ModeCurve, follow
+from spherekit.motion.follow import ModeCurve
 from spherekit.motion.groups import group_variables, place_dyad, place_group
+from spherekit.motion.guides import Guided, guided
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.input_turning_points import input_turning_points
-from spherekit.motion.mode_over_grid import ModeOverGrid, spread
 from spherekit.motion.monotone_segments import MonotoneSegments
 from spherekit.motion.range_search import RANGE_ROUNDS, RangeSearch
 from spherekit.motion.search import STARTS, Census
 from spherekit.motion.solutions import CLOSED_FORM, Method, least_complete
-from spherekit.motion.steps import walk
 from spherekit.numeric.turns import wrap
 from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
@@ -54,8 +53,10 @@ LONGEST_ROLLED = 200.0
 from the input, and which need not ever close."""
 NEAR_GUIDE = 1e-3
 """A mode is examined where its guide is nearer (rad) than this and its nodes' spread."""
-NEAREST = 8
-"""Samples nearest to a reference pose that straight ways are tried to."""
+AHEAD = 16
+"""Configurations on different modes that are followed together."""
+GUESSED = 6
+"""The same of random starts, some of which are on one mode."""
 AS_ASSEMBLED = Claim(
     Guarantee.COMPONENT,
     "the mode of the reference pose, and where it ends those that go on; wheels put "
@@ -81,7 +82,6 @@ class Gathering:
         self._curves: list[ArcCurve] = []
         self._followed = 0
         self._working = Working("searching the assembly modes")
-        self._redundant = any(group.redundant for group in solver.assembly.groups)
 
     @property
     def is_full(self) -> bool:
@@ -94,16 +94,12 @@ class Gathering:
         in_vain = bool(self.assembly_modes) and self.in_vain > MOST_IN_VAIN
         return self.nodes > MOST_FOLLOWED or in_vain
 
-    def add(self, values: Floats, family: int | None = None) -> None:
-        """Add the mode through a configuration (variables,), if it is in the range."""
-        driven = list(self.solver.driven)
-        values = self.solver.closure.solve(values[None], driven).values[0]
-        if self._redundant:
-            self.freedoms.append(self.solver.freedoms(values))
-            if self.freedoms[-1] != len(driven):
-                return
-        guide, tried = _guide(self.solver, self.input_grid, values)
-        self.in_vain += tried
+    def add(self, start: Guided, family: int | None = None) -> None:
+        """Add the mode through a configuration, if it is in the range."""
+        values, guide = start.values, start.guide
+        if start.freedoms is not None:
+            self.freedoms.append(start.freedoms)
+        self.in_vain += start.tried
         if guide is not None:
             assembly_mode = AssemblyMode(
                 len(self.assembly_modes), signs_at(self.solver, values), guide
@@ -140,7 +136,7 @@ class Gathering:
         elif np.any(outside):
             turns = np.round((middle - reference[driven]) / (2 * np.pi))
             values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
-        self.add(values)
+        self.add(guided(self.solver, self.input_grid, values[None])[0])
         if not self.assembly_modes and len(driven) == 1 and self.solver.meshes is not None:
             self._add_along(values)
         if self.freedoms and self.freedoms[0] < len(driven):
@@ -232,19 +228,28 @@ class Gathering:
                 row = self.input_grid.nearest(q, 1)
                 self.add_new(values, np.repeat(row, len(values)))
 
-    def add_new(self, values: Floats, rows: Rows, family: int | None = None) -> Rows:
+    def add_new(
+        self, values: Floats, rows: Rows, family: int | None = None, ahead: int = AHEAD
+    ) -> Rows:
         """Add assembly modes of configurations (n, variables) that none of them has.
 
         `rows` (n,) are the samples they belong to, read if assembly modes are known at
         samples only. Returns the family (n,) of each, -1 if it is not in the range. With
-        `family` that of all new ones is known.
+        `family` that of all new ones is known. So many are followed together as `ahead`
+        says, though one may turn out to be on the mode of another.
         """
         families = self._families_of(values, rows, 0)
-        for number in np.flatnonzero(families < 0):
+        followed: dict[int, Guided] = {}
+        for number in map(int, np.flatnonzero(families < 0)):
             before = len(self.assembly_modes)
             if families[number] >= 0 or self.is_full:
                 continue
-            self.add(values[number], family)
+            if number not in followed:
+                left = np.flatnonzero(families < 0)
+                some = left[left >= number][:ahead]
+                starts = guided(self.solver, self.input_grid, values[some])
+                followed = dict(zip(some.tolist(), starts, strict=True))
+            self.add(followed[number], family)
             if len(self.assembly_modes) == before:
                 continue
             self.go_beyond()
@@ -291,35 +296,56 @@ class Gathering:
         census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
         self.go_beyond()
         while census.goes_on and not self.is_full:
-            met = self.add_new(*starts.round())
-            census.add(STARTS, met, max(self.families, default=-1) + 1)
-            self.probes += STARTS
+            count = 1 if census.starts else RANGE_ROUNDS
+            met = self.add_new(*starts.rounds(count), ahead=1 if several else GUESSED)
+            census.add(count * STARTS, met, max(self.families, default=-1) + 1)
+            self.probes += count * STARTS
             self._working.tell(lambda: census.words("components"))
         return census
 
     def _families_of(self, values: Floats, rows: Rows, first: int) -> Rows:
-        """Return the family (n,) of configurations on modes from `first` on, or -1."""
-        solver, driven = self.solver, list(self.solver.driven)
-        angles = [v for v in solver.angles if v not in driven]
+        """Return the family (n,) of configurations on modes from `first` on, or -1.
+
+        Each is asked of the mode whose guide is nearest, then of the others that are near.
+        """
         families = np.full(len(values), -1, dtype=np.intp)
-        placed = solver.closure.at(values).placed
-        for assembly_mode, family in zip(
-            self.assembly_modes[first:], self.families[first:], strict=True
-        ):
-            (left,) = np.nonzero(families < 0)
-            if isinstance(assembly_mode.guide, ModeCurve) and len(left):
-                along = values[left, driven[0]]
-                predicted, spread = assembly_mode.guide.predict(along)
-                away = np.abs(wrap(predicted - values[left])[:, angles])
-                near = np.max(away, axis=1, initial=0.0) < spread + NEAR_GUIDE
-                left = left[near & assembly_mode.guide.covers(along)]
+        modes = self.assembly_modes[first:]
+        if not modes or not len(values):
+            return families
+        of_modes = np.array(self.families[first:], dtype=np.intp)
+        driven = list(self.solver.driven)
+        placed = self.solver.closure.at(values).placed
+        away = np.stack([self._away(mode, values, rows) for mode in modes])
+        for nearest in np.argsort(away, axis=0, kind="stable"):
+            near = np.isfinite(away[nearest, np.arange(len(values))])
+            (left,) = np.nonzero(near & (families < 0))
             if not len(left):
-                continue
-            there = solver.evaluate(assembly_mode, values[left][:, driven], rows[left])
+                break
+            which = nearest[left]
+            there = self.solver.evaluate_each(
+                modes, which, values[left][:, driven], rows[left]
+            )
             same = np.max(np.abs(there.rotations - placed[left]), axis=(1, 2, 3))
             closed = (there.status == Status.OK) | (there.status == Status.AT_SINGULARITY)
-            families[left[closed & (same < SAME_MODE)]] = family
+            closed &= same < SAME_MODE
+            families[left[closed]] = of_modes[which[closed]]
         return families
+
+    def _away(self, assembly_mode: AssemblyMode, values: Floats, rows: Rows) -> Floats:
+        """Return how far (n,) configurations are from a guide; infinite if not near it."""
+        driven = list(self.solver.driven)
+        angles = [v for v in self.solver.angles if v not in driven]
+        guide, covered = assembly_mode.guide, np.ones(len(values), dtype=bool)
+        if isinstance(guide, ModeCurve):
+            along = values[:, driven[0]]
+            predicted, spread = guide.predict(along)
+            covered = guide.covers(along)
+        else:
+            assert guide is not None
+            predicted, spread = guide.values[rows], np.zeros(len(rows))
+        gaps = np.abs(wrap(predicted - values)[:, angles])
+        away = np.max(gaps, axis=1, initial=0.0)
+        return np.where(covered & (away < spread + NEAR_GUIDE), away, np.inf)
 
 
 def other_rank(solver: Solver, freedoms: int) -> PlanError:
@@ -329,31 +355,6 @@ def other_rank(solver: Solver, freedoms: int) -> PlanError:
         f"{graph_mobility(solver.mechanism)} by the graph, but the number of inputs is "
         f"{len(solver.driven)}; {inputs_to_declare(freedoms)}"
     )
-
-
-def _guide(
-    solver: Solver, input_grid: InputGrid, values: Floats
-) -> tuple[ModeCurve | ModeOverGrid | None, int]:
-    """Return the guide through a closed configuration, None if it is out of range.
-
-    Also the steps tried along a curve.
-    """
-    driven = list(solver.driven)
-    here = values[driven]
-    if len(driven) == 1:
-        low, high = input_grid.range
-        q = float(here[0])
-        curve = follow(solver.closure, driven[0], values, min(low, q), max(high, q))
-        inside = curve.inputs[0] <= high and curve.inputs[-1] >= low
-        return curve if inside else None, curve.tried
-    near = input_grid.nearest(here, NEAREST)
-    start = np.repeat(values[None], len(near), axis=0)
-    reached, status = walk(solver.closure, driven, start, input_grid.q[near])
-    arrived = np.flatnonzero(status == Status.OK)
-    if not len(arrived):
-        return None, 0
-    first = arrived[0]
-    return spread(solver.closure, driven, input_grid, int(near[first]), reached[first]), 0
 
 
 def _scattered(input_grid: InputGrid) -> Floats:

@@ -96,12 +96,16 @@ class State:
 
 
 def place_dyad(
-    state: State, group: Group, ends: tuple[tuple[int, int], ...], sign: float
+    state: State,
+    group: Group,
+    ends: tuple[tuple[int, int], ...],
+    sign: Floats | float,
 ) -> Floats:
     """Place the two free bodies of a dyad and merge; return the sine of its dead centre.
 
-    The mode's `sign` is that of u_1 . (u_2 x u_3), the axes of the group's pairs in
-    file order. Samples whose arcs cannot close are marked in `state.lost`.
+    The mode's `sign`, one for all samples or (n,), is that of u_1 . (u_2 x u_3), the axes
+    of the group's pairs in file order. Samples whose arcs cannot close are marked in
+    `state.lost`.
     """
     near, middle, far = group.dyad_places
 
@@ -160,12 +164,10 @@ def place_group(
 
     Returns the solver's result, and the group there.
     """
-    closure = group_closure(state, group, ends)
-    result = closure.solve(start)
-    at = closure.at(result.values)
-    state.merge(group, at.placed)
+    result = group_closure(state, group, ends).solve(start)
+    state.merge(group, result.at.placed)
     state.values[:, group_variables(state, group)] = result.values
-    return result, at
+    return result, result.at
 
 
 def place_train(

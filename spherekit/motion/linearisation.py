@@ -16,6 +16,7 @@ from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import pair_axes, pair_rates, pair_states, variable_vectors
 from spherekit.sphere.rotation import Floats, rotation_vector, transpose
 
+_UNTURNED = np.eye(3)
 KEPT = ("placed", "frames", "vectors", "jacobian", "residual")
 
 
@@ -60,12 +61,15 @@ class Linearisation:
         if self.rotations is not None:
             return self.rotations
         placed = np.empty((len(self.values), self.tree.count, 3, 3))
-        placed[:, 0] = np.eye(3)
+        placed[:, 0] = _UNTURNED
         across = self.states.first @ transpose(self.states.second)
         for pair, parent, child in self.tree.placements:
             ahead = self.tree.ends[pair][0] == parent
             turn = across[:, pair] if ahead else transpose(across[:, pair])
-            placed[:, child] = placed[:, parent] @ turn
+            if parent:
+                np.matmul(placed[:, parent], turn, out=placed[:, child])
+            else:
+                placed[:, child] = turn
         return placed
 
     @cached_property
@@ -86,14 +90,11 @@ class Linearisation:
     @cached_property
     def residual(self) -> Floats:
         """(n, 3 loops): rotation vectors (rad) by which the loops stay open."""
-        chords = list(self.tree.chords)
-        if not chords:
+        chords, firsts, seconds = self.tree.closing
+        if not len(chords):
             return np.zeros((len(self.values), 0))
-        one, other = (
-            self.placed[:, [self.tree.ends[chord][k] for chord in chords]]
-            @ frames[:, chords]
-            for k, frames in enumerate((self.states.first, self.states.second))
-        )
+        one = self.placed[:, firsts] @ self.states.first[:, chords]
+        other = self.placed[:, seconds] @ self.states.second[:, chords]
         gaps = rotation_vector(one @ transpose(other))
         return gaps.reshape(len(gaps), 3 * len(chords))
 

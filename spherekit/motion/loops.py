@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
@@ -34,14 +35,14 @@ class LoopTree:
         return LoopTree(len(mechanism.links), mechanism.ends, mechanism.variable_owners)
 
     @cached_property
-    def firsts(self) -> list[int]:
+    def firsts(self) -> NDArray[np.intp]:
         """The first body of each pair."""
-        return [first for first, _ in self.ends]
+        return np.array([first for first, _ in self.ends], dtype=np.intp)
 
     @cached_property
-    def seconds(self) -> list[int]:
+    def seconds(self) -> NDArray[np.intp]:
         """The second body of each pair."""
-        return [second for _, second in self.ends]
+        return np.array([second for _, second in self.ends], dtype=np.intp)
 
     @cached_property
     def placements(self) -> tuple[tuple[int, int, int], ...]:
@@ -66,6 +67,12 @@ class LoopTree:
         """The pairs that close a loop each."""
         tree = {pair for pair, _, _ in self.placements}
         return tuple(pair for pair in range(len(self.ends)) if pair not in tree)
+
+    @cached_property
+    def closing(self) -> NDArray[np.intp]:
+        """(3, loops): the chords, and the first and the second body of each."""
+        chords = np.array(self.chords, dtype=np.intp)
+        return np.stack([chords, self.firsts[chords], self.seconds[chords]])
 
     @cached_property
     def signs(self) -> Floats:

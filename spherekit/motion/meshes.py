@@ -202,11 +202,9 @@ def _constant_rates(
     with np.errstate(all="ignore"):
         there, _ = walk(closure, driven, start, goal)
         every = np.concatenate([values[None], there])
-        slopes = []
+        at, slopes = closure.at(every), []
         for direction in np.eye(count):
-            nodes = nodes_at(
-                closure, driven, every, np.repeat(direction[None], len(every), axis=0)
-            )
+            nodes = nodes_at(at, driven, np.repeat(direction[None], len(every), axis=0))
             slopes.append(nodes.slope)
     rates = np.stack(slopes, axis=-1)
     good = np.all(np.isfinite(rates), axis=(1, 2)) & (nodes.reciprocal_condition > FLAT)

@@ -18,6 +18,8 @@ from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.steps import walk
 from spherekit.sphere.rotation import Floats
 
+Rows = NDArray[np.intp]
+
 
 @final
 @dataclass(frozen=True)
@@ -32,22 +34,30 @@ class ModeOverGrid:
     status: NDArray[np.int8]
 
 
-def spread(
-    closure: Closure, driven: Sequence[int], input_grid: InputGrid, row: int, values: Floats
-) -> ModeOverGrid:
-    """Return the sheet through a closed configuration (variables,) at one sample."""
-    n = len(input_grid)
-    sheet = np.full((n, len(values)), np.nan)
-    status = np.full(n, Status.OUT_OF_REACH, dtype=np.int8)
-    sheet[row], status[row] = values, Status.OK
+def spread_each(
+    closure: Closure,
+    driven: Sequence[int],
+    input_grid: InputGrid,
+    rows: Rows,
+    values: Floats,
+) -> list[ModeOverGrid]:
+    """Return the sheets through closed configurations (k, variables), side by side.
+
+    `rows` (k,) are the samples at which they are.
+    """
+    n, count = len(input_grid), len(rows)
+    sheets = np.full((count * n, values.shape[1]), np.nan)
+    status = np.full(count * n, Status.OUT_OF_REACH, dtype=np.int8)
+    front = np.arange(count) * n + rows
+    sheets[front], status[front] = values, Status.OK
     beside = input_grid.neighbours()
-    front = np.array([row])
     while len(front):
-        start = np.tile(front, len(beside))
-        stop = beside[:, front].ravel()
-        new: list[NDArray[np.intp]] = []
-        open_ways = stop >= 0
-        start, stop = start[open_ways], stop[open_ways]
+        first, sample = front - front % n, front % n
+        stop = beside[:, sample]
+        open_ways = stop.ravel() >= 0
+        start = np.tile(front, len(beside))[open_ways]
+        stop = (stop + first).ravel()[open_ways]
+        new: list[Rows] = []
         while len(stop):
             wanted = status[stop] != Status.OK
             start, stop = start[wanted], stop[wanted]
@@ -55,14 +65,15 @@ def spread(
             if not len(once):
                 break
             reached, why = walk(
-                closure, driven, sheet[start[once]], input_grid.q[stop[once]]
+                closure, driven, sheets[start[once]], input_grid.q[stop[once] % n]
             )
             status[stop[once]] = why
             arrived = stop[once][why == Status.OK]
-            sheet[arrived] = reached[why == Status.OK]
+            sheets[arrived] = reached[why == Status.OK]
             new.append(arrived)
             left = np.ones(len(stop), dtype=bool)
             left[once] = False
             start, stop = start[left], stop[left]
         front = np.concatenate(new) if new else np.zeros(0, dtype=np.intp)
-    return ModeOverGrid(sheet, status)
+    parts = (slice(k * n, (k + 1) * n) for k in range(count))
+    return [ModeOverGrid(sheets[part], status[part]) for part in parts]

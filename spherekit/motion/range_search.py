@@ -49,21 +49,27 @@ class RangeSearch:
         self._most = np.full(len(self._low), np.inf)
         self._least[driven], self._most[driven] = low, high
 
-    def round(self) -> tuple[Floats, NDArray[np.intp]]:
-        """Return closed configurations (k, variables) that `STARTS` starts lead to.
+    def _drawn(self) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the starts (n, variables) of a round, and the sample (n,) of each."""
+        starts = self._random.uniform(self._low, self._high, (STARTS, len(self._low)))
+        if self.samples is None:
+            return starts, np.zeros(STARTS, dtype=np.intp)
+        rows = self._random.integers(0, len(self.samples), STARTS)
+        starts[:, list(self.solver.driven)] = self.samples[rows]
+        return starts, rows
+
+    def rounds(self, count: int = 1) -> tuple[Floats, NDArray[np.intp]]:
+        """Return closed configurations (k, variables) that so many rounds lead to.
 
         With them the sample (k,) of each where the inputs are kept. Those whose contacts
         do not exist, or that lie at a dead centre, are left out.
         """
         solver, driven = self.solver, list(self.solver.driven)
-        starts = self._random.uniform(self._low, self._high, (STARTS, len(self._low)))
-        rows = np.zeros(STARTS, dtype=np.intp)
+        drawn = [self._drawn() for _ in range(count)]
+        starts, rows = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
         closure = solver.closure
         with np.errstate(all="ignore"):
             held = driven
-            if self.samples is not None:
-                rows = self._random.integers(0, len(self.samples), STARTS)
-                starts[:, driven] = self.samples[rows]
             if solver.meshes is not None:
                 held = driven + list(solver.meshes.variables)
                 starts[:, held[len(driven) :]] = solver.meshes.rolled(starts[:, driven])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.motion.closure import Closure
 from spherekit.motion.continuation import Rows, Verification, follow_paths
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.pairs import contact_tracks
 from spherekit.numeric.rows import ArrayRows
@@ -64,14 +65,12 @@ class Nodes(ArrayRows):
         self.reciprocal_condition[rows] = new.reciprocal_condition
 
 
-def nodes_at(
-    closure: Closure, driven: Sequence[int], values: Floats, direction: Floats
-) -> Nodes:
-    """Return the nodes at closed configurations (n, variables).
+def nodes_at(at: Linearisation, driven: Sequence[int], direction: Floats) -> Nodes:
+    """Return the nodes at closed configurations.
 
     `driven` are the variables of the inputs, `direction` (n, inputs) how those move.
     """
-    at = closure.at(values)
+    values = at.values
     jacobian = at.jacobian
     held = list(driven)
     free = [v for v in range(values.shape[1]) if v not in driven]
@@ -128,7 +127,7 @@ def _advanced(
     holds = finite & (result.residual < CLOSURE_TOLERANCE)
     size = np.minimum(LARGEST_MOVE, moved)
     holds &= VERIFIED.corrected(result.first_step, result.ratio, size)
-    new = nodes_at(closure, driven, result.values, at.direction)
+    new = nodes_at(result.at, driven, at.direction)
     holds &= (new.sign == at.sign) & np.all(np.isfinite(new.slope), axis=1)
     cosine = np.sum(_unit(at.slope) * _unit(new.slope), axis=1)
     return new, holds & (cosine > VERIFIED.turn)
@@ -169,7 +168,7 @@ class InputPaths:
     trail
         What was reached in each step, with the ways it belongs to, if it is kept.
     tried
-        How many steps were tried on all ways, those that did not hold too.
+        (n,) how many steps were tried on each way, those that did not hold too.
     """
 
     def __init__(
@@ -184,11 +183,11 @@ class InputPaths:
         way = q - values[:, self.driven]
         length = np.linalg.norm(way, axis=1)
         direction = way / np.maximum(length, 1e-300)[:, None]
-        self.at = nodes_at(closure, driven, values.copy(), direction)
+        self.at = nodes_at(closure.at(values.copy()), driven, direction)
         self.status = np.full(len(q), Status.OK, dtype=np.int8)
         self.trail: list[tuple[Rows, Nodes]] | None = [] if keeps_trail else None
         self.going = np.flatnonzero(length > 0.0)
-        self.tried = 0
+        self.tried = np.zeros(len(q), dtype=np.intp)
         self._left = np.full(len(q), MOST_NODES)
         follow_paths(self, np.full(len(q), np.inf))
 
@@ -198,7 +197,7 @@ class InputPaths:
 
     def advance(self, rows: Rows, step: Floats) -> Floats:
         """Go on by steps, the last ones exactly to the inputs wanted."""
-        self.tried += len(rows)
+        self.tried[rows] += 1
         at, q = self.at.rows(rows), self.q[rows]
         here = at.values[:, self.driven]
         rest = np.sum((q - here) * at.direction, axis=1)
@@ -221,6 +220,15 @@ class InputPaths:
         """Return the steps below which inputs cannot go on."""
         q = np.max(np.abs(self.at.values[rows][:, self.driven]), axis=1)
         return np.asarray(2 * SMALLEST_STEP * np.maximum(1.0, q))
+
+    def nodes_of(self, rows: Sequence[int]) -> list[Nodes]:
+        """Return what ways reached in their steps, in order, of a kept trail."""
+        assert self.trail is not None
+        if not self.trail:
+            return [self.at.rows(slice(0, 0)) for _ in rows]
+        ways = np.concatenate([moved for moved, _ in self.trail])
+        nodes = Nodes.joined([made for _, made in self.trail])
+        return [nodes.rows(ways == row) for row in rows]
 
     def stop(self, row: int) -> None:
         """End a way at its last node."""

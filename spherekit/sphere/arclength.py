@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import final
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
+from spherekit.conventions import EPS
+from spherekit.numeric import chebyshev
 from spherekit.sphere.paths import Parametrised
 from spherekit.sphere.rotation import Floats
 
@@ -17,6 +20,9 @@ SLOWEST = 1e-5
 _ORDER = 16
 _DEEPEST = 40
 _TAIL = 1e-15
+_DEGREE = 23
+_EXACT = 16.0 * EPS
+"""Part of half a panel by which places read from the inverse series may be off."""
 
 
 @final
@@ -42,12 +48,45 @@ class ArcLength:
         return np.asarray(self.starts[np.searchsorted(self.edges, u)])
 
     def invert(self, s: Floats) -> Floats:
-        """Return u (n,) at arc lengths s (n,) by Newton steps kept inside a bracket."""
+        """Return u (n,) at arc lengths s (n,).
+
+        Where a panel's inverse series is not exact, by Newton steps kept inside a bracket.
+        """
         last = len(self.edges) - 2
         panel = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, last)
         target = s - self.starts[panel]
-        low, high = np.full(s.shape, -1.0), np.full(s.shape, 1.0)
-        x = 2.0 * target / (self.starts[panel + 1] - self.starts[panel]) - 1.0
+        series, exact = self._inverse
+        part = 2.0 * target / (self.starts[panel + 1] - self.starts[panel]) - 1.0
+        part = np.clip(part, -1.0, 1.0)
+        x = part + _sum(series, panel, part)
+        left = ~exact[panel]
+        if np.any(left):
+            x[left] = self._solved(panel[left], target[left], x[left])
+        half = 0.5 * (self.edges[panel + 1] - self.edges[panel])
+        return np.asarray(self.edges[panel] + half * (1.0 + np.clip(x, -1.0, 1.0)))
+
+    @cached_property
+    def _inverse(self) -> tuple[Floats, NDArray[np.bool_]]:
+        """Powers (order, panels) of x less the part of a panel's length, -1 to 1, by that.
+
+        And which of them are exact, measured between the places at which they are made.
+        """
+        lengths = np.diff(self.starts)
+        between = np.cos(np.arange(_DEGREE + 2) * np.pi / (_DEGREE + 1))
+        nodes = chebyshev.nodes(_DEGREE)
+        parts = np.concatenate([nodes, between])
+        panel = np.repeat(np.arange(len(lengths)), len(parts))
+        parts = np.tile(parts, len(lengths))
+        x = self._solved(panel, 0.5 * (1.0 + parts) * lengths[panel], parts)
+        away = (x - parts).reshape(len(lengths), -1)
+        series = chebyshev.through(away[:, : len(nodes), None])[..., 0]
+        powers = np.ascontiguousarray(_powers(_DEGREE) @ series.T)
+        miss = _sum(powers, panel, parts).reshape(away.shape) - away
+        return powers, np.all(np.abs(miss) <= _EXACT, axis=1)
+
+    def _solved(self, panel: NDArray[np.intp], target: Floats, x: Floats) -> Floats:
+        """Return x (n,) at lengths from panels' starts, by Newton steps from x (n,)."""
+        low, high = np.full(x.shape, -1.0), np.full(x.shape, 1.0)
         done = ~np.isfinite(x)
         for _ in range(100):
             covered, rate = self.within(panel, x)
@@ -60,8 +99,7 @@ class ArcLength:
             x, done = np.where(done, x, new), done | near
             if np.all(done):
                 break
-        half = 0.5 * (self.edges[panel + 1] - self.edges[panel])
-        return np.asarray(self.edges[panel] + half * (1.0 + np.clip(x, -1.0, 1.0)))
+        return x
 
     def at(self, u: Floats) -> Floats:
         """Return the arc lengths (n,) of parameters u (n,)."""
@@ -152,3 +190,27 @@ def integrated(
         starts=np.concatenate([[0.0], np.cumsum(2.0 * speeds[:, 0])]),
         speeds=np.ascontiguousarray(speeds.T),
     )
+
+
+def _sum(powers: Floats, panel: NDArray[np.intp], x: Floats) -> Floats:
+    """Return polynomials (order, panels) of panels (n,) at x (n,), by Horner's scheme."""
+    rows = powers.take(panel, axis=1)
+    total: Floats = rows[-1]
+    for row in rows[-2::-1]:
+        total *= x
+        total += row
+    return total
+
+
+@cache
+def _powers(degree: int) -> Floats:
+    """Return the matrix that makes powers of Chebyshev series.
+
+    Series that have ended at 16 terms fall by more than a half from each to the next, so
+    that their powers lose nothing.
+    """
+    made = np.zeros((degree + 1, degree + 1))
+    for order, unit in enumerate(np.eye(degree + 1)):
+        row = np.polynomial.chebyshev.cheb2poly(unit)
+        made[: len(row), order] = row
+    return made

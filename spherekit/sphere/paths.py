@@ -1,6 +1,7 @@
 """Curves on the unit sphere in a parameter of their own: a Fourier colatitude, a spline."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol, final
 
 import numpy as np
@@ -50,15 +51,24 @@ class FourierPath:
 
     def colatitude(self, a: Floats, derivatives: int) -> list[Floats]:
         """Return the colatitude and so many derivatives at azimuths a of any shape."""
-        out = [np.zeros_like(a) for _ in range(derivatives + 1)]
-        out[0] += self.cosines[0]
-        for k in range(1, len(self.cosines)):
-            c, s = np.cos(k * a), np.sin(k * a)
-            even, odd = self.cosines[k], self.sines[k]
-            for order in range(derivatives + 1):
-                out[order] += even * c + odd * s
-                even, odd = k * odd, -k * even
+        angles = np.multiply.outer(np.arange(len(self.cosines)), a)
+        c, s = np.cos(angles), np.sin(angles)
+        shape = (-1, *[1] * np.ndim(a))
+        out = []
+        for even, odd in self._series[: derivatives + 1]:
+            terms = even.reshape(shape) * c + odd.reshape(shape) * s
+            out.append(np.add.accumulate(terms, axis=0)[-1])  # one place as many
         return out
+
+    @cached_property
+    def _series(self) -> list[tuple[Floats, Floats]]:
+        """Cosines and sines (k,) of the colatitude and its first three derivatives."""
+        made = [(self.cosines, self.sines)]
+        orders = np.arange(len(self.cosines))
+        for _ in range(3):
+            even, odd = made[-1]
+            made.append((orders * odd, -orders * even))
+        return made
 
     def speed(self, u: Floats) -> Floats:
         """Return |dp/du| at u of any shape."""
@@ -70,18 +80,23 @@ class FourierPath:
         """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
         colatitude, d1, d2, d3 = self.colatitude(u, 3)
         s, c = np.sin(colatitude), np.cos(colatitude)
-        outward, along = turned(self.axes, u)
-        centre = self.axes[:, 2]
-        point = c[:, None] * centre + s[:, None] * outward
-        away = c[:, None] * outward - s[:, None] * centre
+        # components first: a place each in the innermost loops
+        outward, along = (vectors.T for vectors in turned(self.axes, u))
+        centre = self.axes[:, 2, None]
+        point = c * centre + s * outward
+        away = c * outward - s * centre
         v = np.sqrt(d1 * d1 + s * s)
-        tangent = (d1 / v)[:, None] * away + (s / v)[:, None] * along
+        tangent = (d1 / v) * away + (s / v) * along
         # k = bend / v^3 with bend = det(p, p', p''), in the basis away, along
         bend = 2.0 * c * d1**2 + s * (s * c - d2)
         bend_rate = d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
         v_rate = d1 * (d2 + s * c) / v
         k = bend / v**3
-        return exact_frame(point, tangent), k, bend_rate / v**4 - 3.0 * k * v_rate / v**2
+        return (
+            exact_frame(point.T, tangent.T),
+            k,
+            bend_rate / v**4 - 3.0 * k * v_rate / v**2,
+        )
 
     def place(self, u: float) -> str:
         """Return words for where u is."""
@@ -158,8 +173,9 @@ def axes_about(centre: ArrayLike) -> Floats:
 
 def turned(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
     """Return the unit vectors (n, 3) at right angles to the third axis: out, onward."""
-    c, s = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
-    return c * axes[:, 0] + s * axes[:, 1], c * axes[:, 1] - s * axes[:, 0]
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    x, y = axes[:, 0, None], axes[:, 1, None]
+    return (c * x + s * y).T, (c * y - s * x).T
 
 
 def dot(a: Floats, b: Floats) -> Floats:

@@ -216,7 +216,7 @@ class _Circle(Curve):
     def at(self, s: ArrayLike) -> CurvePoint:
         arcs, inside = _into(np.asarray(s, dtype=float), self.length, closed=True)
         outward, along = turned(self.axes, arcs / self.sine)
-        point = self.cosine * self.axes[:, 2] + self.sine * outward
+        point = (self.cosine * self.axes[:, 2, None] + self.sine * outward.T).T
         one = np.where(inside, 1.0, np.nan)
         return CurvePoint(
             exact_frame(point, along), self.cosine / self.sine * one, 0.0 * one, inside

@@ -67,10 +67,10 @@ def rotation_vector(matrix: Floats) -> Floats:
     """
     r = matrix
     twice_sine = np.empty(r.shape[:-1])
-    twice_sine[..., 0] = r[..., 2, 1] - r[..., 1, 2]
-    twice_sine[..., 1] = r[..., 0, 2] - r[..., 2, 0]
-    twice_sine[..., 2] = r[..., 1, 0] - r[..., 0, 1]
-    sine = 0.5 * np.linalg.norm(twice_sine, axis=-1)
+    x = np.subtract(r[..., 2, 1], r[..., 1, 2], out=twice_sine[..., 0])
+    y = np.subtract(r[..., 0, 2], r[..., 2, 0], out=twice_sine[..., 1])
+    z = np.subtract(r[..., 1, 0], r[..., 0, 1], out=twice_sine[..., 2])
+    sine = 0.5 * np.sqrt(x * x + y * y + z * z)
     cosine = 0.5 * (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
     small = sine < 1e-4

@@ -59,7 +59,7 @@ def close_dyad(
     second: Floats,
     near: tuple[Floats, Floats],
     far: tuple[Floats, Floats],
-    sign: float,
+    sign: Floats | float,
     slack: Floats | float = REACH_SLACK,
 ) -> tuple[Floats, Floats, Floats, Bools]:
     """Place the two bodies of a dyad between two known axes.
@@ -73,7 +73,8 @@ def close_dyad(
     far
         The same for the body at `second`.
     sign
-        +1 or -1: the sign of middle . (first x second), which names the assembly mode.
+        +1 or -1, or (n,) of these: the sign of middle . (first x second), which names the
+        assembly mode.
     slack
         (n,) rad, what the outer axes may be off by.
 
@@ -105,7 +106,8 @@ def close_dyad(
     def placed(
         axis: Floats, toward: Floats, angle: Floats, body: tuple[Floats, Floats]
     ) -> Floats:
-        tangent = np.cos(angle)[:, None] * toward + sign * np.sin(angle)[:, None] * normal
+        swing = (sign * np.sin(angle))[:, None]
+        tangent = np.cos(angle)[:, None] * toward + swing * normal
         outer, middle = body
         side = cross(cross(outer, middle), outer)
         norm = np.linalg.norm(side, axis=-1, keepdims=True)
