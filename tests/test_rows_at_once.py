@@ -13,13 +13,14 @@ from benchmarks.special import special_mechanism
 from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
+from spherekit.engine.compiler import available
 from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
 from spherekit.numeric.lent_memory import Refilled, SetAside
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
-from spherekit.rates.signs import _flips
+from spherekit.rates.signs import _flips, signs_at_stops
 from spherekit.rates.unread_columns import Unread
 
 LONG_SEARCHES = {7, 15}
@@ -92,6 +93,22 @@ def test_inputs_out_of_reach_are_passed():
         assert np.allclose(one[axis], two[axis], rtol=0.0, atol=1e-9, equal_nan=True)
         assert np.allclose(one[axis], three[axis], rtol=0.0, atol=1e-9, equal_nan=True)
     assert 0.4 < np.mean(np.isnan(one["ux"])) < 0.6
+
+
+@pytest.mark.parametrize("name", ["watt", "two_dof_spm", "three_rrr"])
+def test_directions_reverse_within_blocks(name, monkeypatch):
+    """They are turned round where they are with care; compiled, if heyoka is there."""
+    if available():
+        monkeypatch.setattr(rows_at_once, "MANY", 0)
+    turned = []
+
+    def counted(*arguments):
+        turned.append(signs_at_stops(*arguments))
+        return turned[-1]
+
+    monkeypatch.setattr(rows_at_once, "signs_at_stops", counted)
+    assert compared(sk.load(name), samples=300) > 0.7
+    assert sum(len(item.pole) for item in turned) > 10
 
 
 def test_special_geometry():

@@ -200,6 +200,11 @@ class RowKernel:
     _make_closing: Callable[[], ColumnFunction]
     _make_signed: Callable[[], ColumnFunction]
 
+    @property
+    def in_threads(self) -> bool:
+        """Whether threads call it at the same time: its calls are few and long."""
+        return self.engine == "compiled"
+
     @cached_property
     def judging(self) -> RowFunction:
         """What decides about rows, of all pair variables."""

@@ -30,21 +30,23 @@ def in_turn(
             yield following.result()
 
 
-def each_at_once(make: Callable[[Given], Made], items: Sequence[Given]) -> list[Made]:
-    """Return what is made of each item, on all cores.
+def each_at_once(
+    make: Callable[[Given], Made], items: Sequence[Given], threads: bool
+) -> list[Made]:
+    """Return what is made of each item, with `threads` on all cores.
 
     Every core has its items from the start: threads that take them one by one wait for
-    each other more often.
+    each other more often. They are of use where calls without the interpreter are long.
     """
-    cores = min(usable_cores(), len(items))
+    cores = min(usable_cores(), len(items)) if threads else 1
     if cores < 2:
         return list(map(make, items))
     made: list[Made] = []
-    with ThreadPoolExecutor(cores) as threads:
+    with ThreadPoolExecutor(cores) as pool:
         shares = [
             items[len(items) * k // cores : len(items) * (k + 1) // cores]
             for k in range(cores)
         ]
-        for some in threads.map(lambda share: list(map(make, share)), shares):
+        for some in pool.map(lambda share: list(map(make, share)), shares):
             made += some
     return made

@@ -106,7 +106,7 @@ class MadeColumns:
                     parted.fill(room, apart)
                     reader(rows, self._finished(apart, given, part))
 
-        each_at_once(fill, self.parts)
+        each_at_once(fill, self.parts, self.kernel.in_threads)
 
     def _finished(self, columns: Floats, values: Floats, part: Part) -> Floats:
         """Return the columns of a part with what the kernel does not know, in place."""

@@ -105,7 +105,7 @@ class Rows:
 
     def fill(self, parts: Sequence[Part]) -> list[Seen | None]:
         """Fill all rows; return what was seen of parts whose rows are all vouched for."""
-        made = each_at_once(self._fill, parts)
+        made = each_at_once(self._fill, parts, self.kernel.in_threads)
         self.is_whole = all(item.vouched is None for item in made)
         if not self.is_whole:
             self.vouched, self.status = self.vouched.copy(), self.status.copy()
