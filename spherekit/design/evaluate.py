@@ -53,7 +53,8 @@ from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
 from spherekit.model.actions import need_tabulated
 from spherekit.model.expression import Expression
-from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import SizeGeometry
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import plan_assembly
