@@ -17,7 +17,7 @@ from spherekit.version import __version__
 DEFINITION = "_sweep.json"
 """What readers of a folder of Parquet pass over begins with _ or a point."""
 
-PARTS = "**/part-*.parquet"
+PARTS = ("part-*.parquet", "designs/part-*.parquet", "tables/*/part-*.parquet")
 
 CODE = ("spherekit", "numpy", "heyoka", "machine")
 """What says by which code numbers were made."""
@@ -55,7 +55,7 @@ def claim(place: Path, definition: Mapping[str, Any], resume: bool) -> None:
         If there are parts of another sweep, or parts made by other code.
     """
     path = place / DEFINITION
-    if not path.exists() and any(place.glob(PARTS)):
+    if not path.exists() and _has_parts(place):
         raise OutputError(
             f"{place}: holds parts of which {DEFINITION} does not say what sweep they are "
             "of; choose another folder, or remove them"
@@ -64,9 +64,13 @@ def claim(place: Path, definition: Mapping[str, Any], resume: bool) -> None:
         stored = json.loads(path.read_text(encoding="utf-8"))
         if resume and stored == definition:
             return
-        if any(place.glob(PARTS)):
+        if _has_parts(place):
             raise OutputError(f"{place}: {_why_not(stored, definition)}")
     write_text(path, json.dumps(definition, indent=2) + "\n")
+
+
+def _has_parts(place: Path) -> bool:
+    return any(part for pattern in PARTS for part in place.glob(pattern))
 
 
 def _why_not(stored: Mapping[str, Any], definition: Mapping[str, Any]) -> str:
