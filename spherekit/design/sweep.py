@@ -243,9 +243,10 @@ class Sweep:
             return self._meeting(self.rows(designs, rows))
         kept = self._worth_running(evaluator.kernel_figures, designs)
         designs, rows = designs[:, kept], rows[kept]
-        pieces = [self._shown(designs, rows, evaluator.none())]
+        classes = evaluator.classes(designs)
+        pieces = [self._shown(designs, rows, evaluator.none(), classes)]
         for evaluated, of_run in evaluator.runs_of(designs):
-            made = self._meeting(self._shown(designs, rows, evaluated))
+            made = self._meeting(self._shown(designs, rows, evaluated, classes))
             pieces.append(made)
             if tables is not None and len(made["design"]):
                 for stem, table, data in of_run:
@@ -262,13 +263,17 @@ class Sweep:
 
     def rows(self, designs: Floats, numbers: NDArray[np.intp]) -> Columns:
         """Return the rows of designs (variables, n), by their numbers, in all modes."""
-        return self._shown(designs, numbers, self.evaluator.at(designs))
+        classes = self.evaluator.classes(designs)
+        return self._shown(designs, numbers, self.evaluator.at(designs), classes)
 
     def _shown(
-        self, designs: Floats, numbers: NDArray[np.intp], evaluated: Evaluated
+        self,
+        designs: Floats,
+        numbers: NDArray[np.intp],
+        evaluated: Evaluated,
+        classes: NDArray[np.str_] | None,
     ) -> Columns:
         """Return the rows of designs with their numbers and classes, in the file's unit."""
-        classes = self.evaluator.classes(designs)
         design = evaluated.design
         made: Columns = {"design": numbers[design]}
         for variable, values in zip(self.variables, designs, strict=True):

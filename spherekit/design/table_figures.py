@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -111,6 +111,7 @@ class TableFigures:
         by_mode = {merit.name: self._by_mode(run, merit) for merit in self.merits}
         assembled = run.summary.get("assembly_modes", ())
         labels = {str(item["number"]): str(item["mode"]) for item in assembled}
+        shares = {str(item["number"]): _share(item["status"]) for item in assembled}
         figured = {mode for figure in by_mode.values() for mode in figure} - {WHOLE}
         numbered = {(ASSEMBLY, number) for number in labels} if self.tables else set()
         modes = figured | numbered
@@ -124,7 +125,12 @@ class TableFigures:
             ordered,
             figures,
             {name: of.get(WHOLE, np.nan) for name, of in by_mode.items()},
-            np.array([_closes(run, mode) for _, mode in ordered]),
+            np.array(
+                [
+                    shares.get(mode, np.nan) if column == ASSEMBLY else np.nan
+                    for column, mode in ordered
+                ]
+            ),
             words.partition(":")[0] if MOTION in run.results and ":" in words else "",
             labels,
             _tables(run) if self.tables else (),
@@ -207,12 +213,7 @@ def _units(
     return {item.name: item.unit for item in columns if item.kind == "number"}
 
 
-def _closes(run: RunResult, mode: str) -> float:
-    """Return the share of samples at which an assembly mode closes; NaN of other modes."""
-    data: Any = run.results[MOTION].data if MOTION in run.results else {}
-    if MOTION not in data:
-        return float("nan")
-    rows = run.frame(MOTION)
-    status = rows["status"][rows["assembly_mode"].astype(str) == mode].astype(str)
-    held = status.isin([Status.OK.name, Status.AT_SINGULARITY.name])
-    return float(held.mean()) if len(status) else float("nan")
+def _share(statuses: Mapping[str, int]) -> float:
+    """Return the share of samples at which an assembly mode closes, by its statuses."""
+    closed = sum(statuses.get(s.name, 0) for s in (Status.OK, Status.AT_SINGULARITY))
+    return closed / total if (total := sum(statuses.values())) else float("nan")
