@@ -82,6 +82,9 @@ DEFAULT_SAMPLES = 361
 NAME_PATTERN = re.compile(r"[A-Za-z0-9_]+")
 """Names of links, pairs, masses, loads: letters, digits and underscores."""
 
+_NUMBER = re.compile(r"(?<![\w.])-?\d[\d.]*(?:e[-+]?\d+)?(?![\w.])")
+"""A number that is no part of a key, such as ``links.4.arc``."""
+
 MAX_NAME_LENGTH = 64
 """Names longer than this are refused; they become columns and entity paths."""
 
@@ -106,6 +109,11 @@ def listing(words: Iterable[object], limit: int = 12) -> str:
     rest = len(items) - limit
     shown = ", ".join(items[:limit])
     return f"{shown} and {rest} more" if rest > 0 else shown
+
+
+def without_numbers(text: str) -> str:
+    """Return a text by which those that differ in numbers only are one."""
+    return _NUMBER.sub("", text)
 
 
 def numbered(word: str, numbers: Iterable[object]) -> str:

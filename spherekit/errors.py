@@ -4,6 +4,11 @@
 class SpherekitError(Exception):
     """Base class: catching it catches everything spherekit raises on purpose."""
 
+    @property
+    def fault(self) -> str:
+        """What is wrong, without what else could be asked for."""
+        return str(self)
+
 
 class FileError(SpherekitError):
     """A file cannot be read, does not parse, or breaks the file format."""
@@ -54,7 +59,22 @@ class OutputError(SpherekitError):
 
 
 class EngineError(SpherekitError):
-    """The mechanism cannot be written in expressions, or the engine not be used so."""
+    """The mechanism cannot be written in expressions, or the engine not be used so.
+
+    Its message is the `fault`, and `instead`, what to ask for in place of this engine: that
+    is left out where the other one was taken.
+    """
+
+    def __init__(self, fault: str, instead: str = "") -> None:
+        super().__init__(fault, instead)
+
+    @property
+    def fault(self) -> str:
+        """What is wrong, without what else could be asked for."""
+        return str(self.args[0])
+
+    def __str__(self) -> str:
+        return "; ".join(filter(None, self.args))
 
 
 class EngineMissing(EngineError):

@@ -793,6 +793,7 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monk
         simulate(made, start, until, engine="compiled", **driving)
     found = simulate(made, start, until, tolerance=1e-9, **driving)
     assert found.end.kind == "time"
+    assert "use NumPy" not in found.engine.reason
     assert np.max(np.abs(found.at(t).values - reference.at(t).values)) < 1e-8
     monkeypatch.undo()
     lighter = replace(made, masses=made.masses[:3])
@@ -902,6 +903,7 @@ def test_without_heyoka_numpy_runs_and_says_so(monkeypatch):
     found = simulate(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
     assert found.engine.name == "numpy"
     assert "pip install" in found.engine.reason
+    assert "NumPy engine" not in found.engine.reason  # it is what ran
     with pytest.raises(EngineMissing, match="NumPy"):
         run(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
 

@@ -289,3 +289,43 @@ def test_mistakes_say_what_is_wrong(text, error, message, tmp_path):
     path.write_text(text)
     with pytest.raises(error, match=message):
         sk.size_of(path, designs=8, starts=1)
+
+
+def test_what_none_of_the_designs_meets_is_said(tmp_path):
+    path = tmp_path / "sizing.toml"
+    text = """
+format = 1
+mechanism = "four_bar"
+samples = 9
+minimise = "peak"
+where = ["closes > 0.9", "peak < 0"]
+figures = { peak = "max(abs(rate_41))" }
+vary = { "links.2.arc" = [10.0, 20.0], "links.1.arc" = [LOW, HIGH] }
+"""
+    path.write_text(text.replace("LOW", "60.0").replace("HIGH", "70.0"))
+    with pytest.raises(DesignError, match=r"peak < 0 holds in 0 of 16 rows; widen"):
+        sk.size_of(path, designs=8, starts=1)
+    path.write_text(text.replace("LOW", "172.0").replace("HIGH", "179.0"))
+    with pytest.raises(DesignError, match=r"8 of 8 close at no sample; widen"):
+        sk.size_of(path, designs=8, starts=1)
+
+
+def test_match_is_the_angle_that_points_are_missed_by(tmp_path):
+    path = tmp_path / "sizing.toml"
+    path.write_text(
+        """
+format = 1
+mechanism = "four_bar"
+minimise = "match"
+vary = { "links.2.arc" = [19.0, 21.0] }
+match = { quantity = "theta_41", at = [0.0, 90.0, 180.0], values = [300.0, 60.0, 0.0] }
+"""
+    )
+    sized = sk.size_of(path, designs=4, starts=1)
+    for row in range(len(sized.modes)):
+        mechanism = sized.mechanism(row)
+        modes = sk.evaluate(mechanism, np.radians([0.0, 90.0, 180.0]))
+        theta = np.degrees(modes.variable("41")).reshape(-1, 3)
+        off = (theta - [300.0, 60.0, 0.0] + 180.0) % 360.0 - 180.0
+        wanted = np.sqrt(np.mean(off**2, axis=1))
+        assert np.min(np.abs(sized.figures["match"][row] / wanted - 1.0)) < 1e-9

@@ -613,6 +613,48 @@ def test_a_sweep_that_was_killed_goes_on_to_the_same_data_set(whole, tmp_path):
         pd.testing.assert_frame_equal(one, other, check_exact=True)
 
 
+KILLED = """
+import os, pathlib, signal, sys
+import spherekit as sk
+from spherekit.design import evaluate, sweep
+from spherekit.errors import DesignError
+
+evaluate.PART = 2
+folder, mode = pathlib.Path(sys.argv[1]), sys.argv[2]
+write = sweep.Sweep.write
+
+
+def ending(self, place, number):
+    if mode == "always" or (number == 2 and not (folder / "mark").exists()):
+        (folder / "mark").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return write(self, place, number)
+
+
+sweep.Sweep.write = ending
+if __name__ == "__main__":
+    vary = {"links.2.arc": [10.0, 20.0, 30.0, 15.0, 40.0, 25.0]}
+    try:
+        found = sk.sweep("four_bar", vary, "max(q)", samples=5, folder=folder, workers=2)
+        print(len(found.frame()["design"].unique()))
+    except DesignError as problem:
+        print(problem)
+"""
+
+
+@pytest.mark.parametrize("always", [False, True])
+def test_parts_of_a_process_that_is_killed_are_made_again(always, tmp_path):
+    """By another one; where none makes any, the sweep ends in words."""
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED)
+    command = [sys.executable, script, tmp_path, "always" if always else "once"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    if always:
+        assert "the system ended a process of the sweep" in ended.stdout
+    else:
+        assert ended.stdout.split() == ["6"], ended.stderr
+
+
 def test_a_folder_holds_one_sweep(tmp_path):
     vary = {"links.2.arc": [10.0, 20.0]}
     sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
@@ -620,6 +662,29 @@ def test_a_folder_holds_one_sweep(tmp_path):
     assert again.computed == 0 and len(again.frame()) == 4
     with pytest.raises(OutputError, match="holds another sweep, with other samples"):
         sk.sweep("four_bar", vary, "max(q)", samples=6, folder=tmp_path)
+
+
+def test_parts_whose_sweep_is_not_known_are_not_taken(tmp_path):
+    (tmp_path / "part-000000.parquet").write_bytes(b"")
+    with pytest.raises(OutputError, match="holds parts of which"):
+        sk.sweep("four_bar", {"links.2.arc": [10.0]}, "max(q)", folder=tmp_path)
+
+
+@pytest.mark.parametrize("where", [(), "links_2_arc > 25"])
+def test_a_folder_is_one_data_set(where, tmp_path, monkeypatch):
+    """Also where no row of the first part is left."""
+    monkeypatch.setattr("spherekit.design.evaluate.PART", 2)
+    vary = {"links.2.arc": [10.0, 20.0, 30.0, 200.0, 40.0]}
+    found = sk.sweep(
+        "four_bar", vary, "max(rate_41)", samples=5, where=where, folder=tmp_path
+    )
+    assert found.sweep.parts == 3
+    read, wanted = pd.read_parquet(tmp_path), found.frame()
+    assert len(read) == len(wanted) > 3
+    for name in ("design", "links_2_arc", "closes", "max_rate_41"):
+        assert np.array_equal(read[name], wanted[name], equal_nan=True)
+    for name in ("mode", "status", "claim", "grashof"):
+        assert list(read[name].astype(str)) == list(wanted[name].astype(str))
 
 
 def test_lost_workers_of_a_cluster_change_nothing(whole, tmp_path):

@@ -1,6 +1,7 @@
 """A trade as people see it: the table, the chart, and where both are written."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,6 +70,24 @@ def test_columns_of_times_end_at_the_right():
     assert "error of poles.q: absolute rad" in lines
     assert "does not apply: numpy best linear 32, 64, 4096: no curve closes" in lines
     assert "does not apply: compiled: no heyoka" in lines
+
+
+def test_settings_with_one_reason_are_in_one_line():
+    """One that differs in the setting's name, or in a number, is the same."""
+    named = [
+        Measured(name, None, reason=f"m: engine {name} finds rates by one input")
+        for name in ("compiled", "extended")
+    ]
+    ended = [
+        Measured(f"compiled 1e-{k}", None, reason=f"m: ended at t = 0.{k} s")
+        for k in (3, 5)
+    ]
+    trade = replace(made(), settings=(*made().settings, *named, *ended))
+    lines = [line for line in as_text(trade).splitlines() if "not apply" in line]
+    assert lines[-2:] == [
+        "does not apply: compiled, extended: engine finds rates by one input",
+        "does not apply: compiled 1e-3, compiled 1e-5: ended at t = 0.3 s",
+    ]
 
 
 def test_everything_is_in_the_chart():

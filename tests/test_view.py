@@ -317,6 +317,39 @@ def test_failed_samples_leave_nothing_on_the_screen(partial: Path) -> None:
     assert np.array_equal(np.isnan(values), failed)
 
 
+def test_arrows_that_cover_each_other_share_a_label(tmp_path: Path) -> None:
+    """Row 0: all apart. Row 1: the first two together. Row 2: one of them is missing."""
+    x, y, z = np.eye(3)
+    near = Rotation.from_rotvec([0.0, 0.0, np.radians(0.5)]).apply(x)
+    rows = {
+        "14": np.array([x, x, x]),
+        "25": np.array([y, near, np.full(3, np.nan)]),
+        "36": np.array([z, z, z]),
+        "pair": np.array([x, x, x]),
+    }
+    arrows = [
+        Arrow(f"pole/{name}", f"P{name}", u, name == "pair") for name, u in rows.items()
+    ]
+    path = tmp_path / "x.rrd"
+    with RerunRecorder("four_bar", path=path) as recorder:
+        recorder.start(RecordingHead())
+        recorder.log(Scene(0, tuple(arrows)), np.arange(3))
+    said = columns(path)
+    base = "/four_bar/assembly_mode_0/pole"
+
+    def shown(name: str, label: str) -> list[int]:
+        rows = said[f"{base}/{name}/{label}", "Points3D:positions"]
+        return [len(row or []) for row in rows]
+
+    assert shown("14", "label") == [1, 0, 1]
+    assert shown("25", "label") == [1, 0, 0]
+    assert shown("36", "label") == [1, 1, 1]
+    assert shown("14", "shared") == [0, 1, 0]
+    labels = said[f"{base}/14/shared", "Points3D:labels"]
+    assert [list(row or []) for row in labels] == [[], ["P14, P25"], []]
+    assert (f"{base}/36/shared", "Points3D:labels") not in said
+
+
 def test_input_timeline_uses_the_coarsest_whole_unit() -> None:
     for degrees, name in [
         ([0.0, 90.0, 360.0], "input_deg"),

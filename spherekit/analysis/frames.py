@@ -184,7 +184,7 @@ def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, An
     import pyarrow.parquet as pq
 
     arrays = {
-        name: pa.array(values).dictionary_encode()
+        name: pa.array(values, pa.string()).dictionary_encode()
         if np.asarray(values).dtype.kind in "OU"
         else pa.array(values)
         for name, values in columns.items()

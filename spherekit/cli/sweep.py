@@ -2,14 +2,13 @@
 
 import argparse
 import json
-import re
 import sys
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.study import add_study_arguments, study_from
 from spherekit.cli.suggest import analyses as names_of_analyses
 from spherekit.cli.suggest import suggesting
-from spherekit.conventions import counted, numbered
+from spherekit.conventions import counted, numbered, without_numbers
 
 if TYPE_CHECKING:
     from spherekit.design.sweep import SweepResult
@@ -31,8 +30,6 @@ SHOWN = 10
 """Rows that are printed."""
 REASONS = 5
 """Reasons that are printed of designs without figures, the most frequent first."""
-NUMBER = re.compile(r"(?<![\w.])-?\d[\d.]*(?:e[-+]?\d+)?(?![\w.])")
-"""A number in a reason that is no part of a key, such as ``links.4.arc``."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -172,7 +169,7 @@ def _reasons(failed: Any) -> list[str]:
     """Return why designs have no figures, a line for all that differ in numbers only."""
     alike: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for row in failed.itertuples():
-        key = row.status, NUMBER.sub("", row.reason)
+        key = row.status, without_numbers(row.reason)
         alike.setdefault(key, []).append((int(row.design), row.reason))
     ranked = sorted(alike.items(), key=lambda item: -len(item[1]))
     lines = []

@@ -129,7 +129,8 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     if not feasible:
         raise DesignError(
             f"{sweep.mechanism.name}: none of {counted(sweep.space.count, 'design')} meets "
-            "the conditions; widen ranges, relax conditions, or look at more with --designs"
+            f"the conditions: {sizing.why_none()}; widen ranges, relax conditions, or look "
+            "at more with --designs"
         )
     rows = {name: np.concatenate([part[name] for part, _ in parts]) for name in rows}
     wanted = np.concatenate([part for _, part in parts])

@@ -5,6 +5,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from multiprocessing import get_context
@@ -42,7 +43,8 @@ if TYPE_CHECKING:
 OWN = ("design", "mode", "status", "reason", "closes", "claim", "grashof")
 """Columns that every table may have."""
 
-DEFINITION = "sweep.json"
+DEFINITION = "_sweep.json"
+"""What readers of a folder of Parquet pass over begins with _ or a point."""
 LOCK = ".sweep.lock"
 
 Columns = dict[str, Any]
@@ -361,6 +363,11 @@ def _how_far(sweep: Sweep, parts: int) -> Callable[[], str]:
 def _claim(sweep: Sweep, place: Path, resume: bool) -> None:
     """Write the definition, or compare it with that of the parts that are there."""
     path, definition = place / DEFINITION, _plain(sweep.definition())
+    if not path.exists() and any(place.glob("part-*.parquet")):
+        raise OutputError(
+            f"{place}: holds parts of which {DEFINITION} does not say what sweep they are "
+            "of; choose another folder, or remove them"
+        )
     if path.exists():
         stored = json.loads(path.read_text(encoding="utf-8"))
         if resume and stored == definition:
@@ -403,7 +410,32 @@ def _part(folder: str, number: int) -> int:
 def _in_processes(
     sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
 ) -> Iterator[int]:
-    """Yield parts as processes finish them."""
+    """Yield parts as processes finish them; those of processes that end are made again.
+
+    Raises
+    ------
+    DesignError
+        If a process ends before any part is made.
+    """
+    left = set(numbers)
+    while left:
+        before = len(left)
+        try:
+            for number in _of_pool(sweep, folder, sorted(left), workers):
+                left.discard(number)
+                yield number
+        except BrokenProcessPool:
+            if len(left) == before:
+                raise DesignError(
+                    f"{sweep.mechanism.name}: the system ended a process of the sweep, "
+                    "perhaps for want of memory; parts that are written stay, and the same "
+                    "command goes on, with --workers 1 in less memory"
+                ) from None
+
+
+def _of_pool(
+    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
+) -> Iterator[int]:
     count = min(workers, len(numbers))
     with ProcessPoolExecutor(count, get_context("spawn"), _begin, (sweep,)) as pool:
         futures = [pool.submit(_part, folder, number) for number in numbers]

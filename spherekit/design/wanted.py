@@ -7,12 +7,18 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import counted
+from spherekit.design.evaluated import NEVER_CLOSES
+from spherekit.design.file_numbers import OK
 from spherekit.design.sweep import Columns, Sweep
 from spherekit.errors import DesignError, ModelError
 from spherekit.model.expression import Expression, parse
 from spherekit.sphere.rotation import Floats
 
 Rows = NDArray[np.intp]
+
+LOOKED_AT = 1024
+"""Designs by which a sizing says what none of them meets."""
 
 MATCH = "match"
 """The figure of precision points."""
@@ -88,6 +94,29 @@ class Sizing:
             missed += np.maximum(-np.nan_to_num(condition.slack(rows), nan=-np.inf), 0.0)
         finite = np.all(np.isfinite(objectives), axis=1)
         return rows["design"][finite], objectives[finite], missed[finite]
+
+    def why_none(self) -> str:
+        """Return what keeps designs from being good, in words, by some of the first."""
+        designs = self.sweep.space.designs(0, LOOKED_AT)
+        rows = self.with_match(self.sweep.rows(designs, np.arange(designs.shape[1])))
+        status, reasons, n = rows["status"], rows["reason"], designs.shape[1]
+        words, there = [], status == OK
+        if never := int(np.sum(status == NEVER_CLOSES)):
+            words.append(f"{never} of {n} close at no sample")
+        if others := reasons[(status != OK) & (status != NEVER_CLOSES)].tolist():
+            words.append(f"{len(others)} of {n} cannot be ({others[0]})")
+        kept = {name: np.asarray(values)[there] for name, values in rows.items()}
+        count = int(np.sum(there))
+        if count:
+            words += [
+                f"{condition.text} holds in {int(np.sum(condition.holds(kept)))} of "
+                f"{counted(count, 'row')}"
+                for condition in self.sweep.conditions
+            ]
+            defined = np.all(np.isfinite(self._worth(kept)), axis=1)
+            if not np.any(defined):
+                words.append("objectives have no value")
+        return ", ".join(words)
 
     def _worth(self, rows: Columns) -> Floats:
         """Return the objectives (rows, k)."""

@@ -45,10 +45,8 @@ NEAR = 1e-3
 """Where independence is less than this part of its largest, steps are made fine enough to
 see a crossing; a configuration off its curve by `COARSEST` misses one by 3e-4."""
 
-NO_COORDINATES = (
-    "no pair variables say surely enough how all others move; use NumPy's "
-    'simulate(engine="numpy"), or --engine numpy'
-)
+NO_COORDINATES = "no pair variables say surely enough how all others move"
+BY_NUMPY = 'use NumPy\'s simulate(engine="numpy"), or --engine numpy'
 
 ENOUGH = 0.5
 """Part of `STEEPEST` with which coordinates may be taken."""
@@ -194,7 +192,7 @@ def first_of(problem: Problem) -> Coordinates | None:
         return None
     coordinates = next(_candidates(problem, problem.values), None)
     if coordinates is None:
-        raise EngineError(f"{problem.equation.mechanism.name}: {NO_COORDINATES}")
+        raise EngineError(f"{problem.equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
     return coordinates
 
 
@@ -211,7 +209,7 @@ def _coordinates(
             )
         except PlanError as fault:
             why = str(fault)
-    raise EngineError(f"{problem.equation.mechanism.name}: {why}")
+    raise EngineError(f"{problem.equation.mechanism.name}: {why}", BY_NUMPY)
 
 
 def _candidates(problem: Problem, values: Floats) -> Iterator[Coordinates]:
@@ -261,8 +259,8 @@ def _need_crossing(problem: Problem, path: TaylorPath) -> None:
     if reciprocal_condition(equation.closure, values, freedoms) > NO_CROSSING:
         raise EngineError(
             f"{equation.mechanism.name}: of its redundant equations those that were chosen "
-            f"depend on each other at t = {path.last.time:.6g} s; use NumPy's "
-            'simulate(engine="numpy"), or --engine numpy'
+            f"depend on each other at t = {path.last.time:.6g} s",
+            BY_NUMPY,
         )
 
 

@@ -124,8 +124,8 @@ def simulate(
     if scheme == "paper":
         if engine == "compiled":
             raise EngineError(
-                f"{mechanism.name}: the scheme of the source is not compiled; leave engine "
-                "or scheme out"
+                f"{mechanism.name}: the scheme of the source is not compiled",
+                "leave engine or scheme out",
             )
         return by_differences(problem, step if step is not None else until / 1000.0)
     pieces = _solving(problem, tolerance, engine, compact)
@@ -168,8 +168,8 @@ def _passes(mechanism: Mechanism, crossings: Crossings, engine: str) -> bool:
     passes = crossings == "pass"
     if passes and engine == "compiled":
         raise EngineError(
-            f"{mechanism.name}: only NumPy's engine passes crossings; leave engine and "
-            "scheme out, or crossings"
+            f"{mechanism.name}: only NumPy's engine passes crossings",
+            "leave engine and scheme out, or crossings",
         )
     return passes
 
@@ -287,8 +287,8 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
             if simulation.end.message != NO_SERIES:
                 return whole(simulation.path, simulation)
             why = NO_SERIES
-    except (EngineError, PlanError) as fault:
-        why = str(fault)
+    except (EngineError, PlanError) as refused:
+        why = refused.fault
     if not why:
         forecast = forecast or Forecast(solver.seconds, compiling)
         why = str(forecast)

@@ -40,7 +40,8 @@ def heyoka() -> ModuleType:
         raise EngineMissing(
             f"the compiled engine needs heyoka, which does not import ({problem}); "
             'install it with pip install "spherekit-mechanisms[compiled]" (Linux) or '
-            "conda-forge, or use the NumPy engine, which gives the same results"
+            "conda-forge",
+            "or use the NumPy engine, which gives the same results",
         ) from None
     module: ModuleType = loaded
     return module

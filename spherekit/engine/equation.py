@@ -203,8 +203,8 @@ def _need_written(mechanism: Mechanism) -> None:
         if isinstance(load, Bearings) and load.grip > 0.0:
             raise EngineError(
                 f"{mechanism.name}: the friction of loads.{load.name} follows from the "
-                f"reaction of pair {load.pair}, which Taylor series do not solve for; "
-                "NumPy's engine does"
+                f"reaction of pair {load.pair}, which Taylor series do not solve for",
+                "NumPy's engine does",
             )
 
 

@@ -12,6 +12,9 @@ from weakref import WeakValueDictionary
 Expr = Any
 """A number, a term, or a `spherekit.engine.algebra.Series` of these."""
 
+WITHOUT_EXPRESSIONS = 'use NumPy\'s simulate(engine="numpy") or rates.field.evaluate'
+"""What to ask for where a mechanism cannot be written in terms."""
+
 
 @final
 class ExpressionNode:

@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.engine.algebra import Exprs, cofactors, cross, determinant, dot, vector
 from spherekit.engine.elimination import Elimination, Loop, eliminate
-from spherekit.engine.expression_graph import Expr
+from spherekit.engine.expression_graph import WITHOUT_EXPRESSIONS, Expr
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.assembly import Assembly, Group
@@ -80,8 +80,8 @@ def group_rows(
         if count > LARGEST:
             raise EngineError(
                 f"{mechanism.name}: a {group.kind} leaves {count} equations to be solved "
-                f"together, expressions take at most {LARGEST}; use NumPy's "
-                'simulate(engine="numpy") or rates.field.evaluate for this mechanism'
+                f"together, expressions take at most {LARGEST}",
+                WITHOUT_EXPRESSIONS,
             )
         made.append(rows)
     return tuple(made)
@@ -118,8 +118,8 @@ def _independent(
         if size < INDEPENDENT:
             raise EngineError(
                 f"{mechanism.name}: its equations leave more than one motion at the "
-                "configuration they were chosen at; change the range of the input, or use "
-                'NumPy\'s simulate(engine="numpy") or rates.field.evaluate'
+                "configuration they were chosen at; change the range of the input",
+                WITHOUT_EXPRESSIONS,
             )
         unit = left.pop(best) / size
         left = {key: row - (row @ unit) * unit for key, row in left.items()}
@@ -254,8 +254,8 @@ class HomogeneousRates:
             names = [self.mechanism.variable_names[v] for v in (a, b)]
             raise EngineError(
                 f"{self.mechanism.name}: the axes of {names[0]} and {names[1]} coincide in "
-                "a link, so these two cannot be told apart; use NumPy's "
-                'simulate(engine="numpy") or rates.field.evaluate'
+                "a link, so these two cannot be told apart",
+                WITHOUT_EXPRESSIONS,
             )
 
     def _directions(

@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 
 from spherekit.engine.algebra import Exprs
-from spherekit.engine.expression_graph import Expr
+from spherekit.engine.expression_graph import WITHOUT_EXPRESSIONS, Expr
 from spherekit.engine.frames import DesignGeometry, revolute_frames
 from spherekit.engine.profile_columns import ProfileColumns
 from spherekit.errors import EngineError
@@ -267,8 +267,8 @@ def _need_circles(mechanism: Mechanism, number: int) -> None:
         if profile.round_axis is None:
             raise EngineError(
                 f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: expressions are "
-                f'written for circles and great circles, not "{profile.kind}"; use '
-                'NumPy\'s simulate(engine="numpy") or rates.field.evaluate instead'
+                f'written for circles and great circles, not "{profile.kind}"',
+                WITHOUT_EXPRESSIONS,
             )
 
 

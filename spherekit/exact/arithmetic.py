@@ -80,8 +80,8 @@ class Hardware(Arithmetic):
         info = np.finfo(dtype)
         if dtype is np.longdouble and float(info.eps) > 1e-18:
             raise EngineError(
-                "longdouble is no wider than float64 on this machine; use "
-                "Digits(20) or more of spherekit.exact.arithmetic"
+                "longdouble is no wider than float64 on this machine",
+                "use Digits(20) or more of spherekit.exact.arithmetic",
             )
         self.name = np.dtype(dtype).name
         self.digits = int(info.precision)

@@ -114,7 +114,8 @@ def _missed(
         name = f"missed_{k + 1}"
         if quantity.startswith(("theta_", "transmission_angle_")):
             unit = DEG if degrees else 1.0
-            miss = f"{2.0 / unit!r}*sin(0.5*({quantity} - ({value * unit!r})))"
+            off = f"{quantity} - ({value * unit!r})"
+            miss = f"{1.0 / unit!r}*atan2(sin({off}), cos({off}))"
         else:
             miss = f"{quantity} - ({value!r})"
         points = place if isinstance(place, list) else [place]

@@ -268,7 +268,7 @@ def timing_loop(
             tables, first, _ = way(True)
             off = judge(tables)
         except SpherekitError as problem:
-            measured[name] = Measured(name, setting, reason=str(problem))
+            measured[name] = Measured(name, setting, reason=problem.fault)
             continue
         largest = worst(off)
         measured[name] = Measured(

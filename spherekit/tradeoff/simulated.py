@@ -51,7 +51,8 @@ def measured(bench: Benchmark, study: Study, effort: Effort) -> Found:
         tolerance = 10.0 * LEAST[best.integrator]
         other = replace(best, tolerance=tolerance)
         near = bench.deviations(solver.tables(other)[0], tables)
-        words = f"simulation {best}, known to {_largest(near):.1e} from {other} ({reason})"
+        words = f"simulation {best}, known to {_largest(near):.1e} from {other} "
+        words += f"({reason.fault})"
         settings = [setting for setting in settings if setting != best]
 
     def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:

@@ -5,6 +5,7 @@ import io
 
 import numpy as np
 
+from spherekit.conventions import without_numbers
 from spherekit.tradeoff.record import MARGIN, Measured, Trade
 
 HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
@@ -124,15 +125,27 @@ def _scales(trade: Trade) -> list[str]:
 
 
 def _not_applying(trade: Trade) -> list[str]:
-    """Return the settings that do not apply, those with one reason together."""
-    reasons: dict[str, list[str]] = {}
+    """Return the settings that do not apply, a line for each reason.
+
+    Reasons are one that differ in numbers, or in the name of their setting, only.
+    """
+    alike: dict[str, list[Measured]] = {}
     for measured in trade.settings:
         if measured.reason:
-            reasons.setdefault(measured.reason, []).append(measured.name)
-    return [
-        f"does not apply: {', '.join(_shortened(names))}: {why}"
-        for why, names in reasons.items()
-    ]
+            key = without_numbers(_unnamed(measured))
+            alike.setdefault(key, []).append(measured)
+    lines = []
+    for every in alike.values():
+        first, *others = every
+        why = _unnamed(first) if others else first.reason
+        names = ", ".join(_shortened([measured.name for measured in every]))
+        lines.append(f"does not apply: {names}: {why.removeprefix(f'{trade.mechanism}: ')}")
+    return lines
+
+
+def _unnamed(measured: Measured) -> str:
+    """Return why a setting does not apply, without its name."""
+    return measured.reason.replace(f" {measured.name} ", " ")
 
 
 def _shortened(names: list[str]) -> list[str]:

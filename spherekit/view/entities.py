@@ -136,8 +136,13 @@ def still(primitive: Primitive, names: Sequence[Name] = ()) -> Iterator[Still]:
             assert_never(primitive)
 
 
-def moving(primitive: Primitive) -> Iterator[Moving]:
-    """Yield the columns of one block of samples; nothing for what does not move."""
+def moving(
+    primitive: Primitive, labels: NDArray[np.object_] | None = None
+) -> Iterator[Moving]:
+    """Yield the columns of one block of samples; nothing for what does not move.
+
+    `labels` (n,) are those of an arrow that shares its own with others at some rows.
+    """
     match primitive:
         case Body(quaternions=None) | Trace(quaternions=None):
             return
@@ -160,7 +165,10 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
             length = 1.12 if primary else 1.25
             yield "", rr.Arrows3D.columns(vectors=length * arrows).partition(count)
             if not primary:
-                yield "label", _points(1.3 * arrows, count)
+                alone = good if labels is None else good & (labels == primitive.label)
+                yield "label", _points(1.3 * directions[alone], alone.astype(np.int64))
+                if labels is not None:
+                    yield "shared", _shared_labels(directions, labels, good & ~alone)
                 if trail:
                     yield "trail", _points(1.004 * arrows, count)
         case GreatCircle(normals=normals):
@@ -175,6 +183,23 @@ def moving(primitive: Primitive) -> Iterator[Moving]:
             yield "", rr.Scalars.columns(scalars=values)
         case _:
             raise AssertionError(primitive)
+
+
+def check_rows(primitive: Primitive, count: int) -> None:
+    """Raise ValueError if a primitive has another number of rows than the block."""
+    match primitive:
+        case Body(quaternions=rows) if rows is not None:
+            length = len(rows)
+        case Arrow(directions=rows) | GreatCircle(normals=rows) | Series(values=rows):
+            length = len(rows)
+        case Trace(directions=rows) | Diagram(places=rows):
+            length = len(rows)
+        case Portrait(x=rows):
+            length = len(rows)
+        case _:
+            return
+    if length != count:
+        raise ValueError(f"{primitive.path} has {length} rows, the block has {count}")
 
 
 def present(rows: Floats) -> NDArray[np.bool_]:
@@ -218,6 +243,21 @@ def failure_columns(failed: NDArray[np.bool_]) -> Iterable[rr.ComponentColumn]:
 
 def _points(positions: Floats, count: NDArray[np.int64]) -> Iterable[rr.ComponentColumn]:
     return rr.Points3D.columns(positions=positions).partition(count)
+
+
+def _shared_labels(
+    directions: Floats, labels: NDArray[np.object_], shown: NDArray[np.bool_]
+) -> Iterable[rr.ComponentColumn]:
+    """Return labels (n,) of arrows that cover each other, at the rows that are `shown`."""
+    shown = shown & (labels != "")
+    count = int(np.sum(shown))
+    return rr.Points3D.columns(
+        positions=1.3 * directions[shown],
+        labels=labels[shown].tolist(),
+        colors=[colours.GOLD] * count,
+        radii=[POINT] * count,
+        show_labels=[True] * count,
+    ).partition(shown.astype(np.int64))
 
 
 def _turned(quaternions: Floats, good: NDArray[np.bool_]) -> Iterable[rr.ComponentColumn]:

@@ -39,6 +39,7 @@ from spherekit.analysis.scene import (
 from spherekit.checked import checked_class
 from spherekit.errors import OutputError
 from spherekit.view import charts, colours, diagrams, entities, shapes
+from spherekit.view.arrow_labels import labels_of_arrows
 from spherekit.view.blueprint import MOST_COMPARED, Layout, Panel, Plot, asked_for
 from spherekit.view.chart_log import Charts
 from spherekit.view.names import Name, Names
@@ -276,7 +277,7 @@ class RerunRecorder:
             ticks = self._input.ticks(inputs)
             lines.append(rr.TimeColumn(self._input.name, sequence=ticks))
         for primitive in scene.primitives:
-            _check_rows(primitive, len(samples))
+            entities.check_rows(primitive, len(samples))
         over = scene.over or self._axis(np.asarray(samples), inputs, times)
         if len(over) > 1 and self._row is None and isinstance(scene.page, int):
             over = (charts.along(over),)
@@ -293,9 +294,10 @@ class RerunRecorder:
             fresh.append(True)
         failed = np.zeros(len(samples), dtype=bool)
         plotted.log(touched, lines, over, len(samples))
+        labels = labels_of_arrows(scene.primitives)
         for primitive in scene.primitives:
             path = self._started.path(scene.page, primitive)
-            for suffix, columns in entities.moving(primitive):
+            for suffix, columns in entities.moving(primitive, labels.get(primitive.path)):
                 self._outputs.columns(_below(path, suffix), lines, columns, len(samples))
             if isinstance(primitive, Trace):
                 self._traces[path][1].append(np.array(primitive.directions))
@@ -481,20 +483,3 @@ def _about(name: str, timeline: str) -> str:
 
 def _below(path: str, suffix: str) -> str:
     return f"{path}/{suffix}" if suffix else path
-
-
-def _check_rows(primitive: Primitive, count: int) -> None:
-    """Raise ValueError if a primitive has another number of rows than the block."""
-    match primitive:
-        case Body(quaternions=rows) if rows is not None:
-            length = len(rows)
-        case Arrow(directions=rows) | GreatCircle(normals=rows) | Series(values=rows):
-            length = len(rows)
-        case Trace(directions=rows) | Diagram(places=rows):
-            length = len(rows)
-        case Portrait(x=rows):
-            length = len(rows)
-        case _:
-            return
-    if length != count:
-        raise ValueError(f"{primitive.path} has {length} rows, the block has {count}")
