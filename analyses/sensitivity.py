@@ -135,7 +135,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return configurations with their times; refuse what has no derivative."""
         sensitivity, _ = self._asked(mechanism)
         timed = len(mechanism.inputs) == 1 or sensitivity.timed
-        return Needs(tracer=True, time=timed)
+        wound = frozenset(sensitivity.wound)
+        return Needs(tracer=True, time=timed, continued_values=wound)
 
     def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, Deviations]:
         sensitivity = Sensitivity(mechanism, _split(self.by), _split(self.of))
@@ -190,7 +191,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         def make() -> tuple[Floats, Floats]:
             with np.errstate(all="ignore"):
                 values, gradients = sensitivity.at(
-                    _samples(batch, sensitivity), batch.motion.values
+                    _samples(batch, sensitivity), _configurations(batch, sensitivity)
                 )
             failed = batch.status != Status.OK
             values[:, failed] = np.nan
@@ -222,7 +223,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         if self.draws and len(rows):
             scattered = sensitivity.scattered(
                 _samples(batch, sensitivity)[rows],
-                batch.motion.values[rows],
+                _configurations(batch, sensitivity)[rows],
                 deviations.draws(len(sensitivity.keys)),
             )
             drawn[:, :, rows] = _moments(scattered - values[:, rows, None])
@@ -340,6 +341,15 @@ def _samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
         return sensitivity.at_rest(batch.inputs)
     motion = batch.inputs, batch.input_rates, batch.input_accelerations, batch.t[:, None]
     return np.concatenate(motion, axis=1)
+
+
+def _configurations(batch: Batch, sensitivity: Sensitivity) -> Floats:
+    """Return the variables (n, v), with their turns where loads count these."""
+    values = batch.motion.values.copy()
+    for pair in sensitivity.wound:
+        (variable,) = batch.mechanism.variables_of(batch.mechanism.pair_number[pair])
+        values[:, variable] = batch.continued_value(pair)
+    return values
 
 
 def _moments(off: Floats) -> Floats:

@@ -16,7 +16,8 @@ from benchmarks.timing import median, ratio
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.files.read import load
-from spherekit.model.mechanism import Input, Mechanism
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input
 from spherekit.motion.motion import Tracer
 
 UNIT = "four_bar"

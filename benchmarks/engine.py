@@ -19,7 +19,8 @@ from spherekit.engine.kernels import MOST_DERIVATIVES, Engine, Source, kernel
 from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import Start
-from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import SizeGeometry
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate

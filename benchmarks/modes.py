@@ -17,7 +17,8 @@ from benchmarks.samples import (
 )
 from spherekit.errors import PlanError
 from spherekit.guarantee import Guarantee
-from spherekit.model.mechanism import Input, Mechanism
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.motion import Tracer
 from spherekit.motion.search import CLOSE, SEED, damped, starting_range

@@ -14,7 +14,8 @@ import numpy as np
 from benchmarks.report import Cell, Section
 from benchmarks.timing import median, ratio, rounds
 from spherekit.files.read import load
-from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import SizeGeometry
 from spherekit.motion.motion import Tracer
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]

@@ -15,7 +15,8 @@ from benchmarks.modes import ten_bar
 from benchmarks.report import Cell, Section
 from benchmarks.samples import EIGHT_BARS, Structure, mechanism, random_axes
 from spherekit.guarantee import Guarantee
-from spherekit.model.mechanism import Input, Mechanism, PoseGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, PoseGeometry
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.input_turning_points import input_turning_points

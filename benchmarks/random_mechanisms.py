@@ -7,7 +7,8 @@ import numpy as np
 
 from benchmarks.samples import EIGHT_BARS, grown, mechanism, random_axes, with_contacts
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Input, Mechanism, PoseGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, PoseGeometry
 from spherekit.planning.assembly import plan_assembly
 
 SPANS = (1e-6, 1e-3, 0.05, 0.4)

@@ -8,13 +8,8 @@ import numpy as np
 
 from spherekit.errors import PlanError
 from spherekit.model.joints import PairType
-from spherekit.model.mechanism import (
-    Input,
-    Mechanism,
-    Pair,
-    PoseGeometry,
-    Profile,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
 from spherekit.planning.assembly import plan_assembly
 from spherekit.sphere.paths import axes_about
 from spherekit.sphere.rotation import Floats

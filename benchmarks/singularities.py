@@ -10,7 +10,8 @@ from benchmarks.own import own_mechanisms
 from benchmarks.report import Cell, Section
 from spherekit.errors import SolveError
 from spherekit.files.read import load
-from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import SizeGeometry
 from spherekit.motion.motion import Tracer
 from spherekit.singular.record import Type
 from spherekit.singular.single import SingleFreedom

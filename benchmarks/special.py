@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from spherekit.exact.arithmetic import Arithmetic, Numbers
-from spherekit.model.mechanism import Input, LinkSizes, Mechanism, Pair, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, LinkSizes, Pair, SizeGeometry
 from spherekit.sphere.rotation import Floats
 
 KINDS = (

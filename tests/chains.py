@@ -7,7 +7,8 @@ import networkx as nx
 import numpy as np
 
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, Pair, PoseGeometry
 from spherekit.planning.assembly import plan_assembly
 
 EIGHT_BARS = (

@@ -5,15 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 import spherekit as sk
-from spherekit.model.mechanism import (
-    Input,
-    LinkSizes,
-    Mechanism,
-    Output,
-    Pair,
-    PoseGeometry,
-    SizeGeometry,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
 
 DEGREE = np.pi / 180
 

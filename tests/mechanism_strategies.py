@@ -10,7 +10,8 @@ import numpy as np
 import strategies  # noqa: F401  (its settings apply here too)
 from hypothesis import strategies as st
 
-from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry, Profile
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
 
 MOST_LINKS = 9
 SPAN = 0.05

@@ -17,7 +17,7 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.model.geometry import geometry_of
-from spherekit.model.mechanism import Profile
+from spherekit.model.parts import Profile
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.closure import Closure

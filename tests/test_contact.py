@@ -15,10 +15,10 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.conventions import Status
 from spherekit.errors import ModelError, PlanError
-from spherekit.model.mechanism import (
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import (
     Input,
     LinkSizes,
-    Mechanism,
     Pair,
     PoseGeometry,
     Profile,

@@ -11,7 +11,8 @@ from oracles import null_space, off_axis
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Pair, PoseGeometry
 
 
 def run(made, samples=7, search=False):

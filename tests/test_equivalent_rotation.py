@@ -24,15 +24,8 @@ from spherekit.guidance.schedule import SHAPES, quickest
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Polynomial
-from spherekit.model.mechanism import (
-    Input,
-    LinkSizes,
-    Mechanism,
-    Output,
-    Pair,
-    PoseGeometry,
-    SizeGeometry,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.chebyshev import PiecewiseChebyshev

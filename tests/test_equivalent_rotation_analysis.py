@@ -25,7 +25,7 @@ from spherekit.guidance.poses import (
     PoseFinder,
 )
 from spherekit.guidance.symmetry import mid_plane_form
-from spherekit.model.mechanism import Output
+from spherekit.model.parts import Output
 from spherekit.motion.motion import Tracer
 from spherekit.output.inverse import InverseKinematics
 from spherekit.sphere.mirror import normal_at, upward

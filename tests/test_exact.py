@@ -24,7 +24,8 @@ from spherekit.exact.field import (
 from spherekit.exact.inertia import exact_inertia
 from spherekit.exact.linear import left_inverse
 from spherekit.exact.rows import exact_rows, exact_rows_by_input
-from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, Pair, PoseGeometry
 from spherekit.motion.motion import Tracer
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request

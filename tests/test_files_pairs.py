@@ -10,7 +10,7 @@ from spherekit.conventions import Status
 from spherekit.errors import FileError, ModelError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
-from spherekit.model.mechanism import Profile
+from spherekit.model.parts import Profile
 
 DEGREE = np.pi / 180.0
 

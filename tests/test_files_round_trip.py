@@ -28,10 +28,10 @@ from spherekit.model.dynamics import (
     Spring,
     Stop,
 )
-from spherekit.model.mechanism import (
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import (
     Input,
     LinkSizes,
-    Mechanism,
     Output,
     Pair,
     PoseGeometry,

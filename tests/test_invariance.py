@@ -9,7 +9,7 @@ from oracles import off_axis
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.model.mechanism import PoseGeometry
+from spherekit.model.parts import PoseGeometry
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate

@@ -13,14 +13,8 @@ from spherekit.errors import FileError, ModelError, PlanError, SolveError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
 from spherekit.model.geometry import geometry_of
-from spherekit.model.mechanism import (
-    Input,
-    LinkSizes,
-    Mechanism,
-    Output,
-    Pair,
-    PoseGeometry,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics, output_rates

@@ -11,7 +11,8 @@ from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.errors import ModelError
 from spherekit.model.laws import ConstantSpeed
-from spherekit.model.mechanism import Input, Mechanism, Output, Pair, PoseGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, Output, Pair, PoseGeometry
 from spherekit.motion.motion import Tracer
 
 CASES = {

@@ -14,7 +14,7 @@ from spherekit.engine.compiler import available
 from spherekit.errors import SolveError
 from spherekit.model.dynamics import Stop
 from spherekit.model.laws import ConstantSpeed, Start
-from spherekit.model.mechanism import Input
+from spherekit.model.parts import Input
 
 TURN = 2.0 * np.pi
 TIMES = np.linspace(0.0, 1.0, 9)

@@ -12,12 +12,8 @@ from oracles import closure_gap, integrated, null_space, revolute_frames
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import (
-    Input,
-    LinkSizes,
-    Mechanism,
-    SizeGeometry,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, LinkSizes, SizeGeometry
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.follow import follow
 from spherekit.motion.motion import Tracer

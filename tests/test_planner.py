@@ -10,7 +10,8 @@ from common import LECTURE_TABLE
 
 import spherekit as sk
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Input, Mechanism, Pair, PoseGeometry, Profile
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import LinePole, all_poles
@@ -209,7 +210,7 @@ def test_unknown_pole_and_input():
 def test_mechanism_with_contact_pairs_uses_contact_lines():
     # four-bar chain 1-2-3-4 whose pair 3-4 is a sliding contact and one bar less:
     # a disc cam (1-2 R, 2-3 Cs, 1-3 R) has mobility 1, P23 by A-K and the contact plane
-    from spherekit.model.mechanism import Profile
+    from spherekit.model.parts import Profile
 
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
     cam = Mechanism(

@@ -18,7 +18,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.files.read import loads
 from spherekit.guarantee import Guarantee
-from spherekit.model.mechanism import Input
+from spherekit.model.parts import Input
 from spherekit.planning.inputs import driven_at
 from spherekit.proof.along import rates
 from spherekit.proof.balls import bits, circle, exact

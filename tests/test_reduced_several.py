@@ -11,7 +11,7 @@ from spherekit.cli.main import main
 from spherekit.conventions import Status
 from spherekit.dynamics.tabulate_grid import grid_model
 from spherekit.errors import FileError, ModelError, SolveError
-from spherekit.model.mechanism import Input
+from spherekit.model.parts import Input
 from spherekit.motion.motion import Tracer
 
 

@@ -20,7 +20,8 @@ from spherekit.exact.inertia import exact_inertia
 from spherekit.exact.rows import exact_rows
 from spherekit.model.dynamics import Gravity, Mass, PairTorque, Spring, Stop
 from spherekit.model.laws import Start
-from spherekit.model.mechanism import Mechanism, Pair, PoseGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.motion import Tracer
 from spherekit.tradeoff.trade import trade

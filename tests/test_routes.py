@@ -11,7 +11,7 @@ import spherekit as sk
 from benchmarks.routes import apart, routes
 from spherekit.conventions import EPS, Status
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import Input
+from spherekit.model.parts import Input
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate

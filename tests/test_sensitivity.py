@@ -17,7 +17,7 @@ from spherekit.files.change import document_of, number_at, number_path, with_num
 from spherekit.files.read import read
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import Revolute
-from spherekit.model.mechanism import SizeGeometry
+from spherekit.model.parts import SizeGeometry
 from spherekit.motion.closure import Closure
 from spherekit.plugin import conformance
 

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
-from spherekit.model.mechanism import Input
+from spherekit.model.parts import Input
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer

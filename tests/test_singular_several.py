@@ -15,14 +15,8 @@ from singular_examples import axes_at, components
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, ModelError
-from spherekit.model.mechanism import (
-    Input,
-    LinkSizes,
-    Mechanism,
-    Output,
-    Pair,
-    SizeGeometry,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, LinkSizes, Output, Pair, SizeGeometry
 from spherekit.motion.locked import lock
 from spherekit.motion.motion import Tracer, motion_of
 from spherekit.rates.core import equations

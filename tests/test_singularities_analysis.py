@@ -16,7 +16,7 @@ from spherekit.analysis.scene import Portrait, Text
 from spherekit.cli.main import main
 from spherekit.errors import SpherekitError
 from spherekit.files.write import dump
-from spherekit.model.mechanism import Input
+from spherekit.model.parts import Input
 from spherekit.singular.grashof import class_of
 
 NAME = "singularities"

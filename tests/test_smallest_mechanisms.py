@@ -18,7 +18,7 @@ from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Guarantee
 from spherekit.model.dynamics import Gravity, Mass
 from spherekit.model.laws import ConstantSpeed, Start
-from spherekit.model.mechanism import Input, Output
+from spherekit.model.parts import Input, Output
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate

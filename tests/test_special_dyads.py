@@ -10,7 +10,8 @@ from scipy.optimize import brentq, least_squares
 
 import spherekit as sk
 from spherekit.conventions import Status
-from spherekit.model.mechanism import Input, LinkSizes, Mechanism, Pair, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, LinkSizes, Pair, SizeGeometry
 from spherekit.motion import gathering, steps
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Tracer

@@ -18,6 +18,7 @@ import spherekit as sk
 from spherekit.analysis.merit import Merit, Reducing
 from spherekit.cli.main import main
 from spherekit.design.evaluated import refused
+from spherekit.design.gradients import FigureGradients
 from spherekit.design.samples import DesignSamples
 from spherekit.design.size_keys import sizes_of
 from spherekit.design.space import DesignSpace, between, listed, variation
@@ -35,6 +36,7 @@ from spherekit.errors import (
 from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.library import find
 from spherekit.files.read import read
+from spherekit.front.size import sizing_of
 from spherekit.front.sweep import sweep_of
 from spherekit.model.study import Study
 from spherekit.numeric.turns import widest_swing, wrap
@@ -766,3 +768,97 @@ def test_a_mechanism_that_states_no_input_is_driven_as_in_runs():
     found = sk.sweep(made, {"links.1.arc": [10.0, 35.0]}, "s=range(rate_41)").frame()
     cosine = np.cos(np.radians(found["links_1_arc"].to_numpy()))
     assert found["s"].to_numpy() == pytest.approx(1.0 / cosine - cosine, rel=1e-12)
+
+
+def wound_up(pair, zero=0.0, range_=(0.0, 360.0)):
+    """Return a four-bar with a coil whose rest is not where its angle begins anew."""
+    return sk.build(
+        "wound_up",
+        angle_unit="deg",
+        ground="base",
+        links={
+            "base": {"axes": ["drive", "hinge"], "arcs": [60]},
+            "crank": {"axes": ["drive", "tip"], "arcs": [20]},
+            "coupler": {"axes": ["tip", "joint"], "arcs": [70]},
+            "rocker": {"axes": ["hinge", "joint"], "arcs": [40]},
+        },
+        pairs={
+            "drive": ["base", "crank"],
+            "tip": ["crank", "coupler"],
+            "joint": ["coupler", "rocker"],
+            "hinge": {"links": ["base", "rocker"], "zero": zero},
+        },
+        inputs={"drive": range_},
+        mass={"rocker": {"tensor": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 0.5]]}},
+        loads={"coil": {"kind": "spring", "pair": pair, "stiffness": 2.0, "rest": 30.0}},
+    )
+
+
+def torques_of_runs(subject, samples):
+    """Return the largest and least torque of each mode, by the analysis."""
+    rows = sk.run(subject, "eksergian", samples=samples).frame()
+    modes = rows.groupby("assembly_mode")["tau"]
+    return np.sort(np.stack([modes.max(), modes.min()], axis=1), axis=0)
+
+
+@pytest.mark.parametrize(
+    "pair, zero, range_",
+    [
+        ("hinge", -70.0, (0.0, 360.0)),
+        ("tip", 0.0, (0.0, 360.0)),
+        ("drive", 0.0, (0.0, 720.0)),
+        ("hinge", -70.0, (-100.0, 900.0)),
+    ],
+)
+def test_coils_are_wound_on_beyond_half_a_turn(pair, zero, range_, tmp_path):
+    mechanism = wound_up(pair, zero, range_)
+    wanted = torques_of_runs(mechanism, 97)
+    reduce = ["high=max(torque)", "low=min(torque)"]
+    found = sk.sweep(mechanism, {"links.crank.arc": [20.0, 21.0]}, reduce, samples=97)
+    rows = found.frame()
+    rows = rows[rows["design"] == 0]
+    assert np.allclose(np.sort(rows[["high", "low"]], axis=0), wanted, rtol=1e-9)
+    path = tmp_path / "wound_up.toml"
+    sk.dump(mechanism, path)
+    study = tmp_path / "study.toml"
+    study.write_text(
+        """
+format = 1
+mechanism = "wound_up.toml"
+samples = 97
+minimise = "high"
+vary = { "links.crank.arc" = [19.999, 20.001] }
+figures = { high = "max(torque)" }
+"""
+    )
+    sizing = sizing_of(study, 4)
+    gradients = FigureGradients(sizing.sweep.evaluator)
+    highs = [gradients.at(np.array([20.0]), [sign])[0][0] for sign in (1.0, -1.0)]
+    assert np.allclose(np.sort(highs), wanted[:, 0], rtol=1e-9)
+
+
+def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
+    spring = sk.Spring("coil", "C", stiffness=2.0, rest=0.3)
+    mechanism = sk.load("double_butterfly").with_loads(spring)
+    inertia = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
+    mechanism = mechanism.with_mass("8", inertia)
+    wanted = torques_of_runs(mechanism, 73)
+    key = "pairs.C.latitude"
+    document = document_of(mechanism)
+    latitude = float(_at(document, number_path(document, key)))
+    reduce = ["high=max(torque)", "low=min(torque)", "there=at(torque, 185)"]
+    rows = sk.sweep(mechanism, {key: [latitude]}, reduce, samples=73).frame()
+    assert np.allclose(np.sort(rows[["high", "low"]], axis=0), wanted, rtol=1e-7, atol=1e-9)
+    run = sk.run(mechanism, "eksergian", samples=73).frame()
+    run = run[np.isclose(run["q"], np.radians(185.0))]["tau"].dropna()
+    assert np.allclose(np.sort(rows["there"].dropna()), np.sort(run), rtol=1e-7, atol=1e-9)
+
+
+def test_sensitivities_are_of_coils_that_are_wound_on():
+    mechanism = wound_up("tip")
+    run = sk.run(mechanism, "sensitivity:of=torque,by=links.crank.arc,draws=0", samples=37)
+    table, rows = (
+        run.frame("sensitivity"),
+        sk.run(mechanism, "eksergian", samples=37).frame(),
+    )
+    assert np.allclose(table["value"], rows["tau"], rtol=1e-9, atol=1e-12)

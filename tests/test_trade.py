@@ -19,7 +19,7 @@ from spherekit.errors import AnalysisError, SolveError
 from spherekit.exact.arithmetic import Digits
 from spherekit.exact.field import exact_direction
 from spherekit.exact.rows import exact_rows
-from spherekit.model.mechanism import LinkSizes, PoseGeometry
+from spherekit.model.parts import LinkSizes, PoseGeometry
 from spherekit.model.study import Study
 from spherekit.tradeoff.choice import WORTH, choose
 from spherekit.tradeoff.measure import Benchmark

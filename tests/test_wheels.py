@@ -19,7 +19,7 @@ from spherekit.guarantee import Guarantee
 from spherekit.model.dynamics import Mass
 from spherekit.model.gears import pitch_angles
 from spherekit.model.laws import ConstantSpeed, Start
-from spherekit.model.mechanism import Input, Pair, PoseGeometry, Profile
+from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
 from spherekit.motion.meshes import meshes_of
 from spherekit.motion.motion import Tracer
 from spherekit.output.forward import ForwardKinematics

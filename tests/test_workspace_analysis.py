@@ -18,7 +18,7 @@ import spherekit as sk
 from spherekit.analysis.scene import SphereCurves, SphereMap, Text
 from spherekit.conventions import Status
 from spherekit.model.dynamics import Stop
-from spherekit.model.mechanism import Output
+from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics
 from spherekit.output.inverse import InverseKinematics

@@ -7,14 +7,8 @@ import numpy as np
 
 from benchmarks.extremes.kinematics import Point
 from benchmarks.extremes.reference import DIGITS, Reference, exact
-from spherekit.model.mechanism import (
-    Input,
-    LinkSizes,
-    Mechanism,
-    Pair,
-    Profile,
-    SizeGeometry,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input, LinkSizes, Pair, Profile, SizeGeometry
 from spherekit.motion.motion import Tracer
 
 TURN = 2 * np.pi

@@ -16,7 +16,8 @@ from benchmarks.extremes.reference import DIGITS, Exact, Reference, exact
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar
 from spherekit.files.read import load
-from spherekit.model.mechanism import Mechanism, PoseGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import PoseGeometry
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.locked import lock
 from spherekit.motion.motion import Tracer

@@ -15,7 +15,8 @@ from benchmarks.sceptic.evidence import Evidence
 from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.conventions import Status
 from spherekit.guarantee import Guarantee
-from spherekit.model.mechanism import Mechanism, PoseGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import PoseGeometry
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.sphere.rotation import Floats
 

@@ -20,10 +20,10 @@ from spherekit.files.build import build
 from spherekit.files.library import shipped
 from spherekit.files.read import load
 from spherekit.model.dynamics import Mass
-from spherekit.model.mechanism import (
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import (
     Input,
     LinkSizes,
-    Mechanism,
     Output,
     Pair,
     PoseGeometry,

@@ -11,14 +11,8 @@ from spherekit.model.dynamics import Gravity, Moment, PointForce
 from spherekit.model.geometry import axes_from_sizes, reference_frame
 from spherekit.model.link_axes import turned_mass, turned_texts, turned_vector
 from spherekit.model.load import Load
-from spherekit.model.mechanism import (
-    LinkSizes,
-    Mechanism,
-    Pair,
-    PoseGeometry,
-    Profile,
-    SizeGeometry,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
 from spherekit.sphere.rotation import Floats
 
 DATUM = ("datum_z", "datum_y")

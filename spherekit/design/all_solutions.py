@@ -15,7 +15,7 @@ import numpy as np
 from spherekit.design.solution_paths import SAME, Way, apart, distinct, settled, tracked
 from spherekit.engine.design_kernel import DesignTerms
 from spherekit.engine.path_kernel import Numbers, PathKernel, path_kernel
-from spherekit.model.mechanism import Input
+from spherekit.model.parts import Input
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
 from spherekit.sphere.rotation import Floats

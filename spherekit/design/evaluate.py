@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.merit import Merit, Reducing
 from spherekit.conventions import counted, listing
 from spherekit.design.all_solutions import StartSet, start_set
-from spherekit.design.at_samples import BLOCK, at_modes, at_variables, in_mode
+from spherekit.design.at_samples import BLOCK, Winding, at_modes, at_variables, in_mode
 from spherekit.design.evaluated import (
     IMPOSSIBLE,
     NEVER,
@@ -52,7 +52,8 @@ from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
 from spherekit.model.expression import Expression
-from spherekit.model.mechanism import Mechanism, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import SizeGeometry
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import plan_assembly
@@ -350,16 +351,16 @@ class Evaluator:
         prepared = kernel.prepare(np.ascontiguousarray(sizes))
         parts, closing = [], np.zeros(n, dtype=bool)
         for signs in product((1.0, -1.0), repeat=len(kernel.places)):
-            reducing = self._reducing(n)
+            reducing, winding = self._reducing(n), self.winding(kernel, n)
             closes = np.zeros(n)
             with np.errstate(all="ignore"):
                 for sample, columns, closed in in_mode(
-                    kernel, prepared, signs, self.samples.rows
+                    kernel, prepared, signs, self.samples.rows, winding
                 ):
                     closes += closed
                     self._take(reducing, sample, columns, closed, ())
                 for sample, columns, closed in in_mode(
-                    kernel, prepared, signs, self.points()
+                    kernel, prepared, signs, self.points(), winding, beside=True
                 ):
                     self._take(reducing, sample, columns, closed, self._point(sample))
             label = "".join("+" if sign > 0 else "-" for sign in signs)
@@ -382,14 +383,16 @@ class Evaluator:
         prepared = kernel.prepare(np.ascontiguousarray(sizes[:, modes.design]))
         values = modes.values[:, place]
         count, k = len(modes.design), len(samples)
-        reducing = self._reducing(count)
+        reducing, winding = self._reducing(count), self.winding(kernel, count)
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, columns, closed in at_modes(kernel, prepared, values, samples):
+            for sample, columns, closed in at_modes(
+                kernel, prepared, values, samples, winding
+            ):
                 closes += closed
                 self._take(reducing, sample, columns, closed, ())
             for sample, columns, closed in at_modes(
-                kernel, prepared, values[:, k:], points
+                kernel, prepared, values[:, k:], points, winding, beside=True
             ):
                 self._take(reducing, sample, columns, closed, self._point(sample))
         rows = np.flatnonzero(closes > 0)
@@ -399,6 +402,11 @@ class Evaluator:
         others = np.setdiff1d(np.arange(sizes.shape[1]), [*modes.lost, *made.design])
         nowhere = without(others, NEVER_CLOSES, NEVER, self.merits, claim)
         return self._joined([made, nowhere]), modes.lost
+
+    def winding(self, kernel: DesignKernel, count: int) -> Winding:
+        """Return what counts turns of so many rows along the samples."""
+        along = len(self.samples.shape) == 1
+        return Winding(kernel, count, self.samples.rows[:, : len(self.inputs)], along)
 
     def _reducing(self, count: int) -> list[Reducing]:
         returns = self.samples.returns
@@ -506,10 +514,12 @@ class Evaluator:
         kernel = design_kernel(terms, self.columns, compiled=False)
         modes = tracer.assembly_modes
         count = len(modes)
-        reducing = self._reducing(count)
+        reducing, winding = self._reducing(count), self.winding(kernel, count)
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
-            for sample, columns, closed in at_variables(kernel, motion, rows, tracks):
+            for sample, columns, closed in at_variables(
+                kernel, motion, rows, tracks, winding
+            ):
                 closes += closed
                 self._take(reducing, sample, columns, closed, ())
             if len(points):
@@ -519,7 +529,9 @@ class Evaluator:
                     if len(self.inputs) == 1
                     else tracer.samples(place[len(rows) :])
                 )
-                for sample, columns, closed in at_variables(kernel, there, points, tracks):
+                for sample, columns, closed in at_variables(
+                    kernel, there, points, tracks, winding, beside=True
+                ):
                     self._take(reducing, sample, columns, closed, self._point(sample))
         claim = tracer.claim.guarantee.value
         if not np.any(closes):

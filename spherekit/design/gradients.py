@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit
+from spherekit.design.at_samples import Winding
 from spherekit.design.evaluate import Evaluator
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.derivatives import derivatives
@@ -48,9 +49,12 @@ class FigureGradients:
         if inputs is None:
             return figures, gradients, 0.0
         sizes, slopes = inputs
-        every = self._rows(sizes, signs, evaluator.samples.rows)
+        winding = evaluator.winding(self._kernel, 1)
+        every = self._rows(sizes, signs, evaluator.samples.rows, winding)
         points = evaluator.points()
-        there = self._rows(sizes, signs, points) if len(points) else every
+        there = every
+        if len(points):
+            there = self._rows(sizes, signs, points, winding, beside=True)
         for k, merit in enumerate(merits):
             closed, quantities, changes = there if merit.point else every
             if merit.point:
@@ -62,13 +66,22 @@ class FigureGradients:
         return figures, gradients, float(np.mean(every[0]))
 
     def _rows(
-        self, sizes: Floats, signs: Sequence[float], samples: Floats
+        self,
+        sizes: Floats,
+        signs: Sequence[float],
+        samples: Floats,
+        winding: Winding,
+        beside: bool = False,
     ) -> tuple[NDArray[np.bool_], Floats, Floats]:
         """Return who closes (n,), quantities (c, n) and derivatives (sizes, c, n)."""
         kernel, count = self._kernel, len(sizes)
-        fixed = np.concatenate([np.array(signs)[:, None], kernel.prepare(sizes[:, None])])
+        turns = np.zeros((len(kernel.turning), 1))
+        places = np.array(signs)[:, None]
+        fixed = np.concatenate([places, turns, kernel.prepare(sizes[:, None])])
         rows = np.concatenate([samples.T, np.repeat(fixed, len(samples), axis=1)])
         with np.errstate(all="ignore"):
+            first = samples.shape[1] + len(signs)
+            winding.at(rows[:, :, None], first, samples, beside)
             outputs = kernel.evaluate(rows)
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
         columns = len(kernel.columns)

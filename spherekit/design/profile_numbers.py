@@ -13,7 +13,8 @@ from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.geometry import TOUCHING, geometry_of
 from spherekit.model.joints import Track
-from spherekit.model.mechanism import Mechanism, PoseGeometry, Profile
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import PoseGeometry, Profile
 from spherekit.motion.pairs import contact_tracks
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.varied_curve import VariedCurve, varied_round, varied_through

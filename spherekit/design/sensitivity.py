@@ -36,6 +36,7 @@ from spherekit.engine.hinges import Hinged, hinged
 from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
+from spherekit.model.actions import wound_pairs
 from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_at
@@ -258,6 +259,13 @@ class Sensitivity:
             made[place] = np.radians(deviation) if is_angle else deviation
         return tuple(made.tolist())
 
+    @property
+    def wound(self) -> tuple[str, ...]:
+        """The pairs whose turns count: loads that matter depend on their variables."""
+        if not any(name.split("_by_")[0] == "torque" for name in self.quantities):
+            return ()
+        return wound_pairs(self.mechanism)
+
     def at_rest(self, inputs: Floats) -> Floats:
         """Return samples (n, 3 inputs + 1) at inputs (n, inputs) rad that rest."""
         rest = np.zeros((len(inputs), 2 * len(self.inputs) + 1))
@@ -367,7 +375,8 @@ class Sensitivity:
         samples
             (n, 3 inputs + 1) q, dq, ddq of each input, then t.
         values
-            (n, variables) the closed configurations there, rad.
+            (n, variables) the closed configurations there, rad; those of `wound` pairs
+            with the turns that they have made.
 
         Notes
         -----
@@ -379,6 +388,7 @@ class Sensitivity:
         rows = [samples.T, self._placed(values).T]
         if self._profiles is not None:
             rows.append(self._profiles.columns(values))
+        rows.append(np.zeros((len(kernel.turning), len(samples))))  # values count turns
         columns = kernel.evaluate(np.concatenate([*rows, prepared]))
         made = columns.reshape(-1, len(self.quantities), len(samples))
         return made[0], self._by_sizes(made[1:], values)
@@ -431,6 +441,7 @@ class Sensitivity:
         with np.errstate(all="ignore"):
             kernel = self._plain
             placed = [now, columns_of(tracks, now.T)] if tracks else [now]
+            placed.append(np.zeros((len(kernel.turning), n * draws)))
             rows = [np.repeat(samples.T, draws, axis=1), *placed, kernel.prepare(sizes)]
             result = kernel.evaluate(np.concatenate(rows))
         return np.where(closed, result, np.nan).reshape(-1, n, draws)

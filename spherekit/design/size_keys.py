@@ -6,7 +6,8 @@ from spherekit.design.variables import DesignVariable
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.files.limits import Limits
 from spherekit.model.geometry import COLLINEAR
-from spherekit.model.mechanism import Mechanism, PoseGeometry, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import PoseGeometry, SizeGeometry
 from spherekit.model.pose_sizes import pose_sizes
 
 

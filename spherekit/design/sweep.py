@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
@@ -32,6 +32,7 @@ from spherekit.errors import DesignError, OutputError
 from spherekit.files.atomic import make_folder, write_text
 from spherekit.files.document import Document
 from spherekit.files.lock import locked
+from spherekit.files.plain import as_json
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
 from spherekit.progress import Working
@@ -153,7 +154,7 @@ class Sweep:
 
     def definition(self) -> dict[str, Any]:
         """Return what the sweep is of, as it stands in its folder."""
-        text = json.dumps(_plain(self.document.data), sort_keys=True)
+        text = json.dumps(as_json(self.document.data), sort_keys=True)
         return {
             "mechanism": self.mechanism.name,
             "file": hashlib.sha256(text.encode()).hexdigest(),
@@ -362,7 +363,7 @@ def _how_far(sweep: Sweep, parts: int) -> Callable[[], str]:
 
 def _claim(sweep: Sweep, place: Path, resume: bool) -> None:
     """Write the definition, or compare it with that of the parts that are there."""
-    path, definition = place / DEFINITION, _plain(sweep.definition())
+    path, definition = place / DEFINITION, as_json(sweep.definition())
     if not path.exists() and any(place.glob("part-*.parquet")):
         raise OutputError(
             f"{place}: holds parts of which {DEFINITION} does not say what sweep they are "
@@ -384,15 +385,6 @@ def _claim(sweep: Sweep, place: Path, resume: bool) -> None:
                 + "; choose another folder, or remove this one"
             )
     write_text(path, json.dumps(definition, indent=2) + "\n")
-
-
-def _plain(data: Any) -> Any:
-    """Return data as JSON has it."""
-    if isinstance(data, Mapping):
-        return {str(key): _plain(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_plain(item) for item in data]
-    return float(data) if isinstance(data, float) else data
 
 
 _here: dict[str, Sweep] = {}

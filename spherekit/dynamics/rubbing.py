@@ -38,12 +38,11 @@ MOST_ROUNDS = 100
 class Rubbed:
     """Sums (n, k) N of the forces on the bearings of each load that rubs.
 
-    `feedback` (n,) is what comes back of a change of the friction, `settled` (n,) whether
-    that is below 1 and the friction known, found in `rounds` of iteration.
+    `settled` (n,) says whether the feedback, what comes back of a change of the friction,
+    is below 1 and the friction known, found in `rounds` of iteration.
     """
 
     carried: Floats
-    feedback: Floats
     settled: NDArray[np.bool_]
     rounds: int
 
@@ -153,4 +152,4 @@ def _solved(still: Floats, change: Floats, factors: Floats) -> Rubbed:
         moved = regular & ~(gap <= SETTLED * np.max(carried, axis=1))
         if not np.any(moved):
             break
-    return Rubbed(carried, feedback, regular & ~moved, rounds)
+    return Rubbed(carried, regular & ~moved, rounds)

@@ -26,14 +26,13 @@ MARGIN = 0.03
 class TabulatedMotion:
     """The motion at times `t` (n,), s; NaN after the curve has ended.
 
-    `x`, `dx` (n,) coordinate of the model and its rate; `values`, `value_rates`
-    (n, variables); `q`, `dq` of the input, rad and rad/s; `kinetic`, `work` (n,) J;
-    `message` says why it ended; `evaluations` counts calls of the right-hand side.
+    `x` (n,) coordinate of the model; `values`, `value_rates` (n, variables); `q`, `dq` of
+    the input, rad and rad/s; `kinetic`, `work` (n,) J; `message` says why it ended;
+    `evaluations` counts calls of the right-hand side.
     """
 
     t: Floats
     x: Floats
-    dx: Floats
     values: Floats
     value_rates: Floats
     q: Floats
@@ -147,7 +146,6 @@ def _motion(
     return TabulatedMotion(
         t,
         x,
-        dx,
         values,
         rates,
         values[:, driven],

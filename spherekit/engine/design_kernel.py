@@ -30,6 +30,7 @@ from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.engine.profile_columns import ProfileColumns
 from spherekit.engine.row_quantities import RowQuantities, sample_names
 from spherekit.engine.turns import TurningPairs, turning_pairs
+from spherekit.model.actions import wound_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
 
@@ -45,6 +46,10 @@ class DesignKernel:
     `columns`, then to their derivatives, size by size, where they were asked for. Places
     are the sign of each dyad in closed form; then the first outputs, one for each dyad, are
     not negative where it closes. Otherwise they are the variables of all pairs.
+
+    Loads that count turns take those (rad) of the pairs `turning`, after the places and the
+    columns of profiles. `angles` is the function of the same rows that gives the first
+    outputs and then the variables of these pairs less the turns.
     """
 
     places: tuple[str, ...]
@@ -52,6 +57,8 @@ class DesignKernel:
     columns: tuple[str, ...]
     prepare: CompiledFunction | ArrayFunction
     evaluate: CompiledFunction | ArrayFunction
+    turning: tuple[str, ...] = ()
+    angles: CompiledFunction | ArrayFunction | None = None
 
     @property
     def reaches(self) -> int:
@@ -80,6 +87,9 @@ class DesignTerms:
         Of pairs, where these are the places; those that follow from others as terms.
     links, dyads
         The links placed by these, and the dyads in closed form.
+    turns
+        Of passive pairs whose variables loads depend on, by name: what their turns (rad)
+        add to angles that places give.
     """
 
     structure: Structure
@@ -90,6 +100,7 @@ class DesignTerms:
     variables: tuple[Expr, ...]
     links: tuple[LinkOrientation, ...]
     dyads: tuple[ClosedDyad, ...]
+    turns: Mapping[str, ExpressionNode]
 
     @staticmethod
     def of(
@@ -142,6 +153,11 @@ class DesignTerms:
             variables=tuple(variables),
             links=tuple(links),
             dyads=tuple(dyads),
+            turns={
+                pair: symbols([f"turns_of_{pair}"])[0]
+                for pair in wound_pairs(structure.mechanism)
+                if pair not in inputs
+            },
         )
 
     @property
@@ -218,16 +234,21 @@ def design_kernel(
     outputs = [quantities.of(name) for name in columns]
     if gradients:
         outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
-    outputs = [dyad.square for dyad in terms.dyads] + outputs
-    moving = [*terms.sample, *terms.places, *terms.handed_in]
-    row_terms, fixed = hoisted(outputs, moving, "design_")
+    squares = [dyad.square for dyad in terms.dyads]
+    turns = terms.turns if quantities.needs_turns(columns) else {}
+    angles = [quantities.angle(pair) for pair in turns]
+    moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
+    row_terms, fixed = hoisted([*squares, *outputs, *angles], moving, "design_")
+    count, every = len(squares) + len(outputs), [*moving, *fixed]
     make = _made(compiled)
     return DesignKernel(
         tuple(place.arguments[0] for place in terms.places),
         terms.closed_form,
         tuple(columns),
         make(list(fixed.values()), terms.sizes),
-        make(row_terms, [*moving, *fixed]),
+        make(row_terms[:count], every),
+        tuple(turns),
+        make([*row_terms[: len(squares)], *row_terms[count:]], every) if turns else None,
     )
 
 

@@ -16,13 +16,8 @@ from spherekit.engine.algebra import Exprs, cross, vector
 from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.errors import EngineError
 from spherekit.model.geometry import COLLINEAR, axes_from_sizes, reference_frame
-from spherekit.model.mechanism import (
-    LinkSizes,
-    Mechanism,
-    Pair,
-    PoseGeometry,
-    SizeGeometry,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, SizeGeometry
 from spherekit.model.pose_sizes import pose_sizes
 from spherekit.sphere.rotation import Floats
 

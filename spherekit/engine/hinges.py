@@ -29,7 +29,8 @@ from spherekit.engine.turns import (
 from spherekit.errors import EngineError
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import revolute
-from spherekit.model.mechanism import LinkSizes, Mechanism, Pair, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import LinkSizes, Pair, SizeGeometry
 from spherekit.planning.wheel_train import WheelTrain, wheel_train
 from spherekit.planning.wheels import ONE_LINE
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward

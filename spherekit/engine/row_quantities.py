@@ -87,6 +87,7 @@ class RowQuantities:
         self.structure, self.actions = terms.structure, terms.actions
         self.links = terms.links
         self.dyads = terms.dyads
+        self._turns = terms.turns
         mechanism = self.structure.mechanism
         pairs = self.structure.input_pairs
         self.inputs = [mechanism.pairs[pair].name for pair in pairs]
@@ -108,7 +109,7 @@ class RowQuantities:
         if name in self.sample:
             return self.sample[name]
         for prefix, make in (
-            ("theta_", self._angle),
+            ("theta_", self.angle),
             ("transmission_angle_", self._transmission_angle),
         ):
             if name.startswith(prefix):
@@ -200,8 +201,18 @@ class RowQuantities:
         mechanism = self.structure.mechanism
         angles: list[Expr] = [0.0] * len(mechanism.variable_owners)
         for pair, variable in mechanism.angles.items():
-            angles[variable] = self._angle(pair)
+            if pair in self.inputs:
+                angles[variable] = self.sample[self._of_input("q", pair)]
+            else:
+                angles[variable] = self.angle(pair) + self._turns.get(pair, 0.0)
         return angles
+
+    def _of_input(self, kind: str, pair: str) -> str:
+        return kind if len(self.inputs) == 1 else f"{kind}_{pair}"
+
+    def needs_turns(self, columns: Sequence[str]) -> bool:
+        """Return whether some of these depend on how often pairs have turned."""
+        return any(column.split("_by_")[0] == "torque" for column in columns)
 
     def _force(self, state: LoadState, moving: int) -> Expr:
         """Return the generalised force of all loads on an input, by its number."""
@@ -226,7 +237,8 @@ class RowQuantities:
         mechanism = self.structure.mechanism
         return mechanism.variables_of(mechanism.pair_number[pair])[0]
 
-    def _angle(self, pair: str) -> Expr:
+    def angle(self, pair: str) -> Expr:
+        """Return the variable of an R pair, less its turns in closed form."""
         structure = self.structure
         if self.variables is not None:
             return self.variables[self._variable(pair)]

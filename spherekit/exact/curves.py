@@ -16,7 +16,7 @@ import numpy as np
 from spherekit.exact.arcs import ArcTable
 from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.exact.series import cosine_sine, cross, dot, product, quotient, root
-from spherekit.model.mechanism import Profile
+from spherekit.model.parts import Profile
 from spherekit.sphere.paths import SplinePath
 from spherekit.sphere.profile import spline_through
 from spherekit.sphere.rotation import Floats

@@ -10,7 +10,8 @@ from spherekit.exact.curves import ExactCurve, exact_curve, unit
 from spherekit.exact.linear import left_inverse
 from spherekit.exact.series import cosine_sine, cross, matrix_product, skew_part, transpose
 from spherekit.model.geometry import COLLINEAR, axes_from_sizes, geometry_of
-from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import LinkSizes, PoseGeometry, SizeGeometry
 from spherekit.sphere.rotation import Floats
 
 STEPS = 60

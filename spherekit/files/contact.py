@@ -11,7 +11,7 @@ from spherekit.files.locate import KeyPath
 from spherekit.files.values import DocumentValues, Table
 from spherekit.model.gears import gear_axes, pitch_angles, touching_angles
 from spherekit.model.geometry import given_axis
-from spherekit.model.mechanism import Pair, PoseGeometry, Profile, SizeGeometry
+from spherekit.model.parts import Pair, PoseGeometry, Profile, SizeGeometry
 
 
 @final

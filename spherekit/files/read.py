@@ -19,10 +19,10 @@ from spherekit.files.read_dynamics import DynamicsReader
 from spherekit.files.values import DocumentValues, Table
 from spherekit.model.changes import AngleUnit
 from spherekit.model.geometry import arc_pole, given_axis
-from spherekit.model.mechanism import (
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import (
     Input,
     LinkSizes,
-    Mechanism,
     Output,
     Pair,
     PoseGeometry,

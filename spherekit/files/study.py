@@ -18,7 +18,8 @@ from spherekit.files.read import angle_unit_of, load
 from spherekit.files.read_laws import read_laws, read_start
 from spherekit.model.changes import AngleUnit
 from spherekit.model.locking import lock
-from spherekit.model.mechanism import Input, Mechanism
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.sphere.rotation import Floats
 

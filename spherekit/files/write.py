@@ -14,7 +14,8 @@ from spherekit.files.read import AnyMechanism, loads, mechanism_of
 from spherekit.files.toml_text import assignment, tables
 from spherekit.files.write_dynamics import angle_text, load_tables, mass_tables, stop_tables
 from spherekit.model.changes import AngleUnit
-from spherekit.model.mechanism import Mechanism, Output, Pair, PoseGeometry, Profile
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Output, Pair, PoseGeometry, Profile
 
 _Table = dict[str, Any]
 

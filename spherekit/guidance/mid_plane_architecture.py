@@ -19,7 +19,8 @@ from spherekit.errors import SolveError
 from spherekit.guidance.midplane import MidPlane
 from spherekit.guidance.rotation import RotationSamples, turn_to, unit, within
 from spherekit.model.joints import Joint, revolute, revolutes
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.pairs import turns_of

@@ -21,7 +21,8 @@ from spherekit.guidance.nearest import Target
 from spherekit.guidance.rotation import FixedAxisRotation, unit
 from spherekit.guidance.rotation_path import UNFIXED
 from spherekit.model.geometry import geometry_of
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Output
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver, label_of
 from spherekit.motion.closure import Closure

@@ -26,8 +26,9 @@ from spherekit.guidance.mid_plane_architecture import (
 from spherekit.guidance.midplane import MidPlane
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import Joint, revolute
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.mechanism import Mechanism
 from spherekit.model.outputs import chosen_output
+from spherekit.model.parts import Output
 from spherekit.sphere.rotation import Floats, arc, cross
 
 SAME = 1e-9

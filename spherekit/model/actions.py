@@ -26,6 +26,17 @@ def used_pairs(mechanism: Mechanism) -> frozenset[str]:
     return frozenset(pairs)
 
 
+def wound_pairs(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the R pairs whose variable loads depend on, in order; turns may count."""
+    used = {
+        name
+        for part in _all(mechanism)
+        if isinstance(part.magnitude, Expression)
+        for name in part.magnitude.names
+    }
+    return tuple(name for name in mechanism.angles if f"theta_{name}" in used)
+
+
 def smooth(mechanism: Mechanism) -> bool:
     """Return whether no load has kinks or jumps, those of tables left out."""
     laws = [part.magnitude for part in _all(mechanism)]

@@ -15,7 +15,7 @@ from spherekit.model.geometry import (
     Vector,
     given_axis,
 )
-from spherekit.model.mechanism import PoseGeometry, SizeGeometry
+from spherekit.model.parts import PoseGeometry, SizeGeometry
 from spherekit.sphere.rotation import arc
 
 ROUNDING = 8 * EPS

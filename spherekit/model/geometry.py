@@ -10,14 +10,8 @@ import numpy as np
 from spherekit.conventions import EPS, listing, nearest
 from spherekit.errors import ModelError
 from spherekit.model.joints import Joint, Revolute, Rolling, Sliding
-from spherekit.model.mechanism import (
-    LinkSizes,
-    Mechanism,
-    Pair,
-    PoseGeometry,
-    Profile,
-    SizeGeometry,
-)
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
 from spherekit.sphere.profile import Curve, circle, fourier, great_circle, through
 from spherekit.sphere.rotation import Floats, about_z, cross, frame_from, perpendicular
 from spherekit.sphere.touching import nearest_frames

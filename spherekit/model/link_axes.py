@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import Mass
 from spherekit.model.load import Load
-from spherekit.model.mechanism import Mechanism, Pair, Profile
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Pair, Profile
 from spherekit.sphere.rotation import Floats
 
 Turns = Mapping[str, Floats]

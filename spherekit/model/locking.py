@@ -16,7 +16,8 @@ from spherekit.model.dynamics import Mass
 from spherekit.model.geometry import axes_from_sizes, frames_of_sizes
 from spherekit.model.link_axes import turned_vector, with_link_axes
 from spherekit.model.load import Load
-from spherekit.model.mechanism import LinkSizes, Mechanism, Pair, PoseGeometry, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, SizeGeometry
 from spherekit.model.sized import given_by_sizes, zeros_from
 from spherekit.sphere.rotation import Floats, about_z
 

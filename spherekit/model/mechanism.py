@@ -24,14 +24,15 @@ from spherekit.model.changes import (
 from spherekit.model.dynamics import Mass, Stop
 from spherekit.model.load import Load
 from spherekit.model.mechanism_checks import check_mechanism, not_named
-from spherekit.model.parts import Input as Input
-from spherekit.model.parts import LinkSizes as LinkSizes
-from spherekit.model.parts import Output as Output
-from spherekit.model.parts import Pair as Pair
-from spherekit.model.parts import PoseGeometry as PoseGeometry
-from spherekit.model.parts import Profile as Profile
-from spherekit.model.parts import SizeGeometry as SizeGeometry
-from spherekit.model.parts import Source as Source
+from spherekit.model.parts import (
+    Input,
+    LinkSizes,
+    Output,
+    Pair,
+    PoseGeometry,
+    SizeGeometry,
+    Source,
+)
 
 
 @final

@@ -2,7 +2,8 @@
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import ModelError
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Output
 
 
 def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:

@@ -7,7 +7,8 @@ import numpy as np
 
 from spherekit.errors import ModelError
 from spherekit.model.geometry import frames_of_sizes, pair_frames
-from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import LinkSizes, PoseGeometry, SizeGeometry
 from spherekit.sphere.rotation import Floats
 
 Frames = tuple[Mapping[str, Floats], Mapping[str, Floats]]

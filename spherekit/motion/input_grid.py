@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import counted, listing
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import Input, Mechanism
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Input
 from spherekit.sphere.rotation import Floats
 
 

@@ -16,8 +16,8 @@ from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.model.mechanism import Output
 from spherekit.model.outputs import chosen_output
+from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import AssemblyMode, Evaluated, Solver
 from spherekit.motion.input_grid import given_path
 from spherekit.motion.motion import Motion

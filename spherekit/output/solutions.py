@@ -6,7 +6,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Output
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
 from spherekit.output.wheel_turns import as_assembled

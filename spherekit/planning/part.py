@@ -11,7 +11,8 @@ from dataclasses import replace
 from spherekit.errors import CountError
 from spherekit.model.actions import used_links, used_pairs
 from spherekit.model.load import Load
-from spherekit.model.mechanism import LinkSizes, Mechanism, PoseGeometry, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import LinkSizes, PoseGeometry, SizeGeometry
 from spherekit.planning.assembly import Assembly, plan_assembly
 
 

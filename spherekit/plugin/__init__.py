@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from spherekit.errors import ModelError as ModelError
     from spherekit.errors import SolveError as SolveError
     from spherekit.model.mechanism import Mechanism as Mechanism
-    from spherekit.model.mechanism import Output as Output
+    from spherekit.model.parts import Output as Output
     from spherekit.planning.poles import Pole as Pole
     from spherekit.planning.poles import all_poles as all_poles
     from spherekit.planning.poles import parse_pole as parse_pole

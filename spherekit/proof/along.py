@@ -15,6 +15,7 @@ from typing import final
 import numpy as np
 
 from spherekit.errors import SolveError
+from spherekit.numeric.turns import wrap
 from spherekit.proof.chains import Chain
 from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import UP, Piece, corrected, frame_at, local, piece_at
@@ -202,7 +203,7 @@ def _doubt(
 ) -> Doubt:
     """Return the part of an arc from a piece's centre to a goal in it as undecided."""
     start = float(piece.centre[variable])
-    end = start + float(_apart(piece.centre, goal)[variable])
+    end = start + float(wrap(goal - piece.centre)[variable])
     off = np.inf
     for longest in (1.1 * reach, 1.5 * reach, 3.0 * reach, None):
         near = piece
@@ -236,7 +237,7 @@ def _sign_at(equations: Equations, piece: Piece, goal: Floats, variable: int) ->
 
 def _middle(equations: Equations, piece: Piece, goal: Floats, part: float) -> Piece | None:
     """Return a piece around a configuration between a piece's centre and a goal in it."""
-    apart = np.remainder(goal - piece.centre + np.pi, 2 * np.pi) - np.pi
+    apart = wrap(goal - piece.centre)
     place = corrected(equations, piece.centre + part * apart)
     if place is None:
         return None
@@ -254,7 +255,7 @@ def _place(
 ) -> Stop:
     """Return the only zero of a rate from a piece's centre to a goal, near its place."""
     start = piece.centre
-    ends = [start, start + _apart(start, goal)]
+    ends = [start, start + wrap(goal - start)]
     rate = [_rate(equations, piece, end, variable) for end in ends]
     wide = float(np.max(np.abs(ends[1] - start)))
     for step in range(STEPS):
@@ -295,7 +296,3 @@ def _rate(equations: Equations, piece: Piece, place: Floats, variable: int) -> f
     """Return a rate at a configuration in the sense of a piece, in float64."""
     frame = frame_at(local(equations, place).slopes, piece.tangent)
     return 0.0 if frame is None else float(frame[variable, 0])
-
-
-def _apart(one: Floats, other: Floats) -> Floats:
-    return np.asarray(np.remainder(other - one + np.pi, 2 * np.pi) - np.pi)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, final
 
 from spherekit.model.gears import carrier_of
-from spherekit.model.mechanism import Mechanism, Pair
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Pair
 from spherekit.proof.balls import Ball, angle_of, exact, pi
 from spherekit.proof.vectors import Frame, Vector, cross, dot, unit
 

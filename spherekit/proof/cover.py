@@ -5,13 +5,14 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import TURN
+from spherekit.numeric.turns import wrap
 from spherekit.proof.chains import Chain
 from spherekit.proof.tubes import UP
 from spherekit.sphere.rotation import Floats
 
 NEIGHBOURS = 8
 """Pieces with the nearest centres that a box is tried against."""
-TURN = 2.0 * np.pi
 
 
 @final
@@ -52,7 +53,7 @@ class Cover:
             rows, pieces = small[left], near[left, column]
             frames = self._frames[pieces]
             apart = centres[rows] - self._centres[pieces]
-            apart = np.remainder(apart + np.pi, TURN) - np.pi
+            apart = wrap(apart)
             inside = np.abs(np.einsum("nv,nvw->nw", apart, frames))
             inside += np.einsum("nv,nvw->nw", radii[rows], np.abs(frames)) * UP + 1e-13
             out[rows] = np.all(inside <= self._limits[pieces], axis=1)
@@ -60,7 +61,7 @@ class Cover:
 
     def holds(self, place: Floats, off: float) -> bool:
         """Return whether a configuration that is off by at most `off` may be in a piece."""
-        apart = np.remainder(place - self._centres + np.pi, TURN) - np.pi
+        apart = wrap(place - self._centres)
         inside = np.abs(np.einsum("nv,nvw->nw", apart, self._frames)) - off - 1e-13
         return bool(np.any(np.all(inside <= self._limits, axis=1)))
 

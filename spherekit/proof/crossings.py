@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.numeric.turns import wrap
 from spherekit.proof.balls import middle
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import BALL, Foldings
@@ -97,7 +98,7 @@ class Crossings:
 
 def _disjoint(one: Saddle, other: Saddle) -> bool:
     """Return whether a face of one of two parts of space has them on both its sides."""
-    apart = np.remainder(other.centre - one.centre + np.pi, 2 * np.pi) - np.pi
+    apart = wrap(other.centre - one.centre)
     for first, second in ((one, other), (other, one)):
         inner = np.abs(first.frame.T @ second.frame) @ second.limits
         if np.any(np.abs(apart @ first.frame) > first.limits + inner + 1e-9):

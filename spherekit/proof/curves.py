@@ -13,13 +13,13 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import TURN
 from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.proof.along import Doubt, Stop, stops
 from spherekit.proof.balls import bits, exact, middle, pi, upper
 from spherekit.proof.chains import Chain, Range
 from spherekit.proof.construction import Construction, construct
-from spherekit.proof.cover import TURN
 from spherekit.proof.crossings import Arm, Crossings
 from spherekit.proof.equations import Equations
 from spherekit.proof.laps import turned_together

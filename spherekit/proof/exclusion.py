@@ -7,8 +7,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.numeric.turns import wrap
 from spherekit.proof.balls import Ball, exact, middle_of, pi
-from spherekit.proof.cover import TURN
 from spherekit.proof.equations import Equations
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.roots import Root, root_near
@@ -51,7 +51,7 @@ class RealModes:
         count = self.equations.unknowns
         for root in self.roots:
             middle = np.array([middle_of(ball).real for ball in root.centre])
-            apart = np.remainder(centres[:, :count] - middle + np.pi, TURN) - np.pi
+            apart = wrap(centres[:, :count] - middle)
             reach = np.abs(apart) + radii[:, :count] * UP + 1e-13
             out |= np.all(reach <= root.unique, axis=1)
         return out

@@ -17,7 +17,7 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.files.document import LiteralNumber
-from spherekit.model.mechanism import SizeGeometry
+from spherekit.model.parts import SizeGeometry
 from spherekit.proof.balls import (
     Ball,
     angle_of,

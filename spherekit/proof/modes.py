@@ -9,6 +9,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.conventions import TURN
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.proof.balls import (
     Ball,
@@ -21,7 +22,6 @@ from spherekit.proof.balls import (
     middle_of,
 )
 from spherekit.proof.construction import Construction, construct
-from spherekit.proof.cover import TURN
 from spherekit.proof.eliminated import eliminated
 from spherekit.proof.equations import Equations
 from spherekit.proof.exclusion import RealModes

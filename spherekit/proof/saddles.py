@@ -18,6 +18,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.numeric.turns import wrap
 from spherekit.proof.balls import (
     Ball,
     BallMatrix,
@@ -83,7 +84,7 @@ class Saddle:
 
     def coordinates(self, places: Floats) -> Floats:
         """Return coordinates (n, v) of places (n, v), whole turns away or not."""
-        apart = np.remainder(places - self.centre + np.pi, 2 * np.pi) - np.pi
+        apart = wrap(places - self.centre)
         return np.asarray(apart @ self.frame)
 
     def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from typing import final
 import numpy as np
 
 from spherekit.guarantee import Guarantee
+from spherekit.numeric.turns import wrap
 from spherekit.proof.along import Stop
 from spherekit.proof.curves import CertifiedCurves
 from spherekit.proof.written import Written
@@ -160,5 +161,5 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
 
 def _meet(one: Stop, other: Stop) -> bool:
     """Return whether two stops may be at the same configuration."""
-    apart = np.remainder(one.place - other.place + np.pi, 2 * np.pi) - np.pi
+    apart = wrap(one.place - other.place)
     return bool(np.all(np.abs(apart) <= one.off + other.off))

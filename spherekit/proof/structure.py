@@ -14,7 +14,8 @@ from typing import final
 
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Mechanism, Profile
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Profile
 from spherekit.planning.inputs import driven_pairs
 
 

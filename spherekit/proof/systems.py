@@ -14,6 +14,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.numeric.turns import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.charts import (
     ChartRoots,
@@ -56,7 +57,6 @@ SAME = 1e-9
 BORROWED = 1.0
 """How far away (rad) roots are known that are followed to where none are."""
 MOST_KNOWN = 64
-TURN = 2.0 * np.pi
 DETOUR = 16
 """Steps of ways round through complex inputs, for roots that a straight one loses."""
 Guide = dict[Path, KnownRoots]
@@ -252,7 +252,7 @@ class Systems:
         for mode in modes:
             row_modes = joined.setdefault(mode.row, [])
             for place, other in enumerate(row_modes):
-                apart = np.abs(np.remainder(mode.angle - other.angle + np.pi, TURN) - np.pi)
+                apart = np.abs(wrap(mode.angle - other.angle))
                 drift = np.abs(mode.rates - other.rates) @ half[mode.row]
                 spare = 1.05 * (apart + drift)
                 if np.all(spare[used] < SAME):
@@ -274,7 +274,7 @@ class Systems:
         """Return the roots known for what is nearest to what is given to a system."""
         best, nearest = None, BORROWED
         for roots in self.known_roots[number]:
-            apart = np.abs(np.remainder(roots.at - given + np.pi, TURN) - np.pi)
+            apart = np.abs(wrap(roots.at - given))
             if (gap := float(np.max(apart, initial=0.0))) < nearest:
                 best, nearest = roots, gap
         return best

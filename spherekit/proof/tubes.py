@@ -15,6 +15,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.numeric.turns import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.equations import Equations
 from spherekit.sphere.rotation import Floats
@@ -80,7 +81,7 @@ class Piece:
 
     def coordinates(self, places: Floats) -> Floats:
         """Return (s, y) (n, v) of places (n, v), whole turns away or not."""
-        apart = np.remainder(places - self.centre + np.pi, 2 * np.pi) - np.pi
+        apart = wrap(places - self.centre)
         return np.asarray(apart @ self.frame)
 
     def holds(self, place: Floats, off: float) -> bool:

@@ -16,7 +16,8 @@ from spherekit.files.document import Document, LiteralNumber, parse
 from spherekit.files.read import read
 from spherekit.files.write import dumps
 from spherekit.model.geometry import COLLINEAR, axes_from_sizes
-from spherekit.model.mechanism import Mechanism, PoseGeometry, SizeGeometry
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import PoseGeometry, SizeGeometry
 from spherekit.proof.balls import Ball, decimal, exact, middle, pi, wide
 from spherekit.proof.circles import Touching, touching
 from spherekit.proof.gears import Train, carried_wheels, train_of

@@ -24,7 +24,8 @@ from typing import final
 
 import numpy as np
 
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.planning.inputs import driven_pairs

@@ -14,6 +14,7 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.folder.journal import differences
 from spherekit.analysis.running.setting import Setting
 from spherekit.errors import AnalysisError
+from spherekit.files.plain import as_json
 from spherekit.files.write import mechanism_hash
 from spherekit.model.study import Study
 from spherekit.planning.inputs import driven_at
@@ -36,7 +37,7 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
         "mechanism_hash": mechanism_hash(mechanism),
         "analysis": analysis.name,
         "analysis_version": analysis.version,
-        "parameters": {key: json.loads(_text(value)) for key, value in given.items()},
+        "parameters": {key: as_json(value) for key, value in given.items()},
         "inputs": [item.pair for item in mechanism.inputs],
         "samples": "x".join(map(str, study.shape)),
         "input_values": values,
@@ -129,10 +130,3 @@ def _measured(row: Mapping[str, Any], samples: int) -> Measured:
 
 def _number(value: float | None) -> float:
     return float("nan") if value is None else float(value)
-
-
-def _text(value: object) -> str:
-    """Return a parameter as JSON, sets in order, what else there is by its words."""
-    if isinstance(value, set | frozenset):
-        value = sorted(value)
-    return json.dumps(value, default=repr)

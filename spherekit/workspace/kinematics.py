@@ -14,7 +14,8 @@ from spherekit.conventions import listing
 from spherekit.errors import AnalysisError
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.model.geometry import geometry_of
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import label_of
 from spherekit.motion.closure import Closure
 from spherekit.output.dyads import Signs

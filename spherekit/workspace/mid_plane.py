@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.model.joints import revolute
-from spherekit.model.mechanism import Mechanism, Output
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Output
 from spherekit.motion.pairs import turns_of
 from spherekit.output.dyads import DyadArcs, Signs
 from spherekit.output.measures import InputRates

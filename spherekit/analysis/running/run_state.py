@@ -14,6 +14,7 @@ from spherekit.analysis.running.run_statistics import RunStatistics
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import TableData
+from spherekit.files.plain import as_json
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.continued import AngleMemory
 from spherekit.rates.signs import SignMemory
@@ -107,7 +108,7 @@ def identity_of(
             [item.number, item.label] for item in course.tracer.assembly_modes
         ],
         "analyses": [
-            [item.name, item.version, _plain(asdict(item))]  # type: ignore[call-overload]
+            [item.name, item.version, as_json(asdict(item))]  # type: ignore[call-overload]
             for item in analyses
         ],
         "engine": None if simulation is None else simulation.engine.name,
@@ -128,12 +129,3 @@ def _digest(values: Floats) -> str:
     for start in range(0, len(values), 1 << 16):
         digest.update(np.ascontiguousarray(values[start : start + (1 << 16)]).tobytes())
     return digest.hexdigest()
-
-
-def _plain(value: Any) -> Any:
-    """Return parameters as JSON gives them back."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(item) for item in value]
-    return value if isinstance(value, str | int | float | None) else repr(value)

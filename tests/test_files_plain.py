@@ -1,0 +1,24 @@
+"""Parameters as JSON: the same in every process, whatever order a set has there."""
+
+import json
+from datetime import date
+
+import numpy as np
+
+from spherekit.files.document import LiteralNumber
+from spherekit.files.plain import as_json
+
+
+def test_what_json_gives_back_is_what_was_given():
+    value = {
+        1: (1.5, np.float64(2.5), None, True),
+        "names": frozenset({"b", "c", "a"}),
+        "day": date(2026, 1, 2),
+        "arc": LiteralNumber("1e1"),
+    }
+    made = as_json(value)
+    assert made["names"] == ["a", "b", "c"]
+    assert made == json.loads(json.dumps(made))
+    assert made["1"] == [1.5, 2.5, None, True]
+    assert made["day"] == "datetime.date(2026, 1, 2)"
+    assert type(made["arc"]) is float and made["arc"] == 10.0
