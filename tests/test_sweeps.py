@@ -862,3 +862,28 @@ def test_sensitivities_are_of_coils_that_are_wound_on():
         sk.run(mechanism, "eksergian", samples=37).frame(),
     )
     assert np.allclose(table["value"], rows["tau"], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_tables_of_torques_are_those_of_runs(periodic):
+    times = [0.0, 0.7, 1.0, 2.5] if periodic else [-1.0, 0.7, 1.0, 7.0]
+    torques = [1.0, -2.0, 3.0, 1.0]
+    base = wound_up("tip")
+    table = sk.TorqueTable("gust", "hinge", tuple(times), tuple(torques), periodic)
+    mechanism = base.with_loads(*base.loads, table)
+    wanted = torques_of_runs(mechanism, 61)
+    reduce = ["high=max(torque)", "low=min(torque)"]
+    rows = sk.sweep(mechanism, {"links.crank.arc": [20.0]}, reduce, samples=61).frame()
+    assert np.allclose(np.sort(rows[["high", "low"]], axis=0), wanted, rtol=1e-9)
+    varied = {"loads.gust.torques.1": [-2.0, -1.0]}
+    rows = sk.sweep(mechanism, varied, reduce, samples=61).frame()
+    rows = rows[["high", "low"]].to_numpy().reshape(2, 2, 2)
+    assert np.allclose(np.sort(rows[0], axis=0), wanted, rtol=1e-9)
+    assert np.all(np.any(rows[0] != rows[1], axis=1))
+    if not periodic:
+        with pytest.raises(ModelError, match="but the table has"):
+            sk.sweep(
+                mechanism.with_inputs(ranges={"drive": (0, 720)}, angle_unit="deg"),
+                {"links.crank.arc": [20.0]},
+                reduce,
+            )

@@ -51,6 +51,7 @@ from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
+from spherekit.model.actions import need_tabulated
 from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
@@ -109,6 +110,8 @@ class Evaluator:
         )
         self.sample = sample_names(self.inputs)
         self.columns = [name for name in used if name not in self.sample]
+        if any(name.startswith("torque") for name in self.columns):
+            need_tabulated(mechanism, samples.rows[:, -1])
         self._paths: tuple[PathKernel, StartSet] | None = None
         self.numbers: FileNumbers | None = None
         self.kernel = self._kernel()

@@ -36,7 +36,7 @@ from spherekit.engine.hinges import Hinged, hinged
 from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
-from spherekit.model.actions import wound_pairs
+from spherekit.model.actions import need_tabulated, wound_pairs
 from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_at
@@ -383,6 +383,8 @@ class Sensitivity:
         Rad and SI. The inputs are held, and the loops stay closed: from the derivative of
         the closure equations by a size, solved for the variables.
         """
+        if any(name.startswith("torque") for name in self.quantities):
+            need_tabulated(self.mechanism, samples[:, -1])
         kernel = self._gradient
         prepared = kernel.prepare(np.repeat(self._nominal, len(samples), axis=1))
         rows = [samples.T, self._placed(values).T]

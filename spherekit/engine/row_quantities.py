@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import TURN, listing, nearest
 from spherekit.engine.algebra import Exprs, SeriesExpressions, by_coordinate, cross, dot
 from spherekit.engine.coordinate_rates import CoordinateRates
 from spherekit.engine.expression_graph import Expr, function
@@ -18,6 +18,7 @@ from spherekit.engine.pose import spin_vectors
 from spherekit.errors import EngineError
 from spherekit.model.bearings import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
 from spherekit.planning.assembly import Group, plan_assembly
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.poles import pole_of
@@ -77,6 +78,10 @@ def _quantities(
         made |= {f"B_{a}_by_{b}": "kg m2" for a in inputs for b in inputs}
         made |= {f"torque_by_{pair}": "N m" for pair in inputs}
     return made
+
+
+BENDS = 200
+"""Rows of a table of torques that a kernel may have."""
 
 
 @final
@@ -191,7 +196,7 @@ class RowQuantities:
             motion.rates,
             self.sample["t"],
             _sign,
-            self._no_table,
+            self._table,
         )
         force = self._force(state, moving)
         return motion.resistance(moving, accelerations) - force / flow.scale
@@ -316,16 +321,34 @@ class RowQuantities:
             speed,
             t,
             _sign,
-            self._no_table,
+            self._table,
         )
         force = self._force(state, 0)
         return made[0] * ddq + 0.5 * made[1] * (dq * dq) - force * scale.coefficients[0]
 
-    def _no_table(self, name: str) -> Expr:
-        raise EngineError(
-            f"{self.structure.mechanism.name}: loads.{name}: a table of torques cannot be "
-            "part of a kernel; write the torque as an expression"
-        )
+    def _table(self, name: str) -> Expr:
+        """Return a torque over time: straight pieces, with a bend at each of its times."""
+        mechanism = self.structure.mechanism
+        (table,) = (load for load in mechanism.loads if load.name == name)
+        assert isinstance(table, TorqueTable)
+        if len(table.times) > BENDS:
+            raise EngineError(
+                f"{mechanism.name}: loads.{name}: a table of {len(table.times)} torques "
+                f"cannot be part of a kernel, one of {BENDS} can; write the torque as an "
+                "expression"
+            )
+        start, t = table.times[0], self.sample["t"]
+        if table.periodic:
+            period = table.times[-1] - start
+            angle = (t - start) * (TURN / period) - np.pi
+            within = function("atan2", function("sin", angle), function("cos", angle))
+            t = within * (period / TURN) + (start + 0.5 * period)
+        slopes = np.diff(table.torques) / np.diff(table.times)
+        torque = (t - start) * float(slopes[0]) + table.torques[0]
+        for place, bend in zip(table.times[1:], np.diff(slopes).tolist(), strict=False):
+            beyond = t - place
+            torque = torque + 0.5 * bend * (beyond + beyond * _sign(beyond))
+        return torque
 
 
 def _sign(condition: Expr) -> Expr:

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from spherekit.model.expression import Expression
 from spherekit.model.load import Component
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.torque_table import TorqueTable
+from spherekit.sphere.rotation import Floats
 
 
 def used_pairs(mechanism: Mechanism) -> frozenset[str]:
@@ -35,6 +37,13 @@ def wound_pairs(mechanism: Mechanism) -> tuple[str, ...]:
         for name in part.magnitude.names
     }
     return tuple(name for name in mechanism.angles if f"theta_{name}" in used)
+
+
+def need_tabulated(mechanism: Mechanism, t: Floats) -> None:
+    """Raise `ModelError` where a table of torques has not all times (s)."""
+    for load in mechanism.loads:
+        if isinstance(load, TorqueTable):
+            load.at(t)
 
 
 def smooth(mechanism: Mechanism) -> bool:

@@ -71,7 +71,6 @@ class InMemory(AbstractStore):
 
     def __init__(self) -> None:
         self._blocks: dict[Key, list[_Kept]] = defaultdict(list)
-        self._pieces: dict[Key, list[_Pieces]] = defaultdict(list)
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
@@ -81,19 +80,15 @@ class InMemory(AbstractStore):
             else set_aside(np.asarray(values, dtype=TYPES.get(column.kind)))
             for column in table.columns
         }
-        key = analysis, table.name
-        self._blocks[key].append(kept)
-        self._pieces[key].append(_pieces(data) if table.in_assembly_modes else None)
+        self._blocks[analysis, table.name].append(kept)
 
     def clear(self) -> None:
         """Forget all rows."""
         self._blocks.clear()
-        self._pieces.clear()
 
     def table(self, analysis: str, table: Table) -> Mapping[str, NDArray[Any]]:
         """Return all rows: by assembly mode, then sample, where they belong to these."""
-        key = analysis, table.name
-        return _Joined(self._blocks[key], self._pieces[key], table)
+        return _Joined(self._blocks[analysis, table.name], table)
 
 
 @final
@@ -103,10 +98,8 @@ class _Joined(JoinedColumns):
     By assembly mode, then sample, where rows belong to these.
     """
 
-    def __init__(
-        self, blocks: Sequence[_Kept], pieces: Sequence["_Pieces"], table: Table
-    ) -> None:
-        self._blocks, self._pieces = [dict(block) for block in blocks], list(pieces)
+    def __init__(self, blocks: Sequence[_Kept], table: Table) -> None:
+        self._blocks = [dict(block) for block in blocks]
         self._names = [column.name for column in table.columns]
         self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
         self._made: dict[str, NDArray[Any]] = {}
@@ -120,7 +113,7 @@ class _Joined(JoinedColumns):
         whole = [(k, slice(0, len(next(iter(b.values()))))) for k, b in enumerate(blocks)]
         if len(blocks) < 2 or not self._in_modes:
             return whole
-        in_order = _parts_in_order(self._pieces)
+        in_order = _parts_in_order([_pieces(block) for block in blocks])
         if in_order is None:
             vars(self)["_parts"] = whole
             keys = SAMPLE.name, ASSEMBLY_MODE.name
@@ -235,7 +228,7 @@ None where modes fall in a block, or samples in a mode.
 """
 
 
-def _pieces(block: TableData) -> _Pieces:
+def _pieces(block: _Kept) -> _Pieces:
     """Return the runs of rows of a block, mode after mode."""
     (modes, repeats), (samples, _) = (
         _once(block[column.name]) for column in (ASSEMBLY_MODE, SAMPLE)
@@ -274,7 +267,7 @@ def _parts_in_order(blocks: Sequence[_Pieces]) -> list[tuple[int, slice]] | None
     return [(number, rows) for _, number, rows in sorted(parts, key=lambda part: part[:2])]
 
 
-def _once(column: NDArray[Any] | Interleaved) -> tuple[NDArray[Any], int]:
+def _once(column: NDArray[Any] | SetAside | Interleaved) -> tuple[NDArray[Any], int]:
     """Return a column without the rows that repeat, and how often each is there."""
     if not isinstance(column, Interleaved):
         return np.asarray(column), 1
