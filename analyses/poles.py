@@ -211,6 +211,7 @@ class Poles(AbstractAnalysis):
         inputs = range(len(batch.moving_inputs))
         wanted = [(*pole, moved) for moved in inputs for pole in poles]
         n, k = len(batch), len(wanted)
+        by_input = batch.inputs.T
 
         per_pole = batch.interleaved
 
@@ -230,7 +231,7 @@ class Poles(AbstractAnalysis):
             "poles": {
                 "sample": per_row(batch.sample),
                 "assembly_mode": per_row(batch.assembly_mode),
-                "q": per_pole([batch.inputs[:, moved] for *_, moved in wanted]),
+                "q": per_pole([by_input[moved] for *_, moved in wanted]),
                 "link": named([links[j] for _, j, _ in wanted]),
                 "relative_to": named([links[i] for i, *_ in wanted]),
                 **{f"u{axis}": of("direction", c) for c, axis in enumerate("xyz")},
@@ -244,7 +245,7 @@ class Poles(AbstractAnalysis):
                     "acceleration_coefficient_error_bound"
                 ),
                 "residual": per_row(batch.residual),
-                "status": per_pole([batch.pole_status(*pole) for pole in wanted]),
+                "status": of("pole_status"),
                 "moving": named([pairs[moved] for *_, moved in wanted]),
             }
         }

@@ -17,7 +17,7 @@ from benchmarks.same_rows import both_ways, differences
 from benchmarks.special import special_mechanism
 from benchmarks.timing import median, ratio, rounds
 from spherekit.analysis.running import in_turn, rows_at_once
-from spherekit.analysis.running.row_block import SLICE
+from spherekit.analysis.running.made_columns import SLICE
 from spherekit.analysis.running.rows_at_once import REFERENCES
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.kernels import kernel

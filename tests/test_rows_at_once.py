@@ -13,13 +13,15 @@ from benchmarks.special import special_mechanism
 from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
+from spherekit.engine.compiler import available
 from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
 from spherekit.numeric.lent_memory import Refilled, SetAside
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
-from spherekit.rates.signs import _flips
+from spherekit.rates.signs import _flips, signs_at_stops
+from spherekit.rates.unread_columns import Unread
 
 LONG_SEARCHES = {7, 15}
 """Seeds of chains that cannot move, which takes seconds to find out."""
@@ -93,6 +95,22 @@ def test_inputs_out_of_reach_are_passed():
     assert 0.4 < np.mean(np.isnan(one["ux"])) < 0.6
 
 
+@pytest.mark.parametrize("name", ["watt", "two_dof_spm", "three_rrr"])
+def test_directions_reverse_within_blocks(name, monkeypatch):
+    """They are turned round where they are with care; compiled, if heyoka is there."""
+    if available():
+        monkeypatch.setattr(rows_at_once, "MANY", 0)
+    turned = []
+
+    def counted(*arguments):
+        turned.append(signs_at_stops(*arguments))
+        return turned[-1]
+
+    monkeypatch.setattr(rows_at_once, "signs_at_stops", counted)
+    assert compared(sk.load(name), samples=300) > 0.7
+    assert sum(len(item.pole) for item in turned) > 10
+
+
 def test_special_geometry():
     """Four-bars and more that fold flat, at and beside where they do."""
     count = 0
@@ -129,15 +147,12 @@ def test_tables_are_made_when_they_are_read(name, samples, monkeypatch):
     blocks = [b for joined in _joined_of(left) for b in joined._blocks]
     parts = [part for b in blocks for c in b.values() for part in getattr(c, "parts", [c])]
     assert sum(isinstance(part, SetAside) for part in parts) > 100
-    monkeypatch.setattr(SetAside, "__init__", None)
     monkeypatch.setattr(Refilled, "fills", lambda self, lent, first=0: None)
-    made = rows_at_once.RowsAtOnce.__post_init__
 
-    def read_at_once(self):
-        made(self)
-        self._is_read = True
+    def made_at_once(self, key, component):
+        return np.array(self[key] if component is None else self[key][:, component])
 
-    monkeypatch.setattr(rows_at_once.RowsAtOnce, "__post_init__", read_at_once)
+    monkeypatch.setattr(Unread, "column", made_at_once)
     kept = sk.run(name, **options)
     for one, other in zip(_joined_of(left), _joined_of(kept), strict=True):
         assert list(one) == list(other)

@@ -48,7 +48,7 @@ class Batch:
     _angles: Mapping[str, Floats] = field(default_factory=dict, repr=False)
     timed: bool = False
     _tracer: Tracer | None = field(default=None, repr=False)
-    _extent: Extent | None = field(default=None, repr=False)
+    _extent: Callable[[], Extent] | None = field(default=None, repr=False)
     _made: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -184,10 +184,11 @@ class Batch:
     def _column(
         self, quantity: str, i: int, j: int, moved: int, component: int | None
     ) -> NDArray[Any] | SetAside:
-        values = getattr(self._found(moved), _QUANTITIES[quantity])
-        if isinstance(values, Unread) and pole_of(i, j) in values:
+        name, pole = _QUANTITIES[quantity], pole_of(i, j)
+        values = getattr(self._found(moved), name)
+        if isinstance(values, Unread) and pole in values:
             self._declared(i, j, quantity)
-            return values.column(pole_of(i, j), component)
+            return values.column(pole, component)
         made = np.asarray(getattr(self, quantity)(i, j, moved))
         return made if component is None else made[:, component]
 
@@ -330,7 +331,9 @@ class Batch:
     @property
     def _whole(self) -> Extent:
         """The extent of the run, or of the batch where there is no run."""
-        return self._extent or Extent.of(self._motion.inputs, self._motion.timing)
+        if self._extent is not None:
+            return self._extent()
+        return Extent.of(self._motion.inputs, self._motion.timing)
 
     def _single(self, columns: Floats) -> Floats:
         if columns.shape[1] != 1:
@@ -383,6 +386,7 @@ _QUANTITIES: Mapping[str, str] = {
     "error_bound": "error",
     "velocity_coefficient_error_bound": "velocity_coefficient_error",
     "acceleration_coefficient_error_bound": "acceleration_coefficient_error",
+    "pole_status": "pole_status",
 }
 """What `PoleField` calls them."""
 

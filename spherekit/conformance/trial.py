@@ -88,7 +88,7 @@ class Trial:
             fields = job.evaluation.fields(motion, signs)
             angles = job.evaluation.angles(motion, memory)
             what = job.mechanism, job.plans, self.needs, shown(motion), fields, angles
-            made.append(Batch(*what, course.timed, course.tracer, course.extent))
+            made.append(Batch(*what, course.timed, course.tracer, lambda: course.extent))
         return made if self.analysis.reads_samples else made[:1]
 
     def given(

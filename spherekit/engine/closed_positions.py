@@ -2,16 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.cache import COMPILED
-from spherekit.engine.compiler import CompiledFunction, compile_function
 from spherekit.engine.dyads import place_by_inputs
-from spherekit.engine.expression_graph import Expr, function, symbols
+from spherekit.engine.expression_graph import (
+    Expr,
+    ExpressionNode,
+    function,
+    symbols,
+)
 from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import LinkOrientation
 from spherekit.engine.turns import turning_pairs
@@ -29,53 +33,87 @@ whatever their ends are off by."""
 
 @final
 @dataclass(frozen=True)
+class ClosedForm:
+    """The terms of configurations, by `inputs` and `signs` of the dyads.
+
+    `variables` are all variables, `squares` those of the dyads' triple products.
+    """
+
+    inputs: Sequence[ExpressionNode]
+    signs: Sequence[ExpressionNode]
+    variables: Sequence[Expr]
+    squares: Sequence[Expr]
+
+    @property
+    def given(self) -> list[ExpressionNode]:
+        """What functions of them are given."""
+        return [*self.inputs, *self.signs]
+
+
+def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
+    """Return the terms, None where a group is no dyad."""
+    if not assembly.has_closed_form or not assembly.groups:
+        return None
+    inputs = symbols(f"q_{k + 1}" for k in range(len(assembly.inputs)))
+    signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
+    # Rates are not asked for, so no equations are chosen.
+    structure = Structure(mechanism, assembly, turning_pairs(mechanism), ())
+    placed = place_by_inputs(structure, inputs, signs)
+    driven = dict(zip(assembly.inputs, inputs, strict=True))
+    angles = [
+        driven[pair] if pair in driven else _angle(mechanism, pair, placed.links)
+        for pair, _, _ in numbered(geometry_of(mechanism).joints)
+    ]
+    return ClosedForm(inputs, signs, angles, [dyad.square for dyad in placed.dyads])
+
+
+def given_by(q: Floats, signs: Sequence[int], out: Floats) -> Floats:
+    """Write inputs q (inputs, n) and the signs of dyads into what functions are given."""
+    out[: len(q)] = q
+    out[len(q) :] = np.array(signs, dtype=float)[:, None]
+    return out
+
+
+def lost_by(squares: Floats) -> NDArray[np.bool_]:
+    """Return (n,) where squares (dyads, n) say that there surely is no configuration."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.any(squares < OUT_OF_REACH, axis=0))
+
+
+@final
+@dataclass(frozen=True)
 class ClosedPositions:
     """The configurations of a mechanism by its inputs and the signs of its dyads.
 
-    `function` gives, of inputs and signs in rows, all variables and the squares of the
-    dyads' triple products.
+    `function` gives, of inputs and signs in rows, all `variables`, then the squares.
     """
 
     variables: int
-    function: CompiledFunction | ArrayFunction
+    inputs: int
+    function: ArrayFunction
 
     def at(self, q: Floats, signs: Sequence[int]) -> tuple[Floats, NDArray[np.bool_]]:
         """Return the variables (variables, n) at inputs q (inputs, n), and what is lost.
 
         NaN where no configuration is found; (n,) is true where surely none is.
         """
-        given = np.empty((len(q) + len(signs), q.shape[1]))
-        given[: len(q)] = q
-        given[len(q) :] = np.array(signs, dtype=float)[:, None]
+        given = given_by(q, signs, np.empty((self.inputs, q.shape[1])))
         positions = np.asarray(self.function(given))
-        with np.errstate(invalid="ignore"):
-            lost = np.any(positions[self.variables :] < OUT_OF_REACH, axis=0)
-        return positions[: self.variables], lost
+        return positions[: self.variables], lost_by(positions[self.variables :])
 
 
-def closed_positions(
-    mechanism: Mechanism, assembly: Assembly, engine: Literal["numpy", "compiled"]
-) -> ClosedPositions | None:
-    """Return them, None where a group is no dyad."""
-    if not assembly.has_closed_form or not assembly.groups:
-        return None
+def closed_positions(mechanism: Mechanism, assembly: Assembly) -> ClosedPositions | None:
+    """Return them on arrays, None where a group is no dyad."""
 
-    def make() -> ClosedPositions:
-        inputs = symbols(f"q_{k + 1}" for k in range(len(assembly.inputs)))
-        signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
-        # Rates are not asked for, so no equations are chosen.
-        structure = Structure(mechanism, assembly, turning_pairs(mechanism), ())
-        placed = place_by_inputs(structure, inputs, signs)
-        driven = dict(zip(assembly.inputs, inputs, strict=True))
-        angles = [
-            driven[pair] if pair in driven else _angle(mechanism, pair, placed.links)
-            for pair, _, _ in numbered(geometry_of(mechanism).joints)
-        ]
-        outputs = [*angles, *(dyad.square for dyad in placed.dyads)]
-        by = compile_function if engine == "compiled" else array_function
-        return ClosedPositions(len(angles), by(outputs, [*inputs, *signs]))
+    def make() -> ClosedPositions | None:
+        form = closed_form(mechanism, assembly)
+        if form is None:
+            return None
+        outputs = [*form.variables, *form.squares]
+        made = array_function(outputs, form.given)
+        return ClosedPositions(len(form.variables), len(form.given), made)
 
-    return COMPILED.get(mechanism, repr(("positions", assembly.inputs, engine)), make)
+    return COMPILED.get(mechanism, repr(("positions", assembly.inputs)), make)
 
 
 def _angle(mechanism: Mechanism, pair: int, placed: Sequence[LinkOrientation]) -> Expr:

@@ -4,7 +4,7 @@ The engine writes a mechanism's kinematics and loads in terms. `spherekit.engine
 gives them to heyoka, `spherekit.engine.arrays` runs them on NumPy arrays.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any, final
 from weakref import WeakValueDictionary
@@ -226,6 +226,20 @@ def rewrite(
         arguments = [] if term.operation == "variable" else [of(x) for x in term.arguments]
         made[term] = apply(term, arguments)
     return [of(item) for item in items]
+
+
+def substituted(items: Sequence[Expr], terms: Mapping[ExpressionNode, Expr]) -> list[Expr]:
+    """Return expressions in which other terms stand for variables."""
+    made = {"+": _sum, "-": _difference, "*": _product, "/": _quotient}
+
+    def apply(term: ExpressionNode, arguments: list[Any]) -> Expr:
+        if term.operation == "variable":
+            return terms.get(term, term)
+        if term.operation in made:
+            return made[term.operation](*arguments)
+        return _term(term.operation, *arguments)
+
+    return rewrite(items, float, apply)
 
 
 def hoisted(

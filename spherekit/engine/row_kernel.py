@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EQUAL_CURVATURE
+from spherekit.engine.algebra import sum_of
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.block_elimination import Pivot, pivots_of
 from spherekit.engine.cache import COMPILED
-from spherekit.engine.carried_vectors import largest
+from spherekit.engine.carried_vectors import largest, root
+from spherekit.engine.closed_positions import closed_form, lost_by
 from spherekit.engine.columns import (
     LARGEST_ERROR,
     Outputs,
@@ -22,7 +24,8 @@ from spherekit.engine.columns import (
     Terms,
 )
 from spherekit.engine.compiler import CompiledFunction, compile_function
-from spherekit.engine.expression_graph import Expr
+from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted
+from spherekit.engine.parted_places import PartedPlaces
 from spherekit.engine.profile_columns import ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
@@ -31,6 +34,8 @@ from spherekit.rates.core import NEARLY_FLAT
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
 
+ERRORS = 3
+"""Kinds of errors: of directions, rates and changes."""
 REFERENCES = 32
 """Configurations at most that say in which order variables are eliminated."""
 
@@ -40,19 +45,32 @@ _Function = CompiledFunction | ArrayFunction
 
 @final
 @dataclass(frozen=True)
+class ColumnFunction:
+    """A function of pair variables and the columns of profiles, with `width` columns."""
+
+    function: _Function
+    profiles: tuple[ProfileColumns, ...]
+    width: int
+
+    def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
+        """Return all columns (width, n) of variables (variables, n)."""
+        return np.asarray(self.function(with_columns(values, self.profiles), out))
+
+
+@final
+@dataclass(frozen=True)
 class _InputPlaces:
     """Of an input that moves: how doubtful a row is, and how links turn.
 
     From the column `first` on there are the angular velocities of `turning` links, then
-    `errors` columns: the largest errors of directions, rates and changes. `still`
-    (links, 3) are the angular velocities that do not change. `poles` are those without a
-    sense of their own, by the places of their links among those that turn, then the others.
+    the largest errors of directions, rates and changes. `still` (links, 3) are the angular
+    velocities that do not change. `poles` are those without a sense of their own, by the
+    places of their links among those that turn, then the others.
     """
 
     worst: Place
     first: int
     turning: int
-    errors: int
     still: Floats
     poles: tuple[NDArray[np.intp], NDArray[np.intp]]
 
@@ -60,48 +78,77 @@ class _InputPlaces:
 @final
 @dataclass(frozen=True)
 class RowFunction:
-    """A function of all pair variables, with columns that decide about rows.
+    """A function with columns that decide about rows.
 
-    `places` are by how much loops are open, how flat the mechanism is, and what the
-    configuration is off by. `curved` are by how much more the first profile of each
-    contact curves than the second, where that is no number.
+    Of all pair variables, or of inputs and the signs of dyads, so many as are `given`; then
+    the first columns are the `variables`, and the last the `squares` of triple products.
+    The next after the variables are a measure of doubt, by how much loops are open, and
+    what the configuration is off by. `flatness` is how flat the mechanism is, `curved` by
+    how much more the first profile of each contact curves than the second, where that is
+    no number.
     """
 
-    function: _Function
-    profiles: tuple[ProfileColumns, ...]
-    width: int
-    places: tuple[Place, Place, Place]
+    columns: ColumnFunction
+    flatness: Place
     curved: tuple[Place, ...]
     inputs: tuple[_InputPlaces, ...]
     open_by_rounding: float
+    given: int
+    variables: int = 0
+    squares: int = 0
 
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
-        """Return all columns (columns, n) of variables (variables, n)."""
-        return np.asarray(self.function(with_columns(values, self.profiles), out))
+        """Return all columns (columns, n) of what is given (given, n)."""
+        return self.columns(values, out)
 
-    def residual(self, columns: Floats) -> Floats:
-        """Return (n,) by how much loops are open, rad."""
-        return np.asarray(self.places[0].of(columns)[0])
+    @property
+    def width(self) -> int:
+        """The number of columns."""
+        return self.columns.width
 
-    def off(self, columns: Floats) -> Floats:
-        """Return (n,) the errors of configurations."""
-        return np.asarray(self.places[2].of(columns)[0])
+    def is_well(self, columns: Floats) -> bool:
+        """Return whether all rows are closed and vouched for."""
+        ends = columns[self.variables : self.variables + 2]
+        doubt, residual = np.maximum.reduce(ends, axis=1).tolist()
+        return bool(doubt <= 1.0 and residual <= self.open_by_rounding)
+
+    def closure(self, columns: Floats) -> Floats:
+        """Return (2, n) by how much loops are open, rad, and errors of configurations."""
+        return columns[self.variables + 1 : self.variables + 3]
 
     def closed(self, columns: Floats) -> NDArray[np.bool_]:
         """Return which rows (n,) have loops no more open than numbers are rounded."""
-        return np.asarray(self.residual(columns) <= self.open_by_rounding)
+        return np.asarray(self.closure(columns)[0] <= self.open_by_rounding)
+
+    def lost(self, columns: Floats) -> NDArray[np.bool_]:
+        """Return which rows (n,) the inputs surely do not reach."""
+        return lost_by(columns[self.width - self.squares :])
 
     def vouched(self, columns: Floats) -> NDArray[np.bool_]:
         """Return which rows (n,) the kernel vouches for, if their loops are closed.
 
         Of these the numbers are as good as those that are found with care.
         """
-        good = self.places[1].of(columns)[0] <= 1.0 / NEARLY_FLAT
+        good = self.flatness.of(columns)[0] <= 1.0 / NEARLY_FLAT
         for curved in self.curved:
             good &= curved.of(columns)[0] >= 2.0 * EQUAL_CURVATURE
         for places in self.inputs:
             good &= places.worst.of(columns)[0] <= LARGEST_ERROR
         return np.asarray(good)
+
+    def ends(
+        self, columns: Floats, number: int
+    ) -> tuple[Floats, Floats, tuple[float, ...]]:
+        """Return the least and greatest (links, 3) of angular velocities that change.
+
+        With the largest errors of directions, rates and changes, by an input.
+        """
+        places = self.inputs[number]
+        count, first = 3 * places.turning, places.first
+        high = np.maximum.reduce(columns[first : first + count + ERRORS], axis=1)
+        low = np.minimum.reduce(columns[first : first + count], axis=1)
+        shape = places.turning, 3
+        return low.reshape(shape), high[:count].reshape(shape), tuple(high[count:].tolist())
 
     def turning(self, columns: Floats, number: int) -> Floats:
         """Return (links, 3, n) angular velocities of those that change, by an input."""
@@ -128,7 +175,7 @@ class RowFunction:
         """Return (3, n) the largest errors of directions, rates, changes, by an input."""
         places = self.inputs[number]
         start = places.first + 3 * places.turning
-        return columns[start : start + places.errors]
+        return columns[start : start + ERRORS]
 
 
 @final
@@ -136,31 +183,54 @@ class RowFunction:
 class RowKernel:
     """What gives the rows of a run, see `row_kernel`.
 
-    `judging` gives what decides about rows, `whole` all columns, the first `kept` of which
-    are results; `residual` is the column that says by how much loops are open. `free` are
-    the variables that are no inputs.
+    There are `kept` columns; the one at `closure` says by how much loops are open, the next
+    what the configuration is off by. `free` are the variables that are no inputs. It
+    `has_closed_form` where all variables follow from inputs.
     """
 
+    engine: Engine
     rates: tuple[RatePlaces, ...]
     kept: int
-    residual: int
+    closure: int
     free: tuple[int, ...]
-    judging: RowFunction
-    _make_whole: Callable[[], RowFunction]
-    _make_closing: Callable[[], _Function]
-    _make_signed: Callable[[], ArrayFunction]
+    has_closed_form: bool
+    _make_judging: Callable[[], RowFunction]
+    _make_by_inputs: Callable[[], RowFunction]
+    _make_whole: Callable[[], ColumnFunction]
+    _make_closing: Callable[[], ColumnFunction]
+    _make_signed: Callable[[], ColumnFunction]
+
+    @property
+    def in_threads(self) -> bool:
+        """Whether threads call it at the same time: its calls are few and long."""
+        return self.engine == "compiled"
 
     @cached_property
-    def whole(self) -> RowFunction:
+    def judging(self) -> RowFunction:
+        """What decides about rows, of all pair variables."""
+        return self._make_judging()
+
+    @cached_property
+    def by_inputs(self) -> RowFunction:
+        """All variables and what decides about rows, of inputs and signs of dyads."""
+        return self._make_by_inputs()
+
+    @cached_property
+    def whole(self) -> ColumnFunction:
         """The function of all columns, made when it is first asked for."""
         return self._make_whole()
 
     @cached_property
-    def _closing(self) -> _Function:
+    def parted(self) -> PartedPlaces:
+        """Places that share no column."""
+        return PartedPlaces.of(self.rates, self.closure)
+
+    @cached_property
+    def _closing(self) -> ColumnFunction:
         return self._make_closing()
 
     @cached_property
-    def _signed(self) -> ArrayFunction:
+    def _signed(self) -> ColumnFunction:
         return self._make_signed()
 
     def closer(self, values: Floats) -> Floats:
@@ -168,12 +238,11 @@ class RowKernel:
 
         By a step of Newton's method.
         """
-        return np.asarray(self._closing(with_columns(values, self.judging.profiles)))
+        return self._closing(values)
 
     def signed_at(self, values: Floats) -> list[Floats]:
         """Return by input (8, poles, n) what has a sign of its own, of few rows."""
-        given = with_columns(values, self.judging.profiles)
-        columns, made, first = self._signed(given), [], 0
+        columns, made, first = self._signed(values), [], 0
         for places in self.rates:
             count = len(places.signed)
             made.append(columns[first : first + 8 * count])
@@ -181,26 +250,21 @@ class RowKernel:
             first += 8 * count
         return made
 
-    def signed(self, columns: Floats, number: int) -> Floats:
-        """Return (8, poles, n) the same of an input, from all columns: a view."""
-        places = self.rates[number]
-        count = len(places.signed)
-        block = columns[places.block : places.block + 8 * count]
-        return block.reshape(8, count, columns.shape[1])
 
-    def read(self, columns: Floats) -> list[RateColumns]:
-        """Return rates by input, as views of columns that are kept."""
-        every = range(len(self.rates))
-        return [_read(self.rates[k], columns, self.signed(columns, k)) for k in every]
+def signed_columns(places: RatePlaces, columns: Floats) -> Floats:
+    """Return (8, poles, n) what has a sign of its own, from all columns: a view."""
+    count = len(places.signed)
+    block = columns[places.block : places.block + 8 * count]
+    return block.reshape(8, count, columns.shape[1])
 
 
-def _read(places: RatePlaces, columns: Floats, signed: Floats) -> RateColumns:
+def read_columns(places: RatePlaces, columns: Floats) -> RateColumns:
+    """Return the rates of an input, as views of columns that are kept."""
+    signed = signed_columns(places, columns)
     return RateColumns(
         {pole: _pole(places, pole, columns, signed) for pole in places.poles},
         {link: place.of(columns) for link, place in places.w.items()},
         {link: place.of(columns) for link, place in places.dw.items()},
-        places.signed,
-        signed,
     )
 
 
@@ -214,7 +278,7 @@ def _pole(places: RatePlaces, pole: Pole, columns: Floats, signed: Floats) -> Po
         rate, change = first[0], second[0]
     angle, *errors = (part.of(columns)[0] for part in (at.angle, *at.errors))
     one, other, last = errors
-    return PoleColumns(unit, turn, rate, change, angle, one, other, last, at.axis is None)
+    return PoleColumns(unit, turn, rate, change, angle, one, other, last)
 
 
 def row_kernel(
@@ -232,69 +296,94 @@ def row_kernel(
 
     def make() -> RowKernel | None:
         terms = Terms.of(motion, requests, pivots)
-        return None if terms is None else _kernel(terms, motion.free, engine)
+        return None if terms is None else _kernel(terms, motion, engine)
 
     return COMPILED.get(motion.mechanism, _key("rows", requests, pivots, engine), make)
 
 
-def _kernel(terms: Terms, free: tuple[int, ...], engine: Engine) -> RowKernel:
+def _kernel(terms: Terms, motion: Motion, engine: Engine) -> RowKernel:
     rows, results = terms.rows, terms.outputs
-    residual = results.place(rows.residual).first
+    results.columns += [rows.residual, rows.moved_by]
     rates = tuple(moving.placed(results) for moving in terms.moving)
-    kept, judged = len(results.columns), Outputs()
-    by = compile_function if engine == "compiled" else array_function
+    profiles = rows.pairs.columns
+    form = None if profiles else closed_form(motion.mechanism, motion.assembly)
 
-    def deciding(outputs: Outputs, errors: Sequence[Sequence[Expr]]) -> RowFunction:
-        inputs = []
-        for moving, places, largest_ones in zip(terms.moving, rates, errors, strict=True):
-            first, turning, still = len(outputs.columns), moving.turning, moving.still
-            outputs.columns += [x for w in turning.values() for x in w] + [*largest_ones]
-            order = [*turning, *still]
-            inputs.append(
-                _InputPlaces(
-                    outputs.place(moving.worst),
-                    first,
-                    len(turning),
-                    len(largest_ones),
-                    np.array([*still.values()], dtype=float).reshape(-1, 3),
-                    _ends([(order.index(i), order.index(j)) for i, j in places.signed]),
-                )
-            )
-        closure = rows.residual, rows.flatness, rows.moved_by
-        one, other, last = (outputs.place(item) for item in closure)
-        curved = tuple(outputs.place(item) for item in rows.curved)
-        return RowFunction(
-            by(outputs.columns, terms.given),
-            rows.pairs.columns,
-            len(outputs.columns),
-            (one, other, last),
-            curved,
-            tuple(inputs),
-            rows.open_by_rounding,
-        )
+    def of(by: _Maker, outputs: Sequence[Expr]) -> ColumnFunction:
+        return ColumnFunction(by(outputs, terms.given), profiles, len(outputs))
 
+    def by_inputs() -> RowFunction:
+        assert form is not None
+        columns, places = _deciding(terms, rates, len(form.variables))
+        stand_in = dict(zip(terms.variables, form.variables, strict=True))
+        outputs = [*form.variables, *substituted(columns, stand_in), *form.squares]
+        made = ColumnFunction(by(outputs, form.given), (), len(outputs))
+        sizes = len(form.given), len(form.variables), len(form.squares)
+        return RowFunction(made, *places, rows.open_by_rounding, *sizes)
+
+    def judging() -> RowFunction:
+        columns, places = _deciding(terms, rates)
+        # With a closed form, it is for few rows.
+        made = of(by if form is None else array_function, columns)
+        return RowFunction(made, *places, rows.open_by_rounding, len(terms.variables))
+
+    by: _Maker = compile_function if engine == "compiled" else array_function
     signed = [
         column
         for places in rates
         for column in results.columns[places.block : places.block + 8 * len(places.signed)]
     ]
-    errors = [
-        [
-            largest(results.item(pole.errors[k]) for pole in places.poles.values())
-            for k in range(3)
-        ]
-        for places in rates
-    ]
     return RowKernel(
+        engine,
         rates,
-        kept,
-        residual,
-        free,
-        deciding(judged, errors),
-        lambda: deciding(results, [()] * len(rates)),
-        lambda: by(rows.closer(terms.variables), terms.given),
-        lambda: array_function(signed, terms.given),
+        len(results.columns),
+        0,
+        motion.free,
+        form is not None,
+        judging,
+        by_inputs,
+        lambda: of(by, results.columns),
+        lambda: of(by, rows.closer(terms.variables)),
+        lambda: of(array_function, signed),
     )
+
+
+_Maker = Callable[[Sequence[Expr], Sequence[ExpressionNode]], _Function]
+
+
+def _deciding(
+    terms: Terms, rates: Sequence[RatePlaces], variables: int = 0
+) -> tuple[list[Expr], tuple[Place, tuple[Place, ...], tuple[_InputPlaces, ...]]]:
+    """Return the columns that decide about rows, after so many variables, and places."""
+    rows, results, outputs = terms.rows, terms.outputs, Outputs()
+    outputs.columns += [0.0] * variables
+    doubts = [
+        rows.flatness * NEARLY_FLAT,
+        *(moving.worst / LARGEST_ERROR for moving in terms.moving),
+        # Roots are no numbers where the other profile curves more.
+        *(2.0 * EQUAL_CURVATURE / (root(x) * root(x)) for x in rows.curved),
+    ]
+    outputs.columns += [sum_of(doubts), rows.residual, rows.moved_by]
+    inputs = []
+    for moving, places in zip(terms.moving, rates, strict=True):
+        first, turning, still = len(outputs.columns), moving.turning, moving.still
+        outputs.columns += [x for w in turning.values() for x in w]
+        outputs.columns += [
+            largest(results.item(pole.errors[k]) for pole in places.poles.values())
+            for k in range(ERRORS)
+        ]
+        order = [*turning, *still]
+        inputs.append(
+            _InputPlaces(
+                outputs.place(moving.worst),
+                first,
+                len(turning),
+                np.array([*still.values()], dtype=float).reshape(-1, 3),
+                _ends([(order.index(i), order.index(j)) for i, j in places.signed]),
+            )
+        )
+    flatness = outputs.place(rows.flatness)
+    curved = tuple(outputs.place(item) for item in rows.curved)
+    return outputs.columns[variables:], (flatness, curved, tuple(inputs))
 
 
 def _ends(poles: Sequence[Pole]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -302,35 +391,21 @@ def _ends(poles: Sequence[Pole]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return first, second
 
 
-@final
-@dataclass(frozen=True)
-class PoleKernel:
-    """Directions, rates and derivatives of rates of poles, of all pair variables."""
-
-    width: int
-    profiles: tuple[ProfileColumns, ...]
-    function: _Function
-
-    def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
-        """Return (5 for each pole and input, n) of variables (variables, n)."""
-        return np.asarray(self.function(with_columns(values, self.profiles), out))
-
-
 def pole_kernel(
     motion: Motion, requests: Sequence[Request], engine: Engine
-) -> PoleKernel | None:
+) -> ColumnFunction | None:
     """Return what is the least of `row_kernel`: poles and rates, without any bounds."""
     pivots = _pivots(motion, requests)
     if pivots is None:
         return None
 
-    def make() -> PoleKernel | None:
+    def make() -> ColumnFunction | None:
         terms = Terms.of(motion, requests, pivots)
         if terms is None:
             return None
         items = [item for moving in terms.moving for item in moving.poles(terms.outputs)]
         by = compile_function if engine == "compiled" else array_function
-        return PoleKernel(len(items), terms.rows.pairs.columns, by(items, terms.given))
+        return ColumnFunction(by(items, terms.given), terms.rows.pairs.columns, len(items))
 
     return COMPILED.get(motion.mechanism, _key("poles", requests, pivots, engine), make)
 

@@ -106,7 +106,8 @@ def sampled(
 def straight(inputs: Sequence[Input], samples: int) -> InputGrid:
     """Return the straight path on which all inputs run through their ranges together."""
     columns = [_spaced(item.start, item.stop, samples) for item in inputs]
-    return InputGrid(np.stack(columns, axis=1), (samples,))
+    q = columns[0][:, None] if len(columns) == 1 else np.stack(columns, axis=1)
+    return InputGrid(q, (samples,))
 
 
 def grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:

@@ -49,11 +49,13 @@ class Extent:
     @classmethod
     def of(cls, inputs: Floats, timing: Timing | None) -> "Extent":
         """Return the extent of inputs (n, inputs) with their timing."""
-        rates = np.full_like(inputs, np.nan) if timing is None else timing.dq
-        return cls(_ends(inputs), _ends(rates))
+        ends = _ends(inputs)
+        return cls(ends, np.full_like(ends, np.nan) if timing is None else _ends(timing.dq))
 
 
 def _ends(rows: Floats) -> Floats:
+    if rows.strides[0] == 0 and len(rows):
+        rows = rows[:1]
     # Column by column, which is ten times as quick.
     return np.array([[np.min(x) for x in rows.T], [np.max(x) for x in rows.T]])
 

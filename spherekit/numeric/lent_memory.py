@@ -8,8 +8,10 @@ made again are set aside until somebody reads them.
 import mmap
 import sys
 import weakref
-from collections.abc import Callable
-from contextlib import suppress
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
@@ -19,6 +21,10 @@ Floats = NDArray[np.float64]
 
 LARGE_PAGE = 1 << 21
 """Bytes of the pages that Linux hands over at once where it is asked for."""
+WORTH_A_PAGE = 1 << 18
+"""From so many bytes on an array gets one."""
+MOST_IDLE = 1 << 27
+"""Bytes at most that wait to be used again."""
 
 
 Reader = Callable[[slice, Floats], None]
@@ -41,7 +47,7 @@ class _Loan:
 
 @final
 class Refilled:
-    """An array (rows, columns) in lent memory, made when it is read, as often as that is.
+    """An array (rows, columns) in lent memory, made when it is read, however often.
 
     `was_read` says that all of it was, at once.
     """
@@ -98,22 +104,49 @@ def _nothing() -> None:
 
 
 @final
-class SetAside:
-    """A view of lent memory that went back, made again when it is read.
+@dataclass(frozen=True)
+class Cut:
+    """Where a view lies in memory, from its `offset` in bytes on.
 
-    `row` is the row of `source` that it is, None if it is none.
+    `row` is the row of the array that it is, None if it is none.
     """
 
-    def __init__(self, view: NDArray[Any], offset: int, source: Refilled) -> None:
-        self.source, self._offset = source, offset
-        self._shape, self._strides = view.shape, view.strides
-        self.dtype = view.dtype
-        row, start = divmod(offset, 8 * max(1, source.shape[1]))
-        whole = not start and view.shape == source.shape[1:] and view.strides == (8,)
-        self.row = row if whole and view.dtype.itemsize == 8 else None
+    offset: int
+    shape: tuple[int, ...]
+    strides: tuple[int, ...]
+    dtype: np.dtype[Any]
+    row: int | None
+
+    @classmethod
+    def of(cls, view: NDArray[Any], offset: int, columns: int) -> "Cut":
+        """Return that of a view of an array with so many columns."""
+        row, start = divmod(offset, 8 * max(1, columns))
+        whole = not start and view.shape == (columns,) and view.strides == (8,)
+        is_row = whole and view.dtype.itemsize == 8
+        return cls(offset, view.shape, view.strides, view.dtype, row if is_row else None)
+
+
+@final
+class SetAside:
+    """A view of lent memory that went back, made again when it is read."""
+
+    __slots__ = ("cut", "source")
+
+    def __init__(self, cut: Cut, source: Refilled) -> None:
+        self.cut, self.source = cut, source
+
+    @property
+    def row(self) -> int | None:
+        """The row of `source` that it is, None if it is none."""
+        return self.cut.row
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of its numbers."""
+        return self.cut.dtype
 
     def __len__(self) -> int:
-        return int(self._shape[0])
+        return self.cut.shape[0]
 
     def __getitem__(self, rows: Any) -> NDArray[Any]:
         return np.asarray(np.asarray(self)[rows])
@@ -122,15 +155,15 @@ class SetAside:
         self, dtype: DTypeLike | None = None, copy: bool | None = None
     ) -> NDArray[Any]:
         """Return the view."""
-        memory = self.source.memory
-        view = np.ndarray(self._shape, self.dtype, memory, self._offset, self._strides)
+        memory, cut = self.source.memory, self.cut
+        view = np.ndarray(cut.shape, cut.dtype, memory, cut.offset, cut.strides)
         view.flags.writeable = False
         return np.array(view, dtype, copy=copy) if copy or dtype else view
 
     @property
     def ndim(self) -> int:
         """The number of its dimensions."""
-        return len(self._shape)
+        return len(self.cut.shape)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return np.array, (np.array(self),)
@@ -143,7 +176,9 @@ def set_aside(values: "NDArray[Any] | SetAside") -> "NDArray[Any] | SetAside":
         return values
     start = loan.__array_interface__["data"][0]
     offset = values.__array_interface__["data"][0] - start
-    return SetAside(values, offset + 8 * loan.first * loan.refilled.shape[1], loan.refilled)
+    columns = loan.refilled.shape[1]
+    offset += 8 * loan.first * columns
+    return SetAside(Cut.of(values, offset, columns), loan.refilled)
 
 
 @final
@@ -155,9 +190,10 @@ class Template:
         self.unmade = np.empty(self.shape)
         self._start = self.unmade.__array_interface__["data"][0]
 
-    def of(self, view: NDArray[Any], source: Refilled) -> SetAside:
-        """Return what a view of `unmade` is of another array of that shape."""
-        return SetAside(view, view.__array_interface__["data"][0] - self._start, source)
+    def cut(self, view: NDArray[Any]) -> Cut:
+        """Return where a view of `unmade` lies in any array of that shape."""
+        offset = view.__array_interface__["data"][0] - self._start
+        return Cut.of(view, offset, self.shape[1])
 
 
 def _loan_of(view: Any) -> "_Loan | None":
@@ -168,34 +204,68 @@ def _loan_of(view: Any) -> "_Loan | None":
 
 @final
 class LentMemory:
-    """Arrays whose memory comes back when they and their views are gone."""
+    """Arrays whose memory comes back when they and their views are gone.
 
-    def __init__(self) -> None:
-        self._free: list[Floats] = []
+    At most so many bytes stay for others while nobody has them.
+    """
+
+    def __init__(self, most: int = MOST_IDLE) -> None:
+        self._most, self._idle = most, 0
+        self._free: defaultdict[int, list[Floats]] = defaultdict(list)
 
     def array(self, rows: int, columns: int) -> Floats:
         """Return an array (rows, columns) that holds anything."""
         size = rows * columns
         memory = self._taken(size)
         loan = _Loan(memory, self)
-        weakref.finalize(loan, self._free.append, memory).atexit = False
+        weakref.finalize(loan, self._take_back, memory).atexit = False
         return np.asarray(loan)[:size].reshape(rows, columns)
 
+    @contextmanager
+    def room(self, rows: int, columns: int) -> Iterator[Floats]:
+        """Lend an array (rows, columns) that holds anything, for as long as a context."""
+        size = rows * columns
+        memory = self._taken(size)
+        try:
+            yield memory[:size].reshape(rows, columns)
+        finally:
+            self._take_back(memory)
+
     def _taken(self, size: int) -> Floats:
-        while self._free:
-            memory = self._free.pop()
-            if len(memory) >= size:
-                return memory
-        return _new(size)
+        pages = _pages(size)
+        try:
+            memory = self._free[pages].pop()
+        except IndexError:
+            return _new(pages) if pages else np.empty(size)
+        self._idle -= memory.nbytes
+        return memory
+
+    def _take_back(self, memory: Floats) -> None:
+        # Of what several threads do here, no step depends on another.
+        pages = memory.nbytes // LARGE_PAGE
+        if pages and self._idle + memory.nbytes <= self._most:
+            self._idle += memory.nbytes
+            self._free[pages].append(memory)
 
 
-def _new(size: int) -> Floats:
-    """Return memory for so many numbers."""
-    if sys.platform == "linux" and 8 * size >= LARGE_PAGE:
-        pages = -(-8 * size // LARGE_PAGE)
-        private = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
-        mapped = mmap.mmap(-1, pages * LARGE_PAGE, flags=private)
-        with suppress(OSError):  # a system without large pages
-            mapped.madvise(mmap.MADV_HUGEPAGE)
-        return np.frombuffer(mapped)
-    return np.empty(size)
+def _pages(size: int) -> int:
+    """Return how many large pages hold so many numbers, none if these are few.
+
+    In steps of a quarter at most, so that what comes back is of use again.
+    """
+    if 8 * size < WORTH_A_PAGE:
+        return 0
+    pages = -(-8 * size // LARGE_PAGE)
+    step = 1 << max(0, pages.bit_length() - 3)
+    return -(-pages // step) * step
+
+
+def _new(pages: int) -> Floats:
+    """Return memory of so many large pages, where the system has these."""
+    size = pages * LARGE_PAGE
+    if sys.platform != "linux":
+        return np.empty(size // 8)
+    mapped = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    with suppress(OSError):  # a system without large pages
+        mapped.madvise(mmap.MADV_HUGEPAGE)
+    return np.frombuffer(mapped)

@@ -19,9 +19,9 @@ class PoleColumns:
 
     `direction` (3, n) a unit vector along the relative angular velocity, or the axis of a
     pair, `turn` (3, n) its derivative by the input; `rate` and `change` (n,) the
-    coefficient and its derivative, not negative where the pole `is_signed`: it then has no
-    sense of its own. `angle` (n,) how far the relative angular velocity is from cancelling,
-    1 for pairs; the errors (n,) are bounds of those of direction, rate and change.
+    coefficient and its derivative. `angle` (n,) how far the relative angular velocity is
+    from cancelling, 1 for pairs; the errors (n,) are bounds of those of direction, rate
+    and change.
     """
 
     direction: Floats
@@ -32,17 +32,6 @@ class PoleColumns:
     direction_error: Floats
     rate_error: Floats
     change_error: Floats
-    is_signed: bool
-
-    @property
-    def with_sign(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """What changes its sign with the direction."""
-        return self.direction, self.turn, self.rate, self.change
-
-    def relative(self, rows: slice) -> tuple[Floats, Floats]:
-        """Return (3, rows) the relative angular velocity, and its derivative."""
-        unit, rate = self.direction[:, rows], self.rate[rows]
-        return rate * unit, self.change[rows] * unit + rate * self.turn[:, rows]
 
     def without(self, gaps: "Gaps") -> "PoleColumns":
         """Return columns where those that are numbers throughout have gaps."""
@@ -55,21 +44,6 @@ class PoleColumns:
             gaps.of(self.direction_error),
             gaps.of(self.rate_error),
             gaps.of(self.change_error),
-            self.is_signed,
-        )
-
-    def parted(self) -> "PoleColumns":
-        """Return a copy all of whose rows can be written to."""
-        return PoleColumns(
-            np.array(self.direction),
-            np.array(self.turn),
-            np.array(self.rate),
-            np.array(self.change),
-            np.array(self.angle),
-            np.array(self.direction_error),
-            np.array(self.rate_error),
-            np.array(self.change_error),
-            self.is_signed,
         )
 
 
@@ -79,25 +53,12 @@ class RateColumns:
     """Poles and rates of n rows in which one input moves.
 
     `poles` are those of which there is something. `w[link]`, `dw[link]` (3, n) are as in
-    `PoleField`. Of the poles `signed`, `with_sign` (8, poles, n) has direction, turn, rate
-    and change together.
+    `PoleField`.
     """
 
     poles: Mapping[Pole, PoleColumns]
     w: Mapping[int, Floats]
     dw: Mapping[int, Floats]
-    signed: tuple[Pole, ...]
-    with_sign: Floats
-
-    def parted(self) -> "RateColumns":
-        """Return a copy all of whose rows can be written to, one pole at a time."""
-        return RateColumns(
-            {pole: columns.parted() for pole, columns in self.poles.items()},
-            {link: np.array(vectors) for link, vectors in self.w.items()},
-            {link: np.array(vectors) for link, vectors in self.dw.items()},
-            self.signed,
-            self.with_sign,
-        )
 
 
 @final
@@ -116,8 +77,6 @@ class Gaps:
             {pole: part.without(self) for pole, part in columns.poles.items()},
             {link: self.of(vectors) for link, vectors in columns.w.items()},
             {link: self.of(vectors) for link, vectors in columns.dw.items()},
-            columns.signed,
-            columns.with_sign,
         )
 
     def of(self, column: Floats) -> Floats:

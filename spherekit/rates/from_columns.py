@@ -1,102 +1,77 @@
-"""Poles from what a kernel found of the rows, those in doubt with care."""
+"""Poles from what a kernel gives of the rows, those in doubt with care."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import final
+from dataclasses import dataclass, replace
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import Status
 from spherekit.motion.motion import Motion
-from spherekit.numeric.lent_memory import LentMemory
 from spherekit.planning.poles import Pole
-from spherekit.rates.columns import Gaps, PoleColumns, RateColumns
+from spherekit.rates.columns import RateColumns
 from spherekit.rates.field import add_locked, by_lines
 from spherekit.rates.lines import evaluate_lines
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
-from spherekit.rates.signs import (
-    SignMemory,
-    continuous_signs,
-    sided_signs,
-    steady_signs,
-    turn_each,
-    turn_round,
-)
 from spherekit.rates.unread_columns import UnreadColumns
 from spherekit.sphere.rotation import Floats
 
 
-def field_of_columns(
-    motion: Motion,
-    wanted: Request,
-    columns: RateColumns,
-    vouched: NDArray[np.bool_],
-    memory: SignMemory,
-    with_planes: bool,
-    steady: bool,
-    memory_of_gaps: LentMemory,
-) -> PoleField:
-    """Return the requested poles of a motion from what a kernel found of its rows.
+@final
+@dataclass(frozen=True)
+class CarefulRows:
+    """Rows by their numbers (k,), and the poles that were found of these with care."""
 
-    Rows that it does not vouch for (n,) are found by `evaluate`'s ``best``, and put in
-    their place; `columns` are written to, and hold nothing where the motion has nothing.
-    Great circles are drawn when they are read, or at once, `with_planes`. `steady` says
-    that all other rows are vouched for, and no direction reverses within an assembly mode.
-    """
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        nothing = np.flatnonzero(motion.failed)
-        rest = np.flatnonzero(~vouched & ~motion.failed)
-        if len(nothing):
-            columns = Gaps(nothing, memory_of_gaps).within(columns)
-        if len(rest):
-            columns = columns.parted()
-        field = _field(motion, wanted, columns, vouched, nothing)
-        careful = _with_care(field, motion, wanted, rest) if len(rest) else None
-        if steady and motion.is_path:
-            held = columns.with_sign
-            signs = steady_signs(motion, columns.signed, lambda k: held[:, :, k], memory)
-            turn_round(columns, signs)
-        for pole, pole_columns in columns.poles.items():
-            if not pole_columns.is_signed or (steady and motion.is_path):
-                continue
-            if not motion.is_path:
-                turn_each(pole_columns, sided_signs(motion, pole_columns.direction, memory))
-            else:
-                _go_on(motion, pole, pole_columns, careful, memory)
-    for pole in wanted.planes if with_planes else ():
-        _ = field.planes[pole]
-    return field
+    rows: NDArray[np.intp]
+    field: PoleField
 
+    @classmethod
+    def of(
+        cls, motion: Motion, wanted: Request, rows: NDArray[np.intp]
+    ) -> "CarefulRows | None":
+        """Return those of a motion, by `evaluate`'s ``best``; None where rows are none."""
+        if not len(rows):
+            return None
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            few = replace(wanted, planes=frozenset())
+            field = by_lines(motion.rows(rows), few, "best")
+            turned = {pole: field.turned(wanted.plan, pole) for pole in field.direction}
+        return cls(rows, replace(field, direction_dq=turned))
 
-def _field(
-    motion: Motion,
-    wanted: Request,
-    columns: RateColumns,
-    vouched: NDArray[np.bool_],
-    nothing: NDArray[np.intp],
-) -> PoleField:
-    """Return what columns say, with their signs, as views; `nothing` is known of some."""
-    n, items = len(motion), columns.poles.items()
-    field = PoleField(
-        direction={pole: part.direction.T for pole, part in items},
-        velocity_coefficient={pole: part.rate for pole, part in items},
-        acceleration_coefficient={pole: part.change for pole, part in items},
-        angle={pole: part.angle for pole, part in items},
-        error={pole: part.direction_error for pole, part in items},
-        velocity_coefficient_error={pole: part.rate_error for pole, part in items},
-        acceleration_coefficient_error={pole: part.change_error for pole, part in items},
-        planes=_PlanesWhenRead(wanted, motion),
-        w={link: values.T for link, values in columns.w.items()},
-        dw={link: values.T for link, values in columns.dw.items()},
-        status=motion.status,
-        pole_status=dict.fromkeys(columns.poles, motion.status),
-        by_equations=np.broadcast_to(False, n),
-        by_kernel=vouched,
-        loss=_loss(n, nothing),
-        direction_dq={pole: part.turn.T for pole, part in items},
-    )
-    return _with_locked(field, motion, wanted)
+    def write(self, columns: RateColumns, signed: Sequence[Pole]) -> None:
+        """Write them to columns (k rows); rates of the poles `signed` are not negative."""
+        field = self.field
+        for pole, part in columns.poles.items():
+            for name, of in PARTS.items():
+                if name not in ("w", "dw"):
+                    getattr(part, of)[:] = getattr(field, name)[pole].T
+            if pole in signed:
+                turned = np.where(part.rate < 0.0, -1.0, 1.0)
+                for values in (part.direction, part.turn, part.rate, part.change):
+                    values *= turned
+        for name in ("w", "dw"):
+            for link, vectors in getattr(columns, name).items():
+                vectors[:] = getattr(field, name)[link].T
+
+    def relative(self, pole: Pole, rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Return (3, k) relative angular velocities of some of them, and their changes."""
+        (i, j), w, dw = pole, self.field.w, self.field.dw
+        return (w[j] - w[i])[rows].T, (dw[j] - dw[i])[rows].T
+
+    def put_into(self, column: NDArray[Any], values: NDArray[Any]) -> NDArray[Any]:
+        """Return a copy of a column of all rows with the values of these."""
+        made = column.copy()
+        made[self.rows] = values
+        return made
+
+    def largest(self, name: str) -> float | None:
+        """Return the largest number of a part at rows that are well, None without any."""
+        good = self.field.status == Status.OK
+        values = [errors[good] for errors in getattr(self.field, name).values()]
+        finite = np.concatenate([x[np.isfinite(x)] for x in values] or [np.empty(0)])
+        return float(np.max(finite)) if len(finite) else None
 
 
 def field_unread(
@@ -105,23 +80,37 @@ def field_unread(
     columns: UnreadColumns,
     vouched: NDArray[np.bool_],
     errors: Sequence[float | None],
+    careful: CarefulRows | None,
 ) -> PoleField:
-    """Return the poles of a motion that a kernel vouches for, made when they are read.
+    """Return the poles of a motion, made when they are read.
 
-    `errors` are the largest of directions, rates and changes.
+    A kernel vouches for rows (n,) or they are in `columns` as they were found with care.
+    `errors` are the largest of directions, rates and changes, of the kernel.
     """
     parts = {name: columns.part(of) for name, of in PARTS.items()}
     for name, most in zip(ERRORS, errors, strict=True):
-        parts[name].largest = most
-    nothing = np.flatnonzero(motion.failed)
+        largest = careful.largest(name) if careful is not None else None
+        both = [x for x in (most, largest) if x is not None]
+        parts[name].largest = max(both, default=None)
+    status, loss = motion.status, _loss(motion)
+    by_equations = np.broadcast_to(False, len(motion))
+    pole_status = dict.fromkeys(parts["direction"], status)
+    if careful is not None:
+        status = careful.put_into(status, careful.field.status)
+        loss = careful.put_into(loss, careful.field.loss)
+        by_equations = careful.put_into(by_equations, careful.field.by_equations)
+        for pole in pole_status:
+            of_pole = careful.field.pole_status[pole]
+            alike = np.array_equal(of_pole, careful.field.status)
+            pole_status[pole] = status if alike else careful.put_into(status, of_pole)
     field = PoleField(
         **parts,
         planes=_PlanesWhenRead(wanted, motion),
-        status=motion.status,
-        pole_status=dict.fromkeys(parts["direction"], motion.status),
-        by_equations=np.broadcast_to(False, len(motion)),
+        status=status,
+        pole_status=pole_status,
+        by_equations=by_equations,
         by_kernel=vouched,
-        loss=_loss(len(motion), nothing),
+        loss=loss,
     )
     return _with_locked(field, motion, wanted)
 
@@ -142,13 +131,12 @@ PARTS = {
 ERRORS = ("error", "velocity_coefficient_error", "acceleration_coefficient_error")
 
 
-def _loss(n: int, nothing: NDArray[np.intp]) -> Floats:
+def _loss(motion: Motion) -> Floats:
     """Return (n,) the part of the rates in doubt: none, and unknown of some rows."""
-    if not len(nothing):
-        return np.broadcast_to(0.0, n)
-    loss = np.zeros(n)
-    loss[nothing] = np.nan
-    return loss
+    nothing = motion.failed
+    if not np.any(nothing):
+        return np.broadcast_to(0.0, len(motion))
+    return np.where(nothing, np.nan, 0.0)
 
 
 def _with_locked(field: PoleField, motion: Motion, wanted: Request) -> PoleField:
@@ -158,61 +146,6 @@ def _with_locked(field: PoleField, motion: Motion, wanted: Request) -> PoleField
             add_locked(field, motion, pole)
             field.direction_dq[pole] = field.direction[pole]
     return field
-
-
-def _with_care(
-    field: PoleField, motion: Motion, wanted: Request, rest: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], PoleField]:
-    """Put rows in by their numbers, found with care; return them, and which."""
-    careful = by_lines(motion.rows(rest), replace(wanted, planes=frozenset()), "best")
-    turned = {pole: careful.turned(wanted.plan, pole) for pole in field.direction_dq}
-    given = replace(careful, direction_dq=turned)
-    for name in ("status", "by_equations", "loss"):
-        column = getattr(field, name).copy()
-        column[rest] = getattr(given, name)
-        object.__setattr__(field, name, column)
-    for pole, status in field.pole_status.items():
-        field.pole_status[pole] = status.copy()
-    for name in ROWS_OF_EACH:
-        new = getattr(given, name)
-        for key, values in getattr(field, name).items():
-            values[rest] = new[key]
-    return rest, careful
-
-
-ROWS_OF_EACH = (
-    "direction",
-    "velocity_coefficient",
-    "acceleration_coefficient",
-    "angle",
-    "error",
-    "velocity_coefficient_error",
-    "acceleration_coefficient_error",
-    "w",
-    "dw",
-    "pole_status",
-    "direction_dq",
-)
-"""The parts of a field that have arrays for each pole or link."""
-
-
-def _go_on(
-    motion: Motion,
-    pole: Pole,
-    columns: PoleColumns,
-    careful: tuple[NDArray[np.intp], PoleField] | None,
-    memory: SignMemory,
-) -> None:
-    """Give a direction, and what goes with it, the signs that continue, in place."""
-    i, j = pole
-    v, dv = columns.relative(slice(None))
-    if careful is not None:
-        rest, field = careful
-        v[:, rest] = (field.w[j] - field.w[i]).T
-        dv[:, rest] = (field.dw[j] - field.dw[i]).T
-    signs = continuous_signs(motion, columns.direction, columns.rate, v, dv, pole, memory)
-    for values in columns.with_sign:
-        values *= signs
 
 
 @final

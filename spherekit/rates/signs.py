@@ -5,11 +5,11 @@ from dataclasses import astuple, dataclass
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.motion.motion import Motion
 from spherekit.numeric.hermite import cubic
 from spherekit.planning.poles import Pole
-from spherekit.rates.columns import PoleColumns, RateColumns
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
 from spherekit.rates.turning import axis_pairs
@@ -27,6 +27,22 @@ class _Last:
     w: Floats
     dw: Floats
     sign: float
+
+
+@final
+@dataclass(frozen=True)
+class _Path:
+    """What a direction follows: the `way` (k,), the sense of the input, w and dw (3, k)."""
+
+    way: Floats
+    sense: Floats
+    v: Floats
+    dv: Floats
+
+    def at(self, rows: Any) -> "_Path":
+        """Return it at some rows."""
+        v, dv = self.v[:, rows], self.dv[:, rows]
+        return _Path(self.way[rows], self.sense[rows], v, dv)
 
 
 @final
@@ -90,100 +106,127 @@ def signed(
     return field
 
 
-def steady_signs(
+@final
+@dataclass(frozen=True)
+class Stops:
+    """Rows of one assembly mode where directions are looked at.
+
+    `rows` (k,) rise; `linked` (k - 1,) says that a direction may reverse from one of them
+    to the next.
+    """
+
+    rows: NDArray[np.intp]
+    linked: NDArray[np.bool_]
+
+
+@final
+@dataclass(frozen=True)
+class TurnedRows:
+    """Which directions of an input are turned round: the `pole` from `start` to `stop`.
+
+    All (k,). Over a grid of inputs each row is turned to a side, `sides` (modes, 3).
+    """
+
+    pole: NDArray[np.intp]
+    start: NDArray[np.intp]
+    stop: NDArray[np.intp]
+    sides: Floats | None = None
+
+    @classmethod
+    def of(
+        cls, ranges: Sequence[tuple[int, int, int]], sides: Floats | None = None
+    ) -> "TurnedRows":
+        """Return those of poles with their rows' starts and stops."""
+        pole, start, stop = np.array(ranges, dtype=np.intp).reshape(-1, 3).T
+        return cls(pole, start, stop, sides)
+
+    def turn(self, with_sign: Floats, mode: int, first: int) -> None:
+        """Turn what has a sign (8, poles, n) of rows from `first` on, in place."""
+        n = with_sign.shape[2]
+        if self.sides is not None:
+            across = np.einsum("k,kpn->pn", self.sides[mode], with_sign[:3])
+            with_sign *= np.where(across < 0.0, -1.0, 1.0)
+            return
+        for k in np.flatnonzero((self.start < first + n) & (self.stop > first)).tolist():
+            rows = slice(max(0, self.start[k] - first), self.stop[k] - first)
+            part = with_sign[:, self.pole[k], rows]
+            np.negative(part, out=part)
+
+
+def signs_at_stops(
     motion: Motion,
     signed: Sequence[Pole],
-    at: Callable[[Sequence[int]], Floats],
+    stops: Mapping[int, Stops],
+    at: Callable[[NDArray[np.intp]], tuple[Floats, Floats, Floats]],
     memory: SignMemory,
-) -> Floats:
-    """Return (modes, poles) one sign for each mode in which directions do not reverse.
+) -> TurnedRows:
+    """Return which directions are turned round to go on along each assembly mode.
 
-    Of the poles `signed`: each is turned by it to go on from the block before; `at` gives
-    what has a sign of theirs (8, poles, k) at rows by their numbers. Rows that hold nothing
-    do not count.
+    Of the poles `signed`, whose rates are not negative before. `stops` are those of modes
+    by their place; `at` gives directions, relative angular velocities and their
+    derivatives (3, poles, k) at rows by their numbers. Signs are those of
+    `continuous_signs`.
     """
-    signs = np.ones((len(motion.assembly_modes), len(signed)))
-    samples, good, sense = motion.samples, ~motion.failed, np.ones(1)
-    rows: list[int] = []
-    going_on = []
-    for number in range(len(signs)):
-        held = good[number * samples : (number + 1) * samples]
-        if np.any(held) and len(signed):
-            ends = int(np.argmax(held)), samples - 1 - int(np.argmax(held[::-1]))
-            rows += [number * samples + end for end in ends]
-            going_on.append(number)
-    if not rows:
-        return signs
-    parts = at(rows)
-    vectors, changes = _relative(motion, parts)
-    for k, number in enumerate(going_on):
-        mode, (first, last) = motion.assembly_modes[number], rows[2 * k : 2 * k + 2]
-        (v, v_end), (dv, dv_end) = vectors[2 * k : 2 * k + 2], changes[2 * k : 2 * k + 2]
-        before = [memory.last.get((mode.number, pole)) for pole in signed]
-        new = [j for j, item in enumerate(before) if item is None]
-        going = np.ones(len(signed))
-        if new:
-            home = _home(motion, mode.number, first, memory)
-            going[new] = np.where(home @ v[:, new] < 0.0, -1.0, 1.0)
-        for j, item in enumerate(before):
-            if item is None:
-                continue
-            going[j] = item.sign
-            if item.w[:, 0] @ v[:, j] < 0.0:
-                flip = _flips(
-                    np.append(item.way, _way(motion, first)),
-                    np.append(item.sense, sense),
-                    np.column_stack([item.w, v[:, j]]),
-                    np.column_stack([item.dw, dv[:, j]]),
-                )
-                going[j] *= float(flip[0])
-        way = _way(motion, last)
+    ranges: list[tuple[int, int, int]] = []
+    if not signed or not stops:
+        return TurnedRows.of(ranges)
+    units, vectors, changes = at(np.concatenate([item.rows for item in stops.values()]))
+    if motion.inputs.shape[1] > 1:
+        changes = np.zeros_like(vectors)  # by the way of all inputs it is not known
+    is_good = np.all(np.isfinite(units), axis=0)
+    is_moved = np.all(np.isfinite(vectors), axis=0) & np.any(vectors != 0.0, axis=0)
+    is_moved &= is_good
+    first = 0
+    for number, item in stops.items():
+        mode, rows, here = motion.assembly_modes[number], item.rows, first
+        first += len(rows)
+        way, end = _way(motion, rows), (number + 1) * motion.samples
+        since = np.append(0, np.cumsum(item.linked))
         for j, pole in enumerate(signed):
-            at_end = v_end[:, j : j + 1], dv_end[:, j : j + 1]
-            memory.last[mode.number, pole] = _Last(way, sense, *at_end, float(going[j]))
-        signs[number] = np.where(parts[6, :, 2 * k] < 0.0, -going, going)
-    return signs
+            some = slice(here, first)
+            good = np.flatnonzero(is_moved[j, some])
+            if not len(good):
+                continue
+            unit, key, side = units[:, j, some], (mode.number, pole), 1.0
+            if key not in memory.last:
+                home = _home(motion, mode.number, int(rows[good[0]]), memory)
+                side = -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0
+            path = _Path(way, np.ones(len(rows)), vectors[:, j, some], changes[:, j, some])
+            if len(good) < len(rows):
+                path = path.at(good)
+            linked = since[good[1:]] > since[good[:-1]]
+            chain = _chain(memory, key, side, path, linked)
+            if len(good) == len(rows) and not np.any(linked):
+                ranges += [(j, int(rows[0]), end)] if chain[0] < 0.0 else []
+                continue
+            signs = np.repeat(chain, np.diff(good, append=len(rows)))
+            signs = np.append(np.ones(good[0]), signs)
+            for k in np.flatnonzero(is_good[j, some] & ~is_moved[j, some]):
+                near = good[np.argmin(np.abs(rows[good] - rows[k]))]
+                signs[k] = -1.0 if signs[near] * unit[:, near] @ unit[:, k] < 0.0 else 1.0
+            edges = np.flatnonzero(np.diff(signs < 0.0, prepend=False, append=False))
+            bounds = np.append(rows, end)[edges]
+            ranges += [(j, *bounds[k : k + 2].tolist()) for k in range(0, len(bounds), 2)]
+    return TurnedRows.of(ranges)
 
 
-def _way(motion: Motion, row: int) -> Floats:
-    """Return (1,) how far a row is: its input, or of several the number of its sample."""
-    single = motion.inputs.shape[1] == 1
-    return motion.q[[row]] if single else motion.sample[[row]].astype(float)
+def sides_of(motion: Motion, held: NDArray[np.bool_], memory: SignMemory) -> TurnedRows:
+    """Return that directions are turned to the side that modes start on.
 
-
-def _relative(motion: Motion, parts: Floats) -> tuple[Floats, Floats]:
-    """Return (rows, 3, poles) relative angular velocities, and derivatives by the way."""
-    parts = np.moveaxis(parts, 2, 0)
-    unit, turn, rate, change = parts[:, :3], parts[:, 3:6], parts[:, 6:7], parts[:, 7:8]
-    v = rate * unit
-    single = motion.inputs.shape[1] == 1
-    return v, change * unit + rate * turn if single else np.zeros_like(v)
-
-
-def turn_round(columns: RateColumns, signs: Floats) -> None:
-    """Reverse directions in the assembly modes where their sign (modes, poles) is -1."""
-    samples = columns.with_sign.shape[2] // len(signs)
-    for number, pole in zip(*np.nonzero(signs < 0.0), strict=True):
-        turned = columns.with_sign[:, pole, number * samples : (number + 1) * samples]
-        np.negative(turned, out=turned)
-
-
-def turn_each(columns: PoleColumns, signs: Floats) -> None:
-    """Give a pole's direction a sign (n,) in each row, in place."""
-    for values in columns.with_sign:
-        values *= signs
-
-
-def sided_signs(motion: Motion, unit: Floats, memory: SignMemory) -> Floats:
-    """Return (n,) the signs that turn directions (3, n) to the side that modes start on."""
-    signs, finite = np.ones(unit.shape[1]), np.isfinite(unit[0])
+    `held` (modes, samples) says which rows have a configuration.
+    """
+    sides = np.zeros((len(motion.assembly_modes), 3))
     for number, mode in enumerate(motion.assembly_modes):
-        rows = slice(number * motion.samples, (number + 1) * motion.samples)
-        if np.any(finite[rows]):
-            first = rows.start + int(np.argmax(finite[rows]))
-            home = _home(motion, mode.number, first, memory)
-            signs[rows] = np.where(home @ unit[:, rows] < 0.0, -1.0, 1.0)
-    return signs
+        if np.any(held[number]):
+            first = number * motion.samples + int(np.argmax(held[number]))
+            sides[number] = _home(motion, mode.number, first, memory)
+    return TurnedRows.of([], sides)
+
+
+def _way(motion: Motion, rows: NDArray[np.intp]) -> Floats:
+    """Return (k,) how far rows are: their input, or of several the number of the sample."""
+    single = motion.inputs.shape[1] == 1
+    return motion.q[rows] if single else motion.sample[rows].astype(float)
 
 
 def _home(motion: Motion, mode: int, row: int, memory: SignMemory) -> Floats:
@@ -247,24 +290,9 @@ def continuous_signs(
         if not motion.is_path:
             signs[rows.start + good] = np.where(home @ u < 0.0, -1.0, 1.0)
             continue
-        key = (assembly_mode.number, pole)
-        if key in memory.last:
-            last = memory.last[key]
-            first = _flips(
-                np.append(last.way, t[:1]),
-                np.append(last.sense, here[:1]),
-                np.column_stack([last.w, v[:, :1]]),
-                np.column_stack([last.dw, dv[:, :1]]),
-            )
-            chain = last.sign * np.cumprod(np.append(first, _flips(t, here, v, dv)))
-        else:
-            side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
-            chain = np.cumprod(np.append(side, _flips(t, here, v, dv)))
+        side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
+        chain = _chain(memory, (assembly_mode.number, pole), side, _Path(t, here, v, dv))
         signs[rows.start + good] = chain * along
-        way_here, sense_here, w_here, dw_here = (
-            array[..., -1:].copy() for array in (t, here, v, dv)
-        )
-        memory.last[key] = _Last(way_here, sense_here, w_here, dw_here, float(chain[-1]))
         if len(good) == len(moved):
             continue
         for row in np.flatnonzero(finite & ~moved):
@@ -272,6 +300,40 @@ def continuous_signs(
             beside = signs[near] * unit[:, near] @ unit[:, rows.start + row]
             signs[rows.start + row] = -1.0 if beside < 0.0 else 1.0
     return signs
+
+
+def _chain(
+    memory: SignMemory,
+    key: tuple[int, Pole],
+    side: float,
+    path: _Path,
+    linked: NDArray[np.bool_] | None = None,
+) -> Floats:
+    """Return the signs (k,) that go on along a path, and keep where it ends.
+
+    From the last sign in memory, or the `side` that it starts on. It may reverse only
+    where it is `linked` (k - 1,), unless that is left out.
+    """
+    flips = np.ones(len(path.way) - 1)
+    if linked is None or np.any(linked):
+        flips = _flips(path.way, path.sense, path.v, path.dv)
+        if linked is not None:
+            flips[~linked] = 1.0
+    if key in memory.last:
+        last = memory.last[key]
+        side = last.sign
+        if last.w[:, 0] @ path.v[:, 0] < 0.0:
+            first = _flips(
+                np.append(last.way, path.way[:1]),
+                np.append(last.sense, path.sense[:1]),
+                np.column_stack([last.w, path.v[:, :1]]),
+                np.column_stack([last.dw, path.dv[:, :1]]),
+            )
+            side *= float(first[0])
+    chain = side * np.concatenate(([1.0], np.cumprod(flips)))
+    end = path.at(slice(-1, None))
+    memory.last[key] = _Last(end.way, end.sense, end.v, end.dv, float(chain[-1]))
+    return chain
 
 
 def _flips(q: Floats, sense: Floats, v: Floats, dv: Floats) -> Floats:

@@ -5,7 +5,7 @@ from typing import Any, Generic, TypeVar, final
 
 from numpy.typing import NDArray
 
-from spherekit.numeric.lent_memory import Refilled, SetAside, Template
+from spherekit.numeric.lent_memory import Cut, Refilled, SetAside, Template
 from spherekit.rates.columns import Gaps, RateColumns
 from spherekit.sphere.rotation import Floats
 
@@ -13,24 +13,54 @@ Key = TypeVar("Key")
 
 
 @final
+class ShownColumns:
+    """What columns of an input look like in a template, which hold nothing."""
+
+    def __init__(self, template: Template, columns: RateColumns) -> None:
+        self._template, self._columns = template, columns
+        self._parts: dict[str, Mapping[Any, Floats]] = {}
+        self._cuts: dict[tuple[str, Any, int | None], Cut | Floats] = {}
+
+    def part(self, name: str) -> Mapping[Any, Floats]:
+        """Return the columns of a name by pole or link."""
+        if name not in self._parts:
+            self._parts[name] = part_of(self._columns, name)
+        return self._parts[name]
+
+    def cut(self, name: str, key: Any, component: int | None) -> Cut | Floats:
+        """Return where a column lies, or it, where it is a number throughout."""
+        place = name, key, component
+        if place not in self._cuts:
+            shown = self.part(name)[key]
+            view = shown if component is None else shown[component]
+            self._cuts[place] = self._template.cut(view) if view.strides[-1] else view
+        return self._cuts[place]
+
+
+def part_of(columns: RateColumns, name: str) -> Mapping[Any, Floats]:
+    """Return the columns of a name, as `RateColumns` and `PoleColumns` have them."""
+    if name in ("w", "dw"):
+        links: Mapping[int, Floats] = getattr(columns, name)
+        return links
+    return {pole: getattr(part, name) for pole, part in columns.poles.items()}
+
+
+@final
 class UnreadColumns:
     """The columns of an input that moves, which `source` makes when they are read.
 
-    `read` gives them of all that `source` holds, `shown` are those of the template, which
-    hold nothing; what is a number throughout has the `gaps` of rows without a
-    configuration.
+    `read` gives them of all that `source` holds; what is a number throughout has the
+    `gaps` of rows without a configuration.
     """
 
     def __init__(
         self,
         source: Refilled,
-        template: Template,
-        shown: RateColumns,
+        shown: ShownColumns,
         read: Callable[[Floats], RateColumns],
         gaps: Gaps,
     ) -> None:
-        self._source, self._template, self._shown = source, template, shown
-        self._read, self._gaps = read, gaps
+        self._source, self._shown, self._read, self._gaps = source, shown, read, gaps
         self._made: RateColumns | None = None
 
     @property
@@ -42,20 +72,12 @@ class UnreadColumns:
 
     def part(self, name: str) -> "Unread[Any]":
         """Return the columns of this name by pole or link, as `PoleField` has them."""
-        of_links = name in ("w", "dw")
+        return Unread(self, name, self._shown.part(name))
 
-        def of(columns: RateColumns) -> Mapping[Any, Floats]:
-            if of_links:
-                links: Mapping[int, Floats] = getattr(columns, name)
-                return links
-            return {pole: getattr(part, name) for pole, part in columns.poles.items()}
-
-        return Unread(of(self._shown), lambda: of(self.made), self._column)
-
-    def _column(self, view: Floats) -> NDArray[Any] | SetAside:
-        if view.strides[-1] == 0:
-            return self._gaps.of(view)
-        return self._template.of(view, self._source)
+    def column(self, name: str, key: Any, component: int | None) -> NDArray[Any] | SetAside:
+        """Return a column (n,), of vectors a component, without making it now."""
+        cut = self._shown.cut(name, key, component)
+        return SetAside(cut, self._source) if isinstance(cut, Cut) else self._gaps.of(cut)
 
 
 @final
@@ -66,12 +88,9 @@ class Unread(MutableMapping[Key, Floats], Generic[Key]):
     """
 
     def __init__(
-        self,
-        shown: Mapping[Key, Floats],
-        make: Callable[[], Mapping[Key, Floats]],
-        column: Callable[[Floats], NDArray[Any] | SetAside],
+        self, columns: UnreadColumns, name: str, shown: Mapping[Key, Floats]
     ) -> None:
-        self._shown, self._make, self._column = shown, make, column
+        self._columns, self._name, self._shown = columns, name, shown
         self._given: dict[Key, Floats] = {}
         self.largest: float | None = None
 
@@ -80,15 +99,14 @@ class Unread(MutableMapping[Key, Floats], Generic[Key]):
         if key in self._given:
             given = self._given[key]
             return given if component is None else given[:, component]
-        shown = self._shown[key]
-        return self._column(shown if component is None else shown[component])
+        return self._columns.column(self._name, key, component)
 
     def __getitem__(self, key: Key) -> Floats:
         if key not in self._given:
             if key not in self._shown:
                 raise KeyError(key)
-            made = {name: values.T for name, values in self._make().items()}
-            self._given = made | self._given
+            made = part_of(self._columns.made, self._name)
+            self._given = {name: values.T for name, values in made.items()} | self._given
         return self._given[key]
 
     def __contains__(self, key: object) -> bool:

@@ -1,6 +1,7 @@
 """The samples of a course at which errors are measured."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,13 +48,13 @@ def at_places(course: Sampling, rows: NDArray[np.intp], search: bool) -> Samplin
     """Return the course that runs through some samples of another only."""
     tracer = course.tracer
     only = tracer.assembly_modes[0].number if len(tracer.assembly_modes) == 1 else None
-    q = course.inputs[rows]
+    q, timing = course.inputs[rows], course.timing
     return replace(
         course,
         tracer=Tracer(tracer.mechanism, None, only, search, path=q),
         inputs=q,
         shape=(len(q),),
-        timing=None if course.timing is None else course.timing.rows(rows),
+        clock=None if timing is None else partial(timing.rows, rows),
     )
 
 

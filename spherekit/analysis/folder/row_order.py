@@ -1,7 +1,7 @@
 """The order of a run's rows: by assembly mode, then sample."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,8 @@ from spherekit.analysis.tables import (
     SAMPLE,
     Interleaved,
     TableArrays,
-    TableData,
 )
+from spherekit.numeric.lent_memory import SetAside
 
 Pieces = list[tuple[int, int, int, slice]] | None
 """Runs of rows of one block in one mode: it, the first and last sample, and the rows.
@@ -22,7 +22,7 @@ None where modes fall in a block, or samples in a mode.
 """
 
 
-def pieces_of(block: TableData) -> Pieces:
+def pieces_of(block: Mapping[str, NDArray[Any] | SetAside | Interleaved]) -> Pieces:
     """Return the runs of rows of a block, mode after mode."""
     (modes, repeats), (samples, _) = (
         _once(block[column.name]) for column in (ASSEMBLY_MODE, SAMPLE)
@@ -43,7 +43,7 @@ def pieces_of(block: TableData) -> Pieces:
     return pieces
 
 
-def _once(column: NDArray[Any] | Interleaved) -> tuple[NDArray[Any], int]:
+def _once(column: NDArray[Any] | SetAside | Interleaved) -> tuple[NDArray[Any], int]:
     """Return a column without the rows that repeat, and how often each is there."""
     if not isinstance(column, Interleaved):
         return np.asarray(column), 1

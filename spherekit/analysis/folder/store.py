@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.folder.row_order import Pieces, order_of, parts_in_order, pieces_of
+from spherekit.analysis.folder.row_order import order_of, parts_in_order, pieces_of
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     SAMPLE,
@@ -62,7 +62,6 @@ class InMemory(AbstractStore):
 
     def __init__(self) -> None:
         self._blocks: dict[Key, list[_Kept]] = defaultdict(list)
-        self._pieces: dict[Key, list[Pieces]] = defaultdict(list)
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
@@ -72,19 +71,15 @@ class InMemory(AbstractStore):
             else set_aside(np.asarray(values, dtype=TYPES.get(column.kind)))
             for column in table.columns
         }
-        key = analysis, table.name
-        self._blocks[key].append(kept)
-        self._pieces[key].append(pieces_of(data) if table.in_assembly_modes else None)
+        self._blocks[analysis, table.name].append(kept)
 
     def clear(self) -> None:
         """Forget all rows."""
         self._blocks.clear()
-        self._pieces.clear()
 
     def table(self, analysis: str, table: Table) -> Mapping[str, NDArray[Any]]:
         """Return all rows: by assembly mode, then sample, where they belong to these."""
-        key = analysis, table.name
-        return _Joined(self._blocks[key], self._pieces[key], table)
+        return _Joined(self._blocks[analysis, table.name], table)
 
 
 @final
@@ -94,10 +89,8 @@ class _Joined(JoinedColumns):
     By assembly mode, then sample, where rows belong to these.
     """
 
-    def __init__(
-        self, blocks: Sequence[_Kept], pieces: Sequence["Pieces"], table: Table
-    ) -> None:
-        self._blocks, self._pieces = [dict(block) for block in blocks], list(pieces)
+    def __init__(self, blocks: Sequence[_Kept], table: Table) -> None:
+        self._blocks = [dict(block) for block in blocks]
         self._names = [column.name for column in table.columns]
         self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
         self._made: dict[str, NDArray[Any]] = {}
@@ -111,7 +104,7 @@ class _Joined(JoinedColumns):
         whole = [(k, slice(0, len(next(iter(b.values()))))) for k, b in enumerate(blocks)]
         if len(blocks) < 2 or not self._in_modes:
             return whole
-        in_order = parts_in_order(self._pieces)
+        in_order = parts_in_order([pieces_of(block) for block in blocks])
         if in_order is None:
             vars(self)["_parts"] = whole
             keys = SAMPLE.name, ASSEMBLY_MODE.name

@@ -53,7 +53,7 @@ def evaluate_block(
             angles,
             course.timed,
             course.tracer,
-            course.extent,
+            lambda: course.extent,
         )
         try:
             with ledger.stage(f"analysis {analysis.name}"):

@@ -1,12 +1,13 @@
 """Where the samples of a run lie, all at once: read between nodes, or in closed form."""
 
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.engine.closed_positions import ClosedPositions, closed_positions
+from spherekit.engine.row_kernel import RowKernel
 from spherekit.motion.follow import ModeCurve
 from spherekit.motion.motion import Tracer
 from spherekit.motion.predicted import Predictor
@@ -18,22 +19,27 @@ from spherekit.sphere.rotation import Floats
 class Positions:
     """The variables of samples, nearly closed, and which modes surely do not reach them.
 
-    The `closed` form where all groups are dyads; a `predictor` where samples lie close
-    together along a path and there is none, or it takes longer. What lies beyond the curve
-    that a mode follows is out of reach where that curve ends for this reason.
+    A `predictor` where samples lie close together along a path, else the `closed` form
+    where all groups are dyads. What lies beyond the curve that a mode follows is out of
+    reach where that curve ends for this reason. Where they are `by_inputs`, nothing is
+    read: the kernel of rows has the closed form in it.
     """
 
     tracer: Tracer
     predictor: Predictor | None
     closed: ClosedPositions | None
+    by_inputs: bool
 
     @classmethod
-    def of(cls, tracer: Tracer, engine: Literal["numpy", "compiled"]) -> "Positions":
+    def of(cls, tracer: Tracer, kernel: RowKernel) -> "Positions":
         """Return those of a tracer's samples."""
-        closed = closed_positions(tracer.mechanism, tracer.assembly, engine)
         # On arrays, reading between nodes takes half the time.
-        is_read = closed is None or (engine == "numpy" and len(tracer.inputs) == 1)
-        return cls(tracer, Predictor.of(tracer) if is_read else None, closed)
+        may_be_read = kernel.engine == "numpy" and len(tracer.inputs) == 1
+        is_read = may_be_read or not kernel.has_closed_form
+        predictor = Predictor.of(tracer) if is_read else None
+        closed = closed_positions(tracer.mechanism, tracer.assembly)
+        by_inputs = kernel.has_closed_form and predictor is None
+        return cls(tracer, predictor, closed, by_inputs)
 
     def read(self, start: int, stop: int, out: Floats) -> None:
         """Write what is read between nodes of samples from `start` to `stop`.
@@ -42,25 +48,23 @@ class Positions:
         """
         if self.predictor is not None:
             self.predictor.read(start, stop, out)
-        elif self.closed is None:
+        elif not self.by_inputs:
             out[:] = np.nan
 
-    def complete(
-        self, number: int, q: Floats, values: Floats
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return variables (variables, n) of a mode at inputs q (inputs, n).
+    def signs(self, number: int) -> tuple[int, ...]:
+        """Return the signs of a mode's dyads."""
+        return self.tracer.assembly_modes[number].signs
 
-        Those of `values`, which were read; the others in closed form, or NaN. With them
-        (n,) which samples the mode surely does not reach.
+    def complete(self, number: int, q: Floats, values: Floats) -> NDArray[np.bool_]:
+        """Write variables (variables, n) of a mode at inputs q (inputs, n), if not read.
+
+        In closed form, or none. Return (n,) which samples the mode surely does not reach.
         """
         mode = self.tracer.assembly_modes[number]
-        if self.closed is not None and self.predictor is None:
-            return self.closed.at(q, mode.signs)
-        values = np.ascontiguousarray(values)
         lost = np.zeros(q.shape[1], dtype=bool)
         open_ = np.flatnonzero(np.isnan(values[0]))
         if len(open_) and self.closed is not None:
             values[:, open_], lost[open_] = self.closed.at(q[:, open_], mode.signs)
         elif len(open_) and isinstance(mode.guide, ModeCurve):
             lost[open_] = mode.guide.ends_before(q[0, open_])
-        return values, lost
+        return lost

@@ -5,7 +5,7 @@ rates follow, and what all of that may be off by. Rows that it does not vouch fo
 found by `Tracer` and `evaluate`, as without it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal, final
@@ -14,28 +14,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.running.in_turn import in_turn
+from spherekit.analysis.running.made_columns import SLICE, MadeColumns
 from spherekit.analysis.running.positions import Positions
-from spherekit.analysis.running.row_block import (
-    SLICE,
-    Part,
-    Rooms,
-    Rows,
+from spherekit.analysis.running.reversals import (
+    Numbers,
     Seen,
     largest_errors,
-    steady,
+    numbered,
+    stops_of,
 )
+from spherekit.analysis.running.row_block import Part, Rows, named_of, parts_of
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
-from spherekit.engine.row_kernel import RowKernel, row_kernel
+from spherekit.engine.row_kernel import RowFunction, RowKernel, row_kernel
 from spherekit.motion.motion import Motion
 from spherekit.numeric.lent_memory import LentMemory, Reader, Refilled, Template
-from spherekit.rates.columns import Gaps, RateColumns
-from spherekit.rates.from_columns import field_of_columns, field_unread
+from spherekit.rates.columns import Gaps
+from spherekit.rates.from_columns import CarefulRows, field_unread
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
-from spherekit.rates.signs import SignMemory, steady_signs
-from spherekit.rates.unread_columns import UnreadColumns
+from spherekit.rates.signs import (
+    SignMemory,
+    Stops,
+    TurnedRows,
+    sides_of,
+    signs_at_stops,
+)
+from spherekit.rates.unread_columns import ShownColumns, UnreadColumns
 from spherekit.sphere.rotation import Floats
 
 FEWEST = 1 << 14
@@ -45,30 +51,40 @@ MANY = 1 << 19
 REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
 BYTES = 1 << 27
-"""Of columns in a block, at most."""
-MORE = 16
+"""Of columns in a block, at most; of what they follow from, where they are not made."""
+JUDGED = 1 << 19
+"""Numbers that decide about the rows of a slice: they stay in the cache."""
+PROBE = 16
+"""Part of a block that the first one is."""
+MORE = 32
 """Blocks have so many times the rows of those without a kernel, at most."""
+
+
+MEMORY = LentMemory()
+"""What blocks are in, of this run and the next."""
 
 
 @final
 @dataclass(frozen=True)
 class _Block:
-    """What was found of a block: its `rows` in `parts`, and which inputs are `steady`.
+    """What was found of a block: its `rows`, and by input where directions are looked at.
 
-    `seen` is what was seen of the parts while they were filled.
+    `held` (modes, samples) are the rows with a configuration, `doubtful` (k,) those of
+    them that the kernel does not vouch for. `errors` are the largest of slices and of rows
+    after them.
     """
 
-    samples: NDArray[np.intp]
     rows: Rows
-    parts: Sequence[Part]
-    seen: Sequence[Seen]
-    steady: Sequence[bool]
+    held: NDArray[np.bool_]
+    doubtful: Numbers
+    stops: Sequence[Mapping[int, Stops]]
+    errors: Sequence[tuple[tuple[float, ...], ...]]
 
 
 @final
 @dataclass
 class RowsAtOnce:
-    """The rows of a course by a kernel, run by `engine`.
+    """The rows of a course by a kernel.
 
     Configurations that `positions` does not know are those of the tracer.
     """
@@ -77,23 +93,16 @@ class RowsAtOnce:
     requests: tuple[Request, ...]
     kernel: RowKernel
     positions: Positions
-    engine: Literal["numpy", "compiled"]
     with_planes: bool
     looks_ahead: bool
     with_times: bool
 
     def __post_init__(self) -> None:
         self._found: dict[int, _Block] = {}
-        modes = len(self.course.tracer.assembly_modes)
-        rates = self.kernel.rates
-        self._rooms = Rooms()
-        self._columns, self._values, self._gaps = (LentMemory() for _ in range(3))
-        self._residuals, self._off, self._numbers = (LentMemory() for _ in range(3))
-        # Expected from the block before: then nothing has to be turned round later.
-        self._senses = [np.ones((modes, len(places.signed))) for places in rates]
         self._left: Refilled | None = None
-        self._is_read, self._is_doubtful = self.with_planes, False
-        self._template: tuple[Template, list[RateColumns]] | None = None
+        self._was_read = False
+        self._of_modes = np.empty(0, dtype=np.int64)
+        self._shown: dict[tuple[bool, tuple[int, int]], list[ShownColumns]] = {}
 
     @classmethod
     def of(
@@ -118,11 +127,19 @@ class RowsAtOnce:
         made = row_kernel(tracer.sparse(REFERENCES), requests, engine)
         if made is None:
             return None
-        positions = Positions.of(tracer, engine)
+        positions = Positions.of(tracer, made)
         wanted = tuple(requests)
-        return cls(
-            course, wanted, made, positions, engine, with_planes, looks_ahead, with_times
-        )
+        return cls(course, wanted, made, positions, with_planes, looks_ahead, with_times)
+
+    @property
+    def _slice(self) -> int:
+        """Rows that are judged at once: so many that little is left to do between."""
+        return max(1, round(JUDGED / (self._deciding.width * SLICE))) * SLICE
+
+    @property
+    def _deciding(self) -> RowFunction:
+        """What decides about rows: by inputs, or of variables that were read."""
+        return self.kernel.by_inputs if self.positions.by_inputs else self.kernel.judging
 
     @property
     def block(self) -> int:
@@ -134,13 +151,39 @@ class RowsAtOnce:
         return max(1, min(many, MORE * tracer.block))
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
-        """Yield the motion from sample `first` on in blocks of successive samples."""
-        whole = len(self.course)
+        """Yield the motion from sample `first` on in blocks of successive samples.
 
-        def block(start: int) -> Motion:
-            return self._motion(np.arange(start, min(start + size, whole)))
+        Of `size`, unless that is the ordinary one: then they grow while all columns are
+        left to be made when they are read, which a small one tells that comes first.
+        """
+        ordinary = size == self.block and not self.with_planes
+        start, whole = first, len(self.course)
+        if ordinary and first == 0 and whole > size:
+            start = -(-size // PROBE)
+            yield self._motion(range(start))
 
-        yield from in_turn(block, range(first, whole, size), self.looks_ahead)
+        def blocks() -> Iterator[range]:
+            stop = start
+            while stop < whole:
+                before = stop
+                grows = ordinary and self._left is not None and not self._is_read
+                stop = min(before + (self._grown if grows else size), whole)
+                yield range(before, stop)
+
+        yield from in_turn(self._motion, blocks(), self.looks_ahead)
+
+    @property
+    def _is_read(self) -> bool:
+        """Whether all columns of a block were made at once, for arrays or files."""
+        self._was_read |= self._left is not None and self._left.was_read
+        return self._was_read
+
+    @property
+    def _grown(self) -> int:
+        """Samples in a block of which only what columns follow from is kept."""
+        tracer = self.course.tracer
+        kept = len(tracer.mechanism.variable_owners) + len(tracer.inputs) + 3
+        return max(self.block, BYTES // (8 * kept * len(tracer.assembly_modes)))
 
     def motion_at(self, samples: NDArray[np.intp]) -> Motion:
         """Return the motion at some samples, by their numbers."""
@@ -153,147 +196,134 @@ class RowsAtOnce:
     def fields(
         self, motion: Motion, memories: Sequence[SignMemory]
     ) -> tuple[PoleField, ...]:
-        """Return the poles of a motion that was found, for each input that moves."""
+        """Return the poles of a motion that was found, for each input that moves.
+
+        They are made when they are read.
+        """
         block = self._found.pop(id(motion))
-        if block.rows.columns is None:
-            return self._unread(motion, block, memories)
-        rates = self.kernel.read(block.rows.columns)
+        rows, doubtful = block.rows, block.doubtful
+        asked = self.requests[: len(memories)]
+        made = (CarefulRows.of(motion, wanted, doubtful) for wanted in asked)
+        careful = tuple(item for item in made if item is not None)
+        columns = MadeColumns(
+            self.kernel,
+            rows.values,
+            parts_of(len(motion.assembly_modes), motion.samples, SLICE),
+            MEMORY,
+            rows.careful,
+            rows.closure[:, rows.careful],
+            careful,
+        )
+        columns.turned = [
+            self._signs(motion, block, columns, number, memory)
+            for number, memory in enumerate(memories[: len(asked)])
+        ]
+        self._left = left = columns.refilled()
+        left.fills(rows.closure, columns.closure_row)
+        shown = self._shown_of(columns, left.shape)
+        gaps = Gaps(np.flatnonzero(motion.failed), MEMORY)
         fields = []
-        for number, (wanted, columns, memory) in enumerate(
-            zip(self.requests, rates, memories, strict=False)
-        ):
-            field = field_of_columns(
-                motion,
-                wanted,
-                columns,
-                block.rows.vouched,
-                memory,
-                self.with_planes,
-                block.steady[number],
-                self._gaps,
+        for number, wanted in enumerate(asked):
+            fields.append(
+                field_unread(
+                    motion,
+                    wanted,
+                    UnreadColumns(left, shown[number], partial(columns.read, number), gaps),
+                    rows.vouched,
+                    largest_errors(block.errors, number),
+                    careful[number] if careful else None,
+                )
             )
-            self._senses[number] = _senses_at_end(motion, columns, field)
-            fields.append(field)
-        if all(block.steady):
-            self._made_again(block).fills(block.rows.columns)
+            for pole in wanted.planes if self.with_planes else ():
+                _ = fields[-1].planes[pole]
         return tuple(fields)
 
-    def _unread(
-        self, motion: Motion, block: _Block, memories: Sequence[SignMemory]
-    ) -> tuple[PoleField, ...]:
-        """Return the poles of a motion that are left to be made when they are read."""
-        values, kernel, n = block.rows.values, self.kernel, len(motion)
+    def _shown_of(self, columns: MadeColumns, shape: tuple[int, int]) -> list[ShownColumns]:
+        """Return what columns of a shape look like, by input."""
+        key = bool(columns.careful), shape
+        if key not in self._shown:
+            template = Template(*shape)
+            self._shown[key] = [
+                ShownColumns(template, columns.read(k, template.unmade))
+                for k in range(len(columns.places))
+            ]
+        return self._shown[key]
 
-        def signed_at(rows: Sequence[int], number: int) -> Floats:
-            return kernel.signed_at(values[:, list(rows)])[number]
+    def _signs(
+        self,
+        motion: Motion,
+        block: _Block,
+        columns: MadeColumns,
+        number: int,
+        memory: SignMemory,
+    ) -> TurnedRows:
+        """Return which directions of an input are turned round."""
+        if not motion.is_path:
+            return sides_of(motion, block.held, memory)
+        signed = columns.places[number].signed
+        at = partial(columns.relative_at, number)
+        return signs_at_stops(motion, signed, block.stops[number], at, memory)
 
-        for number, (places, memory) in enumerate(
-            zip(kernel.rates, memories, strict=False)
-        ):
-            self._senses[number] = steady_signs(
-                motion, places.signed, partial(signed_at, number=number), memory
-            )
-        self._left = left = self._made_again(block)
-        left.fills(block.rows.residual[None], kernel.residual)
-        if self._template is None or self._template[0].shape[1] != n:
-            template = Template(kernel.kept, n)
-            self._template = template, kernel.read(template.unmade)
-        gaps = Gaps(np.flatnonzero(motion.failed), self._gaps)
-        return tuple(
-            field_unread(
-                motion,
-                wanted,
-                UnreadColumns(
-                    left, *self._template_of(number), partial(self._of, number), gaps
-                ),
-                block.rows.vouched,
-                largest_errors([*block.seen, *block.rows.late], number),
-            )
-            for number, wanted in enumerate(self.requests[: len(memories)])
-        )
+    def _named(self, rows: Rows, count: int) -> Floats:
+        """Return an array for the numbers of samples and the inputs of rows.
 
-    def _template_of(self, number: int) -> tuple[Template, RateColumns]:
-        assert self._template is not None
-        template, shown = self._template
-        return template, shown[number]
-
-    def _of(self, number: int, columns: Floats) -> RateColumns:
-        return self.kernel.read(columns)[number]
-
-    def _made_again(self, block: _Block) -> Refilled:
-        """Return the columns of a block, made when they are read."""
-        pieces = block.rows.again(block.parts, list(self._senses))
-        return Refilled(self._columns, (self.kernel.kept, len(block.rows.off)), pieces)
-
-    def _named(self, samples: NDArray[np.intp], chosen: slice | NDArray[np.intp]) -> Floats:
-        """Return the numbers of samples and modes as bits of whole ones, and the inputs."""
-        modes = self.course.tracer.assembly_modes
-        numbers = np.array([mode.number for mode in modes])
-        inputs, count = self.course.inputs[chosen].T, len(samples)
-        shape = 2 + len(inputs), len(modes) * count
-
-        def write(out: Floats) -> None:
-            whole = out[:2].view(np.int64).reshape(2, len(modes), count)
-            whole[0], whole[1] = samples, numbers[:, None]
-            out[2:].reshape(-1, len(modes), count)[:] = inputs[:, None]
+        It is filled with them, and made again when it is read.
+        """
+        modes, (inputs, _) = len(self.course.tracer.assembly_modes), rows.q.shape
+        samples, q, shape = rows.samples, rows.q, (1 + inputs, modes * count)
 
         def pieces(reader: Reader) -> None:
-            again = np.empty(shape)
-            write(again)
-            reader(slice(0, shape[1]), again)
+            again = named_of(samples, q)
+            for mode in range(modes):
+                reader(slice(mode * count, (mode + 1) * count), again)
 
-        named = self._numbers.array(*shape)
-        write(named)
-        Refilled(self._numbers, shape, pieces).fills(named)
-        return named
+        Refilled(MEMORY, shape, pieces).fills(rows.named)
+        return rows.named
 
-    def _motion(self, samples: NDArray[np.intp]) -> Motion:
+    def _modes(self, count: int) -> NDArray[np.int64]:
+        """Return the numbers of the modes of so many samples each, by row."""
+        if len(self._of_modes) != count * len(self.course.tracer.assembly_modes):
+            numbers = [mode.number for mode in self.course.tracer.assembly_modes]
+            made = MEMORY.array(1, count * len(numbers))[0].view(np.int64)
+            made.reshape(-1, count)[:] = np.array(numbers)[:, None]
+            self._of_modes = made
+        return self._of_modes
+
+    def _motion(self, samples: Numbers | range) -> Motion:
         """Return the motion at samples, by their numbers."""
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
         n, chosen = modes * count, _chosen(samples)
-        values = self._values.array(len(tracer.mechanism.variable_owners), n)
-        self._is_read |= self._left is not None and self._left.was_read
-        is_made = self._is_read or self._is_doubtful
-        columns = self._columns.array(self.kernel.kept, n) if is_made else None
+        values = MEMORY.array(len(tracer.mechanism.variable_owners), n)
         rows = Rows(
             self.kernel,
+            self._deciding,
             self.positions,
+            samples,
             np.ascontiguousarray(tracer.input_grid.q[chosen].T),
             values,
-            columns,
-            self._residuals.array(1, n)[0],
-            self._off.array(1, n)[0],
-            self._rooms,
+            MEMORY.array(2, n),
+            MEMORY.array(1 + len(tracer.inputs), n),
+            MEMORY,
         )
         self._read(chosen, values.reshape(-1, modes, count))
-        parts = [
-            (mode, slice(start, min(start + SLICE, (mode + 1) * count)))
-            for mode in range(modes)
-            for start in range(mode * count, (mode + 1) * count, SLICE)
-        ]
-        senses = [of_input.copy() for of_input in self._senses]
-        seen = rows.fill(parts, senses)
-        rest = np.flatnonzero(~rows.vouched & (rows.status == Status.OK))
-        if len(rest):
-            self._with_care(rows, samples, rest, senses)
-            seen = _without(seen, parts, rest)
-        failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
-        rows.leave_out(failed)
-        vouched = rows.vouched & (rows.status == Status.OK)
-        is_steady = tracer.input_grid.is_path and bool(np.all(vouched | failed))
-        goes_on = [False] * len(self.requests)
-        if is_steady:
-            seen = rows.looked_through(seen, parts, ~failed)
-            goes_on = steady(seen, parts)
-        rows.vouched = vouched
-        self._is_doubtful = not all(goes_on)
-        if self._is_doubtful:
-            rows.make(parts, senses, self._columns)
+        parts = parts_of(modes, count, self._slice)
+        seen = rows.fill(parts)
+        held, doubtful = np.broadcast_to(True, (modes, count)), np.empty(0, dtype=np.intp)
+        if not rows.is_whole:
+            rest = np.flatnonzero(~rows.vouched & (rows.status == Status.OK))
+            if len(rest):
+                self._with_care(rows, samples, rest)
+                seen = _without(seen, parts, rest)
+            failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
+            rows.leave_out(failed)
+            rows.vouched &= rows.status == Status.OK
+            doubtful = np.flatnonzero(~(rows.vouched | failed))
+            held = ~failed.reshape(modes, count)
         timing = course.timing if self.with_times else None
         if timing is not None:
-            timing = timing.rows(samples).repeated(modes)
-        named = self._named(samples, chosen)
+            timing = timing.rows(chosen).repeated(modes)
+        named = self._named(rows, count)
         motion = Motion(
             mechanism=tracer.mechanism,
             joints=tracer.solver.joints,
@@ -301,19 +331,24 @@ class RowsAtOnce:
             assembly_modes=tracer.assembly_modes,
             samples=count,
             sample=named[0].view(np.int64),
-            assembly_mode=named[1].view(np.int64),
-            inputs=named[2:].T,
+            assembly_mode=self._modes(count),
+            inputs=named[1:].T,
             values=rows.values.T,
             status=rows.status,
             residual=rows.residual,
             is_path=tracer.input_grid.is_path,
             timing=timing,
         )
-        doubtful = np.flatnonzero(~(vouched | failed))
         if len(doubtful):
             rows.off[doubtful] = motion.rows(doubtful).configuration_error
         vars(motion)["configuration_error"] = rows.off
-        self._found[id(motion)] = _Block(samples, rows, parts, seen, goes_on)
+        stops: Sequence[Mapping[int, Stops]] = ()
+        looked = rows.looked_through(seen, parts)
+        if motion.is_path:
+            every = range(len(self.requests))
+            stops = [stops_of(looked, k, held, doubtful) for k in every]
+        errors = [here.errors for _, here in looked] + rows.late
+        self._found[id(motion)] = _Block(rows, held, doubtful, stops, errors)
         return motion
 
     def _read(self, chosen: slice | NDArray[np.intp], out: Floats) -> None:
@@ -327,9 +362,8 @@ class RowsAtOnce:
     def _with_care(
         self,
         rows: Rows,
-        samples: NDArray[np.intp],
-        rest: NDArray[np.intp],
-        senses: Sequence[Floats],
+        samples: Numbers | range,
+        rest: Numbers,
     ) -> None:
         """Find rows as the tracer does, and what the kernel says of them."""
         tracer, count = self.course.tracer, len(samples)
@@ -339,38 +373,29 @@ class RowsAtOnce:
             if not np.any(of_mode):
                 continue
             at = rest[of_mode]
-            wanted = samples[at - number * count]
+            wanted = numbered(samples, at - number * count)
             evaluated = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
             rows.values[:, at] = evaluated.values.T
             rows.status[at], residual[of_mode] = evaluated.status, evaluated.residual
         closed = np.isfinite(residual)
-        rows.put(rest[closed], senses, residual[closed])
+        rows.put(rest[closed], residual[closed])
         rows.residual[rest[~closed]] = np.nan
 
 
-def _chosen(samples: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+def _chosen(samples: Numbers | range) -> slice | Numbers:
     """Return what chooses samples, by their numbers: a slice where they are successive."""
     first, last = int(samples[0]), int(samples[-1])
-    if last - first != len(samples) - 1 or np.any(samples[1:] <= samples[:-1]):
-        return samples
-    return slice(first, last + 1)
+    successive = last - first == len(samples) - 1
+    if isinstance(samples, range) or (successive and np.all(np.diff(samples) == 1)):
+        return slice(first, last + 1)
+    return samples
 
 
 def _without(
-    seen: Sequence[Seen], parts: Sequence[Part], late: NDArray[np.intp]
-) -> list[Seen]:
+    seen: Sequence[Seen | None], parts: Sequence[Part], late: Numbers
+) -> list[Seen | None]:
     """Return what was seen of parts, forgotten of those with rows that were found late."""
     return [
-        Seen() if np.any((late >= rows.start) & (late < rows.stop)) else here
+        None if np.any((late >= rows.start) & (late < rows.stop)) else here
         for here, (_, rows) in zip(seen, parts, strict=True)
     ]
-
-
-def _senses_at_end(motion: Motion, columns: RateColumns, field: PoleField) -> Floats:
-    """Return (modes, poles) signs of directions without a sense, at the last rows held."""
-    modes = len(motion.assembly_modes)
-    held = ~motion.failed.reshape(modes, motion.samples)
-    last = motion.samples - 1 - np.argmax(held[:, ::-1], axis=1)
-    rows = last + motion.samples * np.arange(modes)
-    rates = [field.velocity_coefficient[pole][rows] for pole in columns.signed]
-    return np.where(np.array(rates).reshape(-1, modes).T < 0.0, -1.0, 1.0)

@@ -84,7 +84,7 @@ class RunPlan:
     def identity(self) -> dict[str, Any]:
         """What makes the run the one it is, ready for JSON."""
         made, at_once = self.evaluation, self.evaluation.at_once
-        kernel = None if at_once is None else at_once.engine
+        kernel = None if at_once is None else at_once.kernel.engine
         identity = identity_of(self.course, self.analyses, self.block, made.setting)
         return identity | {"kernel": kernel}
 
@@ -190,7 +190,7 @@ def job_of(
 
 def _need_times(course: Sampling, asked: Asked) -> None:
     for analysis, what in zip(asked.analyses, asked.needs, strict=True):
-        if what.time and course.timing is None:
+        if what.time and course.clock is None:
             raise AnalysisError(
                 f"{analysis.name}: needs time, but with several inputs nothing says how "
                 "they move; give a law for every input, and a duration"

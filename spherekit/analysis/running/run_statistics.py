@@ -75,10 +75,11 @@ class RunStatistics:
 
     def add(self, tracer: Tracer, motion: Motion, fields: Sequence[PoleField]) -> None:
         """Count a block."""
-        status = run_status(motion, fields)
+        status, every = run_status(motion, fields), np.zeros(CODES, dtype=np.int64)
         for number, mode in enumerate(motion.assembly_modes):
             of_mode = status[number * motion.samples : (number + 1) * motion.samples]
             counts = _codes(of_mode)
+            every = every + counts
             self._status[mode.number] = counts + self._status.get(mode.number, 0)
         self._residual = _largest(self._residual, motion.residual)
         good = _good(motion.status)
@@ -87,7 +88,8 @@ class RunStatistics:
             if field.status is not motion.status:
                 good = _good(field.status)
             for codes, often in _counted_once(field.pole_status.values()):
-                counts = _codes(codes[good])
+                alike = codes is status and isinstance(good, slice)
+                counts = every if alike else _codes(codes[good])
                 locked = len(fields) > 1 and counts[Status.NO_POLE] == np.sum(counts)
                 if not locked:  # links that other inputs hold together have none
                     self._poles += often * counts

@@ -1,8 +1,8 @@
 """What a run goes through: the samples of its inputs, or the times of a simulation."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
@@ -49,16 +49,17 @@ class Sampling:
     """The samples of a run with their times.
 
     `tracer` has the assembly modes; `inputs` (k, inputs) rad are those of each sample and
-    `shape` their number along each axis; `timing` (k rows) is None where nothing says how
-    the inputs move. `timed` says that samples are times. The motion is that of the
-    `simulation`, if there is one, otherwise the tracer evaluates it. A
-    simulation has `planned` samples, fewer while it goes on; `run` tells what solves it.
+    `shape` their number along each axis; `clock` gives their timing (k rows) when it is
+    asked for, and is None where nothing says how the inputs move. `timed` says that
+    samples are times. The motion is that of the `simulation`, if there is one, otherwise
+    the tracer evaluates it. A simulation has `planned` samples, fewer while it goes on;
+    `run` tells what solves it.
     """
 
     tracer: Tracer
     inputs: Floats
     shape: tuple[int, ...]
-    timing: Timing | None
+    clock: Callable[[], Timing] | None
     timed: bool
     laws: Mapping[str, Law]
     duration: float | None = None
@@ -75,6 +76,11 @@ class Sampling:
     def total(self) -> int:
         """The number of samples in the end, as far as is known."""
         return self.planned if self.going_on and self.planned else len(self)
+
+    @cached_property
+    def timing(self) -> Timing | None:
+        """The timing of the samples (k rows), None where nothing says how inputs move."""
+        return None if self.clock is None else self.clock()
 
     @property
     def t(self) -> Floats | None:
@@ -227,8 +233,11 @@ def courses_of(
         )
         input_grid = tracer.input_grid
         along = study.path is None and not study.grid and isinstance(samples, int)
-        timing = _at_unit_speed(input_grid.q) if along or len(tracer.inputs) == 1 else None
-        yield Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
+        clock = partial(_at_unit_speed, input_grid.q)
+        moves = along or len(tracer.inputs) == 1
+        yield Sampling(
+            tracer, input_grid.q, input_grid.shape, clock if moves else None, False, {}
+        )
         return
     assert isinstance(samples, int)
     t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
@@ -253,7 +262,7 @@ def courses_of(
         laws = {inputs[0]: ConstantSpeed(UNIT_SPEED, _first(mechanism))}
     q, timing = by_laws(inputs, laws, t)
     tracer = Tracer(mechanism, None, assembly_mode, study.search, path=q)
-    yield Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
+    yield Sampling(tracer, q, (len(q),), lambda: timing, True, laws, study.duration)
 
 
 def _simulated_courses(
@@ -354,7 +363,8 @@ def simulated_course(
     """
     q, timing = _over_time(simulation, t, before)
     duration = float(t[-1])
-    return Sampling(tracer, q, (len(q),), timing, True, {}, duration, simulation, tolerance)
+    whole = tracer, q, (len(q),), lambda: timing, True
+    return Sampling(*whole, {}, duration, simulation, tolerance)
 
 
 def _over_time(
@@ -415,9 +425,11 @@ def _at_unit_speed(q: Floats) -> Timing:
 
     Of several inputs (k, inputs) on a straight path, the fastest turns so.
     """
-    spans = np.ptp(q, axis=0)
+    ends = Extent.of(q, None).inputs
+    spans = ends[1] - ends[0]
     fastest = int(np.argmax(spans))
-    t = (q[:, fastest] - np.min(q[:, fastest])) / UNIT_SPEED
+    t = q[:, fastest] - ends[0, fastest]
+    t /= UNIT_SPEED
     share = np.ones(1) if q.shape[1] == 1 else spans / spans[fastest]
     return Timing(
         t, np.broadcast_to(UNIT_SPEED * share, q.shape), np.broadcast_to(0.0, q.shape)
