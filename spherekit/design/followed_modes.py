@@ -134,7 +134,7 @@ def _onward(h: Floats, rates: Numbers) -> Numbers:
     made = h[0] * rates[0]
     for part, rate in zip(h[1:], rates[1:], strict=True):
         made += part * rate
-    return made
+    return np.asarray(made)
 
 
 @final
