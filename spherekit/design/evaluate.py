@@ -406,7 +406,7 @@ class Evaluator:
         return self._joined([made, nowhere]), modes.lost
 
     def configurations(self, sizes: Floats) -> tuple[Modes, NDArray[np.intp]]:
-        """Return all modes of designs with the kernel's sizes (k, n), all that are followed.
+        """Return all modes of designs with the kernel's sizes (k, n), by following.
 
         And where the samples, then the points of figures, are among their inputs.
         """

@@ -65,7 +65,7 @@ def followed(
 def _step(
     newton: NewtonKernel, now: Floats, prepared: Floats, tracks: Sequence[Track]
 ) -> Floats:
-    """Return Newton's step at variables (v, m), the determinant, and the misfit's square."""
+    """Return Newton's step at variables (v, m), determinant and square of the misfit."""
     placed = [now, columns_of(tracks, now.T)] if tracks else [now]
     with np.errstate(all="ignore"):
         return np.asarray(newton.step(np.concatenate([*placed, prepared])))
