@@ -10,11 +10,13 @@ import pytest
 
 from spherekit.engine.algebra import SeriesExpressions, length, vector
 from spherekit.engine.arrays import BLOCK, array_function
+from spherekit.engine.complex_terms import compile_complex
 from spherekit.engine.expression_graph import (
     ExpressionNode,
     function,
     in_order,
     power,
+    substituted,
     symbols,
     varies,
 )
@@ -121,6 +123,30 @@ def test_rows_are_used_again():
     values = found(np.array([[0.2, 0.4], [0.1, 0.3]]))
     assert np.array_equal(values[1:3], [[0.2, 0.4], [3.0, 3.0]])
     assert np.array_equal(values[0], values[3])
+
+
+def test_terms_of_complex_variables():
+    """Compiled by parts they are NumPy's complex ones, and others stand for variables."""
+    pytest.importorskip("heyoka")
+    made = [
+        function("sin", X * Z) * Y / (function("cos", Y) + 3.0 * Z) - X,
+        (X - 2.0) / (Y * Y + Z),
+        -function("cos", X + Y) + 1.5,
+    ]
+    rng = np.random.default_rng(3)
+    x, y = rng.normal(size=(2, 50)) + 1j * rng.normal(size=(2, 50))
+    z = rng.normal(size=50) + 4.0
+    given = np.stack([x, y]), z[None]
+    found = compile_complex(made, [X, Y], [Z])(*given)
+    expected = [
+        np.sin(x * z) * y / (np.cos(y) + 3.0 * z) - x,
+        (x - 2.0) / (y * y + z),
+        1.5 - np.cos(x + y),
+    ]
+    assert np.allclose(found, expected, rtol=1e-13, atol=0.0)
+    swapped = array_function(substituted(made, {X: Y * Z, Y: X}), [X, Y, Z], complex)
+    onward = compile_complex(made, [X, Y], [Z])(np.stack([y * z, x]), z[None])
+    assert np.allclose(swapped(np.stack([x, y, z])), onward, rtol=1e-13, atol=0.0)
 
 
 def test_series_follow_the_rules_of_derivatives():

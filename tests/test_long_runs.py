@@ -21,7 +21,7 @@ import pytest
 import spherekit as sk
 from spherekit.analysis import tables
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.folder import journal, store
+from spherekit.analysis.folder import journal, on_disk
 from spherekit.analysis.folder import resource_check as room
 from spherekit.analysis.folder.journal import WORK, RunFolder
 from spherekit.analysis.frames import read_parquet
@@ -275,7 +275,7 @@ def test_a_disk_that_fills_at_the_end_leaves_the_older_results(tmp_path):
 
 
 def test_a_disk_without_room_is_told_early(tmp_path, monkeypatch):
-    monkeypatch.setattr(store.OnDisk, "free", property(lambda self: 20_000))
+    monkeypatch.setattr(on_disk.OnDisk, "free", property(lambda self: 20_000))
     with pytest.raises(OutputError, match=r"about .* kB.*20 kB left.*--format parquet"):
         four_bar(tmp_path)
 
@@ -468,7 +468,7 @@ def test_any_text_survives(plain, tmp_path):
 
 def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
     """Pieces of 32 rows cut across blocks and assembly modes."""
-    for module in (store, tables):
+    for module in (on_disk, tables):
         monkeypatch.setattr(module, "CHUNK", 32)
     four_bar(tmp_path)
     parquet = pq.ParquetFile(tmp_path / "motion.parquet")
@@ -485,7 +485,7 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
 @pytest.mark.parametrize("job, count", [(four_bar, 5_000), (wound, 1_500)])
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
     """Four times as many rows: less than a tenth of their bytes beside the inputs."""
-    for module in (store, tables):
+    for module in (on_disk, tables):
         monkeypatch.setattr(module, "CHUNK", 1024)
     monkeypatch.setattr(journal, "EVERY", 1e9)
 

@@ -371,3 +371,19 @@ def test_narrow_but_simple_closed_curves_are_accepted():
     assert profile.through(spherical(0.5 * np.cos(a), 1e-3 * np.sin(a))).closed
     assert profile.through(lobes(a + 0.95 * np.sin(a))).closed
     assert profile.through(RING).closed
+
+
+def test_arc_lengths_invert_to_rounding(curve):
+    """The inverse series against the integral of the speed, at places between its own."""
+    table = getattr(curve, "table", None)
+    if table is None:
+        pytest.skip("a circle has no table")
+    s = np.random.default_rng(7).uniform(0.0, table.length, 3000)
+    u = table.invert(s)
+    assert np.max(np.abs(table.at(u) - s)) < 4e-15 * max(1.0, table.length)
+    nodes, weights = leggauss(60)
+    for place, where in zip(s[:20], u[:20], strict=True):
+        cuts = np.append(table.edges[table.edges < where], where)
+        half = 0.5 * np.diff(cuts)[:, None]
+        speed = curve.path.speed(cuts[:-1, None] + half * (1.0 + nodes))
+        assert abs(np.sum(half * weights * speed) - place) < 1e-13

@@ -8,6 +8,7 @@ import pytest
 import spherekit as sk
 from spherekit.design.cutting_planes import least_greatest
 from spherekit.design.gradients import FigureGradients
+from spherekit.design.held_modes import SignedMode
 from spherekit.design.pareto import nondominated
 from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.files.library import find
@@ -166,8 +167,8 @@ def test_gradients_of_figures_are_those_of_differences(tmp_path):
     evaluator = sizing_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
     at = np.array([22.0, 41.0, 10.0])
-    for signs, mode in (([1.0], "+"), ([-1.0], "-")):
-        figures, slopes, closes = gradients.at(at, signs)
+    for mode in ("+", "-"):
+        figures, slopes, closes = gradients.at(at, SignedMode(mode))
         assert closes == 1.0
         step = np.degrees(1e-6)
         shifted = at[:, None] + step * np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -213,7 +214,7 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
     evaluator = sizing_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
     at, steps = np.array([41.0, 2.1, 0.25, 2.5, 31.0]), np.array([1e-4] + 4 * [1e-5])
-    figures, slopes, _ = gradients.at(at, [1.0])
+    figures, slopes, _ = gradients.at(at, SignedMode("+"))
     every = np.concatenate([np.diag(steps), -np.diag(steps)]) + at
     found = evaluator.at(np.concatenate([at[None], every]).T)
     rows = np.flatnonzero(found.mode == "+")

@@ -12,8 +12,9 @@ import numpy as np
 
 from spherekit.analysis.faults import failed
 from spherekit.analysis.folder.journal import SUMMARY, RunFolder
+from spherekit.analysis.folder.on_disk import OnDisk, packed
 from spherekit.analysis.folder.resource_check import size_text
-from spherekit.analysis.folder.store import AbstractStore, InMemory, OnDisk, packed
+from spherekit.analysis.folder.store import AbstractStore, InMemory
 from spherekit.analysis.running.cost import TABLES
 from spherekit.analysis.tables import (
     COLUMNS,

@@ -7,8 +7,8 @@ from typing import Any
 
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.execution import Execution
+from spherekit.analysis.folder.on_disk import OnDisk
 from spherekit.analysis.folder.resource_check import need_disk
-from spherekit.analysis.folder.store import OnDisk
 from spherekit.analysis.folder.unfinished import (
     engine_of,
     kept,

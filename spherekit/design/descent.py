@@ -1,6 +1,5 @@
 """Descents of sizings by exact gradients."""
 
-from collections.abc import Sequence
 from typing import Any, final
 
 import numpy as np
@@ -9,6 +8,7 @@ from spherekit.design.conditions import Condition
 from spherekit.design.cutting_planes import Parts, least_greatest
 from spherekit.design.evaluate import DEG, Evaluator
 from spherekit.design.gradients import FigureGradients, with_derivatives
+from spherekit.design.held_modes import HeldMode
 from spherekit.design.sweep import Columns
 from spherekit.design.wanted import Sizing
 from spherekit.engine.arrays import ArrayFunction
@@ -46,7 +46,7 @@ class Descent:
         quantities = row_quantities(sweep.mechanism)
         units = [merit.unit(quantities) == "rad" for merit in sweep.merits]
         self.figure_unit = np.where(units, radians, 1.0)
-        self._last: tuple[bytes, Any] | None = None
+        self._last: tuple[tuple[bytes, HeldMode], Any] | None = None
 
     def _slack(self, condition: Condition) -> tuple[ArrayFunction, ArrayFunction]:
         return tuple(  # type: ignore[return-value]
@@ -59,12 +59,17 @@ class Descent:
         varied = [rows[variable.name] for variable in self.sweep.variables]
         return np.asarray((np.stack(varied, axis=1) - self.low) / self.width)
 
-    def at(self, x: Floats, signs: Sequence[float]) -> tuple[Floats, Floats, float]:
+    def moved(self, x: Floats, mode: HeldMode) -> HeldMode:
+        """Return a mode that is followed from x, where there is a design, from now on."""
+        inputs = self.figures.evaluator.inputs_at(self.low + self.width * x)
+        return mode if inputs is None else mode.moved(inputs[0])
+
+    def at(self, x: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
         """Return varied numbers and figures (k,), their gradients by x, what closes."""
-        key = x.tobytes() + np.array(signs).tobytes()
+        key = x.tobytes(), mode
         if self._last is None or self._last[0] != key:
             values = self.low + self.width * x
-            figures, slopes, closes = self.figures.at(values, signs)
+            figures, slopes, closes = self.figures.at(values, mode)
             figures = figures / self.figure_unit
             slopes = slopes * self.width / self.figure_unit[:, None]
             columns = np.concatenate([values, figures])
@@ -82,20 +87,20 @@ class Descent:
         return made
 
     def value(
-        self, function: ArrayFunction, x: Floats, signs: Sequence[float]
+        self, function: ArrayFunction, x: Floats, mode: HeldMode
     ) -> tuple[float, Floats]:
         """Return an expression of varied numbers and figures, and its gradient by x."""
-        columns, gradient, _ = self.at(x, signs)
+        columns, gradient, _ = self.at(x, mode)
         values = function(columns[:, None])[:, 0]
         return float(values[0]), values[1:] @ np.nan_to_num(gradient)
 
-    def wanted(self, x: Floats, signs: Sequence[float]) -> Floats:
+    def wanted(self, x: Floats, mode: HeldMode) -> Floats:
         """Return the objectives (k,)."""
         return np.array(
-            [self.value(objective, x, signs)[0] for objective in self.objectives]
+            [self.value(objective, x, mode)[0] for objective in self.objectives]
         )
 
-    def go(self, x: Floats, signs: Sequence[float]) -> Floats:
+    def go(self, x: Floats, mode: HeldMode) -> Floats:
         """Return where a descent of the first objective from x ends.
 
         The others may not grow (the epsilon-constraint method: Haimes, Lasdon and Wismer
@@ -103,33 +108,33 @@ class Descent:
         """
         from scipy.optimize import minimize
 
-        closes = self.at(x, signs)[2]
+        closes = self.at(x, mode)[2]
         first, *others = self.objectives
-        bounds = self.wanted(x, signs)[1:]
+        bounds = self.wanted(x, mode)[1:]
 
         def objective(y: Floats) -> tuple[float, Floats]:
-            value, slope = self.value(first, y, signs)
+            value, slope = self.value(first, y, mode)
             if not np.isfinite(value):
                 return 1e6, np.zeros_like(y)
             return value, slope
 
         def slack(y: Floats) -> Floats:
-            made = [self.at(y, signs)[2] - closes]
+            made = [self.at(y, mode)[2] - closes]
             for condition, (left, right) in self.conditions:
                 sense = 1.0 if condition.sign.startswith("<") else -1.0
-                ends = [self.value(side, y, signs)[0] for side in (right, left)]
+                ends = [self.value(side, y, mode)[0] for side in (right, left)]
                 made.append(sense * (ends[0] - ends[1]))
             for other, bound in zip(others, bounds, strict=True):
-                made.append(bound - self.value(other, y, signs)[0])
+                made.append(bound - self.value(other, y, mode)[0])
             return np.asarray(np.nan_to_num(np.array(made), nan=-1e6))
 
         def slopes(y: Floats) -> Floats:
             made = [np.zeros_like(y)]
             for condition, (left, right) in self.conditions:
                 sense = 1.0 if condition.sign.startswith("<") else -1.0
-                ends = [self.value(side, y, signs)[1] for side in (right, left)]
+                ends = [self.value(side, y, mode)[1] for side in (right, left)]
                 made.append(sense * (ends[0] - ends[1]))
-            made += [-self.value(other, y, signs)[1] for other in others]
+            made += [-self.value(other, y, mode)[1] for other in others]
             return np.array(made)
 
         result = minimize(  # type: ignore[call-overload]
@@ -147,7 +152,7 @@ class Descent:
         return ends if better and holds else x
 
     def towards(
-        self, x: Floats, signs: Sequence[float], aim: Floats, size: Floats, enough: float
+        self, x: Floats, mode: HeldMode, aim: Floats, size: Floats, enough: float
     ) -> tuple[Floats, float]:
         """Return where objectives come nearest to an aim (k,) from x, and by how much.
 
@@ -156,15 +161,15 @@ class Descent:
         the objectives are at x, this is a descent of all of them, and ends where nothing
         beside makes all smaller.
         """
-        closes = self.at(x, signs)[2]
+        closes = self.at(x, mode)[2]
 
         def parts(y: Floats) -> Parts | None:
-            if self.at(y, signs)[2] < closes:
+            if self.at(y, mode)[2] < closes:
                 return None
-            wanted = [self.value(objective, y, signs) for objective in self.objectives]
+            wanted = [self.value(objective, y, mode) for objective in self.objectives]
             limits = []
             for condition, sides in self.conditions:
-                left, right = (self.value(side, y, signs) for side in sides)
+                left, right = (self.value(side, y, mode) for side in sides)
                 sense = 1.0 if condition.sign.startswith("<") else -1.0
                 limits.append((sense * (left[0] - right[0]), sense * (left[1] - right[1])))
             missed = (np.array([value for value, _ in wanted]) - aim) / size

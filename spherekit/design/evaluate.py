@@ -23,7 +23,7 @@ from spherekit.design.evaluated import (
     without,
 )
 from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers
-from spherekit.design.followed_modes import followed_modes
+from spherekit.design.followed_modes import Modes, followed_modes
 from spherekit.design.profile_numbers import (
     has_other_profiles,
     tracks_of,
@@ -379,10 +379,9 @@ class Evaluator:
     ) -> tuple[Evaluated, NDArray[np.intp]]:
         """Return designs (variables, n) in all their modes, and those that got lost."""
         assert self._paths is not None
-        paths, start = self._paths
+        _, start = self._paths
         samples, points = self.samples.rows, self.points()
-        lattice, place = self._followed_inputs(points)
-        modes = followed_modes(paths, start, sizes, lattice)
+        modes, place = self.configurations(sizes)
         prepared = kernel.prepare(np.ascontiguousarray(sizes[:, modes.design]))
         values = modes.values[:, place]
         count, k = len(modes.design), len(samples)
@@ -405,6 +404,15 @@ class Evaluator:
         others = np.setdiff1d(np.arange(sizes.shape[1]), [*modes.lost, *made.design])
         nowhere = without(others, NEVER_CLOSES, NEVER, self.merits, claim)
         return self._joined([made, nowhere]), modes.lost
+
+    def configurations(self, sizes: Floats) -> tuple[Modes, NDArray[np.intp]]:
+        """Return all modes of designs with the kernel's sizes (k, n), by following.
+
+        And where the samples, then the points of figures, are among their inputs.
+        """
+        assert self._paths is not None
+        lattice, place = self._followed_inputs(self.points())
+        return followed_modes(*self._paths, sizes, lattice), place
 
     def winding(self, kernel: DesignKernel, count: int) -> Winding:
         """Return what counts turns of so many rows along the samples."""

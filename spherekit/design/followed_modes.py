@@ -129,6 +129,14 @@ def _labels(
     return tuple(f"{k} {text}" for k, text in zip(numbers, texts, strict=True))
 
 
+def _onward(h: Floats, rates: Numbers) -> Numbers:
+    """Return rates (variables, n) while inputs go on by h (inputs,), from those of each."""
+    made = h[0] * rates[0]
+    for part, rate in zip(h[1:], rates[1:], strict=True):
+        made += part * rate
+    return np.asarray(made)
+
+
 @final
 @dataclass(frozen=True)
 class _Sample:
@@ -141,7 +149,7 @@ class _Sample:
 
     def along(self, h: Floats) -> Numbers:
         """Return the rates (variables, n) while the inputs go on by h (inputs,)."""
-        return np.asarray(np.tensordot(h, self.rates, 1))
+        return _onward(h, self.rates)
 
 
 @final
@@ -408,7 +416,7 @@ class _Following:
                 here = kernel.at(made, of_active)
                 made = made + here.step
                 moved = np.max(np.abs(made - now[:, active]), axis=0)
-                onto = np.tensordot(way, here.rates, 1)
+                onto = _onward(way, here.rates)
                 turn = _cosine(onto, rates[:, active])
                 good = (
                     (first <= RIGHT * moved + TINY)

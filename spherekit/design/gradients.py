@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.merit import Merit
 from spherekit.design.at_samples import Winding
 from spherekit.design.evaluate import Evaluator
+from spherekit.design.held_modes import HeldMode
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.derivatives import derivatives
 from spherekit.engine.design_kernel import design_kernel
@@ -35,11 +36,11 @@ class FigureGradients:
             with_derivatives(expression, names) for expression in evaluator.expressions
         ]
 
-    def at(self, values: Floats, signs: Sequence[float]) -> tuple[Floats, Floats, float]:
+    def at(self, values: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
         """Return figures (m,), gradients (m, variables), and the share that closes.
 
         Values (variables,) are in the file's units, and derivatives by them; figures are in
-        rad and SI, NaN where there is no such design.
+        rad and SI, NaN where there is no such design, or the mode cannot be followed to it.
         """
         merits = self.evaluator.merits
         figures = np.full(len(merits), np.nan)
@@ -50,11 +51,13 @@ class FigureGradients:
             return figures, gradients, 0.0
         sizes, slopes = inputs
         winding = evaluator.winding(self._kernel, 1)
-        every = self._rows(sizes, signs, evaluator.samples.rows, winding)
-        points = evaluator.points()
+        samples, points = evaluator.samples.rows, evaluator.points()
+        places = mode.places(sizes, len(samples) + len(points))
+        every = self._rows(sizes, places[:, : len(samples)], samples, winding)
         there = every
         if len(points):
-            there = self._rows(sizes, signs, points, winding, beside=True)
+            beside = places[:, len(samples) :]
+            there = self._rows(sizes, beside, points, winding, beside=True)
         for k, merit in enumerate(merits):
             closed, quantities, changes = there if merit.point else every
             if merit.point:
@@ -68,7 +71,7 @@ class FigureGradients:
     def _rows(
         self,
         sizes: Floats,
-        signs: Sequence[float],
+        places: Floats,
         samples: Floats,
         winding: Winding,
         beside: bool = False,
@@ -76,14 +79,15 @@ class FigureGradients:
         """Return who closes (n,), quantities (c, n) and derivatives (sizes, c, n)."""
         kernel, count = self._kernel, len(sizes)
         turns = np.zeros((len(kernel.turning), 1))
-        places = np.array(signs)[:, None]
-        fixed = np.concatenate([places, turns, kernel.prepare(sizes[:, None])])
-        rows = np.concatenate([samples.T, np.repeat(fixed, len(samples), axis=1)])
+        fixed = np.concatenate([turns, kernel.prepare(sizes[:, None])])
+        fixed = np.repeat(fixed, len(samples), axis=1)
+        rows = np.concatenate([samples.T, places, fixed])
         with np.errstate(all="ignore"):
-            first = samples.shape[1] + len(signs)
+            first = samples.shape[1] + len(places)
             winding.at(rows[:, :, None], first, samples, beside)
             outputs = kernel.evaluate(rows)
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
+        closed &= np.all(np.isfinite(places), axis=0)
         columns = len(kernel.columns)
         whole = np.concatenate([samples.T, outputs[kernel.reaches :]])
         first = len(self.evaluator.sample)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import pairwise
 from typing import final
 
 import numpy as np
@@ -25,6 +24,7 @@ from spherekit.design.variables import (
     designed_pairs,
     is_angle_of_load,
 )
+from spherekit.design.verified_steps import followed
 from spherekit.engine.design_kernel import (
     DesignKernel,
     DesignTerms,
@@ -42,18 +42,8 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import Floats
 
-NEWTON_STEPS = 12
-"""Most steps from the configuration of the file to that of a deviating mechanism."""
 TOGETHER = 8192
 """Deviating configurations that are solved together."""
-SHRINKING = 0.125
-"""Newton's steps that shrink by this part lead to the nearest configuration."""
-SHORTEST = 2.0**-16
-"""Part of a deviation below which it is not followed: no configuration is ahead."""
-STILL = 1e-9
-"""Steps (rad) so short do not leap."""
-CLOSED = 1e-12
-"""A configuration whose pairs miss each other by less (rad) is closed."""
 
 
 @final
@@ -451,46 +441,9 @@ class Sensitivity:
     def _followed(
         self, start: Floats, sizes: Floats, tracks: Sequence[Track]
     ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return the variables (v, m) that follow to sizes (k, m), and which get there.
-
-        In parts of the way, halved where Newton's steps do not shrink at once, so that none
-        leaps to another assembly mode.
-        """
+        """Return the variables (v, m) that follow to sizes (k, m), and which get there."""
         away = sizes - self._nominal
         if self._numbers is not None:
             angles = away[: self._acting_from]
             angles -= TURN * np.round(angles / TURN)  # those of wheels are of any turn
-        now, m = start.copy(), sizes.shape[1]
-        gone, part = np.zeros(m), np.ones(m)
-        while len(left := np.flatnonzero((gone < 1.0) & (part >= SHORTEST))):
-            ahead = np.minimum(gone[left] + part[left], 1.0)
-            there = sizes[:, left] - (1.0 - ahead) * away[:, left]
-            beyond, holds = self._stepped(now[:, left], there, tracks)
-            now[:, left[holds]] = beyond[:, holds]
-            gone[left[holds]] = ahead[holds]
-            part[left] *= np.where(holds, 2.0, 0.5)
-        return now, gone >= 1.0
-
-    def _stepped(
-        self, start: Floats, sizes: Floats, tracks: Sequence[Track]
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return the variables (v, m) by Newton's method, and where it goes straight there.
-
-        That is where each step is an eighth of the one before at most (Kantorovich 1948).
-        """
-        newton = self._newton
-        prepared, now = newton.prepare(sizes), start
-        lengths: list[Floats] = []
-        with np.errstate(all="ignore"):
-            for _ in range(NEWTON_STEPS):
-                placed = [now, columns_of(tracks, now.T)] if tracks else [now]
-                result = newton.step(np.concatenate([*placed, prepared]))
-                closed = result[-1] < CLOSED**2
-                lengths.append(np.linalg.norm(result[:-1], axis=0))
-                if np.all(closed | ~np.isfinite(result[-1])):
-                    break
-                now = now + result[:-1]
-            shrinks = np.ones(len(closed), dtype=bool)
-            for step, following in pairwise(lengths):
-                shrinks &= following <= np.maximum(SHRINKING * step, STILL)
-        return now, closed & shrinks
+        return followed(self._newton, start, sizes, away, tracks)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.design.descent import Descent
+from spherekit.design.held_modes import HeldMode
 from spherekit.sphere.rotation import Floats
 
 BEATEN = 1e-6
@@ -27,7 +28,7 @@ BESIDE = 0.1
 class End:
     """Where a descent ended: mode, place in units of the ranges, objectives and figures."""
 
-    mode: str
+    mode: HeldMode
     x: Floats
     wanted: Floats
     columns: Floats
@@ -61,28 +62,32 @@ class Settling:
         """By how much of each objective (k,) a design has to be better to beat another."""
         return BEATEN * self.size
 
-    def down(self, mode: str, x: Floats) -> End:
+    def down(self, mode: HeldMode, x: Floats) -> End:
         """Return where descents from x end for good, those of one objective and of all."""
-        signs = [1.0 if letter == "+" else -1.0 for letter in mode]
         descent = self.descent
         for _ in range(ROUNDS):
-            before = descent.wanted(x, signs)
-            x = descent.go(x, signs)
-            here = descent.wanted(x, signs)
-            x, _ = descent.towards(x, signs, here, self.size, ENOUGH)
-            gain = (before - descent.wanted(x, signs)) / self.size
+            before = descent.wanted(x, mode)
+            x = descent.go(x, mode)
+            mode = descent.moved(x, mode)
+            here = descent.wanted(x, mode)
+            x, _ = descent.towards(x, mode, here, self.size, ENOUGH)
+            mode = descent.moved(x, mode)
+            gain = (before - descent.wanted(x, mode)) / self.size
             if not np.max(gain) > ENOUGH:
                 break
-        columns, _, _ = descent.at(x, signs)
-        return End(mode, x, descent.wanted(x, signs), columns)
+        return self.here(mode, x)
+
+    def here(self, mode: HeldMode, x: Floats) -> End:
+        """Return a place as the end of a descent."""
+        columns, _, _ = self.descent.at(x, mode)
+        return End(mode, x, self.descent.wanted(x, mode), columns)
 
     def attacked(self, end: End, ends: Sequence[End]) -> End:
         """Return what is left where a design, also from other starts, beats an end."""
-        signs = [1.0 if letter == "+" else -1.0 for letter in end.mode]
         for _ in range(ROUNDS):
             for start in self._others(end, ends):
                 x, missed = self.descent.towards(
-                    start, signs, end.wanted, self.size, ENOUGH
+                    start, end.mode, end.wanted, self.size, ENOUGH
                 )
                 if missed < -BEATEN:
                     end = self.down(end.mode, x)
@@ -93,8 +98,8 @@ class Settling:
 
     def _others(self, end: End, ends: Sequence[End]) -> Iterator[Floats]:
         """Yield places apart from an end, those that come nearest to beating it first."""
-        rows = self.modes == end.mode
-        others = [other for other in ends if other.mode == end.mode]
+        rows = self.modes == end.mode.label
+        others = [other for other in ends if other.mode.goes_on_in(end.mode)]
         places = np.concatenate([self.places[rows], *([other.x] for other in others)])
         wanted = np.concatenate([self.wanted[rows], *([other.wanted] for other in others)])
         missed = np.max((wanted - end.wanted) / self.size, axis=1)
@@ -121,5 +126,5 @@ def unbeaten(ends: Sequence[End], tolerance: Floats) -> list[End]:
     return [
         end
         for end in ends
-        if not any(other.mode == end.mode and beats(other, end) for other in ends)
+        if not any(other.mode.goes_on_in(end.mode) and beats(other, end) for other in ends)
     ]

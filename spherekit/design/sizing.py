@@ -1,14 +1,16 @@
 """Sizes that make objectives small while conditions hold: search, then descent."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import counted
 from spherekit.design.descent import Descent
 from spherekit.design.evaluate import Evaluator
+from spherekit.design.held_modes import HeldMode, HeldModes, SignedMode
 from spherekit.design.pareto import front_of, nondominated
 from spherekit.design.settling import BESIDE, End, Settling, unbeaten
 from spherekit.design.sweep import Columns
@@ -26,6 +28,8 @@ MOST = 32
 """Best rows of a part that are kept for each descent."""
 FRONT = 5
 """Points of the front of a mode for each descent that one objective would have."""
+AHEAD = 4
+"""Rows for each descent of which modes are looked for together."""
 SAME = 1e-3
 """Ends of descents nearer than this part of every range are one."""
 
@@ -45,7 +49,8 @@ class Sized:
     values
         (n, variables), in the file's units.
     modes
-        (n,) assembly modes, as the signs of their dyads.
+        (n,) assembly modes, as the signs of their dyads; of other groups as in the row that
+        a sweep has of the design.
     objectives
         (n, k) what was to be small.
     figures
@@ -112,11 +117,17 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     """
     sweep = sizing.sweep
     made = sweep.evaluator
-    kernel = made.kernel
-    if not isinstance(made, Evaluator) or kernel is None or not kernel.closed_form:
+    if not isinstance(made, Evaluator) or made.kernel is None:
         raise DesignError(
-            f"{sweep.mechanism.name}: sizing follows gradients by numbers of mechanisms "
-            "whose groups are all dyads; sweep it instead"
+            f"{sweep.mechanism.name}: sizing follows gradients by numbers that kernels "
+            "have as inputs, and there is no kernel of these designs; sweep it instead"
+        )
+    held = HeldModes(made)
+    if held.are_followed and len(sizing.minimise) > 1:
+        raise DesignError(
+            f"{sweep.mechanism.name}: fronts of several objectives are of modes that have "
+            "signs, and some of its groups are no dyads; minimise one, and bound the "
+            "others by conditions"
         )
     working = Working(f"{sweep.mechanism.name}: sizing")
     parts, feasible = [], 0
@@ -138,15 +149,23 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     places = descent.places(rows)
     if len(sizing.minimise) > 1:
         most = FRONT * starts
-        begun = front_of(sizing, rows["mode"], places, wanted, most, working)
+        front = front_of(sizing, rows["mode"], places, wanted, most, working)
+        begun: list[Start] = [(SignedMode(mode), place) for mode, place in front]
     else:
-        chosen = _spread(rows["mode"], places, wanted[:, 0], starts)
-        begun = [(str(rows["mode"][row]), places[row]) for row in chosen]
+        varied = np.stack([rows[variable.name] for variable in sweep.variables])
+        begun = _spread(
+            lambda some: held.of(varied[:, some], rows["mode"][some]),
+            places,
+            wanted[:, 0],
+            starts,
+        )
     settling = Settling(descent, rows["mode"], places, wanted)
     ends = []
     for k, (mode, start) in enumerate(begun):
         ends.append(settling.down(mode, start))
         working.tell(lambda k=k: f"{k + 1} of {counted(len(begun), 'descent')}")  # type: ignore[misc]
+    if held.are_followed:
+        ends = _confirmed(held, settling, begun, ends)
     if len(sizing.minimise) > 1:
         ends = unbeaten(_apart(ends), settling.tolerance)
         for k in range(len(ends)):
@@ -160,7 +179,7 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     return Sized(
         sizing,
         np.array([descent.low + descent.width * end.x for end in kept]),
-        tuple(end.mode for end in kept),
+        tuple(end.mode.label for end in kept),
         np.array([end.wanted for end in kept]),
         {
             name: np.array([end.columns[first + k] for end in kept])
@@ -182,18 +201,52 @@ def _best(rows: Columns, wanted: Floats, count: int) -> tuple[Columns, Floats]:
     return {name: values[chosen] for name, values in rows.items()}, wanted[chosen]
 
 
-def _spread(modes: Sequence[str], places: Floats, wanted: Floats, count: int) -> list[int]:
-    """Return the best rows that are not beside a better one of the same mode."""
-    chosen: list[int] = []
-    for row in np.argsort(wanted, kind="stable").tolist():
-        beside = any(
-            modes[row] == modes[other]
-            and np.max(np.abs(places[row] - places[other])) < BESIDE
-            for other in chosen
-        )
-        if not beside and len(chosen) < count:
-            chosen.append(row)
+Start = tuple[HeldMode, Floats]
+"""A mode, and a place in units of the ranges, from which a descent goes."""
+
+
+def _spread(
+    modes_of: Callable[[NDArray[np.intp]], Sequence[HeldMode | None]],
+    places: Floats,
+    wanted: Floats,
+    count: int,
+) -> list[Start]:
+    """Return the best rows that are not beside a better one of the same mode.
+
+    `modes_of` gives the modes of some rows, None where one cannot be held.
+    """
+    chosen: list[Start] = []
+    order = np.argsort(wanted, kind="stable")
+    for first in range(0, len(order), AHEAD * count):
+        rows = order[first : first + AHEAD * count]
+        for row, mode in zip(rows, modes_of(rows), strict=True):
+            if len(chosen) == count:
+                return chosen
+            if mode is not None and not any(
+                np.max(np.abs(places[row] - place)) < BESIDE and other.goes_on_in(mode)
+                for other, place in chosen
+            ):
+                chosen.append((mode, places[row]))
     return chosen
+
+
+def _confirmed(
+    held: HeldModes, settling: Settling, begun: Sequence[Start], ends: Sequence[End]
+) -> list[End]:
+    """Return ends of descents whose configurations are a mode of the design in a sweep.
+
+    With its label there. Where they are none, a dead centre has come between two samples,
+    and the start of the descent stands for its end.
+    """
+    made = []
+    descent = settling.descent
+    designs = np.stack([descent.low + descent.width * end.x for end in ends], axis=1)
+    for (mode, start), end, modes in zip(begun, ends, held.every(designs), strict=True):
+        same = [other for other in modes if end.mode.goes_on_in(other)]
+        confirmed = settling.here(same[0], end.x) if same else settling.here(mode, start)
+        worse = confirmed.wanted > end.wanted + settling.tolerance
+        made.append(settling.here(mode, start) if np.any(worse) else confirmed)
+    return made
 
 
 def _apart(ends: Sequence[End]) -> list[End]:
@@ -201,7 +254,7 @@ def _apart(ends: Sequence[End]) -> list[End]:
     kept: list[End] = []
     for end in sorted(ends, key=lambda descent: tuple(descent.wanted)):
         if not any(
-            end.mode == other.mode and np.max(np.abs(end.x - other.x)) < SAME
+            np.max(np.abs(end.x - other.x)) < SAME and other.mode.goes_on_in(end.mode)
             for other in kept
         ):
             kept.append(end)

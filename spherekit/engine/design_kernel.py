@@ -25,7 +25,7 @@ from spherekit.engine.expression_graph import (
 )
 from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.kinematics import Structure
-from spherekit.engine.misfits import answers, misfit_rates, misfits
+from spherekit.engine.misfits import answers, misfit_rates, misfits, newton_step
 from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.engine.profile_columns import ProfileColumns
 from spherekit.engine.row_quantities import RowQuantities, sample_names
@@ -273,8 +273,8 @@ class NewtonKernel:
     """Newton's step towards closed loops, for designs in rows.
 
     `prepare` as in `DesignKernel`; `step` takes the variables of all pairs and what is
-    prepared to the changes of the variables, the input at rest, and then to the square of
-    the misfit (rad2).
+    prepared to the changes of the variables, the input at rest, then to the determinant
+    of the closure equations, and to the square of the misfit (rad2).
     """
 
     prepare: CompiledFunction | ArrayFunction
@@ -284,12 +284,12 @@ class NewtonKernel:
 def newton_kernel(terms: DesignTerms, compiled: bool = True) -> NewtonKernel:
     """Return the kernel of Newton's step; `terms` are of variables, not of signs."""
     off = misfits(terms.structure, terms.links, terms.variables)
-    change = answers(terms.structure, terms.links, off)
+    change, determinant = newton_step(terms.structure, terms.links, off)
     square: Expr = 0.0
     for misfit in off.values():
         square = square + dot(misfit, misfit)
     moving = [*terms.places, *terms.handed_in]
-    row_terms, fixed = hoisted([*change, square], moving, "design_")
+    row_terms, fixed = hoisted([*change, determinant, square], moving, "design_")
     make = _made(compiled)
     return NewtonKernel(
         make(list(fixed.values()), terms.sizes),

@@ -93,8 +93,18 @@ def answers(
     misfit: dict[int, Exprs],
 ) -> list[Expr]:
     """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
+    return newton_step(structure, links, misfit)[0]
+
+
+def newton_step(
+    structure: Structure,
+    links: Sequence[LinkOrientation],
+    misfit: dict[int, Exprs],
+) -> tuple[list[Expr], Expr]:
+    """Return the `answers`, and the determinant of the equations."""
     solver = structure.solved(structure.at_rest, structure.vectors(links), misfit)
-    return [solver.rates[v] / solver.scale for v in range(len(solver.vectors))]
+    made = [solver.rates[v] / solver.scale for v in range(len(solver.vectors))]
+    return made, solver.scale
 
 
 def rates_by_inputs(

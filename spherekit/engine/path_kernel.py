@@ -4,6 +4,7 @@ Sizes are real. The variables, the inputs among them, may be complex: the equati
 analytic, and off the real axis their solutions neither meet nor vanish.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from spherekit.engine.algebra import cross, dot
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
+from spherekit.engine.complex_terms import compile_complex
 from spherekit.engine.design_kernel import DesignTerms
-from spherekit.engine.expression_graph import hoisted
+from spherekit.engine.expression_graph import Expr, ExpressionNode, hoisted
 from spherekit.engine.misfits import answers, misfits, openness, rates_by_inputs
 from spherekit.engine.pose import spin_vectors
 from spherekit.sphere.rotation import Floats
@@ -52,7 +54,7 @@ class PathKernel:
     driven: list[int]
     prepare: ArrayFunction
     real: ArrayFunction | CompiledFunction
-    complex: ArrayFunction
+    complex: Callable[[Numbers, Floats], Numbers]
     groups: str
     turning: ArrayFunction
 
@@ -69,14 +71,26 @@ class PathKernel:
 
     def at(self, values: Numbers, prepared: Floats) -> At:
         """Return what the equations are at values (variables, n) and prepared (k, n)."""
-        number = complex if np.iscomplexobj(values) else float
-        rows = np.empty((len(values) + len(prepared), values.shape[1]), dtype=number)
-        rows[: len(values)] = values
-        rows[len(values) :] = prepared
-        columns = (self.complex if number is complex else self.real)(rows)
+        if np.iscomplexobj(values):
+            columns = self.complex(values, prepared)
+        else:
+            columns = self.real(np.concatenate([values, prepared]))
         v, k = self.variables, len(self.driven)
         rates = columns[v : (k + 1) * v].reshape(k, v, -1)
         return At(columns[:v], rates, columns[-2], columns[-1])
+
+
+def _on_arrays(
+    outputs: Sequence[Expr],
+    variables: Sequence[ExpressionNode],
+    numbers: Sequence[ExpressionNode],
+) -> Callable[[Numbers, Floats], Numbers]:
+    made = array_function(outputs, [*variables, *numbers], complex)
+
+    def at(values: Numbers, prepared: Floats) -> Numbers:
+        return np.asarray(made(np.concatenate([values, prepared.astype(complex)])))
+
+    return at
 
 
 def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
@@ -101,13 +115,15 @@ def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
     rows, fixed = hoisted([*outputs, *turning], places, "design_")
     rows, turning = rows[: len(outputs)], rows[len(outputs) :]
     inputs = [*places, *fixed]
-    make = compile_function if compiled and available() else array_function
+    compiles = compiled and available()
+    make = compile_function if compiles else array_function
+    off_axis = compile_complex if compiles else _on_arrays
     return PathKernel(
         len(places),
         list(structure.inputs),
         array_function(list(fixed.values()), terms.sizes),
         make(rows, inputs),
-        array_function(rows, inputs, complex),
+        off_axis(rows, places, list(fixed)),
         "".join("+" if group.is_dyad else "~" for group in structure.assembly.groups),
         array_function(turning, inputs),
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import final
 
 import numpy as np
@@ -87,7 +88,9 @@ def _curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
     return first, second.reversed() if pair.contact == "external" else second
 
 
+@lru_cache(maxsize=64)
 def _curve(profile: Profile) -> Curve:
+    """Return a profile as a curve; planning, positions and kernels ask for the same."""
     if profile.kind == "points":
         return through(np.array(profile.points), profile.closed)
     centre = np.array(profile.centre)

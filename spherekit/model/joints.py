@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import ClassVar, Literal, Self, final
 
@@ -255,7 +255,7 @@ class Rolling(Joint):
     def variable_names(pair: str, links: tuple[str, str]) -> list[str]:
         return [f"s_{pair}"]
 
-    @property
+    @cached_property
     def tracks(self) -> tuple[Track, Track]:
         return Track(self.first, 0, self.start[0]), Track(self.second, 0, self.start[1])
 
@@ -328,7 +328,7 @@ class Sliding(Joint):
     def variable_names(pair: str, links: tuple[str, str]) -> list[str]:
         return [f"s_{pair}_{link}" for link in links]
 
-    @property
+    @cached_property
     def tracks(self) -> tuple[Track, Track]:
         return Track(self.first, 0, 0.0), Track(self.second, 1, 0.0)
 
@@ -420,7 +420,7 @@ def _along(vectors: Floats, directions: Floats) -> Floats:
 
 def _contact_states(joints: Sequence[Rolling | Sliding], values: Floats) -> PairStates:
     made = PairStates.blank(len(values), len(joints))
-    finite = np.nan_to_num(values)
+    finite = values if np.all(np.isfinite(values)) else np.nan_to_num(values)
     for k, joint in enumerate(joints):
         one, other = (
             track.curve.at(finite[:, k, track.variable] + track.start)

@@ -209,15 +209,14 @@ class Solver:
 
         `which` (n,) are their places among those given; the rest is as in `evaluate`.
         """
-        values = np.full((len(q), len(self.mechanism.variable_owners)), np.nan)
-        guidance = values, np.zeros(len(q)), np.zeros(len(q), dtype=np.int8)
+        predicted = np.full((len(q), len(self.mechanism.variable_owners)), np.nan)
+        spread, why = np.zeros(len(q)), np.zeros(len(q), dtype=np.int8)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for number in np.unique(which):
                 guide, here = assembly_modes[number].guide, which == number
                 assert guide is not None
                 parts = _guided(guide, q[here], rows[here])
-                for whole, part in zip(guidance, parts, strict=True):
-                    whole[here] = part
+                predicted[here], spread[here], why[here] = parts
             signs, determinants = (
                 np.array(of_modes, dtype=float)[which].T
                 for of_modes in zip(
@@ -225,7 +224,8 @@ class Solver:
                     strict=True,
                 )
             )
-            return self._evaluate(_Wanted(signs, determinants, guidance), q)
+            wanted = _Wanted(signs, determinants, (predicted, spread, why))
+            return self._evaluate(wanted, q)
 
     def _evaluate(self, wanted: "_Wanted", q: Floats) -> Evaluated:
         ends = self.mechanism.ends

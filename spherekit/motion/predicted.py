@@ -24,8 +24,9 @@ FEWEST = 4
 """With fewer samples than this to a node prediction does not pay."""
 MOST = 1024
 """Samples to a node at most."""
-AT_ONCE = 8192
-"""Samples that are read at once."""
+PRODUCT = 1 << 18
+"""Multiplications in a product of matrices: larger ones are shared among cores, which wait
+for each other longer than that takes."""
 PORTION = 1024
 """Nodes that are found at once."""
 
@@ -99,7 +100,7 @@ class Predictor:
             alike = np.where(usable[mode], offset, -1)[slice(*windows)]
             edges = np.flatnonzero(np.diff(alike)) + 1
             for run in np.split(np.arange(*windows), edges):
-                most = max(1, AT_ONCE // every)
+                most = max(1, PRODUCT // (STENCIL * every * len(self._free)))
                 for k in range(0, len(run), most):
                     part = run[k : k + most]
                     low = place + int(part[0]) * every

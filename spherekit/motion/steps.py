@@ -29,6 +29,8 @@ BEND = 0.02
 NEARER = 0.3
 """Part of slope / bend stepped at most: 0.6 of the way to a dead centre, where a
 variable goes as the square root of the way left and slope / bend is twice that way."""
+TOWARDS_END = 0.9
+"""Part of the way to the end of an open profile that is stepped at most."""
 VERIFIED = Verification(correction=0.1, slack=1e-9, settled=1e-6, turn=0.95)
 LARGEST_MOVE = 0.5
 """A prediction may be wrong by no larger part than of such a step (rad)."""
@@ -189,11 +191,25 @@ class InputPaths:
         self.going = np.flatnonzero(length > 0.0)
         self.tried = np.zeros(len(q), dtype=np.intp)
         self._left = np.full(len(q), MOST_NODES)
+        self._open = [
+            track
+            for _, tracks in contact_tracks(closure.joints)
+            for track in tracks
+            if not track.curve.closed
+        ]
         follow_paths(self, np.full(len(q), np.inf))
 
     def allowed(self, rows: Rows, step: Floats) -> Floats:
         """See `spherekit.motion.continuation`, as the further methods."""
-        return safe_step(self.at.rows(rows), step)
+        at = self.at.rows(rows)
+        step = safe_step(at, step)
+        for track in self._open:
+            place = at.values[:, track.variable] + track.start
+            slope = at.slope[:, track.variable]
+            rest = np.where(slope > 0.0, track.curve.length - place, place)
+            way = TOWARDS_END * rest / (np.abs(slope) + 1e-300)
+            step = np.minimum(step, np.maximum(way, SMALLEST_STEP))
+        return step
 
     def advance(self, rows: Rows, step: Floats) -> Floats:
         """Go on by steps, the last ones exactly to the inputs wanted."""

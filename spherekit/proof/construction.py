@@ -290,8 +290,8 @@ def _constructed(
     steps: list[Step] = []
     placed: set[int] = set()
 
-    def spread(body: int) -> None:
-        """Place the links that known angles join to one placed of a body."""
+    def spread() -> None:
+        """Place the links that known angles join to those placed."""
         waiting = True
         while waiting:
             waiting = False
@@ -304,7 +304,7 @@ def _constructed(
 
     root = members[first][0]
     placed.add(root)
-    spread(first)
+    spread()
     for body, *joining in order:
         links = [next(link for link in ends[p] if link in members[body]) for p in joining]
         parents = [sum(ends[p]) - link for p, link in zip(joining, links, strict=True)]
@@ -315,7 +315,7 @@ def _constructed(
         else:
             steps.append(Onto(links[0], (joining[0], joining[1]), (parents[0], parents[1])))
         placed.add(links[0])
-        spread(body)
+        spread()
     equations = sum(isinstance(step, Onto) for step in steps)
     if equations != len(unknown):
         return None

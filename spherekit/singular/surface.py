@@ -43,8 +43,8 @@ TURNED = 0.8
 """Least cosine between tangent planes, and between singular motions, at an edge's ends."""
 BEYOND = 0.25
 """So far beyond the ranges (in sides) a vertex still counts as within them."""
-FOR_FRONT = 0.6
-"""Part of the time that laying triangles may take where they are halved afterwards."""
+HALVING = 0.25
+"""Time that a vertex takes which halving adds, in that of one that is laid."""
 AHEAD = 32
 """Edges for which new vertices are corrected at once."""
 FLAT = 1e-4
@@ -166,7 +166,7 @@ def singular_surface(
     ranges = ranges_of(mechanism, whole_turn)
     if made is None and slices_of_each:
         made = cut(solver, ranges, slices_of_each, budget.part(0.6))
-    laying = budget.part(FOR_FRONT) if halved else budget
+    laying = budget.part(1.0 / (1.0 + HALVING * 4**halved)) if halved else budget
     source = Seeding(view, ranges, made, laying)
     front = _Front(locus, None if whole_turn else view, side, most, laying)
     irregular = 0

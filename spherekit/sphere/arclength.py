@@ -20,7 +20,8 @@ SLOWEST = 1e-5
 _ORDER = 16
 _DEEPEST = 40
 _TAIL = 1e-15
-_DEGREE = 23
+_DEGREES = (19, 31)
+"""Of inverse series: the second where the first is not exact on every panel."""
 _EXACT = 16.0 * EPS
 """Part of half a panel by which places read from the inverse series may be off."""
 
@@ -52,18 +53,17 @@ class ArcLength:
 
         Where a panel's inverse series is not exact, by Newton steps kept inside a bracket.
         """
-        last = len(self.edges) - 2
-        panel = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, last)
+        panel = np.searchsorted(self.starts[1:-1], s, side="right")
         target = s - self.starts[panel]
         series, exact = self._inverse
         part = 2.0 * target / (self.starts[panel + 1] - self.starts[panel]) - 1.0
-        part = np.clip(part, -1.0, 1.0)
+        part = _within_panel(part)
         x = part + _sum(series, panel, part)
         left = ~exact[panel]
         if np.any(left):
             x[left] = self._solved(panel[left], target[left], x[left])
         half = 0.5 * (self.edges[panel + 1] - self.edges[panel])
-        return np.asarray(self.edges[panel] + half * (1.0 + np.clip(x, -1.0, 1.0)))
+        return np.asarray(self.edges[panel] + half * (1.0 + _within_panel(x)))
 
     @cached_property
     def _inverse(self) -> tuple[Floats, NDArray[np.bool_]]:
@@ -72,17 +72,20 @@ class ArcLength:
         And which of them are exact, measured between the places at which they are made.
         """
         lengths = np.diff(self.starts)
-        between = np.cos(np.arange(_DEGREE + 2) * np.pi / (_DEGREE + 1))
-        nodes = chebyshev.nodes(_DEGREE)
-        parts = np.concatenate([nodes, between])
-        panel = np.repeat(np.arange(len(lengths)), len(parts))
-        parts = np.tile(parts, len(lengths))
-        x = self._solved(panel, 0.5 * (1.0 + parts) * lengths[panel], parts)
-        away = (x - parts).reshape(len(lengths), -1)
-        series = chebyshev.through(away[:, : len(nodes), None])[..., 0]
-        powers = np.ascontiguousarray(_powers(_DEGREE) @ series.T)
-        miss = _sum(powers, panel, parts).reshape(away.shape) - away
-        return powers, np.all(np.abs(miss) <= _EXACT, axis=1)
+        for degree in _DEGREES:
+            between = np.cos(np.arange(degree + 2) * np.pi / (degree + 1))
+            parts = np.concatenate([chebyshev.nodes(degree), between])
+            panel = np.repeat(np.arange(len(lengths)), len(parts))
+            parts = np.tile(parts, len(lengths))
+            x = self._solved(panel, 0.5 * (1.0 + parts) * lengths[panel], parts)
+            away = (x - parts).reshape(len(lengths), -1)
+            series = chebyshev.through(away[:, : degree + 1, None])[..., 0]
+            powers = np.ascontiguousarray(_powers(degree) @ series.T)
+            miss = _sum(powers, panel, parts).reshape(away.shape) - away
+            exact = np.all(np.abs(miss) <= _EXACT, axis=1)
+            if np.all(exact):
+                break
+        return powers, exact
 
     def _solved(self, panel: NDArray[np.intp], target: Floats, x: Floats) -> Floats:
         """Return x (n,) at lengths from panels' starts, by Newton steps from x (n,)."""
@@ -103,8 +106,7 @@ class ArcLength:
 
     def at(self, u: Floats) -> Floats:
         """Return the arc lengths (n,) of parameters u (n,)."""
-        last = len(self.edges) - 2
-        panel = np.clip(np.searchsorted(self.edges, u, side="right") - 1, 0, last)
+        panel = np.searchsorted(self.edges[1:-1], u, side="right")
         low, high = self.edges[panel], self.edges[panel + 1]
         covered, _ = self.within(panel, (2.0 * u - low - high) / (high - low))
         return np.asarray(self.starts[panel] + covered)
@@ -190,6 +192,11 @@ def integrated(
         starts=np.concatenate([[0.0], np.cumsum(2.0 * speeds[:, 0])]),
         speeds=np.ascontiguousarray(speeds.T),
     )
+
+
+def _within_panel(x: Floats) -> Floats:
+    """Return places of panels brought into -1 to 1; much faster than NumPy's own."""
+    return np.minimum(np.maximum(x, -1.0), 1.0)
 
 
 def _sum(powers: Floats, panel: NDArray[np.intp], x: Floats) -> Floats:

@@ -186,6 +186,5 @@ def dot(a: Floats, b: Floats) -> Floats:
 def exact_frame(point: Floats, tangent: Floats) -> Floats:
     """Return frames (n, 3, 3) orthonormal to rounding from directions nearly so."""
     p = point / np.sqrt(dot(point, point))[:, None]
-    t = tangent / np.sqrt(dot(tangent, tangent))[:, None]
-    t = t - dot(t, p)[:, None] * p
+    t = tangent - dot(tangent, p)[:, None] * p
     return frame_from(p, t / np.sqrt(dot(t, t))[:, None])

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Sequence
 
-from spherekit.analysis.folder.store import OnDisk
+from spherekit.analysis.folder.on_disk import OnDisk
 from spherekit.analysis.tables import FILE_SIZE, Files, Format
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError, OutputError

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from spherekit.analysis.folder.journal import RunFolder, Unfinished, differences
-from spherekit.analysis.folder.store import AbstractStore, InMemory, Nowhere, OnDisk
+from spherekit.analysis.folder.on_disk import OnDisk
+from spherekit.analysis.folder.store import AbstractStore, InMemory, Nowhere
 from spherekit.analysis.running.run_plan import RunPlan
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.setting import Setting
