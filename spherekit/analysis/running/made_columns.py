@@ -100,7 +100,7 @@ class MadeColumns:
             with self.memory.room(whole.width, given.shape[1]) as room:
                 whole(given, room)
                 if not self.careful:
-                    reader(rows, self._finished(room[: self.kernel.kept], given, part))
+                    reader(rows, self._finished(room, given, part))
                     return
                 with self.memory.room(self.count, given.shape[1]) as apart:
                     parted.fill(room, apart)

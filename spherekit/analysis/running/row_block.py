@@ -181,7 +181,8 @@ class Rows:
                 if np.isnan(np.min(given[0])):
                     lost = self.positions.complete(mode, q, given)
             judging(given, columns)
-            self.values[:, rows] = columns[: judging.variables] if by_inputs else given
+            if by_inputs or lost is not None:
+                self.values[:, rows] = columns[: judging.variables] if by_inputs else given
             self.closure[:, rows] = judging.closure(columns)
             numbers = range(rows.start, rows.stop)
             if judging.is_well(columns):

@@ -60,8 +60,6 @@ PROBE = 16
 """Part of a block that the first one is."""
 MORE = 32
 """Blocks have so many times the rows of those without a kernel, at most."""
-
-
 MEMORY = LentMemory()
 """What blocks are in, of this run and the next."""
 
@@ -168,15 +166,14 @@ class RowsAtOnce:
             stop = start
             while stop < whole:
                 before = stop
-                grows = ordinary and self._left is not None and not self._is_read
+                grows = ordinary and self._left is not None and not self._were_read()
                 stop = min(before + (self._grown if grows else size), whole)
                 yield range(before, stop)
 
         yield from in_turn(self._motion, blocks(), self.looks_ahead)
 
-    @property
-    def _is_read(self) -> bool:
-        """Whether all columns of a block were made at once, for arrays or files."""
+    def _were_read(self) -> bool:
+        """Return whether all columns of a block were made at once, for arrays or files."""
         self._was_read |= self._left is not None and self._left.was_read
         return self._was_read
 
@@ -362,12 +359,7 @@ class RowsAtOnce:
         for k, sample in enumerate(chosen.tolist()):
             self.positions.read(sample, sample + 1, out[:, :, k : k + 1])
 
-    def _with_care(
-        self,
-        rows: Rows,
-        samples: Numbers | range,
-        rest: Numbers,
-    ) -> None:
+    def _with_care(self, rows: Rows, samples: Numbers | range, rest: Numbers) -> None:
         """Find rows as the tracer does, and what the kernel says of them."""
         tracer, count = self.course.tracer, len(samples)
         residual = np.empty(len(rest))
