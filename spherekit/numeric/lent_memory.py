@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import DTypeLike, NDArray
 
 Floats = NDArray[np.float64]
@@ -187,7 +188,8 @@ class Template:
 
     def __init__(self, rows: int, columns: int) -> None:
         self.shape = rows, columns
-        self.unmade = np.empty(self.shape)
+        # Places alone are asked of it, nothing is read or written.
+        self.unmade = as_strided(np.empty(1), self.shape, (8 * columns, 8), writeable=False)
         self._start = self.unmade.__array_interface__["data"][0]
 
     def cut(self, view: NDArray[Any]) -> Cut:

@@ -93,8 +93,8 @@ class Evaluation:
         mechanism = self.course.tracer.mechanism
         if len(mechanism.inputs) > 1:
             raise AnalysisError(
-                f"{mechanism.name}: engine {self.setting.engine} finds rates by one input, "
-                f"and there are {len(mechanism.inputs)}"
+                f"{mechanism.name}: a kernel finds rates by one input, and there are "
+                f"{len(mechanism.inputs)}"
             )
         extended = self.setting.engine == "extended"
         derivatives = any(item.derivatives for item in self.requests)

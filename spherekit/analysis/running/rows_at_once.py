@@ -54,6 +54,8 @@ BYTES = 1 << 27
 """Of columns in a block, at most; of what they follow from, where they are not made."""
 JUDGED = 1 << 19
 """Numbers that decide about the rows of a slice: they stay in the cache."""
+GROWTH = 8
+"""Times that a block grows at most: an analysis may begin to read arrays late."""
 PROBE = 16
 """Part of a block that the first one is."""
 MORE = 32
@@ -183,7 +185,8 @@ class RowsAtOnce:
         """Samples in a block of which only what columns follow from is kept."""
         tracer = self.course.tracer
         kept = len(tracer.mechanism.variable_owners) + len(tracer.inputs) + 3
-        return max(self.block, BYTES // (8 * kept * len(tracer.assembly_modes)))
+        most = BYTES // (8 * kept * len(tracer.assembly_modes))
+        return max(self.block, min(most, GROWTH * self.block))
 
     def motion_at(self, samples: NDArray[np.intp]) -> Motion:
         """Return the motion at some samples, by their numbers."""
