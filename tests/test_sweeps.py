@@ -19,6 +19,7 @@ from spherekit.analysis.merit import Merit, Reducing
 from spherekit.cli.main import main
 from spherekit.design.evaluated import refused
 from spherekit.design.gradients import FigureGradients
+from spherekit.design.held_modes import SignedMode
 from spherekit.design.samples import DesignSamples
 from spherekit.design.size_keys import sizes_of
 from spherekit.design.space import DesignSpace, between, listed, variation
@@ -833,7 +834,7 @@ figures = { high = "max(torque)" }
     )
     sizing = sizing_of(study, 4)
     gradients = FigureGradients(sizing.sweep.evaluator)
-    highs = [gradients.at(np.array([20.0]), [sign])[0][0] for sign in (1.0, -1.0)]
+    highs = [gradients.at(np.array([20.0]), SignedMode(sign))[0][0] for sign in "+-"]
     assert np.allclose(np.sort(highs), wanted[:, 0], rtol=1e-9)
 
 

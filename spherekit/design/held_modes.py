@@ -141,7 +141,7 @@ class HeldModes:
     def of(self, designs: Floats, labels: Sequence[str]) -> list[HeldMode | None]:
         """Return the modes with labels (n,) of designs (variables, n), in the file's units.
 
-        None where the configurations of a design are not all known.
+        None where the configurations of a design are not all possible.
         """
         if not self.are_followed:
             return [SignedMode(label) for label in labels]
@@ -159,16 +159,16 @@ class HeldModes:
         if self._evaluator.is_profiled:
             return [self._traced(design) if design else [] for design in there]
         made: list[list[FollowedMode]] = [[] for _ in there]
-        known = [k for k, design in enumerate(there) if design is not None]
-        if not known:
+        possible = [k for k, design in enumerate(there) if design is not None]
+        if not possible:
             return made
         sizes = np.stack([design.sizes for design in there if design is not None], axis=1)
         modes, place = self._evaluator.configurations(sizes)
         for k, number in enumerate(modes.design.tolist()):
-            design = there[known[number]]
+            design = there[possible[number]]
             assert design is not None
             values = modes.values[:, place, k]
-            made[known[number]].append(self._held(modes.labels[k], design, values))
+            made[possible[number]].append(self._held(modes.labels[k], design, values))
         return made
 
     def _held(self, label: str, design: DesignAt, values: Floats) -> FollowedMode:
