@@ -2,8 +2,9 @@
 
 import csv
 import io
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.tables import (
+    CHUNK,
     FILE_SIZE,
     AbstractRows,
     Files,
@@ -19,7 +21,7 @@ from spherekit.analysis.tables import (
     TableArrays,
 )
 from spherekit.conventions import Status
-from spherekit.files.atomic import writing
+from spherekit.files.atomic import make_folder, writing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -201,6 +203,136 @@ def columns_of_files(paths: Sequence[Path]) -> dict[str, NDArray[Any]]:
 
     whole = pa.concat_tables([_with_words(pq.read_table(path)) for path in paths])
     return {name: whole[name].to_numpy() for name in whole.column_names}
+
+
+DESIGN = "design"
+"""The column that says whose rows tables of many designs have."""
+
+
+@final
+class PartTables:
+    """The tables of the designs of one part, taken design by design.
+
+    Each is a file `name` in a folder that is called as a run's file, below `folder`; rows
+    go there in groups of about `CHUNK`. Without a folder they stay, in `made`. `rows`
+    counts those of each table.
+    """
+
+    def __init__(
+        self, folder: Path | None, name: str, degrees: bool, files: ExitStack
+    ) -> None:
+        self.made: dict[str, pa.Table] = {}
+        self.rows: Counter[str] = Counter()
+        self._folder, self._name = folder, name
+        self._degrees, self._files = degrees, files
+        self._schemas: dict[str, pa.Schema] = {}
+        self._waiting: defaultdict[str, list[pa.Table]] = defaultdict(list)
+        self._writers: dict[str, Any] = {}
+
+    def take(self, design: int, stem: str, table: Table, data: TableArrays) -> None:
+        """Take the rows of a design in a table."""
+        import json
+
+        import pyarrow as pa
+
+        rows = RowsInMemory(table, data)
+        plain = _with_words(_arrow(table, rows.columns, rows.words, self._degrees))
+        columns = [
+            column.dictionary_encode() if pa.types.is_string(column.type) else column
+            for column in plain.columns
+        ]
+        numbers = pa.array(np.full(rows.count, design))
+        whole = pa.table([numbers, *columns], names=[DESIGN, *plain.column_names])
+        if stem not in self._schemas:
+            units = {
+                column.header(self._degrees): column.stated_unit(self._degrees)
+                for column in table.columns
+            }
+            notes = json.dumps({"units": units}).encode()
+            self._schemas[stem] = whole.schema.with_metadata({NOTES: notes})
+        waiting = self._waiting[stem]
+        waiting.append(whole.cast(self._schemas[stem]))
+        self.rows[stem] += rows.count
+        if self._folder is not None and sum(piece.num_rows for piece in waiting) >= CHUNK:
+            self._write(stem)
+
+    def _write(self, stem: str) -> None:
+        import pyarrow.parquet as pq
+
+        whole = _joined(self._waiting.pop(stem))
+        if stem not in self._writers:
+            assert self._folder is not None
+            path = make_folder(self._folder / stem) / self._name
+            stream = self._files.enter_context(writing(path))
+            schema = self._schemas[stem]
+            self._writers[stem] = pq.ParquetWriter(stream, schema, compression="zstd")
+        self._writers[stem].write_table(whole)
+
+    def finish(self) -> None:
+        """Write what waits."""
+        for stem in list(self._waiting):
+            if self._folder is None:
+                self.made[stem] = _joined(self._waiting.pop(stem))
+            else:
+                self._write(stem)
+        for writer in self._writers.values():
+            writer.close()
+
+    def give_up(self) -> None:
+        """Leave the writers: they would write their ends to closed files later."""
+        for writer in self._writers.values():
+            writer.is_open = False
+
+
+@contextmanager
+def part_tables(folder: Path | None, name: str, degrees: bool) -> Iterator[PartTables]:
+    """Give what takes the tables of a part: files are there when the block is left.
+
+    Raises
+    ------
+    OutputError
+        If they cannot be written.
+    """
+    with ExitStack() as files:
+        parts = PartTables(folder, name, degrees, files)
+        try:
+            yield parts
+            parts.finish()
+        except BaseException:
+            parts.give_up()
+            raise
+
+
+def _joined(pieces: "Sequence[pa.Table]") -> "pa.Table":
+    """Return rows one after the other, with one dictionary for each column of texts."""
+    import pyarrow as pa
+
+    return pa.concat_tables(pieces).unify_dictionaries().combine_chunks()
+
+
+def frame_of_parts(parts: "Sequence[Path | pa.Table]") -> "pd.DataFrame":
+    """Return the rows of `PartTables`, in files or not, with units in `attrs`."""
+    import json
+
+    import pyarrow.parquet as pq
+
+    whole = _joined(
+        [pq.read_table(part) if isinstance(part, Path) else part for part in parts]
+    )
+    frame: pd.DataFrame = whole.to_pandas()
+    frame.attrs.update(json.loads(whole.schema.metadata[NOTES]))
+    return frame
+
+
+def notes_of(path: Path) -> dict[str, Any]:
+    """Return the notes with which a Parquet file was written, {} without."""
+    import json
+
+    import pyarrow.parquet as pq
+
+    kept = pq.read_metadata(path).metadata or {}
+    notes: dict[str, Any] = json.loads(kept.get(NOTES, b"{}"))
+    return notes
 
 
 def frame_of(

@@ -1,4 +1,4 @@
-"""`spherekit sweep`: figures of merit of many designs."""
+"""`spherekit sweep`: figures of merit of many designs, and their tables."""
 
 import argparse
 import json
@@ -11,13 +11,17 @@ from spherekit.cli.suggest import suggesting
 from spherekit.conventions import counted, numbered, without_numbers
 
 if TYPE_CHECKING:
-    from spherekit.design.sweep import SweepResult
+    from spherekit.design.sweep_parts import SweepResult
 
 EXAMPLES = (
     (
         "spherekit sweep four_bar --vary links.2.arc=10:40:31 --vary links.3.arc=50:90:41 "
         "-a singularities -o designs",
         "the least transmission angle over a grid of two arcs",
+    ),
+    (
+        "spherekit sweep four_bar --vary links.2.arc=10:40:31 -a poles --tables -o designs",
+        "all poles and coefficients of each design at each sample",
     ),
     (
         "spherekit sweep four_bar --vary links.2.arc=10:40 --vary links.4.arc=30:60 "
@@ -63,6 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "repeated",
     )
     parser.add_argument(
+        "--tables",
+        action="store_true",
+        help="write the tables too that runs of these analyses have, of every design, "
+        "below the folder of -o",
+    )
+    parser.add_argument(
         "--where",
         action="append",
         metavar="A<B",
@@ -106,6 +116,8 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.errors import DesignError
     from spherekit.front.sweep import perform, sweep_of
 
+    if options.tables and options.output is None:
+        raise DesignError("--tables: give the folder to which they go, -o DIR")
     variations = []
     for text in options.vary:
         key, equals, values = text.partition("=")
@@ -117,7 +129,14 @@ def execute(options: argparse.Namespace) -> int:
     space = DesignSpace.of(variations, options.designs, options.scheme, options.seed)
     study = study_from(options)
     analyses = [create(text) for text in options.analysis or ()]
-    sweep = sweep_of(study, space, options.reduce or (), analyses, source=options.file)
+    sweep = sweep_of(
+        study,
+        space,
+        options.reduce or (),
+        analyses,
+        source=options.file,
+        tables=options.tables,
+    )
     sweep = replace(sweep, where=tuple(options.where or ()))
     result = perform(sweep, options.output, options.workers, options.dask)
     if options.json:
@@ -163,6 +182,8 @@ def _tell(result: "SweepResult") -> None:
             f"{result.computed} computed now; read with pandas.read_parquet",
             file=sys.stderr,
         )
+    for folder in result.data_sets if result.sweep.tables else ():
+        print(f"  {folder}", file=sys.stderr)
 
 
 def _reasons(failed: Any) -> list[str]:

@@ -2,9 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
+from socket import gethostname
 from typing import final
 
+from spherekit.conventions import listing
 from spherekit.design.sweep import Sweep
+from spherekit.design.sweep_identity import code_identity, other_code
 from spherekit.errors import DesignError
 
 
@@ -30,7 +33,7 @@ class Cluster:
         Raises
         ------
         DesignError
-            If no scheduler answers at the address.
+            If no scheduler answers at the address, or a worker has other versions.
         """
         from dask.distributed import Client, as_completed
 
@@ -45,11 +48,25 @@ class Cluster:
                 [shared] * len(numbers),
                 [folder] * len(numbers),
                 numbers,
+                [code_identity()] * len(numbers),
                 pure=False,
             )
             for future in as_completed(futures):
                 yield future.result()
 
 
-def _write(sweep: Sweep, folder: str, number: int) -> int:
+def _write(sweep: Sweep, folder: str, number: int, code: dict[str, str]) -> int:
+    """Write a part, by the same code as all others.
+
+    Raises
+    ------
+    DesignError
+        If this worker has other versions than the machine at which the sweep was started.
+    """
+    other = other_code(code_identity(), code)
+    if other:
+        raise DesignError(
+            f"{sweep.mechanism.name}: a worker of the cluster ({gethostname()}) has other "
+            f"versions, {listing(other)}; a data set is made by one"
+        )
     return sweep.write(folder, number)

@@ -1,52 +1,61 @@
-"""Figures of merit of many designs, in parts that are there whole or not at all."""
+"""Figures and tables of many designs, in parts that are there whole or not at all."""
 
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.frames import columns_of_files, frame_of, write_columns
+from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_columns
 from spherekit.analysis.merit import Merit
-from spherekit.conventions import counted, listing
+from spherekit.conventions import listing
 from spherekit.design.conditions import Condition, condition
+from spherekit.design.design_runs import DesignRuns
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.evaluated import NEVER_CLOSES
+from spherekit.design.evaluated import NEVER_CLOSES, Evaluated
 from spherekit.design.file_numbers import OK
 from spherekit.design.samples import DesignSamples
 from spherekit.design.space import DesignSpace
-from spherekit.design.table_figures import TableFigures
+from spherekit.design.sweep_identity import code_identity
+from spherekit.design.table_figures import ASSEMBLY, TableFigures
 from spherekit.design.variables import DesignVariable, check_variables, design_variable
 from spherekit.engine.row_quantities import row_quantities
-from spherekit.errors import DesignError, OutputError
-from spherekit.files.atomic import make_folder, write_text
+from spherekit.errors import DesignError
+from spherekit.files.atomic import make_folder
 from spherekit.files.document import Document
-from spherekit.files.lock import locked
 from spherekit.files.plain import as_json
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-OWN = ("design", "mode", "status", "reason", "closes", "claim", "grashof")
+OWN = ("design", "mode", ASSEMBLY, "status", "reason", "closes", "claim", "grashof")
 """Columns that every table may have."""
 
-DEFINITION = "_sweep.json"
-"""What readers of a folder of Parquet pass over begins with _ or a point."""
-LOCK = ".sweep.lock"
+GONE_THROUGH = (
+    "samples",
+    "grid",
+    "path",
+    "assembly_mode",
+    "search",
+    "laws",
+    "duration",
+    "start",
+    "torque",
+    "tolerance",
+    "crossings",
+    "verify",
+)
+"""What of a study says which numbers its runs have."""
+
+DESIGNS, TABLES = "designs", "tables"
+"""Folders of the table of designs, where there are others, and of these."""
 
 Columns = dict[str, Any]
 
@@ -59,8 +68,7 @@ class Sweep:
     Attributes
     ----------
     mechanism, samples
-        The mechanism, and the samples that every design goes through; of figures from
-        tables the samples are None, and a `study` says what `analyses` go through.
+        The mechanism, and the samples of figures that kernels compute, None without such.
     document
         The file whose numbers are varied.
     space
@@ -69,6 +77,10 @@ class Sweep:
         The figures of merit.
     where
         Conditions on designs and figures; what does not meet them is left out.
+    study, analyses
+        What each design is run through, None if none is run, and the analyses of that.
+    tables
+        Whether all tables of these runs are wanted.
     """
 
     mechanism: Mechanism
@@ -79,12 +91,13 @@ class Sweep:
     where: tuple[str, ...] = ()
     study: Study | None = None
     analyses: tuple[AbstractAnalysis, ...] = ()
-    _kept: dict[str, Evaluator | TableFigures] = field(
+    tables: bool = False
+    _kept: dict[str, Evaluator | DesignRuns] = field(
         default_factory=dict, repr=False, compare=False
     )
 
     def __post_init__(self) -> None:
-        if not self.merits:
+        if not self.merits and not self.tables:
             raise DesignError(
                 f"{self.mechanism.name}: no figure of merit is asked for: give --reduce, "
                 "or an analysis with figures of its own; quantities of a row: "
@@ -117,24 +130,31 @@ class Sweep:
         return tuple(condition(text, names) for text in self.where)
 
     @property
-    def evaluator(self) -> Evaluator | TableFigures:
+    def evaluator(self) -> Evaluator | DesignRuns:
         """What computes the figures; made once in a process."""
-        if "made" in self._kept:
-            return self._kept["made"]
-        if self.samples is None:
-            assert self.study is not None
-            self._kept["made"] = TableFigures(
-                self.document, self.study, self.variables, self.merits, self.analyses
-            )
-        else:
-            self._kept["made"] = Evaluator(
-                self.document,
-                self.mechanism,
-                self.variables,
-                self.merits,
-                self.samples,
-            )
+        if "made" not in self._kept:
+            self._kept["made"] = self._evaluator()
         return self._kept["made"]
+
+    def _evaluator(self) -> Evaluator | DesignRuns:
+        of_kernel = None
+        if self.samples is not None:
+            merits = [merit for merit in self.merits if not merit.table]
+            of_kernel = Evaluator(
+                self.document, self.mechanism, self.variables, merits, self.samples
+            )
+        if self.study is None:
+            assert of_kernel is not None
+            return of_kernel
+        runs = TableFigures(
+            self.document,
+            self.study,
+            self.variables,
+            [merit for merit in self.merits if merit.table],
+            self.analyses,
+            self.tables,
+        )
+        return DesignRuns(runs, of_kernel)
 
     @property
     def angle(self) -> str:
@@ -155,7 +175,7 @@ class Sweep:
     def definition(self) -> dict[str, Any]:
         """Return what the sweep is of, as it stands in its folder."""
         text = json.dumps(as_json(self.document.data), sort_keys=True)
-        return {
+        return code_identity() | {
             "mechanism": self.mechanism.name,
             "file": hashlib.sha256(text.encode()).hexdigest(),
             "input": ", ".join(driven.pair for driven in self.mechanism.inputs),
@@ -169,19 +189,35 @@ class Sweep:
             "where": list(self.where),
             "part": self.part_size,
             "columns": list(OWN),
+            "analyses": [
+                [item.name, item.version, as_json(asdict(item))]  # type: ignore[call-overload]
+                for item in self.analyses
+            ],
+            "tables": self.tables,
+            "degrees": self.degrees,
         }
 
     @property
+    def degrees(self) -> bool:
+        """Whether tables have angles in degrees."""
+        return self.study is not None and self.study.degrees
+
+    @property
     def _sampled(self) -> bytes:
-        if self.samples is not None:
-            return self.samples.rows.tobytes()
+        sampled = b"" if self.samples is None else self.samples.rows.tobytes()
+        if self.study is None:
+            return sampled
         study = self.study
-        return repr(study and (study.samples, study.grid, study.path, study.laws)).encode()
+        through = [study.mechanism.inputs]
+        through += [getattr(study, name) for name in GONE_THROUGH]
+        with np.printoptions(threshold=2**62, floatmode="unique"):
+            return sampled + repr(through).encode()
 
     def _unit(self, merit: Merit) -> str:
         evaluator = self.evaluator
-        if isinstance(evaluator, TableFigures):
-            return merit.unit(evaluator.units[merit.name])
+        if merit.table:
+            assert isinstance(evaluator, DesignRuns)
+            return merit.unit(evaluator.runs.units[merit.name])
         return merit.unit(row_quantities(self.mechanism))
 
     def units(self) -> dict[str, str]:
@@ -192,13 +228,33 @@ class Sweep:
         made |= {merit.name: self._unit(merit) for merit in self.merits}
         return {name: self.angle if unit == "rad" else unit for name, unit in made.items()}
 
-    def part(self, number: int) -> Columns:
-        """Return the rows of a part: designs in order, each in its assembly modes."""
+    def part(self, number: int, tables: PartTables | None = None) -> Columns:
+        """Return the rows of a part: designs in order, each in its assembly modes.
+
+        `tables` takes the tables of those that have a row left.
+        """
         start = number * self.part_size
         designs = self.space.designs(start, start + self.part_size)
         rows = np.arange(start, start + designs.shape[1])
         kept = self._possible(designs)
-        made = self.rows(designs[:, kept], rows[kept])
+        designs, rows = designs[:, kept], rows[kept]
+        evaluator = self.evaluator
+        if not isinstance(evaluator, DesignRuns):
+            return self._meeting(self.rows(designs, rows))
+        kept = self._worth_running(evaluator.kernel_figures, designs)
+        designs, rows = designs[:, kept], rows[kept]
+        classes = evaluator.classes(designs)
+        pieces = [self._shown(designs, rows, evaluator.none(), classes)]
+        for evaluated, of_run in evaluator.runs_of(designs):
+            made = self._meeting(self._shown(designs, rows, evaluated, classes))
+            pieces.append(made)
+            if tables is not None and len(made["design"]):
+                for stem, table, data in of_run:
+                    tables.take(int(made["design"][0]), stem, table, data)
+        return {name: np.concatenate([p[name] for p in pieces]) for name in pieces[0]}
+
+    def _meeting(self, made: Columns) -> Columns:
+        """Return the rows whose figures meet the conditions."""
         for requirement in self.conditions:
             if not requirement.names <= self._before:
                 holds = requirement.holds(made)
@@ -208,13 +264,24 @@ class Sweep:
     def rows(self, designs: Floats, numbers: NDArray[np.intp]) -> Columns:
         """Return the rows of designs (variables, n), by their numbers, in all modes."""
         classes = self.evaluator.classes(designs)
-        evaluated = self.evaluator.at(designs)
+        return self._shown(designs, numbers, self.evaluator.at(designs), classes)
+
+    def _shown(
+        self,
+        designs: Floats,
+        numbers: NDArray[np.intp],
+        evaluated: Evaluated,
+        classes: NDArray[np.str_] | None,
+    ) -> Columns:
+        """Return the rows of designs with their numbers and classes, in the file's unit."""
         design = evaluated.design
         made: Columns = {"design": numbers[design]}
         for variable, values in zip(self.variables, designs, strict=True):
             made[variable.name] = values[design]
+        made["mode"] = evaluated.mode
+        if self.tables:
+            made[ASSEMBLY] = evaluated.merits[ASSEMBLY]
         made |= {
-            "mode": evaluated.mode,
             "status": evaluated.status,
             "closes": evaluated.closes,
             "claim": evaluated.claim,
@@ -222,12 +289,18 @@ class Sweep:
         if classes is not None:
             there = np.isin(evaluated.status, [OK, NEVER_CLOSES])
             made["grashof"] = np.where(there, classes[design], "").astype(object)
-        for merit in self.merits:
-            values = evaluated.merits[merit.name]
-            if self.angle == "deg" and self._unit(merit) == "rad":
-                values = np.degrees(values)
-            made[merit.name] = values
+        made |= self._in_file_units(evaluated)
         made["reason"] = evaluated.reason
+        return made
+
+    def _in_file_units(self, evaluated: Evaluated) -> Columns:
+        """Return the figures that there are, single angles in the file's unit."""
+        made: Columns = {}
+        for merit in self.merits:
+            if merit.name in evaluated.merits:
+                values = evaluated.merits[merit.name]
+                is_angle = self.angle == "deg" and self._unit(merit) == "rad"
+                made[merit.name] = np.degrees(values) if is_angle else values
         return made
 
     @cached_property
@@ -244,196 +317,68 @@ class Sweep:
                 kept &= np.broadcast_to(requirement.holds(columns), kept.shape)
         return kept
 
+    def path_of(self, folder: str | os.PathLike[str], number: int) -> Path:
+        """Return the path of a part of the table of designs."""
+        return Path(folder) / (DESIGNS if self.tables else "") / part_name(number)
+
+    def files_of(self, folder: str | os.PathLike[str], number: int) -> list[Path]:
+        """Return the files of a part; none unless all of them are there.
+
+        That of the designs is written last, and says which others there are.
+        """
+        path = self.path_of(folder, number)
+        if not path.exists():
+            return []
+        paths = [path]
+        if self.tables:
+            stems = notes_of(path)[TABLES]
+            paths += [Path(folder) / TABLES / stem / path.name for stem in stems]
+        return paths if all(made.exists() for made in paths) else []
+
+    def _worth_running(self, figures: Evaluator | None, designs: Floats) -> Any:
+        """Return which designs (variables, n) can meet the conditions on kernel figures."""
+        worth = np.ones(designs.shape[1], dtype=bool)
+        names = {merit.name for merit in self.merits if not merit.table}
+        decided = [
+            requirement
+            for requirement in self.conditions
+            if requirement.names & names and requirement.names <= self._before | names
+        ]
+        if figures is None or not decided:
+            return worth
+        rows = figures.at(designs)
+        columns = dict(zip([v.name for v in self.variables], designs, strict=True))
+        columns = {name: values[rows.design] for name, values in columns.items()}
+        columns |= self._in_file_units(rows)
+        meets = np.ones(len(rows.design), dtype=bool)
+        for requirement in decided:
+            meets &= np.broadcast_to(requirement.holds(columns), meets.shape)
+        worth[:] = False
+        worth[rows.design[meets]] = True
+        return worth
+
     def write(self, folder: str, number: int) -> int:
         """Write a part where it is not there yet, and return its number."""
-        path = part_path(folder, number)
-        if not path.exists():
-            write_columns(path, self.part(number), {"units": self.units()})
+        if self.files_of(folder, number):
+            return number
+        path, notes = self.path_of(folder, number), {"units": self.units()}
+        if not self.tables:
+            write_columns(path, self.part(number), notes)
+            return number
+        place = Path(folder) / TABLES
+        with part_tables(place, part_name(number), self.degrees) as tables:
+            columns = self.part(number, tables)
+        make_folder(path.parent)
+        write_columns(path, columns, notes | {TABLES: dict(tables.rows)})
         return number
 
-
-def part_path(folder: str | os.PathLike[str], number: int) -> Path:
-    """Return the path of a part."""
-    return Path(folder) / f"part-{number:06d}.parquet"
-
-
-@final
-@dataclass(frozen=True)
-class SweepResult:
-    """The designs of a sweep with their figures of merit.
-
-    Attributes
-    ----------
-    sweep
-        What was asked.
-    folder
-        Where its parts are, None where they are in memory.
-    computed
-        How many parts were computed now; the others were there.
-    """
-
-    sweep: Sweep
-    folder: Path | None
-    computed: int
-    _parts: tuple[Columns, ...] = field(default=(), repr=False)
-
-    def frame(self) -> "pd.DataFrame":
-        """Return all rows as a pandas frame, with the units of its columns in `attrs`."""
-        return frame_of(self._columns(), {"units": self.sweep.units()})
-
-    def _columns(self) -> Columns:
-        if self.folder is None:
-            parts: Sequence[Columns] = self._parts
-            return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
-        paths = [part_path(self.folder, k) for k in range(self.sweep.parts)]
-        return columns_of_files(paths)
-
-    def __repr__(self) -> str:
-        space = self.sweep.space
-        where = f", in {self.folder}" if self.folder else ""
-        return (
-            f"SweepResult({self.sweep.mechanism.name}, "
-            f"{counted(space.count, 'design')}{where})"
-        )
+    def in_memory(self, number: int) -> tuple[Columns, Mapping[str, Any]]:
+        """Return the rows of a part, and its tables by name."""
+        with part_tables(None, "", self.degrees) as tables:
+            columns = self.part(number, tables if self.tables else None)
+        return columns, tables.made
 
 
-Workers = Callable[[Sweep, str, Sequence[int]], Iterator[int]]
-"""Computes parts somewhere, and yields the number of each when it is written."""
-
-
-def run_sweep(
-    sweep: Sweep,
-    folder: str | os.PathLike[str] | None = None,
-    workers: int = 1,
-    resume: bool = True,
-    elsewhere: Workers | None = None,
-) -> SweepResult:
-    """Compute all parts of a sweep.
-
-    Parameters
-    ----------
-    sweep
-        The sweep.
-    folder
-        Where parts are written; those that are there already are kept. Without it they
-        stay in memory.
-    workers
-        Processes at work.
-    resume
-        Whether parts of the same sweep that are in the folder may be taken.
-    elsewhere
-        What computes parts on other machines.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds another sweep, is in use, or cannot be written.
-    """
-    working = Working(f"{sweep.mechanism.name}: sweep")
-    if folder is None:
-        parts = []
-        for number in range(sweep.parts):
-            parts.append(sweep.part(number))
-            working.tell(_how_far(sweep, len(parts)))
-        return SweepResult(sweep, None, len(parts), tuple(parts))
-    place = make_folder(folder)
-    lock = locked(place / LOCK)
-    if isinstance(lock, str):
-        raise OutputError(f"{place}: another sweep is at work in it ({lock})")
-    with lock:
-        _claim(sweep, place, resume)
-        missing = [k for k in range(sweep.parts) if not part_path(place, k).exists()]
-        done = sweep.parts - len(missing)
-        if elsewhere is not None:
-            finished = elsewhere(sweep, str(place.resolve()), missing)
-        elif workers > 1 and len(missing) > 1:
-            finished = _in_processes(sweep, str(place), missing, workers)
-        else:
-            finished = (sweep.write(str(place), number) for number in missing)
-        for _ in finished:
-            done += 1
-            working.tell(_how_far(sweep, done))
-    return SweepResult(sweep, place, len(missing))
-
-
-def _how_far(sweep: Sweep, parts: int) -> Callable[[], str]:
-    done = min(parts * sweep.part_size, sweep.space.count)
-    return lambda: f"{done} of {counted(sweep.space.count, 'design')}"
-
-
-def _claim(sweep: Sweep, place: Path, resume: bool) -> None:
-    """Write the definition, or compare it with that of the parts that are there."""
-    path, definition = place / DEFINITION, as_json(sweep.definition())
-    if not path.exists() and any(place.glob("part-*.parquet")):
-        raise OutputError(
-            f"{place}: holds parts of which {DEFINITION} does not say what sweep they are "
-            "of; choose another folder, or remove them"
-        )
-    if path.exists():
-        stored = json.loads(path.read_text(encoding="utf-8"))
-        if resume and stored == definition:
-            return
-        if any(place.glob("part-*.parquet")):
-            other = [key for key in definition if stored.get(key) != definition[key]]
-            raise OutputError(
-                f"{place}: holds "
-                + (
-                    f"another sweep, with other {listing(other)}"
-                    if other
-                    else "this sweep already"
-                )
-                + "; choose another folder, or remove this one"
-            )
-    write_text(path, json.dumps(definition, indent=2) + "\n")
-
-
-_here: dict[str, Sweep] = {}
-
-
-def _begin(sweep: Sweep) -> None:
-    """Keep the sweep of this process."""
-    _here["sweep"] = sweep
-
-
-def _part(folder: str, number: int) -> int:
-    return _here["sweep"].write(folder, number)
-
-
-def _in_processes(
-    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
-) -> Iterator[int]:
-    """Yield parts as processes finish them; those of processes that end are made again.
-
-    Raises
-    ------
-    DesignError
-        If a process ends before any part is made.
-    """
-    left = set(numbers)
-    while left:
-        before = len(left)
-        try:
-            for number in _of_pool(sweep, folder, sorted(left), workers):
-                left.discard(number)
-                yield number
-        except BrokenProcessPool:
-            if len(left) == before:
-                raise DesignError(
-                    f"{sweep.mechanism.name}: the system ended a process of the sweep, "
-                    "perhaps for want of memory; parts that are written stay, and the same "
-                    "command goes on, with --workers 1 in less memory"
-                ) from None
-
-
-def _of_pool(
-    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
-) -> Iterator[int]:
-    count = min(workers, len(numbers))
-    with ProcessPoolExecutor(count, get_context("spawn"), _begin, (sweep,)) as pool:
-        futures = [pool.submit(_part, folder, number) for number in numbers]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+def part_name(number: int) -> str:
+    """Return what the files of a part are called."""
+    return f"part-{number:06d}.parquet"

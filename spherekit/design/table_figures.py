@@ -1,21 +1,20 @@
-"""Figures of merit from the tables of analyses: every design is run on its own."""
+"""Tables of analyses of designs, and figures of merit from them: a run for each design."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.merit import Merit, Reducing
-from spherekit.analysis.result import MOTION, RunResult
+from spherekit.analysis.result import MOTION, RunResult, stem_of
 from spherekit.analysis.run import executed
+from spherekit.analysis.tables import Table, TableArrays
 from spherekit.conventions import Status, counted, listing, nearest
-from spherekit.design.evaluate import SINGLY
-from spherekit.design.evaluated import Evaluated, evaluated, none, refused
 from spherekit.design.variables import DesignVariable, designed
-from spherekit.errors import AnalysisError, DesignError, SpherekitError
+from spherekit.errors import AnalysisError, DesignError
 from spherekit.files.document import Document
 from spherekit.model.study import Study
 from spherekit.numeric.turns import return_by_turns
@@ -24,8 +23,48 @@ from spherekit.sphere.rotation import Floats
 if TYPE_CHECKING:
     import pandas as pd
 
-MODES = ("assembly_mode", "working_mode")
+ASSEMBLY = "assembly_mode"
+MODES = (ASSEMBLY, "working_mode")
 """Columns by which the rows of a table are those of modes."""
+
+WHOLE = "", ""
+"""Instead of the column and the mode: what is of no mode."""
+
+RunTable = tuple[str, Table, TableArrays]
+"""What a run's file is called, its table, and the columns of that."""
+
+
+@final
+@dataclass(frozen=True)
+class DesignRun:
+    """What the run of a design found.
+
+    Attributes
+    ----------
+    modes
+        The modes of which there are rows: by which column, and which.
+    figures, whole
+        Figures in each of these modes, and figures of tables without modes.
+    closes
+        The share of samples at which each mode closes, NaN of working modes.
+    claim
+        What is guaranteed of the modes.
+    labels
+        What assembly modes are called, by their numbers.
+    tables
+        All tables, if these are wanted.
+    figured
+        The modes of which there are figures.
+    """
+
+    modes: tuple[tuple[str, str], ...]
+    figures: Mapping[str, Floats]
+    whole: Mapping[str, float]
+    closes: Floats
+    claim: str
+    labels: Mapping[str, str]
+    tables: tuple[RunTable, ...]
+    figured: frozenset[tuple[str, str]]
 
 
 @final
@@ -38,8 +77,6 @@ class TableFigures:
         If a table, or a column of an expression, is not known.
     """
 
-    kernel = None
-
     def __init__(
         self,
         document: Document,
@@ -47,67 +84,72 @@ class TableFigures:
         variables: Sequence[DesignVariable],
         merits: Sequence[Merit],
         analyses: Sequence[AbstractAnalysis],
+        tables: bool = False,
     ) -> None:
         self.document, self.study = document, study
         self.variables = tuple(variables)
         self.merits, self.analyses = tuple(merits), tuple(analyses)
+        self.tables = tables
         self.units = {m.name: _units(m, analyses, study) for m in merits}
         for merit in merits:
             merit.parsed(self.units[merit.name])
 
-    def classes(self, values: Floats) -> None:
-        """Return no Grashof classes."""
+    def run(self, values: Floats) -> DesignRun:
+        """Return what the run of a design (variables,) finds, in the file's units.
 
-    def part(self, count: int) -> int:
-        """Return how many of so many designs are taken together."""
-        return min(count, SINGLY)
-
-    def at(self, values: Floats) -> Evaluated:
-        """Return the figures of merit of designs (variables, n), in the file's units."""
-        parts = [none(self.merits)]
-        for k, design in enumerate(values.T):
-            try:
-                of_design = self._single(list(design))
-            except SpherekitError as problem:
-                of_design = refused(problem, self.merits)
-            parts.append(replace(of_design, design=of_design.design + k))
-        return Evaluated.joined(parts, [merit.name for merit in self.merits])
-
-    def _single(self, values: Sequence[float]) -> Evaluated:
-        mechanism = designed(self.document, self.variables, values)
+        Raises
+        ------
+        SpherekitError
+            If there is no such design, or an analysis of it fails.
+        """
+        mechanism = designed(self.document, self.variables, list(values))
         mechanism = mechanism.with_inputs(*(i.pair for i in self.study.mechanism.inputs))
         study = replace(self.study, mechanism=mechanism)
         run = executed(study, self.analyses, Execution())
         if run.failures:
             raise AnalysisError(next(iter(run.failures.values())))
-        figures = [self._by_mode(run, merit) for merit in self.merits]
-        modes = sorted({mode for figure in figures for mode in figure}) or [""]
-        made = {
-            merit.name: np.array(
-                [figure.get(mode, figure.get("", np.nan)) for mode in modes]
-            )
-            for merit, figure in zip(self.merits, figures, strict=True)
+        by_mode = {merit.name: self._by_mode(run, merit) for merit in self.merits}
+        assembled = run.summary.get("assembly_modes", ())
+        labels = {str(item["number"]): str(item["mode"]) for item in assembled}
+        shares = {str(item["number"]): _share(item["status"]) for item in assembled}
+        figured = {mode for figure in by_mode.values() for mode in figure} - {WHOLE}
+        numbered = {(ASSEMBLY, number) for number in labels} if self.tables else set()
+        modes = figured | numbered
+        ordered = tuple(sorted(modes, key=lambda mode: mode[1])) or (WHOLE,)
+        figures = {
+            name: np.array([of.get(mode, of.get(WHOLE, np.nan)) for mode in ordered])
+            for name, of in by_mode.items()
         }
         words = str(run.summary.get("search", ""))
-        claim = words.partition(":")[0] if MOTION in run.results and ":" in words else ""
-        return evaluated(
-            np.zeros(len(modes), dtype=np.int64),
-            np.array(modes, dtype=object),
-            np.array([_closes(run, mode) for mode in modes]),
-            claim,
-            made,
+        return DesignRun(
+            ordered,
+            figures,
+            {name: of.get(WHOLE, np.nan) for name, of in by_mode.items()},
+            np.array(
+                [
+                    shares.get(mode, np.nan) if column == ASSEMBLY else np.nan
+                    for column, mode in ordered
+                ]
+            ),
+            words.partition(":")[0] if MOTION in run.results and ":" in words else "",
+            labels,
+            _tables(run) if self.tables else (),
+            frozenset(figured),
         )
 
-    def _by_mode(self, run: RunResult, merit: Merit) -> dict[str, float]:
-        """Return a figure for each mode of its table; of "" where it has no modes."""
+    def _by_mode(self, run: RunResult, merit: Merit) -> dict[tuple[str, str], float]:
+        """Return a figure for each mode of its table; of `WHOLE` where it has no modes."""
         rows = run.frame(*merit.of_table)
         for column, value in merit.only:
             rows = rows[rows[column].astype(str) == value]
         for column in MODES:
             if column in rows:
                 modes = rows[column].astype(str)
-                return {m: self._reduced(merit, rows[modes == m]) for m in modes.unique()}
-        return {"": self._reduced(merit, rows)}
+                return {
+                    (column, m): self._reduced(merit, rows[modes == m])
+                    for m in modes.unique()
+                }
+        return {WHOLE: self._reduced(merit, rows)}
 
     def _reduced(self, merit: Merit, rows: "pd.DataFrame") -> float:
         expression = merit.parsed(self.units[merit.name])
@@ -132,6 +174,15 @@ class TableFigures:
             if not merit.point or np.max(np.abs(place - merit.point)) < 1e-9:
                 reducing.take(float(place[chosen]), np.array([value]))
         return float(reducing.result()[0])
+
+
+def _tables(run: RunResult) -> tuple[RunTable, ...]:
+    """Return all tables of a run."""
+    return tuple(
+        (stem_of(name, result.tables, table), table, result.data[table.name])
+        for name, result in run.results.items()
+        for table in result.tables
+    )
 
 
 def _units(
@@ -162,12 +213,7 @@ def _units(
     return {item.name: item.unit for item in columns if item.kind == "number"}
 
 
-def _closes(run: RunResult, mode: str) -> float:
-    """Return the share of samples at which an assembly mode closes; NaN of other modes."""
-    data: Any = run.results[MOTION].data if MOTION in run.results else {}
-    if MOTION not in data:
-        return float("nan")
-    rows = run.frame(MOTION)
-    status = rows["status"][rows["assembly_mode"].astype(str) == mode].astype(str)
-    held = status.isin([Status.OK.name, Status.AT_SINGULARITY.name])
-    return float(held.mean()) if len(status) else float("nan")
+def _share(statuses: Mapping[str, int]) -> float:
+    """Return the share of samples at which an assembly mode closes, by its statuses."""
+    closed = sum(statuses.get(s.name, 0) for s in (Status.OK, Status.AT_SINGULARITY))
+    return closed / total if (total := sum(statuses.values())) else float("nan")

@@ -72,7 +72,9 @@ def shown(value: object) -> str:
     if isinstance(value, int) and value.bit_length() > _INTEGER_BITS:
         return "a huge integer"
     text = repr(value).replace("'", '"')
-    text = json.dumps(value) if isinstance(value, str) else text
+    if isinstance(value, str):
+        letters = json.dumps(value, ensure_ascii=False)
+        text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in letters)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

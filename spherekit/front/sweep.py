@@ -10,10 +10,10 @@ import numpy as np
 from spherekit.analysis.merit import Merit, parse_merit
 from spherekit.analysis.registry import create
 from spherekit.checked import checked
-from spherekit.conventions import listing
 from spherekit.design.samples import DesignSamples
 from spherekit.design.space import DesignSpace, Scheme, Variation, listed, variation
-from spherekit.design.sweep import Sweep, SweepResult, run_sweep
+from spherekit.design.sweep import Sweep
+from spherekit.design.sweep_parts import SweepResult, run_sweep
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
 from spherekit.files.document import Document
@@ -38,6 +38,7 @@ def sweep(
     reduce: str | Sequence[str] = (),
     *,
     analyses: Sequence[str] = (),
+    tables: bool = False,
     where: str | Sequence[str] = (),
     samples: int | Sequence[int] | None = None,
     designs: int | None = None,
@@ -47,7 +48,7 @@ def sweep(
     workers: int | None = None,
     dask: str | None = None,
 ) -> SweepResult:
-    """Return figures of merit of many designs of one topology, in every assembly mode.
+    """Return figures of merit, or whole tables, of many designs of one topology.
 
     Parameters
     ----------
@@ -62,6 +63,9 @@ def sweep(
         reduction, an expression of what a configuration has (rad, SI).
     analyses
         Names of analyses whose own figures of merit are wanted too.
+    tables
+        Whether the tables that runs of these analyses have are wanted, of every design;
+        `SweepResult.table` reads them.
     where
         Conditions, ``"links_2_arc < links_4_arc"`` or ``"least > 30"``: designs and rows
         that do not meet them are left out.
@@ -110,6 +114,7 @@ def sweep(
         [reduce] if isinstance(reduce, str) else reduce,
         [create(name) for name in analyses],
         samples,
+        tables=tables,
     )
     conditions = (where,) if isinstance(where, str) else tuple(where)
     return perform(replace(made, where=conditions), folder, workers, dask)
@@ -122,6 +127,7 @@ def sweep_of(
     analyses: Sequence["AbstractAnalysis"] = (),
     samples: int | Sequence[int] | None = None,
     source: str | os.PathLike[str] | None = None,
+    tables: bool = False,
 ) -> Sweep:
     """Return the sweep that texts ask for; `source` is the file of a study, if known."""
     study = _study(subject)
@@ -132,33 +138,32 @@ def sweep_of(
     merits: dict[str, Merit] = {}
     for analysis in analyses:
         offered = analysis.merits(study.mechanism)
-        if not offered:
+        if not offered and not tables:
             raise DesignError(
                 f"{analysis.name} has no figures of merit of its own for "
-                f"{study.mechanism.name}; say what is wanted by reduce"
+                f"{study.mechanism.name}; say what is wanted by reduce, or ask for tables"
             )
         merits |= {merit.name: merit for merit in offered}
     merits |= {m.name: m for m in (parse_merit(text, radians) for text in reduce)}
-    if not any(merit.table for merit in merits.values()):
-        samples_of = DesignSamples.of(study)
-        return Sweep(study.mechanism, samples_of, document, space, tuple(merits.values()))
-    rows = [merit.name for merit in merits.values() if not merit.table]
-    if rows:
+    if tables and not analyses:
         raise DesignError(
-            f"{study.mechanism.name}: figures of tables come from runs, {listing(rows)} "
-            "from a kernel; ask for them in two sweeps"
+            f"{study.mechanism.name}: tables are those of analyses: say of which"
         )
-    names = dict.fromkeys(merit.of_table[0] for merit in merits.values())
+    chosen = tuple(merits.values())
+    of_kernel = [merit for merit in chosen if not merit.table]
+    through = DesignSamples.of(study) if of_kernel or not (chosen or tables) else None
     given = {analysis.name: analysis for analysis in analyses}
-    every = tuple(given.get(name) or create(name) for name in names)
+    wanted = dict.fromkeys(given if tables else ())
+    wanted |= dict.fromkeys(merit.of_table[0] for merit in chosen if merit.table)
     return Sweep(
         study.mechanism,
-        None,
+        through,
         document,
         space,
-        tuple(merits.values()),
-        study=study,
-        analyses=every,
+        chosen,
+        study=study if wanted else None,
+        analyses=tuple(given.get(name) or create(name) for name in wanted),
+        tables=tables,
     )
 
 

@@ -1,0 +1,94 @@
+"""Which sweep a folder holds, and by which code its numbers were made."""
+
+import json
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherekit.conventions import listing
+from spherekit.errors import OutputError
+from spherekit.files.atomic import write_text
+from spherekit.version import __version__
+
+DEFINITION = "_sweep.json"
+"""What readers of a folder of Parquet pass over begins with _ or a point."""
+
+PARTS = ("part-*.parquet", "designs/part-*.parquet", "tables/*/part-*.parquet")
+
+CODE = ("spherekit", "numpy", "heyoka", "machine")
+"""What says by which code numbers were made."""
+
+
+def code_identity() -> dict[str, str]:
+    """Return the versions of what makes the bits of numbers, and the kind of machine."""
+    try:
+        compiler = version("heyoka")
+    except PackageNotFoundError:
+        compiler = "none"
+    return {
+        "spherekit": __version__,
+        "numpy": np.__version__,
+        "heyoka": compiler,
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def other_code(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
+    """Return in words what differs: ``numpy 2.3.1 there, 2.4.0 here``."""
+    return [
+        f"{name} {there.get(name, 'not stated')} there, {here[name]} here"
+        for name in CODE
+        if there.get(name) != here[name]
+    ]
+
+
+def claim(place: Path, definition: Mapping[str, Any], resume: bool) -> None:
+    """Write the definition of a sweep, or compare it with that of the parts there.
+
+    Raises
+    ------
+    OutputError
+        If there are parts of another sweep, or parts made by other code.
+    """
+    path = place / DEFINITION
+    if not path.exists() and _has_parts(place):
+        raise OutputError(
+            f"{place}: holds parts of which {DEFINITION} does not say what sweep they are "
+            "of; choose another folder, or remove them"
+        )
+    if path.exists():
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        if resume and stored == definition:
+            return
+        if _has_parts(place):
+            raise OutputError(f"{place}: {_why_not(stored, definition)}")
+    write_text(path, json.dumps(definition, indent=2) + "\n")
+
+
+def _has_parts(place: Path) -> bool:
+    return any(part for pattern in PARTS for part in place.glob(pattern))
+
+
+def _why_not(stored: Mapping[str, Any], definition: Mapping[str, Any]) -> str:
+    other = [
+        name
+        for name in (*definition, *(name for name in stored if name not in definition))
+        if stored.get(name) != definition.get(name)
+    ]
+    rest = [name for name in other if name not in CODE]
+    if rest:
+        return (
+            f"holds another sweep, with other {listing(rest)}; choose another folder, or "
+            "remove this one"
+        )
+    if other:
+        return (
+            "holds parts of this sweep whose numbers other code made "
+            f"({listing(other_code(stored, definition))}), and a data set is of one; go on "
+            "with that, choose another folder, or remove this one"
+        )
+    return "holds this sweep already; choose another folder, or remove this one"

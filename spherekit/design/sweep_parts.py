@@ -1,0 +1,270 @@
+"""The parts of a sweep: computed by processes or elsewhere, and read again."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from spherekit.analysis.folder.resource_check import physical_memory, size_text
+from spherekit.analysis.frames import columns_of_files, frame_of, frame_of_parts
+from spherekit.checked import checked
+from spherekit.conventions import counted, listing, nearest
+from spherekit.design.sweep import DESIGNS, TABLES, Columns, Sweep
+from spherekit.design.sweep_identity import claim
+from spherekit.errors import DesignError, OutputError
+from spherekit.files.atomic import make_folder
+from spherekit.files.lock import locked
+from spherekit.files.plain import as_json
+from spherekit.progress import Working
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LOCK = ".sweep.lock"
+
+
+@final
+@dataclass(frozen=True)
+class SweepResult:
+    """The designs of a sweep with their figures of merit, and the tables of their runs.
+
+    Attributes
+    ----------
+    sweep
+        What was asked.
+    folder
+        Where its parts are, None where they are in memory.
+    computed
+        How many parts were computed now; the others were there.
+    """
+
+    sweep: Sweep
+    folder: Path | None
+    computed: int
+    _parts: tuple[tuple[Columns, Mapping[str, Any]], ...] = field(default=(), repr=False)
+
+    def frame(self) -> "pd.DataFrame":
+        """Return all rows as a pandas frame, with the units of its columns in `attrs`."""
+        return frame_of(self._columns(), {"units": self.sweep.units()})
+
+    @property
+    def table_names(self) -> tuple[str, ...]:
+        """The tables there are, as files of runs are called: motion, poles, ..."""
+        return tuple(self._tables())
+
+    @property
+    def data_sets(self) -> tuple[Path, ...]:
+        """The folders of the table of designs and of those of their runs."""
+        if self.folder is None:
+            return ()
+        if not self.sweep.tables:
+            return (self.folder,)
+        tables = (self.folder / TABLES / name for name in self.table_names)
+        return (self.folder / DESIGNS, *tables)
+
+    @checked(DesignError)
+    def table(self, name: str) -> "pd.DataFrame":
+        """Return the rows of all designs in a table of their runs, by `design`.
+
+        Parameters
+        ----------
+        name
+            As the file of a run is called: ``"motion"``, ``"poles"``,
+            ``"singularities_relation"``.
+
+        Raises
+        ------
+        DesignError
+            If there is no such table.
+        """
+        tables = self._tables()
+        if name not in tables:
+            some = f"tables: {listing(tables)}" if tables else "ask for tables=True"
+            raise DesignError(
+                f'{self.sweep.mechanism.name}: there is no table "{name}" of designs'
+                f"{nearest(name, tables) or ';'} {some}"
+            )
+        return frame_of_parts(tables[name])
+
+    def _tables(self) -> dict[str, list[Any]]:
+        """Return the parts of each table, as files or in memory."""
+        made: dict[str, list[Any]] = {}
+        if self.folder is None:
+            for _, tables in self._parts:
+                for name, rows in tables.items():
+                    made.setdefault(name, []).append(rows)
+            return made
+        for number in range(self.sweep.parts):
+            for path in self.sweep.files_of(self.folder, number)[1:]:
+                made.setdefault(path.parent.name, []).append(path)
+        return made
+
+    def _columns(self) -> Columns:
+        if self.folder is None:
+            parts: Sequence[Columns] = [columns for columns, _ in self._parts]
+            return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+        paths = [self.sweep.path_of(self.folder, k) for k in range(self.sweep.parts)]
+        return columns_of_files(paths)
+
+    def __repr__(self) -> str:
+        space = self.sweep.space
+        where = f", in {self.folder}" if self.folder else ""
+        return (
+            f"SweepResult({self.sweep.mechanism.name}, "
+            f"{counted(space.count, 'design')}{where})"
+        )
+
+
+Workers = Callable[[Sweep, str, Sequence[int]], Iterator[int]]
+"""Computes parts somewhere, and yields the number of each when it is written."""
+
+
+def run_sweep(
+    sweep: Sweep,
+    folder: str | os.PathLike[str] | None = None,
+    workers: int = 1,
+    resume: bool = True,
+    elsewhere: Workers | None = None,
+) -> SweepResult:
+    """Compute all parts of a sweep.
+
+    Parameters
+    ----------
+    sweep
+        The sweep.
+    folder
+        Where parts are written; those that are there already are kept. Without it they
+        stay in memory.
+    workers
+        Processes at work.
+    resume
+        Whether parts of the same sweep that are in the folder may be taken.
+    elsewhere
+        What computes parts on other machines.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds another sweep, is in use, or cannot be written.
+    """
+    working = Working(f"{sweep.mechanism.name}: sweep")
+    if folder is None:
+        parts = []
+        for number in range(sweep.parts):
+            parts.append(sweep.in_memory(number))
+            bytes_now = sum(rows.nbytes for _, made in parts for rows in made.values())
+            _need_memory(sweep, bytes_now, len(parts))
+            working.tell(_how_far(sweep, len(parts)))
+        return SweepResult(sweep, None, len(parts), tuple(parts))
+    place = make_folder(folder)
+    lock = locked(place / LOCK)
+    if isinstance(lock, str):
+        raise OutputError(f"{place}: another sweep is at work in it ({lock})")
+    with lock:
+        there = str(place.resolve())
+        claim(place, as_json(sweep.definition()), resume)
+        files = [sweep.files_of(there, number) for number in range(sweep.parts)]
+        missing = [number for number, paths in enumerate(files) if not paths]
+        size = sum(path.stat().st_size for paths in files for path in paths)
+        done = sweep.parts - len(missing)
+        if elsewhere is not None:
+            finished = elsewhere(sweep, there, missing)
+        elif workers > 1 and len(missing) > 1:
+            finished = _in_processes(sweep, there, missing, workers)
+        else:
+            finished = (sweep.write(there, number) for number in missing)
+        for number in finished:
+            done += 1
+            if sweep.tables:
+                paths = sweep.files_of(there, number)
+                size += sum(path.stat().st_size for path in paths)
+                _need_disk(sweep, place, size, done)
+            working.tell(_how_far(sweep, done))
+    return SweepResult(sweep, place, len(missing))
+
+
+def _need_disk(sweep: Sweep, place: Path, size: int, done: int) -> None:
+    """Raise `OutputError` if the disk has no room for all parts, by those that are done."""
+    wanted, free = size * sweep.parts / done, shutil.disk_usage(place).free
+    if wanted - size > free:
+        raise OutputError(
+            f"{str(place)!r}: the tables of {counted(sweep.space.count, 'design')} will "
+            f"take about {size_text(wanted)}, and the disk has {size_text(free)} left; "
+            "what is written stays; choose another folder, or fewer designs or samples"
+        )
+
+
+def _need_memory(sweep: Sweep, size: int, done: int) -> None:
+    """Raise `DesignError` if memory has no room for the tables of all parts."""
+    wanted, there = size * sweep.parts / done, physical_memory()
+    if there is not None and wanted > there:
+        raise DesignError(
+            f"{sweep.mechanism.name}: the tables of "
+            f"{counted(sweep.space.count, 'design')} take about {size_text(wanted)} of "
+            f"memory, and this machine has {size_text(there)}; give a folder, to which "
+            "they go part by part"
+        )
+
+
+def _how_far(sweep: Sweep, parts: int) -> Callable[[], str]:
+    done = min(parts * sweep.part_size, sweep.space.count)
+    return lambda: f"{done} of {counted(sweep.space.count, 'design')}"
+
+
+_here: dict[str, Sweep] = {}
+
+
+def _begin(sweep: Sweep) -> None:
+    """Keep the sweep of this process."""
+    _here["sweep"] = sweep
+
+
+def _part(folder: str, number: int) -> int:
+    return _here["sweep"].write(folder, number)
+
+
+def _in_processes(
+    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
+) -> Iterator[int]:
+    """Yield parts as processes finish them; those of processes that end are made again.
+
+    Raises
+    ------
+    DesignError
+        If a process ends before any part is made.
+    """
+    left = set(numbers)
+    while left:
+        before = len(left)
+        try:
+            for number in _of_pool(sweep, folder, sorted(left), workers):
+                left.discard(number)
+                yield number
+        except BrokenProcessPool:
+            if len(left) == before:
+                raise DesignError(
+                    f"{sweep.mechanism.name}: the system ended a process of the sweep, "
+                    "perhaps for want of memory; parts that are written stay, and the same "
+                    "command goes on, with --workers 1 in less memory"
+                ) from None
+
+
+def _of_pool(
+    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
+) -> Iterator[int]:
+    count = min(workers, len(numbers))
+    with ProcessPoolExecutor(count, get_context("spawn"), _begin, (sweep,)) as pool:
+        futures = [pool.submit(_part, folder, number) for number in numbers]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
