@@ -5,6 +5,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.design.gradients import FigureGradients
+from spherekit.design.held_modes import SignedMode
 from spherekit.design.sensitivity import Sensitivity
 from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.read import read
@@ -213,8 +214,9 @@ def test_gradients_of_figures_on_wheels_are_those_of_differences(tmp_path):
     found = sk.sweep(written(tmp_path, WHEELS), keys, merit, samples=5)
     gradients = FigureGradients(found.sweep.evaluator)
     place, step = np.array([70.0, 50.0]), 1e-3
-    _, exact, _ = gradients.at(place, [1.0])
+    mode = SignedMode("+")
+    _, exact, _ = gradients.at(place, mode)
     for k, change in enumerate(step * np.eye(2)):
-        ends = [gradients.at(place + sense * change, [1.0])[0] for sense in (1.0, -1.0)]
+        ends = [gradients.at(place + sense * change, mode)[0] for sense in (1.0, -1.0)]
         slope = (ends[0] - ends[1]) / (2.0 * step)
         assert exact[:, k] == pytest.approx(slope, rel=1e-6, abs=1e-9)
