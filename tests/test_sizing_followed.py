@@ -8,6 +8,7 @@ from spherekit.design.file_numbers import EIGHTH
 from spherekit.design.gradients import FigureGradients
 from spherekit.design.held_modes import HeldModes
 from spherekit.errors import DesignError
+from spherekit.files.library import find
 from spherekit.front.size import sizing_of
 
 AXES = {
@@ -140,11 +141,30 @@ SMOOTH = [
         [2, 2],
         {"a": "rms(rate_43_by_21)", "b": "at(theta_74, 14, 23)", "c": "rms(torque_by_61)"},
     ),
+    (
+        "shaped_cam",
+        {
+            "pairs.contact.profiles.cam.cosines.1": [2, 6],
+            "pairs.contact.profiles.cam.sines.2": [0, 2],
+            "links.frame.arc": [55, 65],
+        },
+        13,
+        {
+            "a": "rms(rate_follower_pivot)",
+            "b": "at(theta_follower_pivot, 40)",
+            "c": "mean(acceleration_coefficient_follower_frame)",
+        },
+    ),
 ]
 
 
 @pytest.mark.parametrize("name, vary, samples, figures", SMOOTH)
 def test_gradients_are_those_of_differences(name, vary, samples, figures, tmp_path):
+    check_gradients(tmp_path, name, vary, samples, figures)
+
+
+def check_gradients(tmp_path, name, vary, samples, figures):
+    """Compare figures with a sweep's, and their gradients with differences."""
     path = written(tmp_path / "smooth.toml", name, "a", vary, figures, samples)
     evaluator = sizing_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
@@ -156,7 +176,7 @@ def test_gradients_are_those_of_differences(name, vary, samples, figures, tmp_pa
     for k in whole[:4]:
         figure, slopes, closes = gradients.at(at, modes[k])
         values = [rows.merits[merit.name][k] for merit in evaluator.merits]
-        assert closes == 1.0 and figure == pytest.approx(np.array(values), rel=1e-12)
+        assert closes == 1.0 and figure == pytest.approx(np.array(values), rel=1e-9)
         for place, step in enumerate(np.diag(5e-5 * np.abs(at))):
             difference = sum(
                 weight
@@ -187,12 +207,13 @@ def test_a_mode_ends_where_its_designs_do(tmp_path):
         ]
     )
     assert np.all(np.diff(shares, axis=1) <= 0.0) and np.min(shares) < 0.5
+    here, there = (evaluator.design_at(np.array([x])) for x in (-8.0, 20.0))
     for mode in modes:
-        there = mode.moved(np.radians([20.0]))
+        moved = mode.moved(there)
         assert sum(mode.goes_on_in(other) for other in others) >= 1
-        back = there.places(np.radians([-8.0]), 9)
-        held = np.isfinite(there.values[0])
-        assert back[:, held] == pytest.approx(mode.values[:, held], abs=1e-9)
+        back = moved.places(here, 9)
+        held = np.isfinite(moved.configurations[0])
+        assert back[:, held] == pytest.approx(mode.configurations[:, held], abs=1e-9)
 
 
 def test_several_objectives_need_dyads(tmp_path):
@@ -203,3 +224,74 @@ def test_several_objectives_need_dyads(tmp_path):
     path.write_text(text)
     with pytest.raises(DesignError, match="minimise one, and bound the others"):
         sk.size_of(path, designs=4, starts=1)
+
+
+CAM = "pairs.contact.profiles.cam."
+HARMONICS = {
+    f"{CAM}cosines.1": [2.0, 6.0],
+    f"{CAM}cosines.2": [1.0, 5.0],
+    f"{CAM}sines.2": [-1.0, 3.0],
+}
+OTHER_CAM = [4.9, 1.7, 0.4]
+
+
+def law_of_another(path):
+    """Write the sizing of a cam for the law of another's follower, in its first mode."""
+    points = {f"p{k}": f"at(theta_follower_pivot, {q})" for k, q in enumerate(TURNED)}
+    row = of_design("shaped_cam", HARMONICS, OTHER_CAM, points, 13).iloc[0]
+    wanted = [float(row[name]) for name in points]
+    match = '[match]\nquantity = "theta_follower_pivot"\n'
+    match += f"at = {TURNED.tolist()}\nvalues = {wanted}\n"
+    figures = {"steep": "max(abs(rate_follower_pivot))"}
+    where = ["closes > 0.999", "steep < 1"]
+    return written(path, "shaped_cam", "match", HARMONICS, figures, 13, where, match)
+
+
+def test_a_cam_gets_the_law_of_another(tmp_path):
+    found = sk.size_of(law_of_another(tmp_path / "law.toml"), designs=8, starts=2)
+    assert found.before[0] > 0.1 and found.objectives[0, 0] < 1e-9
+    assert found.values[0] == pytest.approx(OTHER_CAM, abs=1e-8)
+
+
+@pytest.mark.long
+def test_no_random_cams_are_better(tmp_path):
+    sizing = sizing_of(law_of_another(tmp_path / "law.toml"), designs=1024, seed=7)
+    parts = [sizing.rows_of(sizing.sweep.part(k))[1] for k in range(sizing.sweep.parts)]
+    assert np.min(np.concatenate(parts)) > 1e-3
+
+
+def test_rollers_on_other_profiles_are_swept(tmp_path):
+    figures = {"a": "rms(rate_follower_pivot)"}
+    vary = {"pairs.contact.follower.roller": [10.0, 14.0]}
+    path = written(tmp_path / "roller.toml", "shaped_cam", "a", vary, figures, 9)
+    with pytest.raises(DesignError, match="sweep it instead"):
+        sk.size_of(path, designs=4, starts=1)
+
+
+POINTED = """kind = "points"
+points = [[0.0, 58.0], [37.0, 62.0], [85.0, 66.0], [120.0, 68.0], [165.0, 66.0],
+    [200.0, 63.5], [243.0, 61.0], [280.0, 60.0], [325.0, 58.5]]
+"""
+ACTED = """
+[mass.follower]
+tensor = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
+
+[mass.cam]
+tensor = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
+
+[loads.back]
+kind = "spring"
+pair = "follower_pivot"
+stiffness = 3.0
+rest = 20.0
+"""
+
+
+def test_gradients_by_points_of_a_profile_are_those_of_differences(tmp_path):
+    text = find("shaped_cam").read_text()
+    first = text.index('kind = "fourier"')
+    last = text.index("[inputs.cam_shaft]")
+    (tmp_path / "pointed.toml").write_text(text[:first] + POINTED + text[last:] + ACTED)
+    vary = {f"{CAM}points.3.latitude": [66.0, 70.0], f"{CAM}points.6.longitude": [240, 246]}
+    figures = {"a": "rms(rate_follower_pivot)", "b": "rms(torque)", "c": "mean(B)"}
+    check_gradients(tmp_path, "pointed.toml", vary, 13, figures)

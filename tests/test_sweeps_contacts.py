@@ -213,7 +213,8 @@ def test_gradients_of_figures_on_wheels_are_those_of_differences(tmp_path):
     merit = "there=at(rate_56, 100)"
     found = sk.sweep(written(tmp_path, WHEELS), keys, merit, samples=5)
     gradients = FigureGradients(found.sweep.evaluator)
-    place, step, mode = np.array([70.0, 50.0]), 1e-3, SignedMode("+")
+    place, step = np.array([70.0, 50.0]), 1e-3
+    mode = SignedMode("+")
     _, exact, _ = gradients.at(place, mode)
     for k, change in enumerate(step * np.eye(2)):
         ends = [gradients.at(place + sense * change, mode)[0] for sense in (1.0, -1.0)]

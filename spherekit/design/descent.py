@@ -61,8 +61,8 @@ class Descent:
 
     def moved(self, x: Floats, mode: HeldMode) -> HeldMode:
         """Return a mode that is followed from x, where there is a design, from now on."""
-        inputs = self.figures.evaluator.inputs_at(self.low + self.width * x)
-        return mode if inputs is None else mode.moved(inputs[0])
+        design = self.figures.evaluator.design_at(self.low + self.width * x)
+        return mode if design is None else mode.moved(design)
 
     def at(self, x: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
         """Return varied numbers and figures (k,), their gradients by x, what closes."""

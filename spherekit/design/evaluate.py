@@ -1,7 +1,8 @@
 """Figures of merit of designs: by a kernel for all of them at once, or one by one."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import Any, final
 
@@ -24,10 +25,7 @@ from spherekit.design.evaluated import (
 )
 from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers
 from spherekit.design.followed_modes import Modes, followed_modes
-from spherekit.design.profile_numbers import (
-    has_other_profiles,
-    tracks_of,
-)
+from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles, tracks_of
 from spherekit.design.samples import DesignSamples
 from spherekit.design.size_keys import sizes_of
 from spherekit.design.variables import (
@@ -56,7 +54,7 @@ from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 from spherekit.motion.input_grid import InputGrid
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.assembly import plan_assembly
 from spherekit.singular.grashof import class_of, four_bar_links
 from spherekit.sphere.rotation import Floats
@@ -76,6 +74,21 @@ SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
 INERTIAL = ("B", "dB_dq", "torque")
 DEG = np.pi / 180.0
+
+
+@final
+@dataclass(frozen=True)
+class DesignAt:
+    """What kernels have of a design.
+
+    `values` (variables,) in the file's units, `sizes` (k,) in rad and SI with their
+    derivatives `slopes` (k, variables) by the values, and profiles that are handed in.
+    """
+
+    values: Floats
+    sizes: Floats
+    slopes: Floats
+    profiles: ProfileNumbers | None
 
 
 @final
@@ -178,6 +191,8 @@ class Evaluator:
     def terms(self, closed_form: bool | None = None) -> DesignTerms:
         """Return what kernels of all designs are written in."""
         names = [variable.name for variable in self.variables]
+        if self.is_profiled:
+            return self._profiled_terms()
         if self.numbers is None:
             return DesignTerms.of(
                 self.mechanism, self.inputs, names, self._designed, closed_form
@@ -201,6 +216,22 @@ class Evaluator:
             closed_form,
             self.numbers.of_actions,
         )
+
+    def _profiled_terms(self) -> DesignTerms:
+        """Return the terms in which profiles are handed in."""
+        chosen = [self.variables[k] for k in self.sized]
+        return DesignTerms.of(
+            self.mechanism,
+            self.inputs,
+            [variable.name for variable in chosen],
+            lambda numbers: designed_pairs(self.mechanism, chosen, numbers, True),
+            closed_form=False,
+        )
+
+    @cached_property
+    def sized(self) -> list[int]:
+        """Which variables are sizes of the kernel, not numbers of profiles."""
+        return [k for k, v in enumerate(self.variables) if v.slot is not None]
 
     @property
     def _nominal(self) -> Floats:
@@ -238,6 +269,36 @@ class Evaluator:
     def _designed(self, numbers: Mapping[str, Any]) -> TurningPairs:
         return designed_pairs(self.mechanism, self.variables, numbers)
 
+    def design_at(self, values: Floats) -> DesignAt | None:
+        """Return what the kernel has of a design (variables,), None if there is none."""
+        inputs = self.inputs_at(values)
+        if inputs is None:
+            return None
+        profiles = None
+        if self.is_profiled:
+            try:
+                profiles = ProfileNumbers.of_design(self.document, self.variables, values)
+            except SpherekitError:
+                return None
+        return DesignAt(values, *inputs, profiles)
+
+    @cached_property
+    def is_profiled(self) -> bool:
+        """Whether profiles are no circles, and what they are is handed in."""
+        return has_other_profiles(self.mechanism)
+
+    @property
+    def has_gradients(self) -> bool:
+        """Whether the kernel knows how figures change with the variables."""
+        if self.kernel is not None:
+            return True
+        inertial = any(name.split("_by_")[0].startswith(INERTIAL) for name in self.columns)
+        return (
+            self.is_profiled
+            and all(v.slot is not None or "profiles" in v.path for v in self.variables)
+            and not (inertial and self._masses_follow())
+        )
+
     def inputs_at(self, values: Floats) -> tuple[Floats, Floats] | None:
         """Return the kernel's sizes of a design (variables,) and their derivatives.
 
@@ -246,6 +307,8 @@ class Evaluator:
         """
         sizes = self.radians(values[:, None])[:, 0]
         scale = np.diag(self.radians(np.ones((len(values), 1)))[:, 0])
+        if self.is_profiled:
+            return sizes[self.sized], scale[self.sized]
         if self.numbers is None:
             return sizes, scale
         numbers, why = self.numbers.at(values[:, None])
@@ -414,6 +477,17 @@ class Evaluator:
         lattice, place = self._followed_inputs(self.points())
         return followed_modes(*self._paths, sizes, lattice), place
 
+    def traced(self, mechanism: Mechanism) -> tuple[Tracer, Motion, Motion | None]:
+        """Return what traced one design, its motion, and that at the points of figures."""
+        tracer = self._tracer(mechanism)
+        motion, points = tracer.motion(), self.points()
+        if not len(points):
+            return tracer, motion, None
+        if len(self.inputs) == 1:
+            return tracer, motion, tracer.at(points[:, :1])
+        _, place = self._followed_inputs(points)
+        return tracer, motion, tracer.samples(place[len(self.samples.rows) :])
+
     def winding(self, kernel: DesignKernel, count: int) -> Winding:
         """Return what counts turns of so many rows along the samples."""
         along = len(self.samples.shape) == 1
@@ -512,8 +586,7 @@ class Evaluator:
             kernel = design_kernel(terms, self.columns, compiled=False)
             return self._modes(kernel, np.empty((0, 1)))
         rows, points = self.samples.rows, self.points()
-        tracer = self._tracer(mechanism)
-        motion = tracer.motion()
+        tracer, motion, there = self.traced(mechanism)
         profiled = has_other_profiles(mechanism)
         terms = DesignTerms.of(
             mechanism,
@@ -533,13 +606,7 @@ class Evaluator:
             ):
                 closes += closed
                 self._take(reducing, sample, columns, closed, ())
-            if len(points):
-                _, place = self._followed_inputs(points)
-                there = (
-                    tracer.at(points[:, :1])
-                    if len(self.inputs) == 1
-                    else tracer.samples(place[len(rows) :])
-                )
+            if there is not None:
                 for sample, columns, closed in at_variables(
                     kernel, there, points, tracks, winding, beside=True
                 ):

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit
 from spherekit.design.at_samples import Winding
-from spherekit.design.evaluate import Evaluator
+from spherekit.design.evaluate import DesignAt, Evaluator
 from spherekit.design.held_modes import HeldMode
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.derivatives import derivatives
@@ -46,54 +46,64 @@ class FigureGradients:
         figures = np.full(len(merits), np.nan)
         gradients = np.full((len(merits), len(values)), np.nan)
         evaluator = self.evaluator
-        inputs = evaluator.inputs_at(values)
-        if inputs is None:
+        design = evaluator.design_at(values)
+        if design is None:
             return figures, gradients, 0.0
-        sizes, slopes = inputs
         winding = evaluator.winding(self._kernel, 1)
         samples, points = evaluator.samples.rows, evaluator.points()
-        places = mode.places(sizes, len(samples) + len(points))
-        every = self._rows(sizes, places[:, : len(samples)], samples, winding)
+        places = mode.places(design, len(samples) + len(points))
+        every = self._rows(design, places[:, : len(samples)], samples, winding)
         there = every
         if len(points):
             beside = places[:, len(samples) :]
-            there = self._rows(sizes, beside, points, winding, beside=True)
+            there = self._rows(design, beside, points, winding, beside=True)
         for k, merit in enumerate(merits):
             closed, quantities, changes = there if merit.point else every
             if merit.point:
                 there_at = points[:, : len(merit.point)]
                 closed = closed & np.all(there_at == merit.point, axis=1)
             if np.any(closed):
-                figures[k], by_sizes = self._reduced(merit, k, quantities, changes, closed)
-                gradients[k] = by_sizes @ slopes
+                figures[k], by_values = self._reduced(merit, k, quantities, changes, closed)
+                gradients[k] = by_values
         return figures, gradients, float(np.mean(every[0]))
 
     def _rows(
         self,
-        sizes: Floats,
+        design: DesignAt,
         places: Floats,
         samples: Floats,
         winding: Winding,
         beside: bool = False,
     ) -> tuple[NDArray[np.bool_], Floats, Floats]:
-        """Return who closes (n,), quantities (c, n) and derivatives (sizes, c, n)."""
-        kernel, count = self._kernel, len(sizes)
+        """Return who closes (n,), quantities (c, n) and derivatives (values, c, n)."""
+        kernel, count = self._kernel, len(design.sizes)
         turns = np.zeros((len(kernel.turning), 1))
-        fixed = np.concatenate([turns, kernel.prepare(sizes[:, None])])
+        fixed = np.concatenate([turns, kernel.prepare(design.sizes[:, None])])
         fixed = np.repeat(fixed, len(samples), axis=1)
-        rows = np.concatenate([samples.T, places, fixed])
+        whole = np.all(np.isfinite(places), axis=0)
+        placed = [places]
+        if design.profiles is not None:
+            columns = np.full((9 * len(design.profiles.tracks), len(samples)), np.nan)
+            columns[:, whole] = design.profiles.columns(places[:, whole].T)
+            placed.append(columns)
+        rows = np.concatenate([samples.T, *placed, fixed])
         with np.errstate(all="ignore"):
-            first = samples.shape[1] + len(places)
+            first = samples.shape[1] + sum(map(len, placed))
             winding.at(rows[:, :, None], first, samples, beside)
             outputs = kernel.evaluate(rows)
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
-        closed &= np.all(np.isfinite(places), axis=0)
-        columns = len(kernel.columns)
-        whole = np.concatenate([samples.T, outputs[kernel.reaches :]])
-        first = len(self.evaluator.sample)
-        changes = np.zeros((count, first + columns, len(samples)))
-        changes[:, first:] = whole[first + columns :].reshape(count, columns, -1)
-        return closed, whole[: first + columns], changes
+        closed &= whole
+        first, width = len(self.evaluator.sample), len(kernel.columns)
+        made = outputs[kernel.reaches :].reshape(-1, width, len(samples))
+        quantities = np.concatenate([samples.T, made[0]])
+        changes = np.zeros((design.slopes.shape[1], first + width, len(samples)))
+        by_sizes = made[1 : count + 1]
+        changes[:, first:] = np.tensordot(design.slopes.T, by_sizes, 1)
+        if design.profiles is not None:
+            by_columns = made[count + 1 :][:, :, whole]
+            slopes = design.profiles.slopes(places[:, whole].T)
+            changes[:, first:, whole] += np.einsum("kpn,pcn->kcn", slopes, by_columns)
+        return closed, quantities, changes
 
     def _reduced(
         self,

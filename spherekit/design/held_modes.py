@@ -7,10 +7,12 @@ from typing import Protocol, final
 
 import numpy as np
 
-from spherekit.design.evaluate import Evaluator
+from spherekit.design.evaluate import DesignAt, Evaluator
 from spherekit.design.solution_paths import SAME, apart
-from spherekit.design.verified_steps import followed
+from spherekit.design.verified_steps import Profiles, followed
 from spherekit.engine.design_kernel import NewtonKernel, newton_kernel
+from spherekit.errors import SpherekitError
+from spherekit.model.joints import Track
 from spherekit.sphere.rotation import Floats
 
 
@@ -22,15 +24,15 @@ class HeldMode(Protocol):
         """Its name among the modes of the design."""
         ...
 
-    def places(self, sizes: Floats, count: int) -> Floats:
-        """Return the places of the kernel (w, count) for a design with sizes (k,).
+    def places(self, design: DesignAt, count: int) -> Floats:
+        """Return the places of the kernel (w, count) for a design.
 
         NaN where it does not close, or the mode cannot be followed to it.
         """
         ...
 
-    def moved(self, sizes: Floats) -> "HeldMode":
-        """Return the mode, to be followed from the design with sizes (k,) now."""
+    def moved(self, design: DesignAt) -> "HeldMode":
+        """Return the mode, to be followed from this design now."""
         ...
 
     def goes_on_in(self, other: "HeldMode") -> bool:
@@ -45,12 +47,12 @@ class SignedMode:
 
     label: str
 
-    def places(self, sizes: Floats, count: int) -> Floats:
+    def places(self, design: DesignAt, count: int) -> Floats:
         """Return the signs (dyads, count)."""
         signs = np.array([1.0 if letter == "+" else -1.0 for letter in self.label])
         return np.repeat(signs[:, None], count, axis=1)
 
-    def moved(self, sizes: Floats) -> "SignedMode":
+    def moved(self, design: DesignAt) -> "SignedMode":
         """Return the mode, which is the same for all designs."""
         return self
 
@@ -62,32 +64,50 @@ class SignedMode:
 @final
 @dataclass(frozen=True, eq=False)
 class FollowedMode:
-    """The mode of any groups, by the configurations of one design.
+    """The mode of any groups and profiles, by the configurations of one design.
 
-    `values` (variables, count) of the design with `sizes` (k,), NaN where it does not
-    close. At others they follow along the straight way between the sizes, in verified
-    steps: what they are depends on no other design that was tried in between.
+    `configurations` (variables, count) of a `design`, NaN where it does not close. At
+    others they follow along the straight way between the numbers, in verified steps:
+    what they are depends on no other design that was tried in between.
     """
 
     label: str
     newton: NewtonKernel
-    sizes: Floats
-    values: Floats
+    evaluator: Evaluator
+    design: DesignAt
+    configurations: Floats
 
-    def places(self, sizes: Floats, count: int) -> Floats:
-        """Return the variables (w, count) at the design with sizes (k,)."""
-        closes = np.flatnonzero(np.all(np.isfinite(self.values), axis=0))
-        made = np.full(self.values.shape, np.nan)
-        there = np.repeat(sizes[:, None], len(closes), axis=1)
-        away = np.repeat((sizes - self.sizes)[:, None], len(closes), axis=1)
-        values, arrived = followed(self.newton, self.values[:, closes], there, away)
+    def places(self, design: DesignAt, count: int) -> Floats:
+        """Return the variables (w, count) at a design."""
+        closes = np.flatnonzero(np.all(np.isfinite(self.configurations), axis=0))
+        made = np.full(self.configurations.shape, np.nan)
+        there = np.repeat(design.sizes[:, None], len(closes), axis=1)
+        away = there - self.design.sizes[:, None]
+        start = self.configurations[:, closes]
+        tracks = self._profiles_to(design) if design.profiles else None
+        values, arrived = followed(self.newton, start, there, away, tracks)
         made[:, closes[arrived]] = values[:, arrived]
         return made
 
-    def moved(self, sizes: Floats) -> "FollowedMode":
-        """Return the mode with the configurations that the design with sizes (k,) has."""
-        values = self.places(sizes, self.values.shape[1])
-        return FollowedMode(self.label, self.newton, sizes, values)
+    def _profiles_to(self, design: DesignAt) -> Profiles:
+        """Return the profiles on the way to a design."""
+        one, other = self.design.values, design.values
+        made: dict[float, Sequence[Track] | None] = {}
+        for t, end in ((0.0, self.design), (1.0, design)):
+            made[t] = end.profiles.tracks if end.profiles else None
+
+        def tracks(t: float) -> Sequence[Track] | None:
+            if t not in made:
+                between = self.evaluator.design_at(one + t * (other - one))
+                made[t] = between.profiles.tracks if between and between.profiles else None
+            return made[t]
+
+        return tracks
+
+    def moved(self, design: DesignAt) -> "FollowedMode":
+        """Return the mode with the configurations that another design has."""
+        values = self.places(design, self.configurations.shape[1])
+        return FollowedMode(self.label, self.newton, self.evaluator, design, values)
 
     def goes_on_in(self, other: HeldMode) -> bool:
         """Return whether the configurations, followed to another design, are its own.
@@ -96,9 +116,9 @@ class FollowedMode:
         """
         if not isinstance(other, FollowedMode):
             return False
-        values = self.places(other.sizes, self.values.shape[1])
-        both = np.all(np.isfinite(values) & np.isfinite(other.values), axis=0)
-        gaps = apart(values[:, both], other.values[:, both])
+        values = self.places(other.design, self.configurations.shape[1])
+        both = np.all(np.isfinite(values) & np.isfinite(other.configurations), axis=0)
+        gaps = apart(values[:, both], other.configurations[:, both])
         return bool(np.any(both) and np.max(gaps) < SAME)
 
 
@@ -116,12 +136,12 @@ class HeldModes:
     @property
     def are_followed(self) -> bool:
         """Whether modes are followed from design to design, and have no signs."""
-        return self._evaluator.is_followed
+        return self._evaluator.is_followed or self._evaluator.is_profiled
 
     def of(self, designs: Floats, labels: Sequence[str]) -> list[HeldMode | None]:
         """Return the modes with labels (n,) of designs (variables, n), in the file's units.
 
-        None where the configurations of a design are not all known.
+        None where the configurations of a design are not all possible.
         """
         if not self.are_followed:
             return [SignedMode(label) for label in labels]
@@ -135,17 +155,43 @@ class HeldModes:
 
     def every(self, designs: Floats) -> list[list[FollowedMode]]:
         """Return all modes of each design (variables, n), which are followed ones."""
-        evaluator, count = self._evaluator, designs.shape[1]
-        sizes = [evaluator.inputs_at(design) for design in designs.T]
-        there = [k for k in range(count) if sizes[k] is not None]
-        made: list[list[FollowedMode]] = [[] for _ in range(count)]
-        if not there:
+        there = [self._evaluator.design_at(design) for design in designs.T]
+        if self._evaluator.is_profiled:
+            return [self._traced(design) if design else [] for design in there]
+        made: list[list[FollowedMode]] = [[] for _ in there]
+        possible = [k for k, design in enumerate(there) if design is not None]
+        if not possible:
             return made
-        numbers = np.stack([pair[0] for pair in sizes if pair is not None], axis=1)
-        modes, place = evaluator.configurations(numbers)
-        for k, design in enumerate(modes.design.tolist()):
-            mode = FollowedMode(
-                modes.labels[k], self._newton, numbers[:, design], modes.values[:, place, k]
-            )
-            made[there[design]].append(mode)
+        sizes = np.stack([design.sizes for design in there if design is not None], axis=1)
+        modes, place = self._evaluator.configurations(sizes)
+        for k, number in enumerate(modes.design.tolist()):
+            design = there[possible[number]]
+            assert design is not None
+            values = modes.values[:, place, k]
+            made[possible[number]].append(self._held(modes.labels[k], design, values))
         return made
+
+    def _held(self, label: str, design: DesignAt, values: Floats) -> FollowedMode:
+        return FollowedMode(label, self._newton, self._evaluator, design, values)
+
+    def _traced(self, design: DesignAt) -> list[FollowedMode]:
+        """Return all modes of a design with profiles."""
+        assert design.profiles is not None
+        try:
+            tracer, *motions = self._evaluator.traced(design.profiles.mechanism)
+        except SpherekitError:
+            return []
+        modes = tracer.assembly_modes
+        parts = []
+        for motion in motions:
+            if motion is not None and len(modes):
+                values = np.where(motion.failed[:, None], np.nan, motion.values)
+                parts.append(values.reshape(len(modes), -1, values.shape[1]))
+        return [
+            self._held(
+                f"{mode.number} {mode.label}",
+                design,
+                np.concatenate([part[k] for part in parts]).T,
+            )
+            for k, mode in enumerate(modes)
+        ]

@@ -1,6 +1,7 @@
 """What profiles are where contacts touch them, by any number of the file."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import final
@@ -10,6 +11,7 @@ import numpy as np
 from spherekit.design.file_numbers import EIGHTH
 from spherekit.design.variables import DesignVariable, designed
 from spherekit.errors import DesignError, SpherekitError
+from spherekit.files.change import with_numbers
 from spherekit.files.document import Document
 from spherekit.model.geometry import TOUCHING, geometry_of
 from spherekit.model.joints import Track
@@ -51,6 +53,22 @@ class ProfileNumbers:
         self.values = np.array([variable.value for variable in variables])
         self.mechanism = mechanism
         self.tracks = tracks_of(mechanism)
+
+    @staticmethod
+    def of_design(
+        document: Document, variables: Sequence[DesignVariable], values: Floats
+    ) -> "ProfileNumbers":
+        """Return them at other numbers (variables,) of the file.
+
+        Raises
+        ------
+        FileError, ModelError
+            If there is no such mechanism.
+        """
+        numbers = dict(zip([v.path for v in variables], map(float, values), strict=True))
+        there = [replace(variable, value=numbers[variable.path]) for variable in variables]
+        mechanism = designed(document, variables, list(values))
+        return ProfileNumbers(with_numbers(document, numbers), mechanism, there)
 
     def columns(self, values: Floats) -> Floats:
         """Return the columns (9 profiles, n) at pair variables (n, w)."""

@@ -446,4 +446,5 @@ class Sensitivity:
         if self._numbers is not None:
             angles = away[: self._acting_from]
             angles -= TURN * np.round(angles / TURN)  # those of wheels are of any turn
-        return followed(self._newton, start, sizes, away, tracks)
+        profiles = (lambda _: tracks) if tracks else None
+        return followed(self._newton, start, sizes, away, profiles)

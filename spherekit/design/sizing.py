@@ -117,10 +117,12 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     """
     sweep = sizing.sweep
     made = sweep.evaluator
-    if not isinstance(made, Evaluator) or made.kernel is None:
+    if not isinstance(made, Evaluator) or not made.has_gradients:
         raise DesignError(
             f"{sweep.mechanism.name}: sizing follows gradients by numbers that kernels "
-            "have as inputs, and there is no kernel of these designs; sweep it instead"
+            "have as inputs, and there is no kernel of these designs: where profiles are "
+            "no circles, sizes of links and numbers under pairs.PAIR.profiles vary; with "
+            "others, or groups of more than 64 solutions, sweep it instead"
         )
     held = HeldModes(made)
     if held.are_followed and len(sizing.minimise) > 1:

@@ -1,6 +1,6 @@
 """Configurations that follow from one design to another, in steps that do not leap."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -22,13 +22,16 @@ STILL = 1e-9
 CLOSED = 1e-12
 """A configuration whose pairs miss each other by less (rad) is closed."""
 
+Profiles = Callable[[float], Sequence[Track] | None]
+"""The profiles at a part of a way; None if there is no design."""
+
 
 def followed(
     newton: NewtonKernel,
     start: Floats,
     sizes: Floats,
     away: Floats,
-    tracks: Sequence[Track] = (),
+    tracks: Profiles | None = None,
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the variables (v, m) that follow to sizes (k, m), and which get there.
 
@@ -41,7 +44,7 @@ def followed(
     sizes, away
         (k, m) rad and SI, where the ways end, and what that is from where they begin.
     tracks
-        The profiles at the end of the way, where some are handed in.
+        The profiles at parts of the way, from 0 to 1, where some are handed in.
 
     Notes
     -----
@@ -51,15 +54,34 @@ def followed(
     """
     now, m = start.copy(), sizes.shape[1]
     gone, part = np.zeros(m), np.ones(m)
-    side = np.sign(_step(newton, start, newton.prepare(sizes - away), tracks)[-2])
+    first = () if tracks is None else tracks(0.0)
+    if first is None:
+        return now, np.zeros(m, dtype=bool)
+    side = np.sign(_step(newton, start, newton.prepare(sizes - away), first)[-2])
     while len(left := np.flatnonzero((gone < 1.0) & (part >= SHORTEST))):
         ahead = np.minimum(gone[left] + part[left], 1.0)
         there = sizes[:, left] - (1.0 - ahead) * away[:, left]
-        beyond, holds = _stepped(newton, now[:, left], there, side[left], tracks)
-        now[:, left[holds]] = beyond[:, holds]
+        holds = np.zeros(len(left), dtype=bool)
+        for some, profiles in _together(ahead, tracks):
+            rows = left[some]
+            beyond, onward = _stepped(
+                newton, now[:, rows], there[:, some], side[rows], profiles
+            )
+            now[:, rows[onward]] = beyond[:, onward]
+            holds[some] = onward
         gone[left[holds]] = ahead[holds]
         part[left] *= np.where(holds, 2.0, 0.5)
     return now, gone >= 1.0
+
+
+def _together(
+    ahead: Floats, tracks: Profiles | None
+) -> list[tuple[NDArray[np.intp], Sequence[Track]]]:
+    """Return rows at parts (n,) of their ways whose profiles are the same, with these."""
+    if tracks is None:
+        return [(np.arange(len(ahead)), ())]
+    parts = [(np.flatnonzero(ahead == t), tracks(float(t))) for t in np.unique(ahead)]
+    return [(rows, profiles) for rows, profiles in parts if profiles is not None]
 
 
 def _step(
