@@ -9,8 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.merit import Merit, Reducing
-from spherekit.conventions import counted, listing
+from spherekit.analysis.merit import Merit
 from spherekit.design.all_solutions import StartSet, start_set
 from spherekit.design.at_samples import BLOCK, Winding, at_modes, at_variables, in_mode
 from spherekit.design.evaluated import (
@@ -18,7 +17,6 @@ from spherekit.design.evaluated import (
     NEVER,
     NEVER_CLOSES,
     Evaluated,
-    evaluated,
     none,
     refused,
     without,
@@ -28,6 +26,7 @@ from spherekit.design.followed_modes import Modes, followed_modes
 from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles, tracks_of
 from spherekit.design.samples import DesignSamples
 from spherekit.design.size_keys import sizes_of
+from spherekit.design.taken_figures import TakenFigures
 from spherekit.design.variables import (
     ACTIONS,
     DesignVariable,
@@ -44,13 +43,11 @@ from spherekit.engine.design_kernel import (
 )
 from spherekit.engine.hinges import hinged
 from spherekit.engine.path_kernel import PathKernel, path_kernel
-from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
 from spherekit.model.actions import need_tabulated
-from spherekit.model.expression import Expression
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 from spherekit.motion.input_grid import InputGrid
@@ -72,7 +69,6 @@ COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
 
 SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
-INERTIAL = ("B", "dB_dq", "torque")
 DEG = np.pi / 180.0
 
 
@@ -115,46 +111,12 @@ class Evaluator:
         self.variables = tuple(variables)
         self.merits = tuple(merits)
         self.samples = samples
-        names = row_quantities(mechanism.with_inputs(*self.inputs))
-        self._check_places()
-        self.expressions = [merit.parsed(names) for merit in merits]
-        used = sorted(
-            {name for expression in self.expressions for name in expression.names}
-        )
-        self.sample = sample_names(self.inputs)
-        self.columns = [name for name in used if name not in self.sample]
-        if any(name.startswith("torque") for name in self.columns):
+        self.figures = TakenFigures(mechanism, self.merits, samples)
+        if any(name.startswith("torque") for name in self.figures.columns):
             need_tabulated(mechanism, samples.rows[:, -1])
         self._paths: tuple[PathKernel, StartSet] | None = None
         self.numbers: FileNumbers | None = None
         self.kernel = self._kernel()
-
-    def _check_places(self) -> None:
-        """Raise `DesignError` where a figure is at inputs that the mechanism has not."""
-        name, count = self.mechanism.name, len(self.inputs)
-        for merit in self.merits:
-            if merit.point and len(merit.point) != count:
-                raise DesignError(
-                    f"{name}: {merit.name}: at needs {counted(count, 'input')} "
-                    f"({listing(self.inputs)}), not {len(merit.point)}"
-                )
-            if merit.reduction.startswith("arg") and count > 1:
-                if merit.place not in self.inputs:
-                    raise DesignError(
-                        f"{name}: {merit.name}: there are {counted(count, 'input')}: say "
-                        f"whose value is wanted, {merit.reduction}({merit.expression}, "
-                        f"{self.inputs[0]})"
-                    )
-            elif merit.place not in ("", *self.inputs):
-                raise DesignError(
-                    f"{name}: {merit.name}: {merit.place} is not driven; driven are "
-                    f"{listing(self.inputs)}"
-                )
-            if merit.reduction == "swing" and len(self.samples.shape) > 1:
-                raise DesignError(
-                    f"{name}: {merit.name}: swing follows an angle along a path, and the "
-                    "samples are a grid; take the range of a sine or cosine"
-                )
 
     def _kernel(self) -> DesignKernel | None:
         """Return the kernel of all designs, None where they have none."""
@@ -165,8 +127,7 @@ class Evaluator:
                 return None
         elif any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
             return None
-        inertial = any(name.split("_by_")[0].startswith(INERTIAL) for name in self.columns)
-        following = inertial and self._masses_follow()
+        following = self.figures.read_inertia and self._masses_follow()
         acting = any(v.path[0] in ACTIONS for v in self.variables)
         if acting or following or contacts:
             self.numbers = FileNumbers(
@@ -179,14 +140,14 @@ class Evaluator:
             )
         terms = self.terms()
         if terms.closed_form:
-            return design_kernel(terms, self.columns)
+            return design_kernel(terms, self.figures.columns)
         paths = path_kernel(terms)
         start = start_set(paths, self._nominal, *self._every_size())
         if start is None:
             self.numbers = None
             return None
         self._paths = paths, start
-        return design_kernel(terms, self.columns)
+        return design_kernel(terms, self.figures.columns)
 
     def terms(self, closed_form: bool | None = None) -> DesignTerms:
         """Return what kernels of all designs are written in."""
@@ -292,7 +253,7 @@ class Evaluator:
         """Whether the kernel knows how figures change with the variables."""
         if self.kernel is not None:
             return True
-        inertial = any(name.split("_by_")[0].startswith(INERTIAL) for name in self.columns)
+        inertial = self.figures.read_inertia
         return (
             self.is_profiled
             and all(v.slot is not None or "profiles" in v.path for v in self.variables)
@@ -417,21 +378,21 @@ class Evaluator:
         prepared = kernel.prepare(np.ascontiguousarray(sizes))
         parts, closing = [], np.zeros(n, dtype=bool)
         for signs in product((1.0, -1.0), repeat=len(kernel.places)):
-            reducing, winding = self._reducing(n), self.winding(kernel, n)
+            reducing, winding = self.figures.reducing(n), self.winding(kernel, n)
             closes = np.zeros(n)
             with np.errstate(all="ignore"):
                 for sample, columns, closed in in_mode(
                     kernel, prepared, signs, self.samples.rows, winding
                 ):
                     closes += closed
-                    self._take(reducing, sample, columns, closed, ())
+                    self.figures.take(reducing, sample, columns, closed)
                 for sample, columns, closed in in_mode(
-                    kernel, prepared, signs, self.points(), winding, beside=True
+                    kernel, prepared, signs, self.figures.points(), winding, beside=True
                 ):
-                    self._take(reducing, sample, columns, closed, self._point(sample))
+                    self.figures.take(reducing, sample, columns, closed, True)
             label = "".join("+" if sign > 0 else "-" for sign in signs)
             rows = np.flatnonzero(closes > 0)
-            parts.append(self._rows(rows, [label] * n, closes, reducing, COMPLETE))
+            parts.append(self.figures.rows(rows, [label] * n, closes, reducing, COMPLETE))
             closing |= closes > 0
         never = np.flatnonzero(~closing)
         parts.append(without(never, NEVER_CLOSES, NEVER, self.merits, COMPLETE))
@@ -443,26 +404,26 @@ class Evaluator:
         """Return designs (variables, n) in all their modes, and those that got lost."""
         assert self._paths is not None
         _, start = self._paths
-        samples, points = self.samples.rows, self.points()
+        samples, points = self.samples.rows, self.figures.points()
         modes, place = self.configurations(sizes)
         prepared = kernel.prepare(np.ascontiguousarray(sizes[:, modes.design]))
         values = modes.values[:, place]
         count, k = len(modes.design), len(samples)
-        reducing, winding = self._reducing(count), self.winding(kernel, count)
+        reducing, winding = self.figures.reducing(count), self.winding(kernel, count)
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
             for sample, columns, closed in at_modes(
                 kernel, prepared, values, samples, winding
             ):
                 closes += closed
-                self._take(reducing, sample, columns, closed, ())
+                self.figures.take(reducing, sample, columns, closed)
             for sample, columns, closed in at_modes(
                 kernel, prepared, values[:, k:], points, winding, beside=True
             ):
-                self._take(reducing, sample, columns, closed, self._point(sample))
+                self.figures.take(reducing, sample, columns, closed, True)
         rows = np.flatnonzero(closes > 0)
         claim = COMPLETE if start.counted else SAMPLED
-        made = self._rows(rows, modes.labels, closes, reducing, claim)
+        made = self.figures.rows(rows, modes.labels, closes, reducing, claim)
         made = replace(made, design=modes.design[made.design])
         others = np.setdiff1d(np.arange(sizes.shape[1]), [*modes.lost, *made.design])
         nowhere = without(others, NEVER_CLOSES, NEVER, self.merits, claim)
@@ -474,13 +435,13 @@ class Evaluator:
         And where the samples, then the points of figures, are among their inputs.
         """
         assert self._paths is not None
-        lattice, place = self._followed_inputs(self.points())
+        lattice, place = self._followed_inputs(self.figures.points())
         return followed_modes(*self._paths, sizes, lattice), place
 
     def traced(self, mechanism: Mechanism) -> tuple[Tracer, Motion, Motion | None]:
         """Return what traced one design, its motion, and that at the points of figures."""
         tracer = self._tracer(mechanism)
-        motion, points = tracer.motion(), self.points()
+        motion, points = tracer.motion(), self.figures.points()
         if not len(points):
             return tracer, motion, None
         if len(self.inputs) == 1:
@@ -492,29 +453,6 @@ class Evaluator:
         """Return what counts turns of so many rows along the samples."""
         along = len(self.samples.shape) == 1
         return Winding(kernel, count, self.samples.rows[:, : len(self.inputs)], along)
-
-    def _reducing(self, count: int) -> list[Reducing]:
-        returns = self.samples.returns
-        return [Reducing(merit, count, returns) for merit in self.merits]
-
-    def _rows(
-        self,
-        rows: NDArray[np.intp],
-        labels: Sequence[str],
-        closes: Floats,
-        reducing: Sequence[Reducing],
-        claim: str,
-    ) -> Evaluated:
-        results = zip(
-            self.merits, (reduction.result() for reduction in reducing), strict=True
-        )
-        return evaluated(
-            rows,
-            np.array(labels, dtype=object)[rows],
-            closes[rows] / len(self.samples.rows),
-            claim,
-            {merit.name: figures[rows] for merit, figures in results},
-        )
 
     def _followed_inputs(self, points: Floats) -> tuple[InputGrid, NDArray[np.intp]]:
         """Return the inputs to follow modes over, and where samples and points are there.
@@ -539,34 +477,6 @@ class Evaluator:
                 )
         return lattice, np.array(rows)
 
-    def points(self) -> Floats:
-        """Return the samples (n, 3 inputs + 1) that figures at given inputs need."""
-        count = len(self.inputs)
-        points = sorted({merit.point for merit in self.merits if merit.point})
-        q = np.array(points).reshape(-1, count)
-        return DesignSamples.at(self.inputs, q, self.samples.rows[0, :count]).rows
-
-    def _point(self, sample: Floats) -> tuple[float, ...]:
-        return tuple(map(float, sample[: len(self.inputs)]))
-
-    def _take(
-        self,
-        reducing: Sequence[Reducing],
-        sample: Floats,
-        columns: Floats,
-        closed: NDArray[np.bool_],
-        point: tuple[float, ...],
-    ) -> None:
-        quantities: dict[str, Any] = dict(zip(self.columns, columns, strict=True))
-        quantities |= dict(zip(self.sample, sample, strict=True))
-        for merit, expression, reduction in zip(
-            self.merits, self.expressions, reducing, strict=True
-        ):
-            if merit.point == point:
-                values = _value(expression, quantities, len(closed))
-                place = self.inputs.index(merit.place) if merit.place else 0
-                reduction.take(float(sample[place]), np.where(closed, values, np.nan))
-
     # One design after the other.
 
     def _one_by_one(self, values: Floats) -> Evaluated:
@@ -583,9 +493,9 @@ class Evaluator:
         assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
         if assembly.has_closed_form:
             terms = DesignTerms.of(mechanism, self.inputs)
-            kernel = design_kernel(terms, self.columns, compiled=False)
+            kernel = design_kernel(terms, self.figures.columns, compiled=False)
             return self._modes(kernel, np.empty((0, 1)))
-        rows, points = self.samples.rows, self.points()
+        rows, points = self.samples.rows, self.figures.points()
         tracer, motion, there = self.traced(mechanism)
         profiled = has_other_profiles(mechanism)
         terms = DesignTerms.of(
@@ -595,28 +505,29 @@ class Evaluator:
             closed=motion,
         )
         tracks = tracks_of(mechanism) if profiled else ()
-        kernel = design_kernel(terms, self.columns, compiled=False)
+        kernel = design_kernel(terms, self.figures.columns, compiled=False)
         modes = tracer.assembly_modes
         count = len(modes)
-        reducing, winding = self._reducing(count), self.winding(kernel, count)
+        reducing, winding = self.figures.reducing(count), self.winding(kernel, count)
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
             for sample, columns, closed in at_variables(
                 kernel, motion, rows, tracks, winding
             ):
                 closes += closed
-                self._take(reducing, sample, columns, closed, ())
+                self.figures.take(reducing, sample, columns, closed)
             if there is not None:
                 for sample, columns, closed in at_variables(
                     kernel, there, points, tracks, winding, beside=True
                 ):
-                    self._take(reducing, sample, columns, closed, self._point(sample))
+                    self.figures.take(reducing, sample, columns, closed, True)
         claim = tracer.claim.guarantee.value
         if not np.any(closes):
             one = np.zeros(1, dtype=np.int64)
             return without(one, NEVER_CLOSES, NEVER, self.merits, claim)
         labels = [f"{mode.number} {mode.label}" for mode in modes]
-        made = self._rows(np.flatnonzero(closes > 0), labels, closes, reducing, claim)
+        some = np.flatnonzero(closes > 0)
+        made = self.figures.rows(some, labels, closes, reducing, claim)
         return replace(made, design=np.zeros_like(made.design))
 
     def _tracer(self, mechanism: Mechanism) -> Tracer:
@@ -624,11 +535,6 @@ class Evaluator:
         if lattice.is_path:
             return Tracer(mechanism, self.inputs, path=lattice.q)
         return Tracer(mechanism, self.inputs, samples=lattice.shape)
-
-
-def _value(expression: Expression, quantities: Mapping[str, Any], count: int) -> Floats:
-    value = expression.evaluate({name: quantities[name] for name in expression.names})
-    return np.broadcast_to(value, count)
 
 
 def _signed(mechanism: Mechanism, variable: DesignVariable) -> bool:

@@ -30,10 +30,11 @@ class FigureGradients:
     def __init__(self, evaluator: Evaluator) -> None:
         self.evaluator = evaluator
         terms = evaluator.terms()
-        self._kernel = design_kernel(terms, evaluator.columns, gradients=True)
-        names = [*evaluator.sample, *evaluator.columns]
+        self._kernel = design_kernel(terms, evaluator.figures.columns, gradients=True)
+        names = [*evaluator.figures.sample, *evaluator.figures.columns]
         self._functions = [
-            with_derivatives(expression, names) for expression in evaluator.expressions
+            with_derivatives(expression, names)
+            for expression in evaluator.figures.expressions
         ]
 
     def at(self, values: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
@@ -50,7 +51,7 @@ class FigureGradients:
         if design is None:
             return figures, gradients, 0.0
         winding = evaluator.winding(self._kernel, 1)
-        samples, points = evaluator.samples.rows, evaluator.points()
+        samples, points = evaluator.samples.rows, evaluator.figures.points()
         places = mode.places(design, len(samples) + len(points))
         every = self._rows(design, places[:, : len(samples)], samples, winding)
         there = every
@@ -93,7 +94,7 @@ class FigureGradients:
             outputs = kernel.evaluate(rows)
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
         closed &= whole
-        first, width = len(self.evaluator.sample), len(kernel.columns)
+        first, width = len(self.evaluator.figures.sample), len(kernel.columns)
         made = outputs[kernel.reaches :].reshape(-1, width, len(samples))
         quantities = np.concatenate([samples.T, made[0]])
         changes = np.zeros((design.slopes.shape[1], first + width, len(samples)))
