@@ -114,7 +114,8 @@ def test_directions_reverse_within_blocks(name, monkeypatch):
 def test_special_geometry():
     """Four-bars and more that fold flat, at and beside where they do."""
     count = 0
-    for seed in range(12):
+    # At 197 what follows a dyad in line has no place that it could reach from.
+    for seed in (*range(12), 197):
         _, made, inputs = special_mechanism(seed)
         try:
             share = compared(made, same_signs=False, path=inputs)

@@ -29,6 +29,8 @@ from spherekit.sphere.rotation import Floats
 OUT_OF_REACH = -1e-4
 """Squares of triple products below this are those of arcs that do not reach each other,
 whatever their ends are off by."""
+IN_LINE = 1e-16
+"""Squares above this are those of dyads that are placed to 1e-8 rad at least."""
 
 
 @final
@@ -75,9 +77,17 @@ def given_by(q: Floats, signs: Sequence[int], out: Floats) -> Floats:
 
 
 def lost_by(squares: Floats) -> NDArray[np.bool_]:
-    """Return (n,) where squares (dyads, n) say that there surely is no configuration."""
+    """Return (n,) where squares (dyads, n) say that there surely is no configuration.
+
+    In solving order: one that follows a dyad in line says nothing.
+    """
+    lost = np.zeros(squares.shape[1], dtype=bool)
+    placed = ~lost
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.any(squares < OUT_OF_REACH, axis=0))
+        for square in squares:
+            lost |= placed & (square < OUT_OF_REACH)
+            placed &= square > IN_LINE
+    return lost
 
 
 @final
