@@ -77,7 +77,8 @@ class MadeColumns:
         """
         parts = self.kernel.signed_at(self.values[:, rows])[number]
         unit, turn, rate, change = parts[:3], parts[3:6], parts[6], parts[7]
-        v, dv = rate * unit, change * unit + rate * turn
+        with np.errstate(invalid="ignore", over="ignore"):  # of rows found with care
+            v, dv = rate * unit, change * unit + rate * turn
         for careful in self.careful[number : number + 1]:
             at = np.searchsorted(careful.rows, rows)
             here = np.flatnonzero(np.isin(rows, careful.rows))
