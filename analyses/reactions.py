@@ -64,10 +64,17 @@ class ReactionAnalysis(AbstractAnalysis):
                     "moment_x",
                     "N m",
                     "moment of its first link on the second about the centre: about the "
-                    "zero direction, or the tangent of a contact",
+                    "zero direction of an R pair in the second link, with which it turns, "
+                    "or the tangent of a contact",
                 ),
-                Column("moment_y", "N m", "about the direction across, or the normal"),
+                Column("moment_y", "N m", "about the direction across it, or the normal"),
                 Column("moment_z", "N m", "about the axis, or the point of a contact"),
+                Column(
+                    "moment_x_first",
+                    "N m",
+                    "of an R pair: about its zero direction in the first link instead",
+                ),
+                Column("moment_y_first", "N m", "about the direction across that one"),
                 Column("across", "N m", "its part across the axis or the point"),
                 Column(
                     "push",
@@ -84,6 +91,8 @@ class ReactionAnalysis(AbstractAnalysis):
                 ),
                 Column("force_y", "N", "likewise"),
                 Column("force_z", "N", "likewise: of an R pair along the axis"),
+                Column("force_x_first", "N", "along the axes of moment_x_first"),
+                Column("force_y_first", "N", "and moment_y_first"),
                 STATUS,
             ),
         ),
@@ -115,15 +124,19 @@ class ReactionAnalysis(AbstractAnalysis):
         """Return the table of reactions."""
         result = self._found(batch)
         names = [pair.name for pair in batch.mechanism.pairs]
-        moments, forces = (x.reshape(-1, 3) for x in (result.moments, result.forces))
+        both = result.moments, result.forces
+        moments, forces = (x.reshape(-1, 3) for x in both)
+        first, held = (result.in_first(x).reshape(-1, 2) for x in both)
         return {
             "reactions": {
                 **repeated(row_columns(batch, timed=True), names, "pair"),
                 **{f"moment_{axis}": moments[:, k] for k, axis in enumerate("xyz")},
+                **{f"moment_{axis}_first": first[:, k] for k, axis in enumerate("xy")},
                 "across": result.across.ravel(),
                 "push": result.push.ravel(),
                 "traction": result.traction.ravel(),
                 **{f"force_{axis}": forces[:, k] for k, axis in enumerate("xyz")},
+                **{f"force_{axis}_first": held[:, k] for k, axis in enumerate("xy")},
                 "status": result.status.ravel(),
             },
             "bearings": _bearing_rows(batch, result),

@@ -38,16 +38,16 @@ class Reactions:
     """What every pair transmits at n rows of a motion.
 
     `moments` (n, pairs, 3) N m: that of the first link on the second about O, in pair axes,
-    the columns of the pair's frame in ground axes `frames` (n, pairs, 3, 3); its opposite
-    acts on the first link. `forces` (n, pairs, 3) N are those through O likewise, of a
-    contact at its point. Of an R pair z is the axis and its component the torque of
-    loads and drives; of a contact x is the tangent, y the normal to the side of the first
-    body, z the point. Components that constraints leave open are NaN, as are rows that
-    failed; `is_open` and `open_forces` (n, pairs, 3) say which, `lacking` what would
-    determine the forces, `slides` (n, links) which links no pair holds at O, so that no
-    force is. `unbalanced` (n,) N m is the largest moment by which a link misses its
-    equation, `torques` what drives the inputs, `status` (n, pairs) theirs, with LIFT_OFF
-    where a contact would have to pull.
+    the columns of the pair's frame in ground axes `frames` (n, pairs, 3, 3), of an R pair
+    fixed in its second link; its opposite acts on the first link. `forces` (n, pairs, 3) N
+    are those through O likewise, of a contact at its point. Of an R pair z is the axis and
+    its component the torque of loads and drives; of a contact x is the tangent, y the
+    normal to the side of the first body, z the point. Components that constraints leave
+    open are NaN, as are rows that failed; `is_open` and `open_forces` (n, pairs, 3) say
+    which, `lacking` what would determine the forces, `slides` (n, links) which links no
+    pair holds at O, so that no force is. `unbalanced` (n,) N m is the largest moment by
+    which a link misses its equation, `torques` what drives the inputs, `status` (n, pairs)
+    theirs, with LIFT_OFF where a contact would have to pull.
     """
 
     torques: InverseSolution
@@ -109,7 +109,21 @@ class Reactions:
     @property
     def traction(self) -> Floats:
         """(n, pairs) N m: that along the tangent, on the second link, likewise."""
-        return np.where(self.contacts, -self.moments[..., 1], np.nan)
+        return np.where(self.contacts, self.moments[..., 1], np.nan)
+
+    def in_first(self, vectors: Floats) -> Floats:
+        """Return x and y (n, pairs, 2), in the first link, of vectors (n, pairs, 3).
+
+        Of an R pair along the axes that coincide with the pair axes where its variable is
+        zero, but are fixed in its first link; NaN of contacts.
+        """
+        mechanism = self.torques.mechanism
+        turned = np.full(vectors.shape[:2], np.nan)
+        for pair, column in mechanism.angles.items():
+            turned[:, mechanism.pair_number[pair]] = self.torques.values[:, column]
+        cos, sin = np.cos(turned), np.sin(turned)
+        x, y = vectors[..., 0], vectors[..., 1]
+        return np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
 
 
 def reactions(motion: Motion) -> Reactions:

@@ -1,0 +1,198 @@
+"""Columns that the pages relate, on rows that move: each relation, in every table."""
+
+from importlib import resources
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import spherekit as sk
+
+DISTANCE = 0.1
+
+
+def same(got, wanted, rel=1e-12, abs=0.0):
+    np.testing.assert_allclose(
+        np.asarray(got), np.asarray(wanted), rtol=rel if not abs else 0.0, atol=abs
+    )
+
+
+@pytest.fixture(scope="module")
+def gears(tmp_path_factory):
+    """Return the run of a bevel pair that accelerates its wheel."""
+    path = tmp_path_factory.mktemp("gears") / "gears.toml"
+    shipped = resources.files("spherekit_mechanisms") / "bevel_pair.toml"
+    mesh = "teeth = [20, 40]"
+    written = shipped.read_text()
+    assert mesh in written
+    written = written.replace(mesh, f"{mesh}\npressure_angle = 20.0\ndistance = {DISTANCE}")
+    written += (
+        "\n[mass.2]\nmass = 0.2\ncentre = [0.0, 0.0, 0.06]\n"
+        "tensor = [[2e-3, 0.0, 0.0], [0.0, 2e-3, 0.0], [0.0, 0.0, 1e-3]]\n"
+        '\n[loads.of_wheel]\nkind = "bearings"\npair = "02"\npositions = [0.05, 0.12]\n'
+        '\n[loads.brake]\npair = "02"\ntorque = "-0.01*theta_02 - 0.02*dtheta_02"\n'
+    )
+    path.write_text(written)
+    run = sk.run(
+        path,
+        ["reactions", "eksergian", "dynamics"],
+        samples=7,
+        laws={"01": sk.Polynomial((0.3, 0.5, 0.7))},
+        duration=2.0,
+    )
+    assert not run.failures
+    return run
+
+
+@pytest.fixture(scope="module")
+def wrist():
+    """Return the run of a wrist whose inputs both accelerate."""
+    made = sk.load("five_bar").with_loads(
+        sk.PairTorque("spring", "32", "-0.3*theta_32 - 0.1*dtheta_32")
+    )
+    laws = {
+        item.pair: sk.Polynomial((1.0 + 0.2 * k, 0.3 * (-1) ** k, 0.2))
+        for k, item in enumerate(made.inputs)
+    }
+    names = ["dynamics", "poles", "reactions"]
+    run = sk.run(made, names, samples=41, laws=laws, duration=0.4)
+    assert not run.failures
+    return run
+
+
+def wide(frame, value, by):
+    """Return values (samples, keys) of a long table's one assembly mode."""
+    frame = frame[frame["assembly_mode"] == frame["assembly_mode"].min()]
+    return frame.pivot(index="sample", columns=by, values=value)
+
+
+@pytest.mark.parametrize("which", ["gears", "wrist"])
+def test_what_pairs_carry_is_one_wrench_in_all_columns(which, request):
+    run = request.getfixturevalue(which)
+    table, motion = run.frame("reactions"), run.frame("motion")
+    size = table[["moment_x", "moment_y"]].abs().max().max()
+    assert size > 1e-4
+    x, y = table["moment_x"], table["moment_y"]
+    assert np.max(np.abs(np.hypot(x, y) - table["across"])) < 1e-15
+    contacts = table["push"].notna()
+    at = table[contacts]
+    same(at["push"], at["moment_x"], rel=0.0)
+    # F at the point d z has the moment d z x F: (traction, -push) over the distance.
+    same(at["force_x"], at["traction"] / DISTANCE, abs=1e-15)
+    same(at["force_y"], -at["push"] / DISTANCE, abs=1e-15)
+    assert at["moment_x_first"].isna().all()
+    assert len(at) == (7 if which == "gears" else 0)
+    for pair, rows in table[~contacts].groupby("pair"):
+        theta = motion[f"theta_{pair}"].to_numpy()
+        turn = Rotation.from_rotvec(theta[:, None] * [0.0, 0.0, 1.0])
+        moments = rows[["moment_x", "moment_y", "moment_z"]]
+        there = turn.apply(moments.to_numpy().copy())
+        firsts = rows[["moment_x_first", "moment_y_first"]]
+        same(there[:, :2], firsts.to_numpy(), abs=1e-14 * size)
+
+
+def test_tractions_turn_the_wheel(gears):
+    """The tooth's force has the moment about the wheel's shaft that accelerates it."""
+    table, drive = gears.frame("reactions"), gears.frame("eksergian")
+    contact = table[table["pair"] == "12"]
+    shafts = np.radians(75.0)
+    cone = np.arctan2(np.sin(shafts), 20.0 / 40.0 + np.cos(shafts))
+    # 1e-3 kg m2 of the wheel alone; half the input's rates, backwards.
+    speed, acceleration = drive["dq"] / 2.0, drive["ddq"] / 2.0
+    theta = gears.frame("motion")["theta_02"]
+    sense = np.sign(theta.iloc[-1] - theta.iloc[0])
+    needed = 1e-3 * sense * acceleration + 0.01 * theta + 0.02 * sense * speed
+    same(
+        np.abs(contact["traction"]).to_numpy() * np.sin(cone),
+        np.abs(needed).to_numpy(),
+        rel=1e-12,
+    )
+
+
+def test_bearings_carry_couple_and_force(gears):
+    table, bearings = gears.frame("reactions"), gears.frame("reactions", "bearings")
+    shaft = table[table["pair"] == "02"].set_index("sample")
+    for _, rows in bearings.groupby("sample"):
+        places = rows["position"].to_numpy()
+        here = shaft.loc[rows["sample"].iloc[0]]
+        couple = here["across"] / (places[1] - places[0])
+        same(rows["couple"].to_numpy(), [couple] * 2, rel=1e-12)
+        assert np.nansum(rows["radial"]) == 0.0 or np.isfinite(rows["radial"]).all()
+
+
+def test_torque_is_what_inertia_and_loads_ask_for(gears):
+    one, several = gears.frame("eksergian"), gears.frame("dynamics")
+    inertia = one["B"] * one["ddq"] + 0.5 * one["dB_dq"] * one["dq"] ** 2
+    same(one["tau"], inertia - one["Q"], abs=1e-14)
+    assert np.abs(one["Q"]).min() > 1e-4
+    for name in ("tau", "Q"):
+        same(several[name], one[name], rel=1e-13)
+    same(several["power"], one["tau"] * one["dq"], rel=1e-13)
+    same(several["kinetic"], 0.5 * one["B"] * one["dq"] ** 2, rel=1e-13)
+    for name, whole in (("eksergian", one), ("dynamics", several)):
+        parts = wide(gears.frame(name, "loads"), "Q", "load").sum(axis=1)
+        same(parts.to_numpy(), whole["Q"].to_numpy(), rel=1e-13)
+    for value in ("B", "dB_dq"):
+        parts = wide(gears.frame("eksergian", "inertia"), value, "link").sum(axis=1)
+        same(parts.to_numpy(), one[value].to_numpy(), abs=1e-17)
+
+
+def test_energy_grows_by_the_power(wrist):
+    """The derivatives in time are of a polynomial fitted to the rows."""
+    table = wrist.frame("dynamics")
+    table = table[table["assembly_mode"] == table["assembly_mode"].min()]
+    tau, rates = (table[[f"{x}_21", f"{x}_51"]] for x in ("tau", "dq"))
+    same(table["power"], (tau.to_numpy() * rates.to_numpy()).sum(1))
+    supplied = (
+        table["power"]
+        + wide(wrist.frame("dynamics", "loads"), "power", "load").sum(axis=1).to_numpy()
+    )
+    t, kinetic = table["t"].to_numpy(), table["kinetic"].to_numpy()
+    fitted = np.polynomial.Chebyshev.fit(t, kinetic, 14).deriv()(t)
+    same(fitted[3:-3], supplied.to_numpy()[3:-3], abs=1e-9)
+    mass = wrist.frame("dynamics", "inertia")
+    mass = mass[mass["assembly_mode"] == mass["assembly_mode"].min()]
+    twice = np.zeros(len(table))
+    for (row, column), part in mass.groupby(["row", "column"]):
+        factor = 1.0 if row == column else 2.0
+        speeds = rates[f"dq_{row}"].to_numpy() * rates[f"dq_{column}"].to_numpy()
+        twice += factor * part["M"].to_numpy() * speeds
+    same(0.5 * twice, kinetic, rel=1e-12)
+
+
+def test_relative_rotations_add_up_and_change_as_their_columns_say(wrist):
+    """Three links: w_ac = w_ab + w_bc with w the coefficient along the pole."""
+    poles = sk.run("stephenson", samples=721, assembly_mode=0).frame()
+    spun = poles.assign(
+        **{f"w{x}": poles["velocity_coefficient"] * poles[f"u{x}"] for x in "xyz"}
+    )
+    vectors = {
+        key: rows[["wx", "wy", "wz"]].to_numpy()
+        for key, rows in spun.groupby(["link", "relative_to"])
+    }
+    relative = vectors | {(b, a): -w for (a, b), w in vectors.items()}
+    links = sorted({x for key in vectors for x in key})
+    size = max(np.nanmax(np.abs(w)) for w in vectors.values())
+    for a, b, c in combinations(links, 3):
+        off = relative[a, b] + relative[b, c] - relative[a, c]
+        assert np.nanmax(np.abs(off)) < 1e-10 * size
+    for _, rows in spun.groupby(["link", "relative_to"]):
+        u, du = (
+            rows[[f"{p}u{x}{s}" for x in "xyz"]].to_numpy()
+            for p, s in (("", ""), ("d", "_dq"))
+        )
+        assert np.nansum(u**2, axis=1) == pytest.approx(1.0, abs=1e-13)
+        with np.errstate(invalid="ignore"):
+            assert np.nanmax(np.abs(np.sum(u * du, axis=1))) <= 1e-9 * np.nanmax(np.abs(du))
+        # Simpson's rule over a pair of steps: the columns change by their derivatives.
+        h = np.diff(rows["q"].to_numpy())[0]
+        for value, slope in [
+            *((f"u{x}", f"du{x}_dq") for x in "xyz"),
+            ("velocity_coefficient", "acceleration_coefficient"),
+        ]:
+            f, df = rows[value].to_numpy(), rows[slope].to_numpy()
+            grown = h / 3.0 * (df[:-2] + 4.0 * df[1:-1] + df[2:])
+            allowed = 1e-5 * max(1.0, np.nanmax(np.abs(df)))
+            off = np.abs(f[2:] - f[:-2] - grown)
+            assert np.nanmedian(off) < 1e-3 * allowed
