@@ -21,6 +21,7 @@ from spherekit.analysis.tables import (
     TableArrays,
 )
 from spherekit.conventions import Status
+from spherekit.errors import OutputError
 from spherekit.files.atomic import make_folder, writing
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def write_table(
                         parquet = pq.ParquetWriter(
                             streams["parquet"],
                             schema,
-                            compression="zstd",
+                            **PAGES,
                             use_dictionary=texts,
                             use_byte_stream_split=floats,
                         )
@@ -170,6 +171,30 @@ def write_table(
                 parquet.is_open = False  # it would write its end to a closed file later
             raise
     return list(names.values())
+
+
+PAGES: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True}
+"""How pages of Parquet are written."""
+
+
+def _read(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
+    """Return columns of a file, by default all, of which every page is what was written.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be read, or is damaged.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.read_table(path, columns=columns, page_checksum_verification=True)
+    except (OSError, pa.ArrowException) as error:
+        raise OutputError(
+            f"{str(path)!r} is damaged, or no table ({str(error).strip()}); remove it, and "
+            "let the command that wrote it make it again"
+        ) from None
 
 
 def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
@@ -193,15 +218,14 @@ def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, An
     }
     table = pa.table(arrays).replace_schema_metadata({NOTES: json.dumps(notes).encode()})
     with writing(path) as stream:
-        pq.write_table(table, stream, compression="zstd")
+        pq.write_table(table, stream, **PAGES)
 
 
 def columns_of_files(paths: Sequence[Path]) -> dict[str, NDArray[Any]]:
     """Return the columns of files that `write_columns` wrote, one after the other."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    whole = pa.concat_tables([_with_words(pq.read_table(path)) for path in paths])
+    whole = pa.concat_tables([_with_words(_read(path)) for path in paths])
     return {name: whole[name].to_numpy() for name in whole.column_names}
 
 
@@ -265,7 +289,7 @@ class PartTables:
             path = make_folder(self._folder / stem) / self._name
             stream = self._files.enter_context(writing(path))
             schema = self._schemas[stem]
-            self._writers[stem] = pq.ParquetWriter(stream, schema, compression="zstd")
+            self._writers[stem] = pq.ParquetWriter(stream, schema, **PAGES)
         self._writers[stem].write_table(whole)
 
     def finish(self) -> None:
@@ -314,10 +338,9 @@ def frame_of_parts(parts: "Sequence[Path | pa.Table]") -> "pd.DataFrame":
     """Return the rows of `PartTables`, in files or not, with units in `attrs`."""
     import json
 
-    import pyarrow.parquet as pq
 
     whole = _joined(
-        [pq.read_table(part) if isinstance(part, Path) else part for part in parts]
+        [_read(part) if isinstance(part, Path) else part for part in parts]
     )
     frame: pd.DataFrame = whole.to_pandas()
     frame.attrs.update(json.loads(whole.schema.metadata[NOTES]))
@@ -386,9 +409,8 @@ def read_parquet(path: Path) -> "pd.DataFrame":
     """Return a frame written by `write_table`, with its units in `attrs`."""
     import json
 
-    import pyarrow.parquet as pq
 
-    table = pq.read_table(path)
+    table = _read(path)
     frame: pd.DataFrame = table.to_pandas()
     raw = (table.schema.metadata or {}).get(NOTES)
     if raw:
@@ -414,11 +436,10 @@ class ParquetColumns(Mapping[str, NDArray[Any]]):
         return iter(self._columns)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        import pyarrow.parquet as pq
 
         column = self._columns[name]
         header = column.header(self._degrees)
-        series = pq.read_table(self._path, columns=[header]).to_pandas()[header]
+        series = _read(self._path, [header]).to_pandas()[header]
         if column.kind == "status":
             return np.asarray(series.cat.codes)
         if column.kind == "text":

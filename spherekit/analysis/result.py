@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, final, overload
 import numpy as np
 
 from spherekit.analysis.faults import failed
-from spherekit.analysis.folder.journal import SUMMARY, RunFolder
+from spherekit.analysis.folder.journal import MADE, SUMMARY, RunFolder, signed
 from spherekit.analysis.folder.on_disk import OnDisk, packed
 from spherekit.analysis.folder.resource_check import size_text
 from spherekit.analysis.folder.store import AbstractStore, InMemory
@@ -283,7 +283,7 @@ class RunResult:
             for name, result in self.results.items()
             for table in result.tables
         ]
-        with RunFolder.opened(Path(folder)) as place:
+        with RunFolder.opened(folder) as place:
             if place.unfinished:
                 raise OutputError(
                     f"{str(folder)!r}: there is unfinished work of a run; finish it with "
@@ -304,6 +304,18 @@ def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
     rows = zip(*(values[:FIRST_ROWS].tolist() for values in columns), strict=True)
     name = analysis if table.name == analysis else f"{analysis}/{table.name}"
     return html_table(header, rows, f"{name}: {counted(count, 'row')}")
+
+
+def file_names(
+    declared: Mapping[str, Sequence[Table]], formats: Sequence[Format] | None
+) -> list[str]:
+    """Return the names that the files of tables may get."""
+    stems = [
+        stem_of(name, tables, table)
+        for name, tables in declared.items()
+        for table in tables
+    ]
+    return [*(f"{stem}.{kind}" for stem in stems for kind in formats or FILE_SIZE), COLUMNS]
 
 
 def stem_of(analysis: str, tables: Sequence[Table], table: Table) -> str:
@@ -395,7 +407,7 @@ def write_results(
         left_out += '--format both (formats=["csv", "parquet"])'
         summary = {**summary, "remarks": [*summary.get("remarks", ()), left_out]}
     wanted = replace(wanted, formats=formats)
-    made = make_folder(folder.work / "made")
+    made = make_folder(folder.work / MADE)
     names: list[str] = []
     stems: dict[str, Table] = {}
     for analysis, table, rows in tables:
@@ -411,7 +423,7 @@ def write_results(
     write_bytes(made / COLUMNS, columns_text(stems, wanted.degrees))
     names.append(COLUMNS)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
-    written = {**summary, "units": units_of(stems, wanted.degrees), "files": names}
+    written = signed({**summary, "units": units_of(stems, wanted.degrees), "files": names})
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())
     return folder.publish(made, [*names, SUMMARY]), written

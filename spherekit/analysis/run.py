@@ -17,7 +17,7 @@ from spherekit.analysis.folder.unfinished import (
     taken_up,
 )
 from spherekit.analysis.options import Subject, study_of, takes
-from spherekit.analysis.result import RunResult, result_of
+from spherekit.analysis.result import RunResult, file_names, result_of
 from spherekit.analysis.running.block import add_events, evaluate_block
 from spherekit.analysis.running.cost import RECORDING, Timer
 from spherekit.analysis.running.needed import left_out, needed_part
@@ -116,6 +116,8 @@ def executed(
         if execution.accuracy is not None:
             setting = setting_of(place, execution.unfinished, setting)
         job = job_of(course, asked, execution.block, setting, shown)
+        if place is not None:
+            place.claim(file_names(job.tables(), execution.formats))
         standing, store = taken_up(job, place, execution.unfinished, execution.tables)
         ledger.before = standing.seconds
         stage = None

@@ -55,18 +55,42 @@ def claim(place: Path, definition: Mapping[str, Any], resume: bool) -> None:
         If there are parts of another sweep, or parts made by other code.
     """
     path = place / DEFINITION
+    links = [
+        x
+        for x in (path, place / "designs", *place.glob("tables*"), *place.glob("tables/*"))
+        if x.is_symlink()
+    ]
+    if links:
+        raise OutputError(
+            f"{links[0]}: is a link, and sweeps make none; choose another folder, or "
+            "remove it"
+        )
     if not path.exists() and _has_parts(place):
         raise OutputError(
             f"{place}: holds parts of which {DEFINITION} does not say what sweep they are "
             "of; choose another folder, or remove them"
         )
     if path.exists():
-        stored = json.loads(path.read_text(encoding="utf-8"))
+        stored = _stored(path)
         if resume and stored == definition:
             return
         if _has_parts(place):
             raise OutputError(f"{place}: {_why_not(stored, definition)}")
     write_text(path, json.dumps(definition, indent=2) + "\n")
+
+
+def _stored(path: Path) -> Mapping[str, Any]:
+    """Return a definition that a sweep has written; `OutputError` if it is none."""
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        stored = None
+    if not isinstance(stored, dict) or "spherekit" not in stored:
+        raise OutputError(
+            f"{path}: is not, or no longer, the definition of a sweep; choose another "
+            "folder, or move it away"
+        )
+    return stored
 
 
 def _has_parts(place: Path) -> bool:

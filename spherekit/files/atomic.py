@@ -34,6 +34,7 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
         If it cannot be made.
     """
     try:
+        _named(path)
         folder = Path(path)
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -45,8 +46,8 @@ def check_folder(path: str | os.PathLike[str]) -> None:
     """Raise `OutputError` unless a folder is there or can be made; nothing is made."""
     places = (Path(path), *Path(path).parents)
     try:
-        nearest = next(folder for folder in places if folder.exists())
         _named(path)
+        nearest = next(folder for folder in places if folder.exists())
     except (OSError, ValueError) as error:
         raise refused(path, "made", error) from None
     if not nearest.is_dir():
@@ -75,7 +76,9 @@ def check_file(path: str | os.PathLike[str]) -> None:
 
 
 def _named(path: str | os.PathLike[str]) -> None:
-    """Raise `ValueError` if no file can have a name."""
+    """Raise `ValueError` if no file can have a name, or none was given."""
+    if not os.fspath(path).strip():
+        raise ValueError("the name is empty (an unset variable?)")
     if "\0" in os.fspath(path):
         raise ValueError("a null character is in the name")
 
@@ -126,6 +129,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """
     temporary: Path | None = None
     try:
+        _named(path)
         target = Path(path).resolve()
         _replaceable(target)
         mark = os.urandom(4).hex()

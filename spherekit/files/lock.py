@@ -10,6 +10,7 @@ from pathlib import Path
 from filelock import BaseFileLock as BaseFileLock
 from filelock import FileLock, Timeout, lock_descriptor
 
+from spherekit.errors import OutputError
 from spherekit.files.atomic import refused
 
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
@@ -27,8 +28,14 @@ def locked(path: Path) -> BaseFileLock | str:
     Raises
     ------
     OutputError
-        If the file cannot be made, or the disk knows no locks.
+        If the file cannot be made, is one that no lock has made, or the disk knows no
+        locks.
     """
+    if path.is_symlink() or (path.exists() and not _is_lock(path)):
+        raise OutputError(
+            f"{str(path)!r} is not the lock of spherekit that belongs there; choose "
+            "another folder, or move it away"
+        )
     lock = FileLock(path, 0.1, fallback_to_soft=False, on_acquired=_sign)
     for _ in range(TRIES):
         try:
@@ -57,6 +64,14 @@ def _sign(handle: int) -> None:
         os.ftruncate(handle, 0)
         os.lseek(handle, 0, os.SEEK_SET)
         os.write(handle, text.encode())
+
+
+def _is_lock(path: Path) -> bool:
+    """Return whether what is there is a lock: empty, or signed."""
+    try:
+        return path.is_file() and path.read_bytes()[:8] in (b"", b"process ")
+    except OSError:  # Windows lends no locked file
+        return True
 
 
 def _holder(path: Path) -> str:

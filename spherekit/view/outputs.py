@@ -69,6 +69,8 @@ class FileOutput(AbstractOutput):
     def open(self) -> None:
         """Start the part file beside the file."""
         check_place(self.path)
+        if self.part.is_symlink():
+            raise OutputError(f"{self.part}: is a link, and is left alone; remove it first")
         try:
             self._file = PipedFile(self.stream, self.part)
         except OSError as error:

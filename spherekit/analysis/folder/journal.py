@@ -2,9 +2,11 @@
 
 What is unfinished lies in a hidden folder within it. The journal says what of that counts,
 so that a run that was stopped at any moment, by whatever, can go on. Results appear in
-the folder together at the end, the summary last.
+the folder together at the end, the summary last. Its signature says that a run wrote what
+it lists: nothing else is replaced or removed, and nothing behind a link.
 """
 
+import fnmatch
 import hashlib
 import json
 import os
@@ -23,7 +25,13 @@ from spherekit.files.lock import BaseFileLock, locked
 WORK = ".spherekit-run"
 JOURNAL = "journal.json"
 LOCK = "lock"
+MADE = "made"
+PUBLISHED = "published.json"
 SUMMARY = "summary.json"
+SIGNATURE = "signature"
+
+OWN = (LOCK, JOURNAL, MADE, PUBLISHED, "*.rows", ".*.part")
+"""What a run makes in the hidden folder."""
 
 EVERY = 2.0
 """Seconds of work that may be lost: a journal is written after a block when so many
@@ -46,15 +54,17 @@ class RunFolder:
 
     @classmethod
     @contextmanager
-    def opened(cls, path: Path) -> "Iterator[RunFolder]":
+    def opened(cls, place: str | os.PathLike[str]) -> "Iterator[RunFolder]":
         """Make and lock a folder; leave in it no more than results, or work to go on with.
 
         Raises
         ------
         OutputError
-            If it cannot be written, or another program writes there.
+            If it cannot be written, another program writes there, or it has a summary or a
+            hidden folder that no run has made.
         """
-        make_folder(path)
+        path = make_folder(place)
+        _check_work(path / WORK)
         lock = locked(path / WORK / LOCK)
         if isinstance(lock, str):
             raise OutputError(
@@ -63,6 +73,7 @@ class RunFolder:
             )
         folder = cls(path, lock)
         try:
+            folder.claim([SUMMARY])
             yield folder
         finally:
             folder._leave()
@@ -85,16 +96,16 @@ class RunFolder:
             state = content["state"]
             whole = content["sha256"] == _digest(state)
         except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-            raise self.damaged(f"it does not read: {error}") from None
+            raise self.damaged(f"the journal does not read: {error}") from None
         if not whole or not isinstance(state, dict):
-            raise self.damaged("its checksum is wrong")
+            raise self.damaged("the checksum of the journal is wrong")
         return state
 
     def damaged(self, why: str) -> OutputError:
         """Return the error that says that the unfinished work cannot be used."""
         return OutputError(
-            f"{str(self.path)!r}: the unfinished run there cannot go on, since its journal "
-            f'is damaged ({why}); begin again with --restart (unfinished="discard")'
+            f"{str(self.path)!r}: the unfinished run there cannot go on, since what it has "
+            f'kept is damaged ({why}); begin again with --restart (unfinished="discard")'
         )
 
     def write(self, state: Mapping[str, Any]) -> None:
@@ -113,9 +124,28 @@ class RunFolder:
         with suppress(OSError):
             self._journal.unlink(missing_ok=True)
         for path in self.work.iterdir():
-            if path.name != LOCK:
+            if path.name not in (LOCK, PUBLISHED):
                 with suppress(OSError):
                     shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    def claim(self, names: Iterable[str]) -> None:
+        """Raise `OutputError` if results of these names would replace what no run made."""
+        owned = self._owned()
+        others = [x for x in names if x not in owned and os.path.lexists(self.path / x)]
+        if others:
+            raise OutputError(
+                f"{str(self.path)!r}: {listing(others, 4)} there would be replaced, and "
+                "no run has made that, by what is known; choose another folder, or move it "
+                "away"
+            )
+
+    def _owned(self) -> set[str]:
+        """Return the names of results that runs have made here."""
+        try:
+            moved = json.loads((self.work / PUBLISHED).read_bytes())
+        except (OSError, ValueError, RecursionError):
+            moved = []
+        return {*moved, *_listed(self.path / SUMMARY)}
 
     def publish(self, made: Path, names: Iterable[str]) -> list[Path]:
         """Move finished files from a folder in the work folder to where they belong.
@@ -126,17 +156,20 @@ class RunFolder:
         Raises
         ------
         OutputError
-            If a file cannot be moved.
+            If a file cannot be moved, or would replace what no run has made.
         """
         names = list(names)
+        self.claim(names)
+        older, moved = self._owned(), self.work / PUBLISHED
+        write_bytes(moved, json.dumps(sorted(older.union(names))).encode())
         target = self.path / SUMMARY
         try:
-            older = _listed(target)
             target.unlink(missing_ok=True)
-            for name in set(older) - set(names):
+            for name in older - set(names):
                 (self.path / name).unlink(missing_ok=True)
             for name in [*(name for name in names if name != SUMMARY), SUMMARY]:
                 (made / name).replace(self.path / name)
+            moved.unlink()
         except OSError as error:
             raise refused(self.path, "written", error) from None
         return [self.path / name for name in names]
@@ -178,10 +211,39 @@ def _digest(state: object) -> str:
     return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
 
 
+def signed(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a summary with the signature that says that a run wrote it."""
+    plain = json.loads(json.dumps(summary))
+    return {**summary, SIGNATURE: _digest(plain)}
+
+
 def _listed(summary: Path) -> list[str]:
-    """Return the files that the summary of a finished run lists, names only."""
+    """Return the summary that a run has signed and the files that it lists, or nothing."""
     try:
-        listed = json.loads(summary.read_bytes())["files"]
-        return [name for name in listed if os.path.basename(name) == name]  # noqa: PTH119
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        content = json.loads(summary.read_bytes())
+        if content.pop(SIGNATURE) != _digest(content):
+            return []
+        return [SUMMARY, *(name for name in content["files"] if Path(name).name == name)]
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return []
+
+
+def _check_work(work: Path) -> None:
+    """Raise `OutputError` if the hidden folder is not one that runs have made."""
+    why = ""
+    if work.is_symlink():
+        why = "is a link"
+    elif work.is_dir():
+        others = [
+            path.name
+            for path in work.iterdir()
+            if path.is_symlink() or not any(fnmatch.fnmatchcase(path.name, x) for x in OWN)
+        ]
+        why = f"holds {listing(others, 4)}" if others else ""
+    elif os.path.lexists(work):
+        why = "is no folder"
+    if why:
+        raise OutputError(
+            f"{str(work)!r} {why}, and runs make no such thing: it stays as it is; choose "
+            "another folder for the results, or move it away"
+        )

@@ -4,6 +4,7 @@ import itertools
 import math
 import os
 import shutil
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, final
@@ -32,8 +33,8 @@ from spherekit.files.atomic import refused
 class OnDisk(AbstractStore):
     """Appends the blocks to files of packed rows, one for each table and assembly mode.
 
-    Memory does not grow with the rows. `state` says how many rows count; what files hold
-    beyond them is overwritten.
+    Memory does not grow with the rows. `state` says how many rows count, and their
+    checksum; what files hold beyond them is overwritten.
     """
 
     def __init__(self, folder: Path, split: bool, state: Mapping[str, Any]) -> None:
@@ -43,9 +44,9 @@ class OnDisk(AbstractStore):
         """
         self.folder = folder
         self._split = split
-        self._rows: dict[tuple[str, str, int], int] = {
-            (analysis, table, assembly_mode): rows
-            for analysis, table, assembly_mode, rows in state.get("rows", ())
+        self._rows: dict[tuple[str, str, int], tuple[int, int]] = {
+            (analysis, table, assembly_mode): (rows, checksum)
+            for analysis, table, assembly_mode, rows, checksum in state.get("rows", ())
         }
         self._words: dict[tuple[str, str, str], dict[str, int]] = {
             (analysis, table, column): {word: code for code, word in enumerate(words)}
@@ -61,7 +62,7 @@ class OnDisk(AbstractStore):
     def state(self) -> dict[str, Any]:
         """Return what counts of the files, ready for JSON."""
         return {
-            "rows": [[*key, rows] for key, rows in self._rows.items()],
+            "rows": [[*key, *counted] for key, counted in self._rows.items()],
             "words": [[*key, list(words)] for key, words in self._words.items()],
         }
 
@@ -100,7 +101,8 @@ class OnDisk(AbstractStore):
         self, analysis: str, table: Table, assembly_mode: int, rows: NDArray[np.void]
     ) -> None:
         key = analysis, table.name, assembly_mode
-        done = self._rows.get(key, 0)
+        done, checksum = self._rows.get(key, (0, 0))
+        data = rows.view(np.uint8).data
         path = self._path(*key)
         try:
             handle = os.open(
@@ -108,10 +110,10 @@ class OnDisk(AbstractStore):
             )
             with open(handle, "r+b") as stream:  # noqa: PTH123 (an open descriptor)
                 stream.seek(done * rows.dtype.itemsize)
-                stream.write(rows.view(np.uint8).data)
+                stream.write(data)
         except OSError as error:
             raise refused(path, "written", error) from None
-        self._rows[key] = done + len(rows)
+        self._rows[key] = done + len(rows), zlib.crc32(data, checksum)
         self._changed.add(path)
 
     def settle(self) -> None:
@@ -130,9 +132,9 @@ class OnDisk(AbstractStore):
             b for a, t, b in self._rows if (a, t) == (analysis, table.name)
         )
         parts = [
-            (self._path(analysis, table.name, assembly_mode), rows)
+            (self._path(analysis, table.name, assembly_mode), *counted)
             for assembly_mode in assembly_modes
-            if (rows := self._rows[analysis, table.name, assembly_mode])
+            if (counted := self._rows[analysis, table.name, assembly_mode])[0]
         ]
         texts = [column.name for column in table.columns if column.kind == "text"]
         words = {
@@ -141,13 +143,10 @@ class OnDisk(AbstractStore):
         return RowsOnDisk(table, parts, words)
 
     def check(self, tables: Iterable[tuple[str, Table]]) -> None:
-        """Raise `OutputError` if a file is gone, or shorter than the rows that count."""
-        types = {(analysis, table.name): packed(table) for analysis, table in tables}
-        for (analysis, name, assembly_mode), rows in self._rows.items():
-            path = self._path(analysis, name, assembly_mode)
-            size = path.stat().st_size if path.is_file() else 0
-            if size < rows * types[analysis, name].itemsize:
-                raise OutputError(f"{path.name} has lost rows")
+        """Raise `OutputError` if rows that count are gone from a file, or have changed."""
+        for analysis, table in tables:
+            for _ in self.table(analysis, table).pieces():
+                pass
 
     @property
     def size(self) -> int:
@@ -165,16 +164,16 @@ class OnDisk(AbstractStore):
 
 @final
 class RowsOnDisk(AbstractRows):
-    """The rows of successive files, each with so many rows that count."""
+    """The rows of successive files, each with so many that count, and their checksum."""
 
     def __init__(
         self,
         table: Table,
-        parts: list[tuple[Path, int]],
+        parts: list[tuple[Path, int, int]],
         words: Mapping[str, list[str]],
     ) -> None:
         self._type, self._parts = packed(table), parts
-        self.count = sum(rows for _, rows in parts)
+        self.count = sum(rows for _, rows, _ in parts)
         self.words = {name: sorted(texts) for name, texts in words.items()}
         # Words were numbered as they came.
         self._places = {
@@ -185,20 +184,38 @@ class RowsOnDisk(AbstractRows):
     def chunks(self) -> Iterator[TableArrays]:
         """Yield pieces of the files, which may go on from one file into the next."""
         held: list[NDArray[np.void]] = []
-        count = 0
-        for path, rows in self._parts:
-            with path.open("rb") as stream:
-                while rows:
-                    piece = np.fromfile(stream, self._type, min(rows, CHUNK - count))
-                    if not len(piece):
-                        raise OutputError(f"{path} has lost rows while it was read")
-                    held.append(piece)
-                    rows, count = rows - len(piece), count + len(piece)
-                    if count == CHUNK:
-                        yield self._columns(held)
-                        held, count = [], 0
+        for piece in self.pieces():
+            held.append(piece)
+            if sum(map(len, held)) == CHUNK:
+                yield self._columns(held)
+                held = []
         if held or not self._parts:
             yield self._columns(held or [np.empty(0, dtype=self._type)])
+
+    def pieces(self) -> Iterator[NDArray[np.void]]:
+        """Yield the rows as they are in the files, `CHUNK` together at most.
+
+        Raises
+        ------
+        OutputError
+            If rows are gone, or not those that were written.
+        """
+        count = 0
+        for path, rows, checksum in self._parts:
+            summed = 0
+            try:
+                with path.open("rb") as stream:
+                    while rows:
+                        piece = np.fromfile(stream, self._type, min(rows, CHUNK - count))
+                        if not len(piece):
+                            raise OutputError(f"{path.name} has lost rows")
+                        summed = zlib.crc32(piece.view(np.uint8).data, summed)
+                        rows, count = rows - len(piece), (count + len(piece)) % CHUNK
+                        yield piece
+            except OSError as error:
+                raise refused(path, "read", error) from None
+            if summed != checksum:
+                raise OutputError(f"rows in {path.name} are not those that were written")
 
     def _columns(self, pieces: list[NDArray[np.void]]) -> TableArrays:
         count = sum(len(piece) for piece in pieces)

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 from spherekit.analysis.folder.journal import RunFolder, Unfinished, differences
@@ -24,7 +23,7 @@ def opened(folder: str | os.PathLike[str] | None) -> Iterator[RunFolder | None]:
     if folder is None:
         yield None
         return
-    with RunFolder.opened(Path(folder)) as place:
+    with RunFolder.opened(folder) as place:
         yield place
 
 
