@@ -29,6 +29,7 @@ from spherekit.plugin.dynamics import (
     InverseSolution,
     need_terms,
     needed_torques,
+    of_parts,
     used_pairs,
 )
 
@@ -136,13 +137,13 @@ class Dynamics(AbstractAnalysis):
                 "column": np.tile(np.array(inputs, dtype=str)[columns], len(batch)),
                 "M": solution.M[:, rows, columns].ravel(),
                 **input_columns(mechanism, slopes.reshape(-1, m), "dM"),
-                "status": np.repeat(solution.status, len(rows)),
+                "status": of_parts(solution.M[:, rows, columns], solution.status).ravel(),
             },
             "loads": {
                 **repeated(timed, loads, "load"),
                 **input_columns(mechanism, forces.reshape(-1, m), "Q"),
                 "power": solution.power.ravel(),
-                "status": np.repeat(solution.status, len(loads)),
+                "status": of_parts(solution.power, solution.status).ravel(),
             },
         }
 

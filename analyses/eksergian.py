@@ -36,8 +36,10 @@ from spherekit.plugin.dynamics import (
     Loads,
     driving_torques,
     inertia,
+    judged,
     need_terms,
     needed_torques,
+    of_parts,
     total,
     used_links,
     used_pairs,
@@ -54,15 +56,16 @@ USABLE_RATES = 1e-6
 class Torque:
     """The inverse problem at n rows: inertia, loads and the torque `tau` (n,), N m.
 
-    `status` (n,) is the motion's, with NOT_CONVERGED where bearings lock, OVERFLOW where
-    the torque is not finite, and ILL_CONDITIONED where the rates of links are not known
-    well enough.
+    `rate_status` (n,) is the motion's, with ILL_CONDITIONED where the rates of links are
+    not known well enough; `status` also has NOT_CONVERGED where bearings lock, and
+    OVERFLOW where the torque is not finite.
     """
 
     inertia: Inertia
     forces: Floats
     tau: Floats
     status: NDArray[np.int8]
+    rate_status: NDArray[np.int8]
 
 
 @final
@@ -180,8 +183,8 @@ class Eksergian(AbstractAnalysis):
                 **timed,
                 "dq": batch.dq,
                 "ddq": batch.ddq,
-                "B": total(torque.inertia.B_parts, torque.status),
-                "dB_dq": total(torque.inertia.dB_parts, torque.status),
+                "B": total(torque.inertia.B_parts, torque.rate_status),
+                "dB_dq": total(torque.inertia.dB_parts, torque.rate_status),
                 "Q": total(torque.forces, torque.status),
                 "tau": torque.tau,
                 "residual": batch.residual,
@@ -191,13 +194,13 @@ class Eksergian(AbstractAnalysis):
                 **repeated(row_columns(batch), links, "link"),
                 "B": torque.inertia.B_parts.ravel(),
                 "dB_dq": torque.inertia.dB_parts.ravel(),
-                "status": np.repeat(torque.status, len(links)),
+                "status": of_parts(torque.inertia.B_parts, torque.status).ravel(),
             },
             "loads": {
                 **repeated(timed, loads, "load"),
                 "Q": torque.forces.ravel(),
                 "power": (torque.forces * batch.dq[:, None]).ravel(),
-                "status": np.repeat(torque.status, len(loads)),
+                "status": of_parts(torque.forces, torque.status).ravel(),
             },
         }
 
@@ -218,22 +221,16 @@ class Eksergian(AbstractAnalysis):
                 carried, locked = rubbed.carried, rubbed.status == Status.NOT_CONVERGED
             per_load = loads.parts(motion, rates, batch.t, carried)
             Q = np.sum(per_load, axis=2)
-            tau = driving_torques(masses.M, masses.dM, Q, rates, faster)[:, 0]
-            forces = per_load[:, 0]
-            power = forces * batch.dq[:, None]
-        status = batch.status.copy()
-        status[(status == Status.OK) & locked] = Status.NOT_CONVERGED
-        finite = np.isfinite(tau) & np.all(np.isfinite(power), axis=1)
-        status[(status == Status.OK) & ~finite] = Status.OVERFLOW
+            torques = driving_torques(masses.M, masses.dM, Q, rates, faster)
+        known = batch.status.copy()
         lost = ~(batch.rates_loss() < USABLE_RATES)
-        status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
-        failed = status != Status.OK
-        for array in (masses.B_parts, masses.dB_parts, forces, tau):
-            array[failed] = np.nan
+        known[(known == Status.OK) & lost] = Status.ILL_CONDITIONED
+        status = judged(known, masses, per_load, torques, rates, locked)
+        tau = torques[:, 0]
         if self.at:
             with np.errstate(divide="ignore", invalid="ignore"):
                 tau = tau / batch.pair_rate(self.at)
-        return Torque(masses, forces, tau, status)
+        return Torque(masses, per_load[:, 0], tau, status, known)
 
     def findings(self, batch: Batch) -> Findings:
         """Return the worst conditioning behind the results, and where that is."""

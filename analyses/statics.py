@@ -151,7 +151,7 @@ class Statics(AbstractAnalysis):
                 **repeated(common, list(outputs), "output"),
                 **input_columns(mechanism, advantages, "advantage"),
                 **principal,
-                "status": np.repeat(solution.status, len(outputs)),
+                "status": np.repeat(solution.rate_status, len(outputs)),
             },
         }
 

@@ -76,9 +76,19 @@ def test_every_function_is_evaluated():
 
 
 def test_outside_the_domain_is_nan_and_overflow_is_infinite():
-    assert np.isnan(parse("sqrt(0-1)", ()).evaluate({}))
-    assert np.isposinf(parse("9**9**9", ()).evaluate({}))
-    assert np.isposinf(parse("1/0", ()).evaluate({}))
+    assert np.isnan(parse("sqrt(t)", ["t"]).evaluate({"t": -1.0}))
+    assert np.isposinf(parse("9**9**t", ["t"]).evaluate({"t": 9.0}))
+    assert np.isposinf(parse("1/t", ["t"]).evaluate({"t": 0.0}))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["1/0", "0/0", "t/(1-1)", "log(0)", "sqrt(-1)", "t + 0*(1e200*1e200)", "-(2**2000)"]
+    + ["(-1)**0.5", "asin(2)", "min(1, 0/0)", "sin(1/0)"],
+)
+def test_constants_that_are_no_finite_number_are_refused(text):
+    with pytest.raises(ModelError, match="column .*; constants have to be finite"):
+        parse(text, ["t"])
 
 
 def test_missing_values_are_named():

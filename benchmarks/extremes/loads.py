@@ -94,7 +94,7 @@ def loads_that_overflow(powers: Sequence[float]) -> Iterator[Row]:
     The error is 0 where the torque is finite and infinite where it is not.
     """
     for power in powers:
-        made = loaded(*[f"4*{10.0**power!r}*cos(theta_41)"] * 4)
+        made = loaded(*[f"4*cos(theta_41)*{10.0**power!r}"] * 4)
         frame = sk.run(made, "eksergian", samples=5).frame()
         row: Any
         for row in frame.itertuples():

@@ -231,6 +231,7 @@ def execute(options: argparse.Namespace) -> int:
     if result.failures:
         return FAILED_ANALYSIS
     failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
+    failed |= {name for item in result.summary["analyses"] for name in item["failed_rows"]}
     failed |= {"proof"} if exceeded else set()
     failed |= set(result.summary.get("verified", {}).get("beyond", ()))
     if not result.summary.get("accuracy", {"met": True})["met"]:

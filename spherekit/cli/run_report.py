@@ -43,6 +43,14 @@ def report(summary: Any) -> str:
     if lacking:
         counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
         lines.append(f"  of {sum(summary['pole_status'].values())} pole axes: {counts}")
+    for analysis in summary["analyses"]:
+        for table, statuses in analysis["failed_rows"].items():
+            counts = ", ".join(f"{n} {name}" for name, n in statuses.items())
+            failed = sum(statuses.values())
+            lines.append(
+                f"  {analysis['name']}: {counted(failed, 'row')} of table {table} failed: "
+                f"{counts}"
+            )
     for name, meaning in summary["status_meaning"].items():
         if name != "OK":
             lines.append(f"  {name}: {meaning}")

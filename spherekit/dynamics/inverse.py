@@ -11,7 +11,7 @@ from spherekit.checked import checked
 from spherekit.conventions import SINGULAR_RATIO, Status, counted, listing
 from spherekit.dynamics.equation import driving_torques
 from spherekit.dynamics.forces import Loads
-from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.inertia import Inertia, inertia
 from spherekit.dynamics.input_motion import InputMotion, single
 from spherekit.dynamics.kinematics import CoordinateMotion, by_variables, determined
 from spherekit.dynamics.rubbing import Rubbed, rubbed
@@ -41,6 +41,40 @@ def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
     return np.where(status == Status.OK, np.sum(parts, axis=1), np.nan)
 
 
+def of_parts(parts: Floats, status: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Return (n, k) why parts (n, k) of rows with a status (n,) are NaN, else OK."""
+    return np.where(np.isfinite(parts), np.int8(Status.OK), status[:, None])
+
+
+def judged(
+    status: NDArray[np.int8],
+    masses: Inertia,
+    forces: Floats,
+    torques: Floats,
+    rates: Floats,
+    locked: NDArray[np.bool_],
+) -> NDArray[np.int8]:
+    """Return the status (n,) of torques (n, m), and blank what is not known.
+
+    `status` is that of the rates, on which inertia depends: that stays where a load of
+    `forces` (n, m, loads) is no number, or bearings are `locked`, and so do other loads.
+    """
+    known, status = status == Status.OK, status.copy()
+    status[known & locked] = Status.NOT_CONVERGED
+    with np.errstate(over="ignore", invalid="ignore"):
+        finite = np.isfinite(np.einsum("ni,nil->nl", rates, forces))
+    finite &= np.all(np.isfinite(forces), axis=1)
+    lost = ~np.all(np.isfinite(torques), axis=1) | ~np.all(finite, axis=1)
+    status[(status == Status.OK) & lost] = Status.OVERFLOW
+    for parts in (masses.M_parts, masses.dM_parts):
+        parts[~known] = np.nan
+        parts[~np.isfinite(parts)] = np.nan
+    held = finite & np.isin(status, (Status.OK, Status.OVERFLOW))[:, None]
+    np.moveaxis(forces, 1, 2)[~held] = np.nan
+    torques[status != Status.OK] = np.nan
+    return status
+
+
 @final
 @dataclass(frozen=True)
 class InverseSolution(InputMotion):
@@ -51,8 +85,9 @@ class InverseSolution(InputMotion):
     inputs, inputs) kg m2 and `dM_parts` (n, masses, inputs, inputs, inputs) by the inputs;
     `Q_parts` (n, inputs, loads) N m; `torques` (n, inputs) N m at the inputs; `values` (n,
     variables) rad; `motion` what moves how by the inputs; `residual` (n,) rad. Failed rows
-    are NaN. Where bearings rub, `carried` (n, k) N are the sums of the forces that their
-    friction follows from, of each such load, found in `rounds` of iteration.
+    are NaN; what does not depend on loads is so where `rate_status` (n,) says why. Where
+    bearings rub, `carried` (n, k) N are the sums of the forces that their friction follows
+    from, of each such load, found in `rounds` of iteration.
     """
 
     mechanism: Mechanism
@@ -70,6 +105,7 @@ class InverseSolution(InputMotion):
     motion: CoordinateMotion
     residual: Floats
     status: NDArray[np.int8]
+    rate_status: NDArray[np.int8]
     carried: Floats | None = None
     rounds: int = 0
 
@@ -84,18 +120,20 @@ class InverseSolution(InputMotion):
     @property
     def M(self) -> Floats:
         """(n, inputs, inputs) inertia matrix, kg m2."""
-        return np.where(self._held[:, None, None], np.sum(self.M_parts, axis=1), np.nan)
+        held = self.rate_status == Status.OK
+        return np.where(held[:, None, None], np.sum(self.M_parts, axis=1), np.nan)
 
     @property
     def dM(self) -> Floats:
         """(n, inputs, inputs, inputs) its derivatives by the inputs, the last axis."""
-        held = self._held[:, None, None, None]
-        return np.where(held, np.sum(self.dM_parts, axis=1), np.nan)
+        held = self.rate_status == Status.OK
+        return np.where(held[:, None, None, None], np.sum(self.dM_parts, axis=1), np.nan)
 
     @property
     def Q_all(self) -> Floats:
         """(n, inputs) generalised forces of all loads, N m."""
-        return np.where(self._held[:, None], np.sum(self.Q_parts, axis=2), np.nan)
+        held = self.status == Status.OK
+        return np.where(held[:, None], np.sum(self.Q_parts, axis=2), np.nan)
 
     @property
     def kinetic(self) -> Floats:
@@ -157,10 +195,6 @@ class InverseSolution(InputMotion):
         (number,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.tau / self.pair_rates[:, number])
-
-    @property
-    def _held(self) -> NDArray[np.bool_]:
-        return np.asarray(self.status == Status.OK)
 
 
 @checked(SolveError)
@@ -287,7 +321,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     status = motion.status.copy()
     at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
     carried: Floats | None = None
-    rounds = 0
+    rounds, locked = 0, np.zeros(len(motion), dtype=bool)
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, coordinates)
 
@@ -305,8 +339,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
             carried, rounds = np.zeros((len(motion), len(loads.rubbing))), rub.rounds
             carried[good] = rub.carried
             forces, torques = needed(carried)
-            locked = np.flatnonzero(good)[~rub.settled]
-            status[locked[status[locked] == Status.OK]] = Status.NOT_CONVERGED
+            locked[good] = ~rub.settled
     flat = ~(determined(coordinates.rates) >= DEAD_CENTRE)
     held = ~motion.failed
     # Where assembly modes nearly cross, rounding of the configuration decides the
@@ -315,12 +348,11 @@ def needed_torques(motion: Motion) -> InverseSolution:
         kept = driven_rates(motion, held, pair).reciprocal_condition
         flat[held] |= ~(kept >= SINGULAR_RATIO)
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
-    lost = ~np.all(np.isfinite(torques), axis=1)
-    status[(status == Status.OK) & lost] = Status.OVERFLOW
+    rate_status = status
+    status = judged(rate_status, masses, forces, torques, timing.dq, locked)
     values = motion.values.copy()
-    rows = (masses.M_parts, masses.dM_parts, forces, torques, values)
-    for array in (*rows, coordinates.rates):
-        array[status != Status.OK] = np.nan
+    for array in (values, coordinates.rates):
+        array[rate_status != Status.OK] = np.nan
     return InverseSolution(
         mechanism,
         motion.sample,
@@ -329,10 +361,15 @@ def needed_torques(motion: Motion) -> InverseSolution:
         motion.inputs,
         timing.dq,
         timing.ddq,
-        *rows,
+        masses.M_parts,
+        masses.dM_parts,
+        forces,
+        torques,
+        values,
         coordinates,
         motion.residual,
         status,
+        rate_status,
         carried,
         rounds,
     )

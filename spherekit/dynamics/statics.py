@@ -72,7 +72,7 @@ def output_stiffness(
     """
     number = solution.mechanism.link_number
     w = solution.motion.w[:, :, number[link]] - solution.motion.w[:, :, number[relative_to]]
-    good = solution.status == Status.OK
+    good = solution.rate_status == Status.OK
     w = np.where(good[:, None, None], w, np.nan)
     compliance = np.einsum("nia,nib,i->nab", w, w, 1.0 / stiffness)
     values, vectors = np.full((len(w), 3), np.nan), np.full((len(w), 3, 3), np.nan)

@@ -317,7 +317,7 @@ class _Parser:
             return self.name(item.id, column)
         if isinstance(item, ast.BinOp) and type(item.op) in _OPERATORS:
             sides = self.node(item.left, depth + 1), self.node(item.right, depth + 1)
-            return Call(_OPERATORS[type(item.op)], sides)
+            return self.finite(Call(_OPERATORS[type(item.op)], sides), item)
         if isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub):
             return Call("negative", (self.node(item.operand, depth + 1),))
         if isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.UAdd):
@@ -363,7 +363,19 @@ class _Parser:
         if count < fewest or (most is not None and count > most) or item.keywords:
             needs = f"{fewest} or more" if most is None else f"{fewest}"
             raise _fault(column, f"{name} has {count} arguments", f"it takes {needs}")
-        return Call(name, tuple(self.node(argument, depth + 1) for argument in item.args))
+        arguments = tuple(self.node(argument, depth + 1) for argument in item.args)
+        return self.finite(Call(name, arguments), item)
+
+    def finite(self, call: Call, item: ast.expr) -> Call:
+        """Return a call, unless it is visibly no finite number."""
+        last = call.arguments[-1]
+        zero = call.function == "/" and not _names(last) and _constant(last) == 0.0
+        if zero or not (_names(call) or np.isfinite(_constant(call))):
+            text = ast.unparse(item)
+            message = f"{text} {'divides by zero' if zero else 'is not a finite number'}"
+            column = self.margin + item.col_offset
+            raise _fault(column, message, "constants have to be finite")
+        return call
 
 
 _SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
@@ -441,6 +453,10 @@ def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:
         )
         arguments = () if whole else arguments[:1]
     yield from (argument for argument in arguments if _names(argument))
+
+
+def _constant(node: Node) -> float:
+    return float(Expression("", frozenset(), node).evaluate({}))
 
 
 def _names(node: Node) -> frozenset[str]:

@@ -11,8 +11,10 @@ if TYPE_CHECKING:
     from spherekit.dynamics.inertia import Inertia as Inertia
     from spherekit.dynamics.inertia import inertia as inertia
     from spherekit.dynamics.inverse import InverseSolution as InverseSolution
+    from spherekit.dynamics.inverse import judged as judged
     from spherekit.dynamics.inverse import need_terms as need_terms
     from spherekit.dynamics.inverse import needed_torques as needed_torques
+    from spherekit.dynamics.inverse import of_parts as of_parts
     from spherekit.dynamics.inverse import total as total
     from spherekit.dynamics.kinematics import CoordinateMotion as CoordinateMotion
     from spherekit.dynamics.reactions import Reactions as Reactions

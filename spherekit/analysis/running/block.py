@@ -75,6 +75,7 @@ def evaluate_block(
         for table in job.tables_of(analysis):
             store.add(analysis.name, table, tables[table.name])
             standing.count(analysis.name, table.name, tables[table.name])
+            standing.tally.add_rows(analysis.name, table, tables[table.name], batch)
     if job.motion_tables:
         store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, fields))
         standing.count(MOTION, MOTION, {"sample": motion.sample})

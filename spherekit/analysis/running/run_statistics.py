@@ -6,7 +6,8 @@ from typing import Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.batch import run_status
+from spherekit.analysis.batch import Batch, run_status
+from spherekit.analysis.tables import Interleaved, Table, TableData
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import Motion, Tracer
@@ -25,6 +26,7 @@ class RunStatistics:
     def __init__(self) -> None:
         self._status: dict[int, NDArray[np.int64]] = {}
         self._poles = np.zeros(CODES, dtype=np.int64)
+        self._failed: dict[str, dict[str, NDArray[np.int64]]] = {}
         self._residual: float | None = None
         self._off: float | None = None
         self._error: float | None = None
@@ -43,6 +45,10 @@ class RunStatistics:
                 for assembly_mode, counts in self._status.items()
             ],
             "poles": self._poles.tolist(),
+            "failed": {
+                name: {table: counts.tolist() for table, counts in tables.items()}
+                for name, tables in self._failed.items()
+            },
             "residual": self._residual,
             "configuration": self._off,
             "error": self._error,
@@ -62,6 +68,10 @@ class RunStatistics:
             assembly_mode: np.array(counts) for assembly_mode, counts in state["status"]
         }
         tally._poles = np.array(state["poles"])
+        tally._failed = {
+            name: {table: np.array(counts) for table, counts in tables.items()}
+            for name, tables in state["failed"].items()
+        }
         tally._residual, tally._error = state["residual"], state["error"]
         tally._off = state["configuration"]
         tally._rate, tally._rate_dq = (
@@ -110,6 +120,27 @@ class RunStatistics:
             names = [motion.mechanism.pairs[pair].name for pair in over.pairs]
             self._repeated = {"count": over.count, "pairs": names}
 
+    def add_rows(self, name: str, table: Table, data: TableData, batch: Batch) -> None:
+        """Count rows of an analysis' table that failed where the configuration did not.
+
+        What fails of pole axes is counted with these.
+        """
+        failed = self._failed.setdefault(name, {})
+        for column in (c.name for c in table.columns if c.kind == "status"):
+            given = data[column]
+            parts = given.parts if isinstance(given, Interleaved) else (given,)
+            counts = failed.get(table.name, np.zeros(CODES, dtype=np.int64))
+            for codes, often in _counted_once(np.asarray(part) for part in parts):
+                if table.in_assembly_modes and len(codes) % max(len(batch), 1) == 0:
+                    of_rows = codes.reshape(len(batch), -1)
+                    codes = of_rows[of_rows != batch.status[:, None]]
+                counts = counts + often * _codes(codes)
+            counts[Status.OK] = 0
+            needs = batch.needs
+            if needs.directions | needs.rates | needs.planes:
+                counts[[Status.NO_POLE, Status.ILL_CONDITIONED]] = 0
+            failed[table.name] = counts
+
     @property
     def configurations(self) -> int:
         """Rows counted so far."""
@@ -134,10 +165,16 @@ class RunStatistics:
         """Return how many samples of an assembly mode have each status."""
         return _counts(self._status.get(assembly_mode, np.zeros(CODES, dtype=np.int64)))
 
+    def failed_rows(self, name: str) -> dict[str, dict[str, int]]:
+        """Return of each table of an analysis how many rows failed by which status."""
+        tables = self._failed.get(name, {}).items()
+        return {table: _counts(counts) for table, counts in tables if np.any(counts)}
+
     def statuses(self) -> dict[str, Any]:
         """Return the counts of samples and pole axes, and what their statuses mean."""
         status = np.zeros(CODES, dtype=np.int64) + sum(self._status.values())
-        met = np.flatnonzero(status + self._poles)
+        failed = [counts for tables in self._failed.values() for counts in tables.values()]
+        met = np.flatnonzero(status + self._poles + sum(failed))
         return {
             "status": _counts(status),
             "pole_status": _counts(self._poles),

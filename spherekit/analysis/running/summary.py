@@ -58,6 +58,7 @@ def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
                 "version": analysis.version,
                 "parameters": asdict(analysis),  # type: ignore[call-overload]
                 "failed": analysis.name in standing.failures,
+                "failed_rows": tally.failed_rows(analysis.name),
                 "cites": list(analysis.cites),
                 "findings": dict(findings.get(analysis.name, Findings()).figures),
             }

@@ -1,0 +1,68 @@
+"""Rows of analyses that fail where positions do not: counted, said, and strict."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.cli.main import main
+
+SHIPPED = Path(__file__).parent.parent / "mechanisms"
+LOADS = [
+    ('pair = "{pair}"\ntorque = "exp(900 + 0*t)"', 1.0),
+    ('pair = "{pair}"\ntorque = "t/(0*t)"', 1.0),
+    ('pair = "{pair}"\ntorque = "exp(709 + 90*sin(9*theta_{pair}))"', None),
+    ('pair = "{pair}"\ntorque = "log(dtheta_{pair} - 1e9)"', 1.0),
+    (
+        'kind = "force"\nlink = "{link}"\npoint = [0.1, 0.0, 0.1]\n'
+        'force = ["exp(900 + t)", "0", "0"]',
+        1.0,
+    ),
+    ('kind = "moment"\nlink = "{link}"\nmoment = ["0", "0", "sqrt(-1 - t)"]', 1.0),
+]
+
+
+@pytest.mark.parametrize(("load", "share"), LOADS)
+@pytest.mark.parametrize(
+    ("name", "pair", "link", "analysis"),
+    [
+        ("four_bar", "32", "3", "eksergian"),
+        ("four_bar", "43", "3", "dynamics"),
+        ("five_bar", "32", "3", "dynamics"),
+    ],
+)
+def test_loads_that_are_no_number_leave_inertia_and_the_others(
+    tmp_path, capsys, name, pair, link, analysis, load, share
+):
+    plain, path = sk.load(name), tmp_path / "loaded.toml"
+    more = load.format(pair=pair, link=link)
+    text = (SHIPPED / f"{name}.toml").read_text()
+    path.write_text(f"{text}\n[loads.huge]\n{more}\n")
+    made = sk.load(path)
+    words = ["run", str(path), "-a", analysis, "-a", "statics", "--samples", "7"]
+    assert main([*words, "--strict"]) == 3
+    said = capsys.readouterr().out
+    assert f"of table {analysis} failed" in said and "OVERFLOW: a load" in said
+    assert main(words) == 0
+    found = sk.run(made, [analysis, "statics"], samples=7)
+    frame = found.frame(analysis)
+    closed = (found.frame("motion")["status"] == "OK").to_numpy()
+    lost = frame["status"] == "OVERFLOW"
+    assert np.mean(lost[closed]) == share if share else 0.0 < np.mean(lost) < 1.0
+    facts = next(item for item in found.summary["analyses"] if item["name"] == analysis)
+    assert facts["failed_rows"][analysis] == {"OVERFLOW": int(np.sum(lost))}
+    assert "OVERFLOW" in found.summary["status_meaning"]
+    json.dumps(found.summary)
+    without = sk.run(plain, [analysis, "statics"], samples=7)
+    for table in ("inertia", "outputs"):
+        of = "statics" if table == "outputs" else analysis
+        one, other = (run.frame(of, table) for run in (found, without))
+        assert np.sum(one["status"] == "OK") == np.sum(closed) * len(one) / len(closed) > 0
+        numbers = one.select_dtypes("number").columns
+        np.testing.assert_allclose(one[numbers], other[numbers], rtol=1e-12, atol=1e-12)
+    parts = found.frame(analysis, "loads")
+    others = parts[parts["load"] != "huge"]
+    assert (others["status"] == "OK").equals(others["power"].notna())
+    assert np.sum(others["power"].notna()) == np.sum(closed) * len(others) / len(closed)
