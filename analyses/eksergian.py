@@ -222,15 +222,15 @@ class Eksergian(AbstractAnalysis):
             per_load = loads.parts(motion, rates, batch.t, carried)
             Q = np.sum(per_load, axis=2)
             torques = driving_torques(masses.M, masses.dM, Q, rates, faster)
-        known = batch.status.copy()
+        rate_status = batch.status.copy()
         lost = ~(batch.rates_loss() < USABLE_RATES)
-        known[(known == Status.OK) & lost] = Status.ILL_CONDITIONED
-        status = judged(known, masses, per_load, torques, rates, locked)
+        rate_status[(rate_status == Status.OK) & lost] = Status.ILL_CONDITIONED
+        status = judged(rate_status, masses, per_load, torques, rates, locked)
         tau = torques[:, 0]
         if self.at:
             with np.errstate(divide="ignore", invalid="ignore"):
                 tau = tau / batch.pair_rate(self.at)
-        return Torque(masses, per_load[:, 0], tau, status, known)
+        return Torque(masses, per_load[:, 0], tau, status, rate_status)
 
     def findings(self, batch: Batch) -> Findings:
         """Return the worst conditioning behind the results, and where that is."""

@@ -338,10 +338,7 @@ def frame_of_parts(parts: "Sequence[Path | pa.Table]") -> "pd.DataFrame":
     """Return the rows of `PartTables`, in files or not, with units in `attrs`."""
     import json
 
-
-    whole = _joined(
-        [_read(part) if isinstance(part, Path) else part for part in parts]
-    )
+    whole = _joined([_read(part) if isinstance(part, Path) else part for part in parts])
     frame: pd.DataFrame = whole.to_pandas()
     frame.attrs.update(json.loads(whole.schema.metadata[NOTES]))
     return frame
@@ -408,7 +405,6 @@ def columns_text(tables: Mapping[str, Table], degrees: bool) -> bytes:
 def read_parquet(path: Path) -> "pd.DataFrame":
     """Return a frame written by `write_table`, with its units in `attrs`."""
     import json
-
 
     table = _read(path)
     frame: pd.DataFrame = table.to_pandas()

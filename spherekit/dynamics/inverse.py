@@ -38,7 +38,8 @@ DEAD_CENTRE = 1e-6
 
 def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
     """Return sums (n,) of parts (n, k), NaN in rows that failed, also where k is 0."""
-    return np.where(status == Status.OK, np.sum(parts, axis=1), np.nan)
+    with np.errstate(over="ignore"):
+        return np.where(status == Status.OK, np.sum(parts, axis=1), np.nan)
 
 
 def of_parts(parts: Floats, status: NDArray[np.int8]) -> NDArray[np.int8]:
@@ -59,15 +60,15 @@ def judged(
     `status` is that of the rates, on which inertia depends: that stays where a load of
     `forces` (n, m, loads) is no number, or bearings are `locked`, and so do other loads.
     """
-    known, status = status == Status.OK, status.copy()
-    status[known & locked] = Status.NOT_CONVERGED
+    rated, status = status == Status.OK, status.copy()
+    status[rated & locked] = Status.NOT_CONVERGED
     with np.errstate(over="ignore", invalid="ignore"):
         finite = np.isfinite(np.einsum("ni,nil->nl", rates, forces))
     finite &= np.all(np.isfinite(forces), axis=1)
     lost = ~np.all(np.isfinite(torques), axis=1) | ~np.all(finite, axis=1)
     status[(status == Status.OK) & lost] = Status.OVERFLOW
     for parts in (masses.M_parts, masses.dM_parts):
-        parts[~known] = np.nan
+        parts[~rated] = np.nan
         parts[~np.isfinite(parts)] = np.nan
     held = finite & np.isin(status, (Status.OK, Status.OVERFLOW))[:, None]
     np.moveaxis(forces, 1, 2)[~held] = np.nan
@@ -133,7 +134,8 @@ class InverseSolution(InputMotion):
     def Q_all(self) -> Floats:
         """(n, inputs) generalised forces of all loads, N m."""
         held = self.status == Status.OK
-        return np.where(held[:, None], np.sum(self.Q_parts, axis=2), np.nan)
+        with np.errstate(over="ignore"):
+            return np.where(held[:, None], np.sum(self.Q_parts, axis=2), np.nan)
 
     @property
     def kinetic(self) -> Floats:
