@@ -196,3 +196,46 @@ def test_relative_rotations_add_up_and_change_as_their_columns_say(wrist):
             allowed = 1e-5 * max(1.0, np.nanmax(np.abs(df)))
             off = np.abs(f[2:] - f[:-2] - grown)
             assert np.nanmedian(off) < 1e-3 * allowed
+
+
+@pytest.mark.parametrize(
+    ("name", "vary", "samples", "by"),
+    [
+        ("stephenson", {"links.2.arc": [15.0, 14.0]}, 9, ("",)),
+        ("watt", {"links.2.arc": [20.0]}, 7, ("",)),
+        ("five_bar", {"links.2.arc": [40.0]}, (3, 3), ("_by_21", "_by_51")),
+    ],
+)
+def test_coefficients_have_one_sign_in_all_commands(name, vary, samples, by):
+    """About the axis of a pair that of the table, else the size, and its derivative."""
+    made = sk.load(name)
+    numbers = {key: values[:1] for key, values in vary.items()}
+    table = sk.sweep(made, numbers, tables=True, analyses=["poles"], samples=samples)
+    poles = table.table("poles")
+    poles = poles[poles["status"] == "OK"]
+    shared = {frozenset(pair.links) for pair in made.pairs}
+    lower = 0
+    for (link, other), rows in poles.groupby(["link", "relative_to"]):
+        if rows["velocity_coefficient"].min() >= 0.0 or lower == 5:
+            continue
+        lower += 1
+        sign = np.sign(rows["velocity_coefficient"])
+        if {link, other} in shared:
+            sign = 1.0
+        for ending in by:
+            kinds = ("velocity", "acceleration")
+            reduce = [
+                f"{how}_{kind}={how}({kind}_coefficient_{link}_{other}{ending})"
+                for kind in kinds
+                for how in ("min", "max")
+            ]
+            found = sk.sweep(made, numbers, reduce, samples=samples).frame()
+            moved = rows["moving"].astype(str) == ending.removeprefix("_by_")
+            mine = rows[moved] if ending else rows
+            for kind in kinds:
+                values = (mine[f"{kind}_coefficient"] * sign).groupby(mine["assembly_mode"])
+                for how in ("min", "max"):
+                    wanted = getattr(values, how)().sort_values()
+                    got = found[f"{how}_{kind}"].dropna().sort_values()
+                    same(got, wanted, abs=1e-9)
+    assert lower

@@ -21,7 +21,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.torque_table import TorqueTable
 from spherekit.planning.assembly import Group, plan_assembly
 from spherekit.planning.inputs import driven_pairs
-from spherekit.planning.poles import pole_of
 
 if TYPE_CHECKING:
     from spherekit.engine.design_kernel import DesignTerms
@@ -163,14 +162,13 @@ class RowQuantities:
         share = 1.0 / flow.scale
         rates = [rate * share for rate in flow.tau[moving]]
         w = [spin * share for spin in flow.w[moving]]
-        sense = 1.0 if pole_of(link, other) == (other, link) else -1.0
         variable = mechanism.angle_between(link, other)
         turning = np.asarray(w[link] - w[other])
         if variable is None:
             size = function("sqrt", dot(turning, turning))
             if kind == "velocity":
-                return sense * size
-            along = np.asarray(turning * (sense / size))
+                return size
+            along = np.asarray(turning * (1.0 / size))
         else:
             first, _ = mechanism.ends[mechanism.variable_owners[variable]]
             if kind == "velocity":
@@ -296,13 +294,14 @@ class RowQuantities:
 
     def _coefficient(self, text: str, order: int) -> Expr:
         mechanism = self.structure.mechanism
-        link, other = self._two_links(text)
-        pole = pole_of(mechanism.link(link), mechanism.link(other))
+        link, other = (mechanism.link(name) for name in self._two_links(text))
         flow = self._flow(order)
-        _, rate = flow.pole(pole)
-        sense = 1.0 if pole == (mechanism.link(other), mechanism.link(link)) else -1.0
+        _, rate = flow.pole((other, link))
         scale = self._by_q(flow)
-        return sense * by_coordinate(rate * scale, scale)[order]
+        made = by_coordinate(rate * scale, scale)[order]
+        # The axis of a pair has a sense; without one it is that of the rotation itself.
+        axis = mechanism.angle_between(link, other)
+        return made * _sign(scale.coefficients[0]) if axis is None else made
 
     def _inertia(self, name: str) -> Expr:
         flow = self._flow(0 if name == "B" else 1)
