@@ -153,26 +153,27 @@ class Dynamics(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque at each input, and where that is."""
         solution, figures = self._found(batch), {}
+        mechanism, torques = batch.mechanism, solution.sure_torques
         for k, name in enumerate(batch.moving_inputs):
-            torque = np.abs(solution.torques[:, k])
+            torque = np.abs(torques[:, k])
             if not np.any(np.isfinite(torque)):
                 continue
             row = int(np.nanargmax(torque))
             figures[name] = {
-                "largest_torque_Nm": float(solution.torques[row, k]),
+                "largest_torque_Nm": float(torques[row, k]),
                 "at_sample": int(batch.sample[row]),
                 "at_assembly_mode": int(batch.assembly_mode[row]),
                 "at_rad": [float(x) for x in batch.inputs[row]],
             }
         lost = int(np.count_nonzero(solution.status == Status.AT_SINGULARITY))
-        return _said(figures, lost)
+        return _said(figures, lost, bool(mechanism.masses), bool(mechanism.loads))
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
         both = before.figures["inputs"], now.figures["inputs"]
         figures = largest_of(*both, "largest_torque_Nm")
         lost = sum(item.figures["rows_at_singularities"] for item in (before, now))
-        return _said(figures, lost)
+        return _said(figures, lost, now.figures["masses"], now.figures["loads"])
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of torques, of the entries of the inertia matrix and of power."""
@@ -192,12 +193,18 @@ class Dynamics(AbstractAnalysis):
         return plotted(batch, curves)
 
 
-def _said(figures: Mapping[str, Any], lost: int) -> Findings:
-    remarks = tuple(
+def _said(figures: Mapping[str, Any], lost: int, masses: bool, loads: bool) -> Findings:
+    remarks = [
         f"largest driving torque at {name}: {largest['largest_torque_Nm']:.6g} N m at "
         f"sample {largest['at_sample']} of assembly mode {largest['at_assembly_mode']}"
+        if largest["largest_torque_Nm"]
+        else f"driving torque at {name}: zero in every row, to rounding"
         for name, largest in figures.items()
-    )
+    ]
+    if not masses:
+        remarks.append("the file has no masses: the torques are against loads alone")
+    if not loads:
+        remarks.append("the file has no loads: the torques are against inertia alone")
     warnings = (
         (
             f"in {lost} {'row' if lost == 1 else 'rows'} the inputs do not hold the "
@@ -207,5 +214,12 @@ def _said(figures: Mapping[str, Any], lost: int) -> Findings:
         else ()
     )
     return Findings(
-        {"inputs": dict(figures), "rows_at_singularities": lost}, warnings, remarks
+        {
+            "inputs": dict(figures),
+            "rows_at_singularities": lost,
+            "masses": masses,
+            "loads": loads,
+        },
+        warnings,
+        tuple(remarks),
     )

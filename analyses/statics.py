@@ -174,13 +174,15 @@ class Statics(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest holding torque at each input."""
-        torques = np.abs(self._found(batch).torques)
+        torques = np.abs(self._found(batch).sure_torques)
         return _said(
             {
                 name: float(np.max(finite))
                 for k, name in enumerate(batch.moving_inputs)
-                if len(finite := torques[np.isfinite(torques[:, k]), k])
-            }
+                if batch.mechanism.loads
+                and len(finite := torques[np.isfinite(torques[:, k]), k])
+            },
+            bool(batch.mechanism.loads),
         )
 
     def joined(self, before: Findings, now: Findings) -> Findings:
@@ -188,7 +190,8 @@ class Statics(AbstractAnalysis):
         both = [item.figures["largest_holding_torque_Nm"] for item in (before, now)]
         names = dict.fromkeys(name for torques in both for name in torques)
         return _said(
-            {name: max(torques.get(name, 0.0) for torques in both) for name in names}
+            {name: max(torques.get(name, 0.0) for torques in both) for name in names},
+            now.figures["loads"],
         )
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
@@ -210,12 +213,17 @@ class Statics(AbstractAnalysis):
         return plotted(batch, curves)
 
 
-def _said(largest: Mapping[str, float]) -> Findings:
+def _said(largest: Mapping[str, float], loads: bool) -> Findings:
     remarks = tuple(
         f"largest holding torque at {name}: {torque:.6g} N m"
+        if torque
+        else f"holding torque at {name}: zero in every row, to rounding"
         for name, torque in largest.items()
     )
-    return Findings({"largest_holding_torque_Nm": dict(largest)}, remarks=remarks)
+    if not loads:
+        remarks = ("the file has no loads, so there is nothing to hold; see [loads.NAME]",)
+    figures = {"largest_holding_torque_Nm": dict(largest), "loads": loads}
+    return Findings(figures, remarks=remarks)
 
 
 def _beside(parts: list[Floats], empty: tuple[int, ...]) -> Floats:

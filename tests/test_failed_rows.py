@@ -1,4 +1,4 @@
-"""Rows of analyses that fail where positions do not: counted, said, and strict."""
+"""Rows of analyses that fail where positions do not, and torques that are nothing: said."""
 
 import json
 from pathlib import Path
@@ -66,3 +66,19 @@ def test_loads_that_are_no_number_leave_inertia_and_the_others(
     others = parts[parts["load"] != "huge"]
     assert (others["status"] == "OK").equals(others["power"].notna())
     assert np.sum(others["power"].notna()) == np.sum(closed) * len(others) / len(closed)
+
+
+@pytest.mark.parametrize(
+    ("name", "analysis", "said"),
+    [
+        ("bevel_differential", "dynamics", "zero in every row, to rounding"),
+        ("five_bar", "statics", "no loads, so there is nothing to hold"),
+        ("five_bar", "dynamics", "no loads: the torques are against inertia alone"),
+    ],
+)
+def test_torques_below_their_rounding_are_zero_and_what_is_not_given_is_said(
+    capsys, name, analysis, said
+):
+    assert main(["run", name, "-a", analysis, "--samples", "37"]) == 0
+    told = capsys.readouterr().out
+    assert said in told and "e-19" not in told and ": 0 N m" not in told

@@ -36,6 +36,10 @@ DEAD_CENTRE = 1e-6
 """Inputs that say less surely how all variables move lose half the digits of rates."""
 
 
+ROUNDING = 1e-13
+"""Torques that are a smaller part of the terms that they are the sum of are zero."""
+
+
 def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
     """Return sums (n,) of parts (n, k), NaN in rows that failed, also where k is 0."""
     with np.errstate(over="ignore"):
@@ -136,6 +140,16 @@ class InverseSolution(InputMotion):
         held = self.status == Status.OK
         with np.errstate(over="ignore"):
             return np.where(held[:, None], np.sum(self.Q_parts, axis=2), np.nan)
+
+    @property
+    def sure_torques(self) -> Floats:
+        """(n, inputs) driving torques, zero where they are less than rounding leaves."""
+        speeds = np.abs(self.input_rates)
+        moved = np.abs(self.input_accelerations) + np.max(speeds, axis=1)[:, None] * speeds
+        with np.errstate(over="ignore"):
+            terms = np.einsum("nkij,nj->ni", np.abs(self.M_parts), moved)
+            terms += np.sum(np.abs(self.Q_parts), axis=2)
+            return np.where(np.abs(self.torques) <= ROUNDING * terms, 0.0, self.torques)
 
     @property
     def kinetic(self) -> Floats:
