@@ -23,6 +23,7 @@ from spherekit.model.geometry import geometry_of
 from spherekit.model.graph import spanning
 from spherekit.model.inertia import moments_of_point
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Profile
 from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
 from spherekit.sphere.rotation import Floats
@@ -88,7 +89,8 @@ class RigidBodies:
     """A mechanism in one pose, in ground axes, all bodies' origins at O.
 
     Hinges come depth first, each subtree in one piece, as Pinocchio takes for granted;
-    body k is the child of hinge k. `ratios` are what rolling contacts say of hinges, and
+    body k is the child of hinge k. Last come bodies in ground axes, of no link, hinged at
+    the centres of circles that slide on each other. `ratios` are what rolling contacts say of hinges, and
     `rotations` (links, 3, 3) from link axes. `made_up` says that the mechanism has no
     masses and its links were given some.
     """
@@ -110,7 +112,8 @@ def rigid_bodies(
     Parameters
     ----------
     mechanism
-        A mechanism of R pairs and of rolling contacts with a constant ratio.
+        A mechanism of R pairs, of rolling contacts with a constant ratio, and of circles
+        that slide on each other, whose centres keep their distance.
     values
         (variables,) the closed configuration to give.
     hinged
@@ -145,17 +148,36 @@ def rigid_bodies(
         for k, pair in enumerate(pairs)
         if pair.kind.has_axis and pair.name not in held
     )
+    sliding = [
+        k
+        for k, pair in enumerate(pairs)
+        if not pair.kind.has_axis and not pair.rolls and all(map(_is_round, pair.profiles))
+    ]
     ratios = tuple(
         ratio_of(mechanism, at.joints, k, [pair for pair, _, _ in ways])
         for k, pair in enumerate(pairs)
-        if not pair.kind.has_axis
+        if not pair.kind.has_axis and k not in sliding
     )
     masses, made_up = _masses(mechanism)
     bodies = tuple(
         _body(masses, hinge.child, at.placed[0, mechanism.link_number[hinge.child]])
         for hinge in hinges
     )
+    for k in sliding:
+        name = f"centres_{pairs[k].name}"
+        # From its tangent's turning: what is fixed on a circle, its centre or opposite.
+        first, second = (
+            at.frames[0, k] @ [0.0, 1.0, bend] / np.hypot(1.0, bend)
+            for bend in at.states.curvatures[0, k]
+        )
+        hinges += (Hinge(name, pairs[k].links[0], name, first, 0.0),)
+        cuts += (LoopCut(pairs[k].name, name, pairs[k].links[1], second, 0.0),)
+        bodies += (_body(masses, name, np.eye(3)),)
     return RigidBodies(mechanism, hinges, cuts, ratios, bodies, at.placed[0], made_up)
+
+
+def _is_round(profile: Profile) -> bool:
+    return profile.round_axis is not None
 
 
 def _tree(mechanism: Mechanism, wanted: Iterable[str]) -> tuple[tuple[int, int, int], ...]:

@@ -37,8 +37,8 @@ IMPEDANCE = "0.9999 0.9999 1 0.5 2"
 """The largest that MuJoCo takes, at any distance."""
 
 THICKNESS = 1e-13
-"""Part of its trace added to each moment of a tensor: for a thin arc two moments add up to
-the third, and MuJoCo refuses what rounding takes beyond that."""
+"""Part of its trace added to each moment of a tensor, beside what rounding of the file takes
+too far: for a thin arc two moments add up to the third, and MuJoCo refuses any more."""
 
 LINK_RADIUS, PIN_RADIUS, PIN_LENGTH = 0.018, 0.034, 0.07
 """Of the capsules and pins that draw links, as parts of the sphere's radius."""
@@ -241,7 +241,8 @@ class _Writer:
         return [cut for cut in self.made.cuts if cut.pair not in self.loads.held]
 
     def turn(self, link: str) -> Floats:
-        return np.asarray(self.made.rotations[self.made.mechanism.link_number[link]])
+        number = self.made.mechanism.link_number.get(link)
+        return np.eye(3) if number is None else np.asarray(self.made.rotations[number])
 
     def turned(self, body: Element, rotation: Floats) -> None:
         x, y, z, w = quaternion(rotation[None])[0]
@@ -272,7 +273,8 @@ class _Writer:
     def inertia(self, body: Element, inertia: BodyInertia, share: float) -> None:
         turn = self.turn(inertia.link)
         t = share * (turn.T @ inertia.tensor @ turn)
-        t = t + THICKNESS * np.trace(t) * np.eye(3)
+        excess = 2.0 * np.linalg.eigvalsh(t)[-1] - np.trace(t)
+        t = t + (THICKNESS * np.trace(t) + max(excess, 0.0)) * np.eye(3)
         inner = [t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]]
         _add(
             body,
@@ -286,7 +288,9 @@ class _Writer:
 
     def looks(self, body: Element, link: str) -> None:
         mechanism = self.made.mechanism
-        number = mechanism.link_number[link]
+        number = mechanism.link_number.get(link)
+        if number is None:
+            return
         shape = self.shapes[number]
         rgba = _rgba(link_colour(number))
         for line in [*shape.curves, *(() if shape.curves else spokes(shape.joints))]:
