@@ -90,9 +90,9 @@ class RigidBodies:
 
     Hinges come depth first, each subtree in one piece, as Pinocchio takes for granted;
     body k is the child of hinge k. Last come bodies in ground axes, of no link, hinged at
-    the centres of circles that slide on each other. `ratios` are what rolling contacts say of hinges, and
-    `rotations` (links, 3, 3) from link axes. `made_up` says that the mechanism has no
-    masses and its links were given some.
+    the centres of circles that slide on each other. `ratios` are what rolling contacts
+    say of hinges, and `rotations` (links, 3, 3) from link axes. `made_up` says that the
+    mechanism has no masses and its links were given some.
     """
 
     mechanism: Mechanism
@@ -151,7 +151,7 @@ def rigid_bodies(
     sliding = [
         k
         for k, pair in enumerate(pairs)
-        if not pair.kind.has_axis and not pair.rolls and all(map(_is_round, pair.profiles))
+        if not pair.rolls and pair.profiles and all(map(_is_round, pair.profiles))
     ]
     ratios = tuple(
         ratio_of(mechanism, at.joints, k, [pair for pair, _, _ in ways])

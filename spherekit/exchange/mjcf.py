@@ -37,8 +37,8 @@ IMPEDANCE = "0.9999 0.9999 1 0.5 2"
 """The largest that MuJoCo takes, at any distance."""
 
 THICKNESS = 1e-13
-"""Part of its trace added to each moment of a tensor, beside what rounding of the file takes
-too far: for a thin arc two moments add up to the third, and MuJoCo refuses any more."""
+"""Part of its trace added to each moment of a tensor, beside what rounding of the file
+takes too far: for a thin arc two moments add up to the third, and MuJoCo refuses more."""
 
 LINK_RADIUS, PIN_RADIUS, PIN_LENGTH = 0.018, 0.034, 0.07
 """Of the capsules and pins that draw links, as parts of the sphere's radius."""

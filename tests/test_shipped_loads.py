@@ -1,0 +1,73 @@
+"""Shipped mechanisms with masses and loads: by default every table, a simulation, MuJoCo."""
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.posed import posed
+
+LOADED = {
+    "stephenson": 1e-6,
+    "universal_joint": 1e-6,
+    "roller_cam": 2e-3,
+    "planetary_bevel": 1e-6,
+    "double_butterfly": 1e-4,
+    "three_rrr": 1e-4,
+}
+"""Shipped mechanisms, and how far (rad) MuJoCo may be off."""
+
+
+@pytest.mark.parametrize("name", LOADED)
+def test_no_table_of_forces_is_empty(name):
+    run = sk.run(name, ["dynamics", "reactions", "statics"], samples=13)
+    assert not run.failures
+    for analysis in ("dynamics", "reactions", "statics"):
+        for table in run.results[analysis].tables:
+            rows = run.frame(analysis, table.name)
+            numbers = rows.select_dtypes("number")
+            assert len(rows) and numbers.to_numpy()[np.isfinite(numbers)].any(), table.name
+            assert not np.isin(rows["status"], ("OVERFLOW", "NOT_CONVERGED")).any()
+    for kind in ("dynamics", "statics"):
+        torques = run.frame(kind).filter(like="tau")
+        assert torques.abs().max().min() > 1e-3
+    facts = next(a for a in run.summary["analyses"] if a["name"] == "reactions")
+    couples = [x["largest_couple_N"] for x in facts["findings"]["bearings"].values()]
+    assert couples and min(couples) > 0.1
+
+
+@pytest.mark.parametrize("name", LOADED)
+def test_bearings_slow_a_simulation(name):
+    made, values = posed(sk.load(name))
+    bearings = [load.name for load in made.loads if isinstance(load, sk.Bearings)]
+    assert bearings
+    inputs = tuple(float(values[made.angles[item.pair]]) for item in made.inputs)
+    start = sk.Start(q=inputs, dq=(0.5,) * len(inputs))
+    moved = [
+        sk.simulate(each, start, 0.03, assembly_mode=0)
+        for each in (made, made.with_loads(without=bearings))
+    ]
+    assert all(found.end.kind == "time" for found in moved)
+    assert all(found.checks.energy < 1e-9 for found in moved)
+    rubbed, free = (found.at([0.03]).inputs[0] for found in moved)
+    assert np.max(np.abs(rubbed - free)) > 1e-8
+
+
+@pytest.mark.parametrize("name", LOADED)
+def test_mujoco_moves_it_as_it_moves_here(name):
+    mujoco = pytest.importorskip("mujoco")
+    made = sk.load(name)
+    bearings = [load.name for load in made.loads if isinstance(load, sk.Bearings)]
+    made, values = posed(made.with_loads(without=bearings))
+    written = mjcf(made, values, timestep=2.5e-4)
+    assert not [note for note in written.notes if "left out" in note]
+    model = mujoco.MjModel.from_xml_string(written.text)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 800)
+    names = [item.pair for item in made.inputs]
+    got = np.array([data.joint(pair).qpos[0] for pair in names])
+    q = tuple(float(values[made.angles[pair]]) for pair in names)
+    start = sk.Start(q=q, dq=(0.0,) * len(q))
+    found = sk.simulate(made, start, 0.2, assembly_mode=0).at([0.2])
+    assert np.max(np.abs(got - q)) > 0.05
+    assert np.max(np.abs(got - found.inputs[0])) < LOADED[name]
