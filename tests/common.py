@@ -1,5 +1,8 @@
 """What a run tells a recorder, poles of a mechanism, and the Table of the lecture."""
 
+from dataclasses import replace
+
+import spherekit as sk
 from spherekit.motion import assembly_modes as assembly_modes
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
@@ -24,6 +27,11 @@ class Listener:
             self.paths.add(primitive.path)
             key = (scene.page, primitive.path)
             self.rows.setdefault(key, []).extend(samples)
+
+
+def bare(name):
+    """Return a shipped mechanism without its masses and loads."""
+    return replace(sk.load(name), masses=(), loads=())
 
 
 def field_of(made, samples=361, search=True, wanted=None, derivatives=True):

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from chains import mechanism
+from common import bare
 from newton_euler import loaded, spatial
 from test_reactions import STARTS, moving
 
@@ -174,7 +175,7 @@ def test_the_weight_of_a_cross_bends_the_shafts_of_hookes_joint():
     bearings, across s: it is along b x s, of the size that leaves nothing of W along a,
     which the first arm cannot carry.
     """
-    made = sk.load("universal_joint").with_inputs("21")
+    made = bare("universal_joint").with_inputs("21")
     W = np.array([3.0, -4.0, -20.0])
     made = made.with_loads(
         sk.PointForce("weight", "3", (0.0, 0.0, 0.0), tuple(map(str, W))),

@@ -10,6 +10,7 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
+from common import bare
 from newton_euler import body, loaded, newton_euler
 from scipy.integrate import solve_ivp
 from spherekit_analyses.eksergian import Eksergian
@@ -222,7 +223,7 @@ def test_newton_and_euler_give_the_same_torque(name, law):
 
 
 def test_a_gear_train_has_a_constant_inertia():
-    mechanism = sk.load("planetary_bevel")
+    mechanism = bare("planetary_bevel")
     random = np.random.default_rng(5)
     round_about_z = ((0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, 0.0, 0.5))
     masses = (
@@ -442,7 +443,7 @@ def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
 
 
 def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
-    mechanism = sk.load("roller_cam")
+    mechanism = bare("roller_cam")
     contact = mechanism.pair("contact")
     centre = np.array(contact.profiles[0].centre)
     side = np.cross(centre, [1.0, 0.0, 0.0])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from common import bare
 from multibody import Hinge, Mesh, MultiBody
 from newton_euler import body, loaded, newton_euler
 
@@ -38,7 +39,7 @@ def laws_of(made, name):
 def heavy(name):
     """Return a shipped mechanism with five points of mass in each link."""
     random = np.random.default_rng(sum(map(ord, name)))
-    made = sk.load(name)
+    made = bare(name)
     return replace(made, masses=tuple(body(random, link) for link in made.links[1:]))
 
 

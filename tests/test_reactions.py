@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from common import bare
 from newton_euler import loaded, newton_euler
 
 import spherekit as sk
@@ -137,7 +138,7 @@ def test_hookes_joint_holds_and_bends_its_shafts():
     that of the driving yoke in their plane, and the couple that bends the driving shaft is
     T_1 tan b |sin f|.
     """
-    made = sk.load("universal_joint").with_inputs("21")
+    made = bare("universal_joint").with_inputs("21")
     made = made.with_loads(sk.PairTorque("brake", "41", "-3"))
     f = np.linspace(0.1, 3.0, 7)
     found = reactions(moving_slowly(made, f))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from common import bare
 
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
@@ -89,7 +90,7 @@ def test_every_pole_and_coefficient_is_that_of_the_plan(four_bar, models, assemb
 
 
 def test_a_pole_that_turns_fast_has_narrow_cells_and_the_same_error():
-    mechanism = load("stephenson")
+    mechanism = bare("stephenson")
     names = ("6/3", "5/2", "3/1")
     model = online_model(mechanism, poles=names)
     assert len(model.groups[1].edges) > len(model.groups[2].edges)
@@ -246,7 +247,7 @@ def test_bad_requests_name_the_nearest_match(four_bar, models):
     with pytest.raises(SolveError, match="tolerance is nan"):
         online_model(four_bar, tolerance=float("nan"))
     with pytest.raises(SolveError, match='"B" is not stored'):
-        online_model(load("stephenson"), poles=()).torque(0.1, 1.0, 0.0)
+        online_model(bare("stephenson"), poles=()).torque(0.1, 1.0, 0.0)
 
 
 def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):

@@ -239,3 +239,20 @@ def test_coefficients_have_one_sign_in_all_commands(name, vary, samples, by):
                     got = found[f"{how}_{kind}"].dropna().sort_values()
                     same(got, wanted, abs=1e-9)
     assert lower
+
+
+def test_advantages_and_stiffness_are_those_of_the_rates():
+    """One input: the advantage is 1/|w|, the stiffness of the output that squared by k."""
+    made = sk.load("four_bar")
+    run = sk.run(made, ["statics:stiffness=200", "poles:only=41"], samples=37)
+    outputs, poles = run.frame("statics", "outputs"), run.frame("poles")
+    rate = np.abs(poles["velocity_coefficient"].to_numpy())
+    same(outputs["advantage"], 1.0 / rate)
+    same(outputs["stiffness_1"], 200.0 / rate**2)
+    axes = outputs[[f"axis_1_{x}" for x in "xyz"]].to_numpy()
+    along = np.sum(axes * poles[["ux", "uy", "uz"]].to_numpy(), axis=1)
+    same(along * np.sign(poles["velocity_coefficient"]), np.ones(len(along)))
+    # Its springs at crank and rocker; the dampers rest.
+    theta, slope = run.frame("motion"), poles["velocity_coefficient"].to_numpy()
+    wanted = np.sin(theta["theta_21"]) + 5.0 * np.sin(theta["theta_41"]) * slope
+    same(run.frame("statics")["tau"], wanted, abs=1e-13)

@@ -1,4 +1,4 @@
-"""Shipped mechanisms with masses and loads: by default every table, a simulation, MuJoCo."""
+"""Shipped mechanisms with masses and loads: all tables by default, motion, MuJoCo."""
 
 import numpy as np
 import pytest

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from common import bare
 
 import spherekit as sk
 from spherekit.analysis.merit import Merit, Reducing
@@ -852,7 +853,7 @@ figures = { high = "max(torque)" }
 
 def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
     spring = sk.Spring("coil", "C", stiffness=2.0, rest=0.3)
-    mechanism = sk.load("double_butterfly").with_loads(spring)
+    mechanism = bare("double_butterfly").with_loads(spring)
     inertia = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
     mechanism = mechanism.with_mass("8", inertia)
     wanted = torques_of_runs(mechanism, 73)

@@ -39,12 +39,11 @@ def ratio_of(
     profiles = zip(pair.links, pair.profiles or (), strict=True)
     shaped = [link for link, profile in profiles if profile.round_axis is None]
     why = "no link carries both circles, each on a hinge through its centre"
-    if not joints[number].rolled:
-        why = f"a {pair.kind.words} has none"
-    elif shaped:
+    if shaped:
         why = f"the profile of link {shaped[0]} is no circle"
     raise ModelError(
-        f"{mechanism.name}: pairs.{pair.name}: bodies on hinges express R pairs, and "
-        f"rolling circles that turn about their centres on one carrier, whose ratio is "
-        f"constant; {why}. Leave the pair out of a copy of the file, or lock it away"
+        f"{mechanism.name}: pairs.{pair.name}: bodies on hinges express R pairs, circles "
+        "that slide on each other, and rolling circles that turn about their centres on "
+        f"one carrier, whose ratio is constant; {why}. Leave the pair out of a copy of "
+        "the file, or lock it away"
     )
