@@ -36,6 +36,9 @@ from spherekit.plugin.dynamics import (
 
 from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
 
+ROUNDING = 1e-13
+"""Loads of bearings that are a smaller part of the couples beside them are zero."""
+
 
 @final
 @dataclass(frozen=True, kw_only=True)
@@ -307,6 +310,10 @@ def _said(figures: Mapping[str, Any]) -> Findings:
         if given and (facts is pairs or len(given) == len(facts)):
             name = max(given, key=lambda one: given[one])
             where = f"in pair {name}" if facts is pairs else f"({name})"
+            beside = max(x.get("largest_couple_N") or 0.0 for x in facts.values())
+            if given[name] <= ROUNDING * beside:
+                remarks.append(f"{what}: zero in every row, to rounding")
+                continue
             remarks.append(f"largest {what}: {given[name]:.6g} {unit} {where}")
     told = _on_forces(figures)
     (warnings if figures["asks_for_forces"] else remarks).extend(told)
