@@ -256,3 +256,68 @@ def test_advantages_and_stiffness_are_those_of_the_rates():
     theta, slope = run.frame("motion"), poles["velocity_coefficient"].to_numpy()
     wanted = np.sin(theta["theta_21"]) + 5.0 * np.sin(theta["theta_41"]) * slope
     same(run.frame("statics")["tau"], wanted, abs=1e-13)
+
+
+def test_forces_on_bearings_are_those_of_moment_and_force():
+    """R_a = (b F - M x z)/(b - a) across the axis, and the stated part of F along it."""
+    weight = sk.Gravity("weight", (1.0, 2.0, -9.0))
+    made = sk.load("universal_joint").with_loads(weight)
+    run = sk.run(
+        made,
+        "reactions",
+        samples=13,
+        laws={"21": sk.Polynomial((0.2, 30.0, 4.0))},
+        duration=0.1,
+    )
+    table, bearings = run.frame(), run.frame("reactions", "bearings")
+    placed = [load for load in made.loads if isinstance(load, sk.Bearings)]
+    sized = 0.0
+    for load in placed:
+        rows = table[table["pair"] == load.pair]
+        M, F = (rows[[f"{x}_{k}" for k in "xyz"]].to_numpy() for x in ("moment", "force"))
+        a, b = load.positions
+        turned = np.cross(M, [0.0, 0.0, 1.0])
+        for place, across in ((a, b * F - turned), (b, turned - a * F)):
+            radial = np.linalg.norm(across[:, :2], axis=1) / abs(b - a)
+            here = bearings[
+                (bearings["load"] == load.name) & (bearings["position"] == place)
+            ]
+            same(here["radial"], radial, abs=1e-11)
+            part = load.axial[load.positions.index(place)]
+            same(here["axial"], part * F[:, 2], abs=1e-11)
+            sized = max(sized, np.abs(here["axial"]).max())
+    assert sized > 1e-3
+
+
+def test_relations_of_singularities_are_coefficients():
+    names = ["singularities:output=6/1", "poles:only=61"]
+    run = sk.run("stephenson", names, samples=37)
+    table, poles = run.frame("singularities", "relation"), run.frame("poles")
+    same(table["velocity_coefficient"], table["d"] / table["c"])
+    same(
+        table["velocity_coefficient"], table["output_rate"] / table["input_rate"], abs=1e-11
+    )
+    table = table[table["form"] == "i"]
+    same(np.sin(table["angle_I"]), np.abs(table["d"]), abs=1e-12)
+    same(np.sin(table["angle_II"]), np.abs(table["c"]), abs=1e-12)
+    same(table["velocity_coefficient"], poles["velocity_coefficient"], abs=1e-11)
+
+
+def test_spreads_are_of_the_derivatives_and_these_of_the_values():
+    run = sk.run("four_bar", "sensitivity:draws=0", samples=7)
+    rows, spreads = run.frame(), run.frame("sensitivity", "tolerances")
+    by_size = rows.pivot_table("derivative", ["assembly_mode", "sample"], "size")
+    spreads = spreads.set_index(["assembly_mode", "sample"])
+    deviation = np.radians(0.1)
+    spread = deviation * np.sqrt((by_size**2).sum(axis=1))
+    same(spreads["spread"], spread)
+    same(spreads["worst"], 3.0 * deviation * by_size.abs().sum(axis=1))
+    share = (deviation * by_size.abs().max(axis=1) / spread) ** 2
+    same(spreads["share"], share)
+    moved = []
+    for sense in (1.0, -1.0):
+        sizes = {"3": (np.radians(70.0) + sense * 1e-5,)}
+        made = sk.load("four_bar").with_sizes(angle_unit="rad", arcs=sizes)
+        moved.append(sk.run(made, samples=7).frame("motion")["theta_41"].to_numpy())
+    mine = rows[rows["size"] == "links.3.arc"]["derivative"]
+    same(mine, (moved[0] - moved[1]) / 2e-5, abs=1e-7)
