@@ -321,3 +321,21 @@ def test_spreads_are_of_the_derivatives_and_these_of_the_values():
         moved.append(sk.run(made, samples=7).frame("motion")["theta_41"].to_numpy())
     mine = rows[rows["size"] == "links.3.arc"]["derivative"]
     same(mine, (moved[0] - moved[1]) / 2e-5, abs=1e-7)
+
+
+def test_sensitivities_and_evaluations_keep_to_that_sign():
+    wanted = "of=velocity_coefficient_5_1+acceleration_coefficient_5_1"
+    keys = f"sensitivity:{wanted},by=links.2.arc,draws=0"
+    run = sk.run("stephenson", ["poles:only=51", keys], samples=9)
+    poles = run.frame("poles")
+    sign = np.sign(poles["velocity_coefficient"])
+    assert sign.min() == -1.0
+    for kind in ("velocity", "acceleration"):
+        rows = run.frame("sensitivity")
+        rows = rows[rows["quantity"] == f"{kind}_coefficient_5_1"]
+        same(rows["value"], sign * poles[f"{kind}_coefficient"], abs=1e-11)
+    one = poles[poles["assembly_mode"] == 2]
+    here = sk.evaluate("stephenson", one["q"].to_numpy(), assembly_mode=2)
+    got = here.velocity_coefficient("5/1")[:, None] * here.direction("5/1")
+    u = one[["ux", "uy", "uz"]].to_numpy()
+    same(got, one["velocity_coefficient"].to_numpy()[:, None] * u, abs=1e-11)
