@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from common import bare
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
@@ -88,7 +89,7 @@ def test_the_bearings_of_hookes_joint():
     Bearings 0.2 m apart carry the bending moment as a couple: 350.1 N on the driving
     shaft and none on the driven one, then none and 286.8 N.
     """
-    made = sk.load("universal_joint")
+    made = bare("universal_joint")
     for yoke, torque, driving, driven in (
         (90.0, 122.077, 350.10, 0.0),
         (0.0, 81.915, 0.0, 286.79),
