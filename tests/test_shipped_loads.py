@@ -1,5 +1,7 @@
 """Shipped mechanisms with masses and loads: all tables by default, motion, MuJoCo."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -71,3 +73,12 @@ def test_mujoco_moves_it_as_it_moves_here(name):
     found = sk.simulate(made, start, 0.2, assembly_mode=0).at([0.2])
     assert np.max(np.abs(got - q)) > 0.05
     assert np.max(np.abs(got - found.inputs[0])) < LOADED[name]
+
+
+def test_sweeps_of_torques_with_rubbing_bearings_name_the_table_that_has_them():
+    arcs = {"links.2.arc": [14.0]}
+    with pytest.raises(sk.SpherekitError, match="friction follows") as refused:
+        sk.sweep("stephenson", arcs, ["most=max(abs(torque))"], samples=5)
+    (figure,) = re.findall('--reduce "([^"]+)"', str(refused.value))
+    swept = sk.sweep("stephenson", arcs, [f"most={figure}"], samples=5).frame()
+    assert len(swept) == 4 and (swept["most"] > 1e-3).all()

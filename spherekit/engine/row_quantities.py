@@ -220,7 +220,13 @@ class RowQuantities:
     def _force(self, state: LoadState, moving: int) -> Expr:
         """Return the generalised force of all loads on an input, by its number."""
         mechanism = self.structure.mechanism
-        need_no_rubbing(mechanism, "a kernel of designs does not solve for")
+        table = (
+            "eksergian.eksergian: abs(tau)"
+            if len(self.inputs) == 1
+            else (f"dynamics.dynamics: abs(tau_{self.inputs[moving]})")
+        )
+        what = f'a kernel of designs does not solve for; runs do: --reduce "max({table})"'
+        need_no_rubbing(mechanism, what)
         force: Expr = 0.0
         for parts in self.actions.loads:
             force = force + forces_of(parts, state)[moving]

@@ -143,6 +143,7 @@ def need_no_rubbing(mechanism: "Mechanism", what: str) -> None:
         if isinstance(load, Bearings) and load.grip > 0.0:
             raise ModelError(
                 f"{mechanism.name}: loads.{load.name}: its friction follows from the "
-                f"reaction of pair {load.pair}, which {what}; take a load of kind friction "
-                "there, whose torque the analysis reactions can tell, or coefficient = 0"
+                f"reaction of pair {load.pair}, which {what}; or take a load of kind "
+                "friction there, whose torque the analysis reactions can tell, or "
+                "coefficient = 0"
             )
