@@ -54,6 +54,7 @@ def test_loads_that_are_no_number_leave_inertia_and_the_others(
     facts = next(item for item in found.summary["analyses"] if item["name"] == analysis)
     assert facts["failed_rows"][analysis] == {"OVERFLOW": int(np.sum(lost))}
     assert "OVERFLOW" in found.summary["status_meaning"]
+    assert f"of table {analysis} failed" in found._repr_html_()
     json.dumps(found.summary)
     without = sk.run(plain, [analysis, "statics"], samples=7)
     for table in ("inertia", "outputs"):

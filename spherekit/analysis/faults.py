@@ -3,12 +3,14 @@
 import logging
 import sysconfig
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from spherekit.conventions import counted
 from spherekit.errors import ArgumentError, PluginError, SpherekitError
 
 LOG = logging.getLogger("spherekit.plugins")
@@ -17,6 +19,16 @@ LOG = logging.getLogger("spherekit.plugins")
 NOT_TO_BLAME = (str(Path(__file__).parent.parent), str(Path(str(np.__file__)).parent))
 STANDARD = sysconfig.get_path("stdlib")
 INSTALLED = sysconfig.get_path("purelib")
+
+
+def failed_rows(summary: Mapping[str, Any]) -> list[str]:
+    """Return what rows of analyses failed where their configurations did not."""
+    return [
+        f"{analysis['name']}: {counted(sum(statuses.values()), 'row')} of table {table} "
+        f"failed: {', '.join(f'{n} {name}' for name, n in statuses.items())}"
+        for analysis in summary.get("analyses", ())
+        for table, statuses in analysis["failed_rows"].items()
+    ]
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, final, overload
 
 import numpy as np
 
-from spherekit.analysis.faults import failed
+from spherekit.analysis.faults import failed, failed_rows
 from spherekit.analysis.folder.journal import MADE, SUMMARY, RunFolder, signed
 from spherekit.analysis.folder.on_disk import OnDisk, packed
 from spherekit.analysis.folder.resource_check import size_text
@@ -108,7 +108,7 @@ class RunResult:
         parts.append(html_list("Found", [str(remark) for remark in said]))
         parts.append(html_list("Warnings", self.summary.get("warnings", ())))
         why = [failed(name, reason) for name, reason in self.failures.items()]
-        parts.append(html_list("Failed", why))
+        parts.append(html_list("Failed", why + failed_rows(self.summary)))
         return "".join(parts)
 
     @checked(AnalysisError)

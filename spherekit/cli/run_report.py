@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from spherekit.analysis.faults import failed_rows
 from spherekit.conventions import counted
 
 
@@ -43,14 +44,7 @@ def report(summary: Any) -> str:
     if lacking:
         counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
         lines.append(f"  of {sum(summary['pole_status'].values())} pole axes: {counts}")
-    for analysis in summary["analyses"]:
-        for table, statuses in analysis["failed_rows"].items():
-            counts = ", ".join(f"{n} {name}" for name, n in statuses.items())
-            failed = sum(statuses.values())
-            lines.append(
-                f"  {analysis['name']}: {counted(failed, 'row')} of table {table} failed: "
-                f"{counts}"
-            )
+    lines += [f"  {sentence}" for sentence in failed_rows(summary)]
     for name, meaning in summary["status_meaning"].items():
         if name != "OK":
             lines.append(f"  {name}: {meaning}")
