@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
-from spherekit.analysis.faults import failed_rows
 from spherekit.conventions import counted
 
 
 def report(summary: Any) -> str:
     """Return the summary in a few lines for people."""
+    from spherekit.analysis.faults import failed_rows
+
     errors = summary["errors_reached"]
     mobility = summary["mobility"]
     count = len(summary["assembly_modes"])
