@@ -83,3 +83,12 @@ def test_torques_below_their_rounding_are_zero_and_what_is_not_given_is_said(
     assert main(["run", name, "-a", analysis, "--samples", "37"]) == 0
     told = capsys.readouterr().out
     assert said in told and "e-19" not in told and ": 0 N m" not in told
+
+
+def test_figures_of_designs_over_rows_that_overflow_are_infinite():
+    """By the table as by the kernel; of the rows that are left it would be a number."""
+    load = sk.PairTorque("on_rocker", "41", "exp(700 + 20*sin(3*theta_21))")
+    made = sk.load("four_bar").with_loads(load)
+    reduce = ["kernel=max(abs(torque))", "table=max(eksergian.eksergian: abs(tau))"]
+    found = sk.sweep(made, {"links.2.arc": [20.0]}, reduce, samples=9).frame()
+    assert np.isposinf(found[["kernel", "table"]].to_numpy()).all() and len(found) == 2

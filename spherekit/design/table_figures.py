@@ -155,6 +155,10 @@ class TableFigures:
         expression = merit.parsed(self.units[merit.name])
         columns = {name: rows[name].to_numpy(dtype=float) for name in expression.names}
         values = np.broadcast_to(expression.evaluate(columns), len(rows))
+        if "status" in rows and np.any(
+            np.isnan(values) & (rows["status"] == Status.OVERFLOW.name)
+        ):
+            return np.inf  # as by a kernel: of the rest it would be a number that is wrong
         names = ["q", *(f"q_{item.pair}" for item in self.study.mechanism.inputs)]
         present = [name for name in names if name in rows]
         q = (
