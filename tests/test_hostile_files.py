@@ -83,7 +83,6 @@ def test_what_is_refused_and_what_is_not(outcomes):
         "long string",
         "comments",
         "blank lines",
-        "powers",
         "many arguments",
         "profile of the most points",
         "profile of a high series",
