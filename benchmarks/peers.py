@@ -138,7 +138,7 @@ def _case(made: Mechanism, start: Start, pushes: tuple[Push, ...]) -> Case:
 
 def _heavy(name: str) -> Mechanism:
     """Return a mechanism with 1 kg on every unit arc between the axes of a link."""
-    made = load(name)
+    made = replace(load(name), loads=())
     axes, masses = link_axes(made), []
     for link, own in axes.items():
         if link == made.ground:
