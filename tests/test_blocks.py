@@ -46,58 +46,75 @@ def many_turns():
     return Tracer(sk.load("four_bar"), path=np.linspace(0.5, -25.0, 161)[:, None])
 
 
-def test_angles_are_those_that_numpy_unwraps():
-    motion = many_turns().motion()
-    found = AngleMemory().continued(motion, ["32", "41"])
-    for name, column in (("32", 1), ("41", 3)):
-        whole = np.unwrap(motion.values[:, column].reshape(2, 161), axis=1)
-        assert np.max(np.abs(found[name] - whole.ravel())) < 1e-13
-    assert np.min(np.ptp(found["32"].reshape(2, 161), axis=1)) > 20.0
+def test_angles_go_on_however_far_samples_lie_apart():
+    """As 361 samples a turn say, which NumPy unwraps, from zero in (-pi, pi] at zero."""
+    tracer = Tracer(sk.load("four_bar"), path=np.linspace(0.0, -25.0, 1441)[:, None])
+    motion, names = tracer.motion(), ["32", "43", "41"]
+    few = Tracer(sk.load("four_bar"), path=motion.inputs[:1441:240])
+    found = AngleMemory().continued(few.motion(), names, few.solver)
+    for column, name in enumerate(names, 1):
+        whole = np.unwrap(motion.values[:, column].reshape(2, 1441), axis=1)
+        assert np.max(np.abs(found[name].reshape(2, -1) - whole[:, ::240])) < 1e-12
+    assert np.min(np.ptp(found["32"].reshape(2, -1), axis=1)) > 20.0
 
 
 @pytest.mark.parametrize("size", [1, 7, 100])
 def test_blocks_go_on_where_the_one_before_ended(size):
-    """Over gaps too, and through JSON, bit for bit."""
-    tracer = many_turns()
+    """Over gaps too, and through JSON; with one input, and along a path of several."""
+    way = np.linspace(0.0, 1.0, 40)[:, None] * np.array([0.9, 0.7])
+    for tracer in (many_turns(), Tracer(sk.load("five_bar"), path=way)):
 
-    def gaps(motion):
-        values = motion.values.copy()
-        values[motion.sample % 5 == 3] = np.nan
-        return replace(motion, values=values)
+        def gaps(motion):
+            values = motion.values.copy()
+            values[motion.sample % 5 == 3] = np.nan
+            return replace(motion, values=values)
 
-    names = ["32", "43", "41"]
-    whole = AngleMemory().continued(gaps(tracer.motion()), names)
-    memory, parts = AngleMemory(), []
-    for motion in tracer.blocks(size):
-        found = memory.continued(gaps(motion), names)
-        parts.append({name: own.reshape(2, -1) for name, own in found.items()})
-        memory = AngleMemory.restored(json.loads(json.dumps(memory.state())))
-    for name in names:
-        joined = np.concatenate([part[name] for part in parts], axis=1)
-        assert np.array_equal(joined.ravel(), whole[name], equal_nan=True)
+        names, modes = list(tracer.mechanism.angles), len(tracer.assembly_modes)
+        whole = AngleMemory().continued(gaps(tracer.motion()), names, tracer.solver)
+        memory, parts = AngleMemory(), []
+        for motion in tracer.blocks(size):
+            found = memory.continued(gaps(motion), names, tracer.solver)
+            parts.append({name: own.reshape(modes, -1) for name, own in found.items()})
+            memory = AngleMemory.restored(json.loads(json.dumps(memory.state())))
+        for name in names:
+            joined = np.concatenate([part[name] for part in parts], axis=1)
+            here = joined.ravel(), whole[name]
+            assert np.allclose(*here, rtol=0.0, atol=1e-12, equal_nan=True)
 
 
 def test_a_million_turns_add_no_rounding():
     """An angle after n turns is the wrapped one and 2 pi n, rounded once or twice."""
-    motion = Tracer(sk.load("four_bar"), path=np.linspace(0.0, -4.0, 3)[:, None]).motion()
-    memory = AngleMemory.restored([[0, 1, float(motion.values[0, 1]), 10**6]])
-    first = memory.continued(motion, ["32"])["32"][0]
-    exact = float(motion.values[0, 1]) + 2.0 * np.pi * 10**6
-    assert abs(first - exact) <= np.spacing(exact)
-
-
-def test_inputs_are_as_given_and_grids_as_they_are():
-    motion = many_turns().motion()
-    found = AngleMemory().continued(motion, ["21"])["21"]
-    assert np.array_equal(found, motion.q) and np.min(found) == -25.0
-    tracer = Tracer(sk.load("five_bar"), samples=(3, 4), grid=True, assembly_mode=0)
+    tracer = Tracer(sk.load("four_bar"), path=np.array([[0.5]]), assembly_mode=0)
     motion = tracer.motion()
-    name = next(
-        pair.name for pair in motion.mechanism.pairs if pair.name not in tracer.inputs
+    away = replace(motion, inputs=motion.inputs + 2.0 * np.pi * 10**6)
+    first = AngleMemory().continued(away, ["32"], tracer.solver)["32"][0]
+    exact = float(motion.values[0, 1]) - 2.0 * np.pi * 10**6
+    assert abs(first - exact) <= np.spacing(abs(exact))
+
+
+def test_inputs_are_as_given_and_grids_go_on_as_paths():
+    tracer = many_turns()
+    motion = tracer.motion()
+    found = AngleMemory().continued(motion, ["21"], tracer.solver)["21"]
+    assert np.array_equal(found, motion.q) and np.min(found) == -25.0
+    low = replace(
+        five := sk.load("five_bar"),
+        inputs=tuple(
+            replace(item, start=0.7, stop=stop)
+            for item, stop in zip(five.inputs, (1.1, 2.4), strict=True)
+        ),
     )
-    (column,) = motion.mechanism.variables_of(motion.mechanism.pair_number[name])
-    found = AngleMemory().continued(motion, [name])[name]
-    assert np.array_equal(found, motion.values[:, column], equal_nan=True)
+    grid = Tracer(low, samples=(3, 4), grid=True)
+    names = sorted(set(grid.mechanism.angles) - set(grid.inputs))
+    motion = grid.motion()
+    found = AngleMemory().continued(motion, names, grid.solver)
+    way = np.linspace([0.7, 0.7], [1.1, 2.4], 400)
+    fine = Tracer(low, path=way).motion()
+    for name in names:
+        column = fine.values[:, fine.mechanism.angles[name]].reshape(2, -1)
+        grown = np.ptp(np.unwrap(column, axis=1)[:, [0, -1]], axis=1)
+        ends = found[name].reshape(2, -1)[:, [0, -1]]
+        assert np.max(np.abs(np.ptp(ends, axis=1) - grown)) < 1e-9
 
 
 def data_of(result, name):

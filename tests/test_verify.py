@@ -260,8 +260,8 @@ def test_a_wrong_variable_of_a_whole_motion_is_found(monkeypatch):
     path = np.linspace(0.0, -25.0, 160)[:, None]
     sound = sk.run(sk.load("four_bar"), Risen(), path=path).frame()
 
-    def drifting(memory, motion, names):
-        angles = right(memory, motion, names)
+    def drifting(memory, motion, names, solver):
+        angles = right(memory, motion, names, solver)
         return {name: angle + drift * motion.sample for name, angle in angles.items()}
 
     monkeypatch.setattr(AngleMemory, "continued", drifting)

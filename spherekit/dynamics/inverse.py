@@ -283,7 +283,7 @@ def inverse_dynamics(
         tracer = Tracer(mechanism, None, assembly_mode, search, path=q)
         motion = tracer.motion()
     motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
-    return needed_torques(_going_on(motion))
+    return needed_torques(_going_on(motion, tracer))
 
 
 def _ordered(mechanism: Mechanism, laws: Mapping[str, TimeLaw]) -> list[str]:
@@ -312,10 +312,11 @@ def _scheduled(mechanism: Mechanism, schedule: Schedule, t: Floats) -> Motion:
     return replace(motion, timing=Timing(t, rows.rates, rows.accelerations))
 
 
-def _going_on(motion: Motion) -> Motion:
+def _going_on(motion: Motion, tracer: Tracer) -> Motion:
     """Return a motion whose angles go on over all turns, as loads see them."""
     values = motion.values.copy()
-    for pair, angle in AngleMemory().continued(motion, motion.mechanism.angles).items():
+    names = motion.mechanism.angles
+    for pair, angle in AngleMemory().continued(motion, names, tracer.solver).items():
         values[:, motion.mechanism.angles[pair]] = angle
     return replace(motion, values=values)
 

@@ -289,8 +289,10 @@ def _configuration(
             f"({status.name}): {STATUS_MEANING[status]}"
         )
     values: Floats = motion.values[row].copy()
-    turns = np.zeros(len(values))
     driven = list(tracer.solver.driven)
+    number, every = motion.assembly_modes[row].number, tracer.solver.angles
+    at = values[None], q[None], every
+    turns = tracer.solver.unwrapping.turns(number, *at)[0]
     values[driven], turns[driven] = reduced(q), whole_turns(q)
     return values, turns
 

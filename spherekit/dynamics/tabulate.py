@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import EPS, Status
+from spherekit.conventions import EPS, TURN, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length, by_variables
@@ -178,6 +178,10 @@ def _followed(tracer: Tracer) -> tuple[ArcCurve, Floats]:
         for stop in mechanism.stops
     }
     motion.values[:, tracer.solver.single] = places
+    closed = np.flatnonzero(motion.status == Status.OK)
+    mode, unwrapping = tracer.assembly_modes[0].number, tracer.solver.unwrapping
+    at = motion.values[closed], places[closed, None], tracer.solver.angles
+    motion.values[closed] += TURN * unwrapping.turns(mode, *at)
     usable = motion.status == Status.OK
     for variable, (least, most) in stops.items():
         value = motion.values[:, variable]

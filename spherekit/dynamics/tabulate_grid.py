@@ -4,7 +4,6 @@ The assembly mode is followed over a coarse grid; configurations between are fou
 Newton's method from the nearest of it, predicted to the second order.
 """
 
-from collections import deque
 from collections.abc import Iterable
 from typing import final
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status
 from spherekit.dynamics.equation import christoffel
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.grid_model import GridMetadata, GridModel
@@ -173,8 +172,9 @@ class _Sampler:
         good = (motion.status == Status.OK).reshape(shape)
         values = motion.values.reshape(*shape, -1).copy()
         values[..., self.driven] = motion.inputs.reshape(*shape, -1)
-        turning = list(self.mechanism.angles.values())
-        _unwrap(values, good, turning)
+        mode, whole = tracer.assembly_modes[0].number, values[good]
+        at = whole, whole[:, self.driven], tracer.solver.angles
+        values[good] += TURN * tracer.solver.unwrapping.turns(mode, *at)
         nodes = by_variables(self.closure, values[good], self.driven)
         sure = np.all(np.isfinite(nodes.second), axis=(1, 2, 3))
         sure &= determined(nodes.rates) >= SURE
@@ -266,24 +266,3 @@ class _Sampler:
             good &= determined(moving.rates) >= SURE
         good &= moving.status == Status.OK
         return values, good
-
-
-def _unwrap(values: Floats, good: NDArray[np.bool_], turning: list[int]) -> None:
-    """Make angles go on over a grid of configurations, from the first good one."""
-    shape, seen = good.shape, ~good
-    for start in np.argwhere(good):
-        queue = deque([tuple(start.tolist())])
-        if seen[queue[0]]:
-            continue
-        seen[queue[0]] = True
-        while queue:
-            here = queue.popleft()
-            for axis, count in enumerate(shape):
-                for shift in (-1, 1):
-                    there = (*here[:axis], here[axis] + shift, *here[axis + 1 :])
-                    if not 0 <= there[axis] < count or seen[there]:
-                        continue
-                    seen[there] = True
-                    gap = values[there][turning] - values[here][turning]
-                    values[(*there, turning)] -= 2.0 * np.pi * np.round(gap / (2.0 * np.pi))
-                    queue.append(there)

@@ -33,9 +33,10 @@ from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.pairs import pair_states, penetrates
 from spherekit.motion.steps import determinant_sign
 from spherekit.motion.trains import Frames, WheelPlacement, train_of
+from spherekit.motion.unwrapping import Unwrapping
 from spherekit.numeric.turns import wrap
 from spherekit.planning.assembly import Assembly
-from spherekit.planning.wheel_train import wheel_train
+from spherekit.planning.wheel_train import WheelTrain, wheel_train
 from spherekit.sphere.rotation import Floats
 
 FLAT_DYAD = 1e-6
@@ -102,10 +103,25 @@ class Solver:
         return number
 
     @cached_property
+    def _train(self) -> WheelTrain | None:
+        return wheel_train(self.mechanism, self.assembly.inputs)
+
+    @cached_property
     def meshes(self) -> Meshes | None:
         """How far wheels have rolled at inputs, None without rolling contacts."""
-        train = wheel_train(self.mechanism, self.assembly.inputs)
-        return meshes_of(self.closure, self.driven, self.geometry.reference, train)
+        reference = self.geometry.reference
+        return meshes_of(self.closure, self.driven, reference, self._train)
+
+    @cached_property
+    def unwrapping(self) -> Unwrapping:
+        """The turns of passive pairs at inputs."""
+        train = None
+        if self._train is not None:
+            names = (self.mechanism.pairs[k].name for k in self._train.followers)
+            train = self._train, [self.mechanism.angles[name] for name in names]
+        reference, passive = self.geometry.reference, set(self.angles) - set(self.driven)
+        where = self.closure, self.driven, sorted(passive)
+        return Unwrapping(*where, reference, self.meshes, train)
 
     @property
     def periods(self) -> Floats:

@@ -1,4 +1,4 @@
-"""Angles that go on from sample to sample, where a motion reduces them to a turn.
+"""Angles that go on over whole turns, where a motion reduces them to one.
 
 Loads that depend on an angle itself, such as wound springs, want it to go on.
 """
@@ -9,61 +9,68 @@ from typing import Any, Self, final
 import numpy as np
 
 from spherekit.conventions import TURN
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats
 
 
 @final
 class AngleMemory:
-    """What earlier blocks of a motion found, so that angles continue.
+    """The last configuration of each mode with its turns, from which samples go on.
 
-    For each assembly mode and variable the last angle in (-pi, pi], and the turns made
-    since the first sample; whole turns, so that nothing adds up however many there are.
+    With one input nothing is remembered: its value says how far all angles have turned.
     """
 
     def __init__(self) -> None:
-        self._last: dict[tuple[int, int], tuple[float, int]] = {}
+        self._last: dict[int, Floats] = {}
 
     def state(self) -> list[list[Any]]:
         """Return what is remembered, ready for JSON, bit for bit."""
-        return [[*key, *last] for key, last in self._last.items()]
+        return [[mode, *map(float, last)] for mode, last in self._last.items()]
 
     @classmethod
     def restored(cls, state: Iterable[Any]) -> Self:
         """Return the memory that `state` gave."""
         memory = cls()
-        for assembly_mode, variable, angle, turns in state:
-            memory._last[assembly_mode, variable] = float(angle), int(turns)
+        memory._last = {int(mode): np.array(last) for mode, *last in state}
         return memory
 
-    def continued(self, motion: Motion, names: Iterable[str]) -> Mapping[str, Floats]:
+    def continued(
+        self, motion: Motion, names: Iterable[str], solver: Solver
+    ) -> Mapping[str, Floats]:
         """Return the variables (n,) of pairs, by name, at the next block of a motion.
 
-        From the first sample of each assembly mode on an angle moves by less than half a
-        turn from one sample to the next; NaN stays, and is passed over. That of a driven
-        pair is the input as it was given. Arc lengths, and angles over a grid, are those of
-        the motion.
+        Angles are those of `spherekit.motion.unwrapping`; NaN stays, and is passed over.
+        That of a driven pair is the input as it was given. Arc lengths, and angles of a
+        simulation, which go on already, are those of the motion.
         """
-        return {name: self._of(motion, name) for name in names}
-
-    def _of(self, motion: Motion, name: str) -> Floats:
-        pair = motion.mechanism.pair_number[name]
-        if pair in motion.assembly.inputs:
-            return motion.inputs[:, motion.assembly.inputs.index(pair)]
-        (variable,) = motion.mechanism.variables_of(pair)
-        angles = motion.values[:, variable].copy()
-        if not motion.is_path or name not in motion.mechanism.angles:
-            return angles
-        for position, assembly_mode in enumerate(motion.assembly_modes):
-            in_mode = angles[position * motion.samples : (position + 1) * motion.samples]
-            finite = np.flatnonzero(np.isfinite(in_mode))
-            if not len(finite):
-                continue
-            angle = in_mode[finite]
-            key = assembly_mode.number, variable
-            last, turns = self._last.get(key, (float(angle[0]), 0))
-            steps = np.round(np.diff(angle, prepend=last) / TURN).astype(np.int64)
-            made = turns - np.cumsum(steps)
-            in_mode[finite] += TURN * made
-            self._last[key] = float(angle[-1]), int(made[-1])
-        return angles
+        names = list(names)
+        mechanism, inputs = motion.mechanism, motion.assembly.inputs
+        wanted = [mechanism.angles[name] for name in names if name in mechanism.angles]
+        turns = np.zeros_like(motion.values)
+        if wanted and motion.sense is None:
+            for place, mode in enumerate(motion.assembly_modes):
+                first = place * motion.samples
+                here = motion.values[first : first + motion.samples]
+                rows = np.flatnonzero(np.all(np.isfinite(here), axis=1)) + first
+                if not len(rows):
+                    continue
+                turns[rows] = solver.unwrapping.turns(
+                    mode.number,
+                    motion.values[rows],
+                    motion.inputs[rows],
+                    wanted,
+                    self._last.get(mode.number),
+                )
+                if len(inputs) > 1:
+                    last = motion.values[rows[-1]] + TURN * turns[rows[-1]]
+                    last[list(solver.driven)] = motion.inputs[rows[-1]]
+                    self._last[mode.number] = last
+        found = {}
+        for name in names:
+            pair = mechanism.pair_number[name]
+            (variable,) = mechanism.variables_of(pair)
+            found[name] = motion.values[:, variable] + TURN * turns[:, variable]
+            if pair in inputs:
+                found[name] = motion.inputs[:, inputs.index(pair)]
+        return found

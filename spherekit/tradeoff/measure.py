@@ -205,7 +205,7 @@ class Benchmark:
             if item.poles
         )
         lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
-        angles = AngleMemory().continued(better, self.needs.continued_values)
+        angles = self.course.angles(better, self.needs.continued_values, AngleMemory())
         tables = self._computed(self._batch(wanted, better, fields, angles))
         return Reference(tables, fields, int(np.sum(lacking)))
 

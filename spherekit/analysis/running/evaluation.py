@@ -167,7 +167,7 @@ class Evaluation:
 
     def angles(self, motion: Motion, memory: AngleMemory) -> Mapping[str, Floats]:
         """Return the variables that go on, by pair, at a block of `blocks`."""
-        return memory.continued(motion, sorted(self.needs.continued_values))
+        return self.course.angles(motion, sorted(self.needs.continued_values), memory)
 
     def _link_rates(self, motion: Motion) -> LinkRates:
         """Return the rates that the kernel finds, in float64.

@@ -1,6 +1,6 @@
 """What a run goes through: the samples of its inputs, or the times of a simulation."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import Any, final
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
-from spherekit.conventions import Status
+from spherekit.conventions import TURN, Status
 from spherekit.dynamics.forward import solving
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.solved import Solved, Solving
@@ -19,6 +19,7 @@ from spherekit.errors import ModelError, SolveError
 from spherekit.model.laws import ConstantSpeed, Law, time_fault
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
+from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import BLOCK, Motion, Tracer
 from spherekit.motion.timing import Extent, Timing, by_laws
 from spherekit.numeric.turns import wrap
@@ -116,6 +117,19 @@ class Sampling:
         """Return the motion of the simulation at some samples (n,)."""
         assert self.simulation is not None and self.timing is not None
         return motion_of(self.simulation, self.tracer, self.timing.t[sample], sample)
+
+    def angles(
+        self, motion: Motion, names: Collection[str], memory: AngleMemory
+    ) -> Mapping[str, Floats]:
+        """Return the variables that go on, by pair, at the next block of a motion."""
+        solver = self.tracer.solver
+        if self.simulation is not None and set(names) - set(self.tracer.inputs):
+            assert motion.timing is not None
+            whole = self.simulation.at(motion.timing.t).values - motion.values
+            values = motion.values.copy()
+            values[:, solver.angles] += TURN * np.round(whole / TURN)[:, solver.angles]
+            motion = replace(motion, values=values)
+        return memory.continued(motion, names, solver)
 
     @property
     def titles(self) -> dict[int, str]:
