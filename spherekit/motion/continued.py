@@ -66,11 +66,11 @@ class AngleMemory:
                     last = motion.values[rows[-1]] + TURN * turns[rows[-1]]
                     last[list(solver.driven)] = motion.inputs[rows[-1]]
                     self._last[mode.number] = last
-        found = {}
+        angles = {}
         for name in names:
             pair = mechanism.pair_number[name]
             (variable,) = mechanism.variables_of(pair)
-            found[name] = motion.values[:, variable] + TURN * turns[:, variable]
+            angles[name] = motion.values[:, variable] + TURN * turns[:, variable]
             if pair in inputs:
-                found[name] = motion.inputs[:, inputs.index(pair)]
-        return found
+                angles[name] = motion.inputs[:, inputs.index(pair)]
+        return angles

@@ -106,22 +106,22 @@ class Unwrapping:
         whole configuration (variables,) or else from the anchor.
         """
         turns = np.zeros_like(values)
-        known = set(self._driven)
+        settled = set(self._driven)
         if self._train is not None:
             train, followers = self._train
             start = train.offsets + train.ratios @ self._anchor
             start = start - TURN * first_turns(start)
             angle = start + (q - self._anchor) @ train.ratios.T
             turns[:, followers] = np.round((angle - values[:, followers]) / TURN)
-            known |= set(followers)
-        sought = [v for v in self._angles if v not in known]
+            settled |= set(followers)
+        sought = [v for v in self._angles if v not in settled]
         if not set(sought) & set(wanted) or not len(values):
             return turns
         at = self._at(values, q)
-        found = self._by_pieces(mode, at) if len(self._driven) == 1 else None
-        if found is None:
-            found = self._in_order(at, last)
-        turns[:, sought] = found[:, [self._angles.index(v) for v in sought]]
+        passive = self._by_pieces(mode, at) if len(self._driven) == 1 else None
+        if passive is None:
+            passive = self._in_order(at, last)
+        turns[:, sought] = passive[:, [self._angles.index(v) for v in sought]]
         return turns
 
     def _at(self, values: Floats, q: Floats) -> Floats:
