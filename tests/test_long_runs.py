@@ -31,7 +31,7 @@ from spherekit.analysis.scene import Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.engine.compiler import available
-from spherekit.errors import AnalysisError, OutputError
+from spherekit.errors import AnalysisError, FileError, OutputError
 from spherekit.files.lock import locked
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.laws import ConstantSpeed, Start
@@ -381,7 +381,7 @@ def test_a_damaged_table_is_told(at, tmp_path):
     path = tmp_path / "poles.parquet"
     whole = read_parquet(path)
     turn_a_bit(path, at)
-    with pytest.raises(OutputError, match="damaged"):
+    with pytest.raises(FileError, match="damaged"):
         read_parquet(path)
     assert len(whole)
 

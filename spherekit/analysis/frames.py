@@ -21,7 +21,7 @@ from spherekit.analysis.tables import (
     TableArrays,
 )
 from spherekit.conventions import Status
-from spherekit.errors import OutputError
+from spherekit.errors import FileError
 from spherekit.files.atomic import make_folder, writing
 
 if TYPE_CHECKING:
@@ -182,19 +182,21 @@ def _read(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
 
     Raises
     ------
-    OutputError
-        If the file cannot be read, or is damaged.
+    FileError
+        If the file cannot be read, is not of Parquet, or is damaged.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        return pq.read_table(path, columns=columns, page_checksum_verification=True)
+        with path.open("rb") as file:
+            return pq.read_table(file, columns=columns, page_checksum_verification=True)
     except (OSError, pa.ArrowException) as error:
-        raise OutputError(
-            f"{str(path)!r} is damaged, or no table ({str(error).strip()}); remove it, and "
-            "let the command that wrote it make it again"
-        ) from None
+        reason = str(error).strip()
+        why = f"is not a Parquet file, or is damaged: {reason}; make it again"
+        if isinstance(error, OSError) and error.strerror:
+            why = f"cannot be read: {error.strerror}; give the path of a Parquet file"
+        raise FileError(f"{path}: {why}") from None
 
 
 def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, Any]) -> None:

@@ -6,16 +6,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
+from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.tables import COLUMNS
 from spherekit.errors import FileError
 from spherekit.sphere.rotation import Floats
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 PARQUET = ".parquet"
 MOST_SHOWN = 5
@@ -45,7 +43,7 @@ def columns_of(path: Path) -> dict[str, str]:
         If it cannot be read, or is no such file.
     """
     if path.suffix == PARQUET:
-        headers = list(map(str, _parquet(path).columns))
+        headers = list(map(str, read_parquet(path).columns))
     else:
         with _rows(path) as rows:
             headers = list(_header(path, rows))
@@ -74,7 +72,7 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
         places.append(place)
 
     if path.suffix == PARQUET:
-        frame = _parquet(path)
+        frame = read_parquet(path)
         units = dict(frame.attrs.get("units", {}))
         for number, cells in enumerate(frame[list(names)].itertuples(index=False), 1):
             take(f"row {number}", cells)
@@ -136,17 +134,3 @@ def _rows(path: Path) -> "Iterator[Any]":
         ) from None
     except (csv.Error, UnicodeDecodeError) as problem:
         raise FileError(f"{path}: is not a CSV file: {problem}") from None
-
-
-def _parquet(path: Path) -> "pd.DataFrame":
-    from spherekit.analysis.frames import read_parquet
-
-    try:
-        return read_parquet(path)
-    except OSError as problem:
-        raise FileError(
-            f"{path}: cannot be read: {problem.strerror or problem}; give the path of a "
-            "CSV or Parquet file"
-        ) from None
-    except ValueError as problem:  # of pyarrow, for what is not a Parquet file
-        raise FileError(f"{path}: is not a Parquet file: {problem}") from None

@@ -63,6 +63,15 @@ class Parser(argparse.ArgumentParser):
         indented = ["  " + line.lstrip() for line in lines]
         self.epilog = "\n".join(["examples:", *indented])
 
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """Refuse an empty word, which as a path would mean the current folder."""
+        if not arg_string and action.nargs != argparse.PARSER:
+            where = action.metavar or action.dest.upper()
+            raise argparse.ArgumentError(
+                action, f"found an empty text for {where} (an unset variable of the shell?)"
+            )
+        return super()._get_value(action, arg_string)
+
     def error(self, message: str) -> NoReturn:
         """Say what is wrong and how to learn more, and exit."""
         message = re.sub(r"invalid float value: (.*)", r"\1 is not a number", message)

@@ -25,9 +25,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         fill(grammar, os.environ["COMP_LINE"].split())
         CompletionFinder()(grammar, always_complete_options="long")
     options = grammar.parse_args(words)
-    for name, value in vars(options).items():
-        if "" in (value if isinstance(value, list) else [value]):
-            grammar.error(f"{name}: found an empty text (an unset variable of the shell?)")
     options.words = words
     if options.command is None:
         grammar.print_help(sys.stderr)
