@@ -116,7 +116,7 @@ class SeveralInputs:
 
         0 for no mesh.
         """
-        widths = [item.stop - item.start for item in batch.mechanism.inputs]
+        widths = [abs(item.stop - item.start) for item in batch.mechanism.inputs]
         longest = float(min(LONGEST_SIDE, min(widths) / SIDES))
         if self.mesh is None:
             return longest, HALVED

@@ -38,7 +38,7 @@ FILES = {
     "unknown angle in a load": ("[outputs", LOAD.format("sin(theta_driv)") + "[outputs", ["loads.motor.torque", "column 5", 'did you mean "theta_drive"', "names: t, theta_drive"]),
     "product without a sign": ("[outputs", LOAD.format("2 theta_drive") + "[outputs", ["loads.motor.torque", "column 3", "products are written with *"]),
     "inertia that no body has": ("[outputs", MASS + "[outputs", ["mass.rocker.tensor", "not physical", "by 7 kg m2", "check units"]),
-    "range that does not rise": ("to = 360.0", "to = 0.0", ["inputs.drive", "must rise from `from` to `to`", "0 to 0 rad", "give a greater `to`"]),
+    "empty range": ("to = 360.0", "to = 0.0", ["inputs.drive", "from `from` to `to` is empty", "both are 0 rad", "give another `to`"]),
     "empty file": (TEMPLATE, "", [":1: format", "missing", "start with format = 1"]),
 }  # fmt: skip
 

@@ -203,11 +203,11 @@ FAULTS = {
         "4: samples: has 2 numbers for 1 inputs (12)",
         [],
     ),
-    "falling range": (
+    "empty range": (
         "to = 90",
-        "to = -90",
-        "8: inputs.12: the range must rise",
-        ["-0.523599 to -1.5708 rad"],
+        "to = -30",
+        "8: inputs.12: the range from `from` to `to` is empty",
+        ["both are -0.523599 rad", "give another `to`"],
     ),
     "no samples": ("= 7", "= 0", "4: samples: found 0, needs at least 1", []),
     "half a sample": (

@@ -55,11 +55,12 @@ class DesignSamples:
         if study.path is not None:
             path = given_path(study.path, len(names)).q
             start = np.min(path, axis=0) if len(names) == 1 else path[0]
-            return DesignSamples.at(names, path, start)
+            return DesignSamples.at(names, path, start, np.ones(len(names)))
         if study.duration is not None:
             return DesignSamples._timed(study, mechanism, names)
         lattice = _lattice(study, mechanism)
-        return DesignSamples.at(names, lattice.q, start, lattice.shape)
+        sense = np.array([driven.sense for driven in mechanism.inputs])
+        return DesignSamples.at(names, lattice.q, start, sense, lattice.shape)
 
     @staticmethod
     def _timed(
@@ -70,7 +71,7 @@ class DesignSamples:
         assert study.duration is not None
         t = np.linspace(0.0, study.duration, study.samples)
         laws = {
-            driven.pair: ConstantSpeed(UNIT_SPEED, driven.start)
+            driven.pair: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)
             for driven in mechanism.inputs
         }
         q, timing = by_laws(names, {**laws, **study.laws}, t)
@@ -82,13 +83,17 @@ class DesignSamples:
         inputs: Sequence[str],
         q: Floats,
         start: Floats,
+        sense: Floats,
         shape: tuple[int, ...] | None = None,
     ) -> "DesignSamples":
-        """Return samples q (n, inputs) of inputs that turn at unit speed from a start."""
+        """Return samples q (n, inputs) of inputs that turn at unit speed from a start.
+
+        `sense` (inputs,) is 1 of those that rise and -1 of those that fall.
+        """
         n = len(q)
-        ones = np.full_like(q, UNIT_SPEED)
-        time = (q[:, :1] - start[0]) / UNIT_SPEED
-        rows = np.concatenate([q, ones, np.zeros_like(q), time], axis=1)
+        rates = np.broadcast_to(UNIT_SPEED * sense, q.shape)
+        time = (q[:, :1] - start[0]) * sense[0] / UNIT_SPEED
+        rows = np.concatenate([q, rates, np.zeros_like(q), time], axis=1)
         return DesignSamples(tuple(inputs), rows, shape or (n,))
 
     @property

@@ -79,7 +79,8 @@ class TakenFigures:
         count = len(self.inputs)
         points = sorted({merit.point for merit in self.merits if merit.point})
         q = np.array(points).reshape(-1, count)
-        return DesignSamples.at(self.inputs, q, self._samples.rows[0, :count]).rows
+        start, sense = np.split(self._samples.rows[0, : 2 * count], 2)
+        return DesignSamples.at(self.inputs, q, start, np.sign(sense)).rows
 
     @property
     def read_inertia(self) -> bool:

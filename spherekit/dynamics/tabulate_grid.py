@@ -163,8 +163,7 @@ class _Sampler:
         self.mechanism, self.poles = tracer.mechanism, poles
         self.closure = tracer.solver.closure
         self.driven = [self.mechanism.angles[pair] for pair in tracer.inputs]
-        spans = np.array([(item.start, item.stop) for item in self.mechanism.inputs])
-        self.low, self.high = np.min(spans, axis=1), np.max(spans, axis=1)
+        self.low, self.high = np.array([item.range for item in self.mechanism.inputs]).T
         self.loads = Loads(self.mechanism)
         self.velocities = own_velocities(self.loads)
         motion = tracer.motion()

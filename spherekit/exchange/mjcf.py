@@ -350,7 +350,7 @@ class _Writer:
             ends = {"name": item.pair, "joint": item.pair}
             if made.made_up:
                 strength = _text(float(f"{inertia * SERVO**2:.2g}"))
-                limits = _text((item.start, item.stop))
+                limits = _text(item.range)
                 _add(
                     actuators,
                     "position",

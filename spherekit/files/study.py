@@ -133,11 +133,11 @@ def _ranged(document: Document, driven: Input) -> Input:
         else default
         for key, default in (("from", driven.start), ("to", driven.stop))
     )
-    if not start < stop:
+    if start == stop:
         raise document.fault(
             path,
-            "the range must rise from `from` to `to`, but it is "
-            f"{start:.6g} to {stop:.6g} rad",
+            f"the range from `from` to `to` is empty, both are {start:.6g} rad; give "
+            "another `to`, greater or less",
         )
     return Input(driven.pair, start, stop)
 

@@ -143,11 +143,24 @@ class PoseGeometry:
 @final
 @dataclass(frozen=True)
 class Input:
-    """A driven pair and the range of its variable (rad)."""
+    """A driven pair and the range (rad) of its variable, from `start` to `stop`.
+
+    It may fall: `stop` is then below `start`.
+    """
 
     pair: str
     start: float
     stop: float
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the greatest value (rad)."""
+        return min(self.start, self.stop), max(self.start, self.stop)
+
+    @property
+    def sense(self) -> float:
+        """1.0 if the range rises, -1.0 if it falls."""
+        return -1.0 if self.stop < self.start else 1.0
 
 
 @final

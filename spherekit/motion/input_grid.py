@@ -76,17 +76,16 @@ def sampled(
     Raises
     ------
     SolveError
-        If a range does not rise, or the samples are not those of its inputs.
+        If a range is empty, or the samples are not those of its inputs.
     """
     inputs = mechanism.inputs
     if path is not None:
         return given_path(path, len(inputs))
     for item in inputs:
-        if not item.start < item.stop:
+        if item.start == item.stop:
             raise SolveError(
-                f"{mechanism.name}: inputs.{item.pair}: the range must rise from `from` "
-                f"to `to`, but it is {item.start:.6g} to {item.stop:.6g} rad; give a "
-                "greater `to`, by a turn if it should go on past zero"
+                f"{mechanism.name}: inputs.{item.pair}: the range from `from` to `to` is "
+                f"empty, both are {item.start:.6g} rad; give another `to`, greater or less"
             )
     if isinstance(samples, Sequence):
         if len(samples) != len(inputs):

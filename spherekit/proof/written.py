@@ -171,10 +171,12 @@ class Written:
         return self.angle(LiteralNumber(text), tolerance=False)
 
     def input_range(self, pair: str) -> tuple[str, str]:
-        """Return the ends of the range of an input as the file has them."""
+        """Return the ends of an input's range as the file has them, the lower first."""
         item = self.document.data.get("inputs", {}).get(pair, {})
         turn = "360" if self.document.data["angle_unit"] == "deg" else repr(2 * math.pi)
-        return _text(item.get("from", 0)), _text(item["to"]) if "to" in item else turn
+        ends = _text(item.get("from", 0)), _text(item["to"]) if "to" in item else turn
+        low, high = sorted(ends, key=float)
+        return low, high
 
     def _size_frames(self) -> dict[str, tuple[Frame, Frame]]:
         given = self.mechanism.geometry

@@ -183,7 +183,7 @@ def ranges_of(mechanism: Mechanism, whole_turn: bool = False) -> list[tuple[floa
     """Return the lowest and highest value (rad) of each input that is looked at."""
     if whole_turn:
         return [(-np.pi, np.pi)] * len(mechanism.inputs)
-    return [(item.start, item.stop) for item in mechanism.inputs]
+    return [item.range for item in mechanism.inputs]
 
 
 def _found(curve: SingularCurve, view: View) -> FoundCurve:

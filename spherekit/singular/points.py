@@ -112,7 +112,7 @@ class View:
     @cached_property
     def ranges(self) -> tuple[Floats, Floats]:
         """The lowest and the highest declared values (g,) of the inputs (rad)."""
-        ends = [(item.start, item.stop) for item in self.solver.mechanism.inputs]
+        ends = [item.range for item in self.solver.mechanism.inputs]
         low, high = np.array(ends).T
         return low, high
 

@@ -188,7 +188,7 @@ def singular_surface(
         mesh = mesh.split()
     if not whole_turn:
         for number, item in zip(solver.driven, mechanism.inputs, strict=True):
-            mesh = mesh.within(number, item.start, item.stop)
+            mesh = mesh.within(number, *item.range)
     return SingularSurface(
         kind,
         view.points(mesh.points),

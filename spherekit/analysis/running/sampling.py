@@ -246,9 +246,9 @@ def courses_of(
             follow,
         )
         input_grid = tracer.input_grid
-        along = study.path is None and not study.grid and isinstance(samples, int)
-        clock = partial(_at_unit_speed, input_grid.q)
-        moves = along or len(tracer.inputs) == 1
+        straight = study.path is None and input_grid.is_path
+        clock = partial(_at_unit_speed, input_grid.q, straight)
+        moves = straight or len(tracer.inputs) == 1
         yield Sampling(
             tracer, input_grid.q, input_grid.shape, clock if moves else None, False, {}
         )
@@ -273,7 +273,7 @@ def courses_of(
         return
     inputs, laws = _inputs(study), study.laws
     if not laws:
-        laws = {inputs[0]: ConstantSpeed(UNIT_SPEED, _first(mechanism))}
+        laws = {inputs[0]: _at_speed(mechanism)}
     q, timing = by_laws(inputs, laws, t)
     tracer = Tracer(mechanism, None, assembly_mode, study.search, path=q)
     yield Sampling(tracer, q, (len(q),), lambda: timing, True, laws, study.duration)
@@ -359,9 +359,12 @@ def _inputs(study: Study) -> list[str]:
     return [pairs[pair].name for pair in driven_pairs(study.mechanism)]
 
 
-def _first(mechanism: Mechanism) -> float:
-    """Return where the range of the only input begins (rad)."""
-    return mechanism.inputs[0].start if mechanism.inputs else 0.0
+def _at_speed(mechanism: Mechanism) -> ConstantSpeed:
+    """Return the law by which the only input turns through its range at 1 rad/s."""
+    if not mechanism.inputs:
+        return ConstantSpeed(UNIT_SPEED)
+    (driven,) = mechanism.inputs
+    return ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)
 
 
 def simulated_course(
@@ -434,17 +437,17 @@ def motion_of(
     )
 
 
-def _at_unit_speed(q: Floats) -> Timing:
-    """Return the timing of an input (k, 1) that turns from its least value at 1 rad/s.
+def _at_unit_speed(q: Floats, straight: bool) -> Timing:
+    """Return the timing of inputs (k, inputs) on a straight path, the fastest at 1 rad/s.
 
-    Of several inputs (k, inputs) on a straight path, the fastest turns so.
+    A single input on another path turns from its least value at 1 rad/s.
     """
-    ends = Extent.of(q, None).inputs
-    spans = ends[1] - ends[0]
-    fastest = int(np.argmax(spans))
-    t = q[:, fastest] - ends[0, fastest]
+    ends = q[[0, -1]] if straight else Extent.of(q, None).inputs
+    way = ends[1] - ends[0]
+    fastest = int(np.argmax(np.abs(way)))
+    t = np.abs(q[:, fastest] - ends[0, fastest])
     t /= UNIT_SPEED
-    share = np.ones(1) if q.shape[1] == 1 else spans / spans[fastest]
+    share = way / np.abs(way[fastest]) if way[fastest] else np.ones_like(way)
     return Timing(
         t, np.broadcast_to(UNIT_SPEED * share, q.shape), np.broadcast_to(0.0, q.shape)
     )
