@@ -783,7 +783,7 @@ def test_a_mechanism_that_states_no_input_is_driven_as_in_runs():
     assert found["s"].to_numpy() == pytest.approx(1.0 / cosine - cosine, rel=1e-12)
 
 
-def wound_up(pair, zero=0.0, range_=(0.0, 360.0)):
+def wound_up(pair, zero=0.0, range_=(0.0, 360.0), crank=20):
     """Return a four-bar with a coil whose rest is not where its angle begins anew."""
     return sk.build(
         "wound_up",
@@ -791,7 +791,7 @@ def wound_up(pair, zero=0.0, range_=(0.0, 360.0)):
         ground="base",
         links={
             "base": {"axes": ["drive", "hinge"], "arcs": [60]},
-            "crank": {"axes": ["drive", "tip"], "arcs": [20]},
+            "crank": {"axes": ["drive", "tip"], "arcs": [crank]},
             "coupler": {"axes": ["tip", "joint"], "arcs": [70]},
             "rocker": {"axes": ["hinge", "joint"], "arcs": [40]},
         },
@@ -849,6 +849,17 @@ figures = { high = "max(torque)" }
     modes = [SignedMode(sign) for sign in "+-"]
     highs = [gradients.at(np.array([20.0]), mode)[0][0] for mode in modes]
     assert np.allclose(np.sort(highs), wanted[:, 0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("crank, samples", [(20.0, 5), (56.566, 4), (85.162, 60)])
+def test_coils_of_sweeps_do_not_depend_on_samples_before(crank, samples):
+    """Few samples, and modes that do not reach zero, over three turns."""
+    mechanism = wound_up("hinge", 161.5, (-390.0, 760.0), crank)
+    wanted = torques_of_runs(mechanism, samples)
+    reduce = ["high=max(torque)", "low=min(torque)"]
+    rows = sk.sweep(mechanism, {"links.crank.arc": [crank]}, reduce, samples=samples)
+    found = np.sort(rows.frame()[["high", "low"]], axis=0)
+    assert np.allclose(found, wanted, rtol=1e-9)
 
 
 def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit
+from spherekit.conventions import TURN
 from spherekit.design.all_solutions import StartSet, start_set
-from spherekit.design.at_samples import BLOCK, Winding, at_modes, at_variables, in_mode
+from spherekit.design.at_samples import BLOCK, at_modes, at_variables, in_mode
 from spherekit.design.evaluated import (
     IMPOSSIBLE,
     NEVER,
@@ -23,6 +24,7 @@ from spherekit.design.evaluated import (
 )
 from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers
 from spherekit.design.followed_modes import Modes, followed_modes
+from spherekit.design.kernel_turns import KernelTurns
 from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles, tracks_of
 from spherekit.design.samples import DesignSamples
 from spherekit.design.size_keys import sizes_of
@@ -50,6 +52,8 @@ from spherekit.guarantee import Guarantee
 from spherekit.model.actions import need_tabulated
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
+from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.continued import AngleMemory
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.assembly import plan_assembly
@@ -355,7 +359,8 @@ class Evaluator:
             closed = self._modes(self.kernel, sizes[:, possible])
             parts.append(replace(closed, design=possible[closed.design]))
         elif len(possible):
-            followed, lost = self._followed(self.kernel, sizes[:, possible])
+            parted = sizes[:, possible], values[:, possible]
+            followed, lost = self._followed(self.kernel, *parted)
             parts.append(replace(followed, design=possible[followed.design]))
             singly = self._one_by_one(values[:, possible[lost]])
             parts.append(replace(singly, design=possible[lost[singly.design]]))
@@ -378,16 +383,17 @@ class Evaluator:
         prepared = kernel.prepare(np.ascontiguousarray(sizes))
         parts, closing = [], np.zeros(n, dtype=bool)
         for signs in product((1.0, -1.0), repeat=len(kernel.places)):
-            reducing, winding = self.figures.reducing(n), self.winding(kernel, n)
+            reducing, points = self.figures.reducing(n), self.figures.points()
+            turns, there = self.turns(kernel, prepared, signs)
             closes = np.zeros(n)
             with np.errstate(all="ignore"):
                 for sample, columns, closed in in_mode(
-                    kernel, prepared, signs, self.samples.rows, winding
+                    kernel, prepared, signs, self.samples.rows, turns
                 ):
                     closes += closed
                     self.figures.take(reducing, sample, columns, closed)
                 for sample, columns, closed in in_mode(
-                    kernel, prepared, signs, self.figures.points(), winding, beside=True
+                    kernel, prepared, signs, points, there
                 ):
                     self.figures.take(reducing, sample, columns, closed, True)
             label = "".join("+" if sign > 0 else "-" for sign in signs)
@@ -399,9 +405,12 @@ class Evaluator:
         return self._joined(parts)
 
     def _followed(
-        self, kernel: DesignKernel, sizes: Floats
+        self, kernel: DesignKernel, sizes: Floats, of_file: Floats
     ) -> tuple[Evaluated, NDArray[np.intp]]:
-        """Return designs (variables, n) in all their modes, and those that got lost."""
+        """Return designs (variables, n) in all their modes, and those that got lost.
+
+        `of_file` (variables, n) are their values in the file's units.
+        """
         assert self._paths is not None
         _, start = self._paths
         samples, points = self.samples.rows, self.figures.points()
@@ -409,16 +418,21 @@ class Evaluator:
         prepared = kernel.prepare(np.ascontiguousarray(sizes[:, modes.design]))
         values = modes.values[:, place]
         count, k = len(modes.design), len(samples)
-        reducing, winding = self.figures.reducing(count), self.winding(kernel, count)
+        reducing = self.figures.reducing(count)
+        turns = np.zeros((len(kernel.turning), values.shape[1], count))
+        for design in np.unique(modes.design) if kernel.turning else ():
+            here = np.flatnonzero(modes.design == design)
+            of_design = of_file[:, design], values[:, :, here]
+            turns[:, :, here] = self.turns_at(kernel, *of_design)
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
             for sample, columns, closed in at_modes(
-                kernel, prepared, values, samples, winding
+                kernel, prepared, values, samples, turns
             ):
                 closes += closed
                 self.figures.take(reducing, sample, columns, closed)
             for sample, columns, closed in at_modes(
-                kernel, prepared, values[:, k:], points, winding, beside=True
+                kernel, prepared, values[:, k:], points, turns[:, k:]
             ):
                 self.figures.take(reducing, sample, columns, closed, True)
         rows = np.flatnonzero(closes > 0)
@@ -449,10 +463,50 @@ class Evaluator:
         _, place = self._followed_inputs(points)
         return tracer, motion, tracer.samples(place[len(self.samples.rows) :])
 
-    def winding(self, kernel: DesignKernel, count: int) -> Winding:
-        """Return what counts turns of so many rows along the samples."""
-        along = len(self.samples.shape) == 1
-        return Winding(kernel, count, self.samples.rows[:, : len(self.inputs)], along)
+    @cached_property
+    def _anchor(self) -> Floats:
+        """(inputs,) rad, from where turns count."""
+        mechanism = self.mechanism.with_inputs(*self.inputs)
+        return Solver(mechanism, plan_assembly(mechanism)).unwrapping.anchor
+
+    def turns(
+        self, kernel: DesignKernel, prepared: Floats, signs: Sequence[float]
+    ) -> tuple[Floats, Floats]:
+        """Return the turns of a kernel's pairs in a mode, at samples and at points.
+
+        (pairs, samples, n) and (pairs, points, n), rad, of designs prepared (k, n), all
+        groups being dyads.
+        """
+        count, samples = len(self.inputs), self.samples.rows
+        where = samples[:, :count], self.figures.points()[:, :count]
+        contacts = self.numbers.hinged if self.numbers else None
+        returns = contacts is None or contacts.train is None
+        of_mode = KernelTurns(
+            kernel, prepared, signs, samples.shape[1], self._anchor, returns
+        )
+        return of_mode.at(*where)
+
+    def turns_at(self, kernel: DesignKernel, design: Floats, values: Floats) -> Floats:
+        """Return the turns (pairs, k, modes), rad, of a kernel's pairs.
+
+        Of a design (variables,), in the file's units, where its modes have these values
+        (variables, k, modes) in the order of samples.
+        """
+        mechanism = designed(self.document, self.variables, design.tolist())
+        if self.numbers is not None and self.numbers.hinged is not None:
+            contacts = hinged(mechanism, self.inputs)
+            assert contacts is not None
+            mechanism = contacts.mechanism
+        mechanism = mechanism.with_inputs(*self.inputs)
+        solver = Solver(mechanism, plan_assembly(mechanism))
+        made = np.zeros((len(kernel.turning), *values.shape[1:]))
+        pairs = [mechanism.angles[name] for name in kernel.turning]
+        for mode, of_mode in enumerate(np.moveaxis(values, 2, 0)):
+            rows = np.flatnonzero(np.all(np.isfinite(of_mode), axis=0))
+            at = of_mode[:, rows].T
+            turned = solver.unwrapping.turns(mode, at, at[:, solver.driven], pairs)
+            made[:, rows, mode] = TURN * turned[:, pairs].T
+        return made
 
     def _followed_inputs(self, points: Floats) -> tuple[InputGrid, NDArray[np.intp]]:
         """Return the inputs to follow modes over, and where samples and points are there.
@@ -508,17 +562,17 @@ class Evaluator:
         kernel = design_kernel(terms, self.figures.columns, compiled=False)
         modes = tracer.assembly_modes
         count = len(modes)
-        reducing, winding = self.figures.reducing(count), self.winding(kernel, count)
+        reducing = self.figures.reducing(count)
         closes = np.zeros(count)
         with np.errstate(all="ignore"):
             for sample, columns, closed in at_variables(
-                kernel, motion, rows, tracks, winding
+                kernel, motion, rows, tracks, _turns_of(kernel, motion, tracer)
             ):
                 closes += closed
                 self.figures.take(reducing, sample, columns, closed)
             if there is not None:
                 for sample, columns, closed in at_variables(
-                    kernel, there, points, tracks, winding, beside=True
+                    kernel, there, points, tracks, _turns_of(kernel, there, tracer)
                 ):
                     self.figures.take(reducing, sample, columns, closed, True)
         claim = tracer.claim.guarantee.value
@@ -535,6 +589,15 @@ class Evaluator:
         if lattice.is_path:
             return Tracer(mechanism, self.inputs, path=lattice.q)
         return Tracer(mechanism, self.inputs, samples=lattice.shape)
+
+
+def _turns_of(kernel: DesignKernel, motion: Motion, tracer: Tracer) -> Floats:
+    """Return the turns (pairs, samples, modes), rad, of a kernel's pairs in a motion."""
+    angles = motion.mechanism.angles
+    going_on = AngleMemory().continued(motion, kernel.turning, tracer.solver)
+    every = [going_on[pair] - motion.values[:, angles[pair]] for pair in kernel.turning]
+    shape = len(every), len(motion.assembly_modes), motion.samples
+    return np.swapaxes(np.reshape(every, shape), 1, 2)
 
 
 def _signed(mechanism: Mechanism, variable: DesignVariable) -> bool:

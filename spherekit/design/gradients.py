@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit
-from spherekit.design.at_samples import Winding
 from spherekit.design.evaluate import DesignAt, Evaluator
 from spherekit.design.held_modes import HeldMode
 from spherekit.engine.arrays import ArrayFunction, array_function
@@ -50,14 +49,13 @@ class FigureGradients:
         design = evaluator.design_at(values)
         if design is None:
             return figures, gradients, 0.0
-        winding = evaluator.winding(self._kernel, 1)
         samples, points = evaluator.samples.rows, evaluator.figures.points()
-        places = mode.places(design, len(samples) + len(points))
-        every = self._rows(design, places[:, : len(samples)], samples, winding)
+        places, k = mode.places(design, len(samples) + len(points)), len(samples)
+        turns = self._turns(design, places)
+        every = self._rows(design, places[:, :k], samples, turns[:, :k])
         there = every
         if len(points):
-            beside = places[:, len(samples) :]
-            there = self._rows(design, beside, points, winding, beside=True)
+            there = self._rows(design, places[:, k:], points, turns[:, k:])
         for k, merit in enumerate(merits):
             closed, quantities, changes = there if merit.point else every
             if merit.point:
@@ -68,30 +66,36 @@ class FigureGradients:
                 gradients[k] = by_values
         return figures, gradients, float(np.mean(every[0]))
 
+    def _turns(self, design: DesignAt, places: Floats) -> Floats:
+        """Return the turns (pairs, n), rad, at samples and points."""
+        kernel, evaluator = self._kernel, self.evaluator
+        if kernel.closed_form:
+            prepared = kernel.prepare(design.sizes[:, None])
+            both = evaluator.turns(kernel, prepared, places[:, 0].tolist())
+            return np.concatenate(both, axis=1)[:, :, 0]
+        if not kernel.turning:
+            return np.zeros((0, places.shape[1]))
+        return evaluator.turns_at(kernel, design.values, places[:, :, None])[:, :, 0]
+
     def _rows(
         self,
         design: DesignAt,
         places: Floats,
         samples: Floats,
-        winding: Winding,
-        beside: bool = False,
+        turns: Floats,
     ) -> tuple[NDArray[np.bool_], Floats, Floats]:
         """Return who closes (n,), quantities (c, n) and derivatives (values, c, n)."""
         kernel, count = self._kernel, len(design.sizes)
-        turns = np.zeros((len(kernel.turning), 1))
-        fixed = np.concatenate([turns, kernel.prepare(design.sizes[:, None])])
-        fixed = np.repeat(fixed, len(samples), axis=1)
+        prepared = kernel.prepare(design.sizes[:, None])
+        fixed = [turns, np.repeat(prepared, len(samples), axis=1)]
         whole = np.all(np.isfinite(places), axis=0)
         placed = [places]
         if design.profiles is not None:
             columns = np.full((9 * len(design.profiles.tracks), len(samples)), np.nan)
             columns[:, whole] = design.profiles.columns(places[:, whole].T)
             placed.append(columns)
-        rows = np.concatenate([samples.T, *placed, fixed])
         with np.errstate(all="ignore"):
-            first = samples.shape[1] + sum(map(len, placed))
-            winding.at(rows[:, :, None], first, samples, beside)
-            outputs = kernel.evaluate(rows)
+            outputs = kernel.evaluate(np.concatenate([samples.T, *placed, *fixed]))
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
         closed &= whole
         first, width = len(self.evaluator.figures.sample), len(kernel.columns)

@@ -87,7 +87,7 @@ class Unwrapping:
         self._meshes, self._train = meshes, train
         self._periods = np.full(len(driven), TURN) if meshes is None else meshes.periods
         anchor = np.zeros(len(driven)) if reference is None else reference[self._driven]
-        self._anchor = anchor
+        self.anchor = anchor
         self._pieces: dict[int, list[_Piece]] = {}
 
     def turns(
@@ -109,9 +109,9 @@ class Unwrapping:
         settled = set(self._driven)
         if self._train is not None:
             train, followers = self._train
-            start = train.offsets + train.ratios @ self._anchor
+            start = train.offsets + train.ratios @ self.anchor
             start = start - TURN * first_turns(start)
-            angle = start + (q - self._anchor) @ train.ratios.T
+            angle = start + (q - self.anchor) @ train.ratios.T
             turns[:, followers] = np.round((angle - values[:, followers]) / TURN)
             settled |= set(followers)
         sought = [v for v in self._angles if v not in settled]
@@ -152,7 +152,7 @@ class Unwrapping:
 
     def _piece(self, values: Floats, places: Floats) -> _Piece:
         """Return the mode about a configuration (variables,), as far as it reaches."""
-        (driven,), (period,), (anchor,) = self._driven, self._periods, self._anchor
+        (driven,), (period,), (anchor,) = self._driven, self._periods, self.anchor
         returns = bool(np.isfinite(period))
         ends = [anchor, float(np.min(places)), float(np.max(places))]
         if returns:
@@ -169,14 +169,11 @@ class Unwrapping:
                 winding = np.round(grown / TURN)
                 away = (grown - TURN * winding)[self._angles]
                 winding = winding if np.max(np.abs(away)) < SAME else None
-        reference, laps = anchor, 0.0
-        if returns and winding is not None:
-            laps = np.floor((anchor - low + BEYOND) / period)
-            reference = anchor - laps * period
-        start, _ = curve.predict(np.clip(np.array([reference]), low, high))
-        first = first_turns(start[0])
-        if winding is not None:
-            first = first + laps * winding
+        there = anchor + period * np.arange(3) if returns else np.array([anchor])
+        inside = there[(there >= low - BEYOND) & (there <= high + BEYOND)]
+        nearest = low if returns else anchor
+        reference = np.clip(inside[:1] if len(inside) else [nearest], low, high)
+        first = first_turns(curve.predict(reference)[0][0])
         return _Piece(curve, period, winding, first)
 
     def _in_order(self, at: Floats, last: Floats | None) -> Floats:
@@ -205,17 +202,17 @@ class Unwrapping:
         Where none leads there, angles are in (-pi, pi].
         """
         turns = np.zeros((len(at), len(self._angles)))
-        far = whole_laps(at[:, self._driven] - self._anchor, self._periods)
+        far = whole_laps(at[:, self._driven] - self.anchor, self._periods)
         near = self._at(at, at[:, self._driven] - far)
         for row, laps in enumerate(far):
             here = near[row : row + 1]
-            there, status = walk(self._closure, self._driven, here, self._anchor[None])
+            there, status = walk(self._closure, self._driven, here, self.anchor[None])
             if status[0] != Status.OK:
                 turns[row] = -first_turns(here[0, self._angles])
                 continue
             turns[row] = -first_turns(there[0, self._angles])
             for k in np.flatnonzero(laps):
-                goal = self._anchor + np.eye(len(laps))[k] * self._periods[k]
+                goal = self.anchor + np.eye(len(laps))[k] * self._periods[k]
                 round_, status = walk(self._closure, self._driven, there, goal[None])
                 grown = (round_ - there)[0, self._angles] / TURN
                 if status[0] == Status.OK and np.max(np.abs(grown % 1.0 - 0.5)) > 0.45:
