@@ -38,6 +38,7 @@ NAMES = (
     "pruning",
     "road",
     "extremes",
+    "defaults",
     "sceptic",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""

@@ -202,7 +202,7 @@ class _Modes:
         """
         values = self._values(normals, modes)
         space = self.locus.space(values)
-        rows, _ = self.locus.rest.rows(space)
+        rows = self.locus.rest.equations(space.at)
         jacobian = space.at.jacobian
         stacked = np.nan_to_num(np.concatenate([jacobian, rows], axis=1))
         _, sizes, right = np.linalg.svd(stacked)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.budget import Budget
-from spherekit.conventions import Status
+from spherekit.conventions import TURN, Status
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import input_grid as grids
@@ -22,8 +22,9 @@ from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.steps import walk
 from spherekit.motion.turns import less_periods
+from spherekit.numeric.rows import ArrayRows
 from spherekit.region.mesh import labels
-from spherekit.singular.locus import Locus, Measure
+from spherekit.singular.locus import Locus
 from spherekit.singular.points import TypeName
 from spherekit.singular.slices import configurations, solver_of
 from spherekit.singular.stationarity import InputsLocked, OutputStationary, output_of
@@ -143,17 +144,11 @@ def aspects(
     counts = list(samples) if isinstance(samples, Sequence) else [samples] * count
     input_grid, beside = _lattice(mechanism, counts, whole_turn)
     budget = budget or Budget()
-    spread = _Spread(solver, input_grid, beside, rest if "I" in free_of else None, budget)
-    going = budget.goes_on("modes at samples of the input grid")
-    starts = _starts(solver, input_grid) if going else []
-    values = np.array([configuration for configuration, _ in starts]).reshape(
-        len(starts), len(spread.periods)
-    )
-    for k in np.flatnonzero(spread.regular(values)):
-        spread.add(*starts[k])
-    spread.singular = len(starts) - len(spread.values)
+    spread = _Spread(solver, input_grid, beside, rest, "I" in free_of, budget)
+    if budget.goes_on("modes at samples of the input grid"):
+        spread.add(*_starts(solver, input_grid))
     spread.run()
-    return _labelled(spread, rest, ("II", "I") if "I" in free_of else ("II",))
+    return spread.labelled(("II", "I") if "I" in free_of else ("II",))
 
 
 def _lattice(
@@ -175,8 +170,8 @@ def _lattice(
     return made, np.stack(rolled)
 
 
-def _starts(solver: Solver, input_grid: InputGrid) -> list[tuple[Floats, int]]:
-    """Return configurations (V,) and their samples: all of dyads, of groups some."""
+def _starts(solver: Solver, input_grid: InputGrid) -> tuple[Floats, NDArray[np.intp]]:
+    """Return configurations (n, V) and their samples (n,): all of dyads, of groups some."""
     if solver.assembly.has_closed_form:
         rows = np.arange(len(input_grid))
     else:
@@ -187,14 +182,38 @@ def _starts(solver: Solver, input_grid: InputGrid) -> list[tuple[Floats, int]]:
         mesh = np.meshgrid(*places, indexing="ij")
         rows = np.ravel_multi_index([axis.ravel() for axis in mesh], input_grid.shape)
     values, which = configurations(solver, input_grid.q[rows])
-    return [
-        (configuration, int(rows[k]))
-        for configuration, k in zip(values, which, strict=True)
-    ]
+    return values, rows[which]
 
 
+@final
+@dataclass(frozen=True)
+class _Nodes(ArrayRows):
+    """n configurations at samples of an input grid, and the signs that part aspects.
+
+    `row` (n,) is the sample, `regular` (n,) whether the configuration is singular of no
+    type that divides; `two`, `one` (n,) the determinants of types II and I, 0 without a
+    sign or an output, and `slope` (n, g) the derivatives of `one` by the inputs.
+    """
+
+    values: Floats
+    row: NDArray[np.intp]
+    regular: NDArray[np.bool_]
+    two: Floats
+    one: Floats
+    slope: Floats
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+@final
 class _Spread:
-    """Configurations at the samples of an input grid, and which are joined."""
+    """Configurations at the samples of an input grid, and which are joined.
+
+    `at` (samples, k) has the numbers of a sample's configurations, -1 where there are no
+    more; `done` (n, ways) says from which configuration a way to the sample beside it is
+    known to lead, as it was gone from the other end.
+    """
 
     def __init__(
         self,
@@ -202,134 +221,137 @@ class _Spread:
         input_grid: InputGrid,
         beside: NDArray[np.intp],
         output: OutputStationary | None,
+        divides: bool,
         budget: Budget,
     ) -> None:
         self.budget = budget
         self.solver, self.input_grid, self.beside = solver, input_grid, beside
+        self.driven = list(solver.driven)
         self.periods = periods_of(solver.closure)
-        self.output = output
-        self.values: list[Floats] = []
-        self.rows: list[int] = []
-        self.joined: list[tuple[int, int]] = []
-        self.at: dict[int, list[int]] = {}
-        self.walked = self.singular = 0
+        self.output, self.divides, self.signed = output, divides, False
+        none = np.zeros((0, len(self.periods)))
+        self.nodes = self._judged(none, np.zeros(0, dtype=np.intp))
+        self.at = np.full((len(input_grid), 1), -1)
+        self.done = np.zeros((0, len(beside)), dtype=bool)
+        self.joined = [np.zeros((0, 2), dtype=np.intp)]
 
-    def locus(self, rest: InputsLocked | OutputStationary) -> Locus:
-        """Return the singular configurations with something at rest."""
-        return Locus(self.solver.closure, len(self.solver.driven), rest)
+    def _judged(self, values: Floats, row: NDArray[np.intp]) -> _Nodes:
+        closure, count = self.solver.closure, len(self.driven)
+        locus = Locus(closure, count, InputsLocked(self.solver.driven))
+        space = locus.space(values)
+        two = locus.measure(space)
+        least = np.minimum(space.reciprocal_condition, two.smallest)
+        signs = two.value if two.signed else np.zeros(len(values))
+        one, slope = np.zeros(len(values)), np.zeros((len(values), count))
+        if self.output is not None:
+            measure = Locus(closure, count, self.output).measure(space)
+            self.signed = measure.signed
+            one = measure.value
+            if self.divides:
+                least = np.minimum(least, measure.smallest)
+                inverse = np.full(slope.shape + (count,), np.nan)
+                good = least > SINGULAR
+                inverse[good] = np.linalg.inv(space.basis[good][:, self.driven])
+                slope = np.einsum("ng,ngi->ni", measure.gradient, inverse)
+        return _Nodes(values, row, least > SINGULAR, signs, one, slope)
 
-    def add(self, values: Floats, row: int) -> int:
-        """Return the number of a configuration (V,) at a sample, new or known."""
-        for number in self.at.setdefault(row, []):
-            away = less_periods(values - self.values[number], self.periods)
-            if np.max(np.abs(away)) < SAME:
-                return number
-        node = len(self.values)
-        self.values.append(values)
-        self.rows.append(row)
-        self.at[row].append(node)
-        return node
+    def add(self, values: Floats, row: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the numbers (n,) of configurations (n, V) at samples, new or known."""
+        numbers = np.full(len(values), -1)
+        left = np.arange(len(values))
+        column = 0
+        while len(left):
+            if column == self.at.shape[1]:
+                self.at = np.pad(self.at, ((0, 0), (0, 1)), constant_values=-1)
+            free = left[self.at[row[left], column] < 0]
+            samples, first = np.unique(row[free], return_index=True)
+            new = free[first]
+            self.at[samples, column] = len(self.nodes) + np.arange(len(new))
+            made = self._judged(values[new], samples)
+            self.nodes = _Nodes.joined([self.nodes, made])
+            there = self.at[row[left], column]
+            away = less_periods(values[left] - self.nodes.values[there], self.periods)
+            same = np.max(np.abs(away), axis=1) < SAME
+            numbers[left[same]] = there[same]
+            left = left[~same]
+            column += 1
+        more = len(self.nodes) - len(self.done)
+        self.done = np.pad(self.done, ((0, more), (0, 0)))
+        return numbers
 
     def run(self) -> None:
         """Join every configuration to those that straight ways lead to."""
-        driven = list(self.solver.driven)
-        while self.walked < len(self.values) < MOST_CONFIGURATIONS:
-            words = f"configuration {self.walked + 1} of aspects"
-            if not self.budget.goes_on(words):
+        walked = 0
+        while walked < len(self.nodes) < MOST_CONFIGURATIONS:
+            if not self.budget.goes_on(f"configuration {walked + 1} of aspects"):
                 return
-            new = np.arange(self.walked, len(self.values))
-            self.walked = len(self.values)
-            start = np.repeat(new, len(self.beside))
-            stop = self.beside[:, np.array(self.rows)[new]].T.ravel()
-            start, stop = start[stop >= 0], stop[stop >= 0]
-            values = np.array([self.values[node] for node in start])
-            goal = self.input_grid.q[stop]
-            turns = np.round((values[:, driven] - goal) / (2.0 * np.pi))
-            goal = goal + 2.0 * np.pi * turns
-            arrived, status = walk(self.solver.closure, driven, values, goal)
-            good = status == Status.OK
-            arrived_well = np.flatnonzero(good)
-            good[good] = self.regular(arrived[good])
-            self.singular += len(arrived_well) - int(np.sum(good))
-            good[good] = self._clear(values[good], arrived[good])
-            for k in np.flatnonzero(good):
-                self.joined.append((int(start[k]), self.add(arrived[k], int(stop[k]))))
+            new = np.arange(walked, len(self.nodes))
+            new, walked = new[self.nodes.regular[new]], len(self.nodes)
+            for sense in (0, 1):
+                start, way = np.nonzero(~self.done[new, sense::2])
+                self._walk(new[start], 2 * way + sense)
 
-    def regular(self, values: Floats) -> NDArray[np.bool_]:
-        """Return which configurations (n, V) are singular of no type that divides."""
-        if not len(values):
-            return np.zeros(0, dtype=bool)
-        inputs = self.locus(InputsLocked(self.solver.driven))
-        space = inputs.space(values)
-        least = [space.reciprocal_condition, inputs.measure(space).smallest]
-        if self.output is not None:
-            least.append(self.locus(self.output).measure(space).smallest)
-        return np.asarray(np.min(least, axis=0) > SINGULAR)
+    def _walk(self, start: NDArray[np.intp], way: NDArray[np.intp]) -> None:
+        """Go from configurations (n,) to the samples beside them; join what is there."""
+        stop = self.beside[way, self.nodes.row[start]]
+        start, way, stop = (part[stop >= 0] for part in (start, way, stop))
+        values = self.nodes.values[start]
+        goal = self.input_grid.q[stop]
+        turns = np.round((values[:, self.driven] - goal) / TURN)
+        goal = goal + TURN * turns
+        arrived, status = walk(self.solver.closure, self.driven, values, goal)
+        good = status == Status.OK
+        there = self.add(arrived[good], stop[good])
+        # From there the same way leads back: ways are in pairs, there and back.
+        self.done[there, way[good] ^ 1] = True
+        ends = np.stack([start[good], there], axis=1)
+        moved = (arrived - values)[good][:, self.driven]
+        self.joined.append(ends[self._clear(ends, moved)])
 
-    def _clear(self, start: Floats, stop: Floats) -> NDArray[np.bool_]:
-        """Return (n,) whether no type I lies between, by cubic polynomials."""
-        if self.output is None or not len(start):
-            return np.ones(len(start), dtype=bool)
-        locus = self.locus(self.output)
-        driven = list(self.solver.driven)
-        way = (stop - start)[:, driven]
-        control = []
-        for values, sense in ((start, 1.0), (stop, -1.0)):
-            space = locus.space(values)
-            measure = locus.measure(space)
-            try:
-                along = np.linalg.solve(space.basis[:, driven], way[..., None])[..., 0]
-            except np.linalg.LinAlgError:
-                along = np.full_like(way, np.nan)
-            slope = np.sum(measure.gradient * along, axis=1)
-            control += [measure.value, measure.value + sense * slope / 3.0]
-        signs = np.sign(np.stack(control))
-        return np.asarray((signs[0] != 0.0) & np.all(signs == signs[0], axis=0))
+    def _clear(self, ends: NDArray[np.intp], moved: Floats) -> NDArray[np.bool_]:
+        """Return (n,) whether nothing singular that divides is between, by cubics."""
+        regular = np.all(self.nodes.regular[ends], axis=1)
+        if not self.divides:
+            return np.asarray(regular)
+        value = self.nodes.one[ends]
+        slope = np.einsum("nei,ni->ne", self.nodes.slope[ends], moved)
+        signs = np.sign(np.concatenate([value, value + slope * [1.0, -1.0] / 3.0], axis=1))
+        clear = (signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1)
+        return np.asarray(regular & clear)
 
-
-def _labelled(
-    spread: _Spread, rest: OutputStationary | None, free_of: tuple[TypeName, ...]
-) -> Aspects:
-    n = len(spread.values)
-    values = np.array(spread.values).reshape(n, len(spread.periods))
-    label = labels(n, np.array(spread.joined, dtype=np.intp).reshape(-1, 2))
-    sizes = np.bincount(label)
-    order = np.argsort(-sizes, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    label, sizes = rank[label], sizes[order]
-    row = np.array(spread.rows, dtype=np.int64)
-    signs = []
-    for constraint in (InputsLocked(spread.solver.driven), rest):
-        sign = np.zeros(len(sizes), dtype=np.int8)
-        if constraint is not None and n:
-            locus = spread.locus(constraint)
-            sign = _signs(locus.measure(locus.space(values)), label, len(sizes))
-        signs.append(sign)
-    modes = np.zeros(len(sizes), dtype=np.int64)
-    pairs, often = np.unique(np.stack([label, row]), axis=1, return_counts=True)
-    np.maximum.at(modes, pairs[0], often)
-    return Aspects(
-        spread.input_grid,
-        row,
-        values,
-        values[:, list(spread.solver.driven)],
-        label,
-        sizes,
-        signs[0],
-        signs[1],
-        modes,
-        free_of,
-        spread.singular,
-        spread.budget.note,
-    )
+    def labelled(self, free_of: tuple[TypeName, ...]) -> Aspects:
+        """Return the regular configurations with their aspects."""
+        kept = np.flatnonzero(self.nodes.regular)
+        nodes, n = self.nodes.rows(kept), len(kept)
+        label = labels(n, np.searchsorted(kept, np.concatenate(self.joined)))
+        sizes = np.bincount(label)
+        order = np.argsort(-sizes, kind="stable")
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        label, sizes = rank[label], sizes[order]
+        modes = np.zeros(len(sizes), dtype=np.int64)
+        pairs, often = np.unique(np.stack([label, nodes.row]), axis=1, return_counts=True)
+        np.maximum.at(modes, pairs[0], often)
+        return Aspects(
+            self.input_grid,
+            nodes.row,
+            nodes.values,
+            nodes.values[:, self.driven],
+            label,
+            sizes,
+            _signs(nodes.two, label, len(sizes)),
+            _signs(nodes.one * self.signed, label, len(sizes)),
+            modes,
+            free_of,
+            len(self.nodes) - n,
+            self.budget.note,
+        )
 
 
-def _signs(measure: Measure, label: NDArray[np.int64], count: int) -> NDArray[np.int8]:
+def _signs(value: Floats, label: NDArray[np.int64], count: int) -> NDArray[np.int8]:
     """Return the sign that all configurations of each aspect have, or 0."""
     signs = np.zeros(count, dtype=np.int8)
-    if measure.signed:
-        for number in range(count):
-            of_aspect = np.unique(np.sign(measure.value[label == number]))
-            signs[number] = of_aspect[0] if len(of_aspect) == 1 else 0
+    for number in range(count):
+        of_aspect = np.unique(np.sign(value[label == number]))
+        signs[number] = of_aspect[0] if len(of_aspect) == 1 else 0
     return signs

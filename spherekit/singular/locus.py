@@ -8,6 +8,7 @@ Newton's method works in the tangent space of the loops, with exact second deriv
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -39,17 +40,42 @@ PIECE = 512
 class Measure:
     """How singular n configurations are.
 
-    `value` (n,) is the determinant of E on the tangent space, zero on the locus, and
-    `gradient` (n, g) its derivative along the basis; `smallest` (n,) the smallest singular
-    value and `motion` (n, V) its unit rates. Where `signed` is false, as E has more than g
-    rows or the sense of the basis is not fixed, `value` is the determinant of E^T E.
+    `small` (n, m, g) is E on the basis of the tangent space, `smallest` (n,) its smallest
+    singular value and `motion` (n, V) the unit rates of that. Where `signed` is false, as E
+    has more than g rows or the sense of the basis is not fixed, `value` is that of E^T E.
     """
 
-    value: Floats
-    gradient: Floats
+    rest: StationarityConstraint
+    space: TangentSpace
+    small: Floats
     smallest: Floats
     motion: Floats
-    signed: bool
+
+    @property
+    def signed(self) -> bool:
+        """Whether `value` changes its sign on the locus, instead of touching zero."""
+        return self.space.oriented and self.small.shape[1] == self.space.freedoms
+
+    @cached_property
+    def _square(self) -> Floats:
+        return self.small if self.signed else np.swapaxes(self.small, 1, 2) @ self.small
+
+    @property
+    def value(self) -> Floats:
+        """(n,) the determinant of E on the tangent space, zero on the locus."""
+        return np.asarray(np.linalg.det(self._square))
+
+    @property
+    def gradient(self) -> Floats:
+        """(n, g) the derivative of the value along the basis."""
+        space, g = self.space, self.space.freedoms
+        basis = space.basis[:, None]
+        slopes = self.rest.changes(space)[:, :g] @ basis
+        slopes += self.rest.equations(space.at)[:, None] @ space.bends[:, :g] @ basis
+        if not self.signed:
+            turned = np.swapaxes(slopes, 2, 3) @ self.small[:, None]
+            slopes = turned + np.swapaxes(turned, 2, 3)
+        return np.asarray(np.einsum("nab,njba->nj", adjugate(self._square), slopes))
 
 
 @final
@@ -111,24 +137,12 @@ class Locus:
 
     def measure(self, space: TangentSpace) -> Measure:
         """Return how singular configurations are."""
-        rows, changes = self.rest.rows(space)
-        small = rows @ space.basis
+        small = self.rest.equations(space.at) @ space.basis
         finite = np.all(np.isfinite(small), axis=(1, 2))
         _, sizes, right = np.linalg.svd(np.where(finite[:, None, None], small, 0.0))
         last = self.freedoms - 1
         smallest = np.where(finite, sizes[:, last], np.nan)
-        motion = space.along(right[:, last])
-        g = self.freedoms
-        slopes = changes[:, :g] @ space.basis[:, None]
-        slopes += rows[:, None] @ space.bends[:, :g] @ space.basis[:, None]
-        signed = space.oriented and small.shape[1] == g
-        if not signed:
-            turned = np.swapaxes(slopes, 2, 3) @ small[:, None]
-            slopes = turned + np.swapaxes(turned, 2, 3)
-            small = np.swapaxes(small, 1, 2) @ small
-        gradient = np.einsum("nab,njba->nj", adjugate(small), slopes)
-        value = np.linalg.det(small)
-        return Measure(value, gradient, smallest, motion, signed)
+        return Measure(self.rest, space, small, smallest, space.along(right[:, last]))
 
     def onto(self, values: Floats, most: int = MOST_CORRECTIONS) -> LocusPoints:
         """Return the points that Newton's method leads to by at most so many steps.
@@ -226,7 +240,7 @@ class Locus:
         inside = np.einsum("nvg,nv->ng", space.basis, motions)
         inside = inside / np.linalg.norm(inside, axis=1, keepdims=True)
         motions = space.along(inside)
-        rows, changes = self.rest.rows(space)
+        rows, changes = self.rest.equations(space.at), self.rest.changes(space)
         slopes = np.einsum("ngmv,nv->nmg", changes, motions)
         bent = np.einsum("ngvw,nw->nvg", space.bends, motions)
         slopes += rows @ bent

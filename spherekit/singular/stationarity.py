@@ -23,8 +23,11 @@ class StationarityConstraint(Protocol):
     def count(self) -> int:
         """The number m of equations."""
 
-    def rows(self, space: TangentSpace) -> tuple[Floats, Floats]:
-        """Return E (n, m, V) and its derivatives (n, g + 1, m, V) along the directions."""
+    def equations(self, at: Linearisation) -> Floats:
+        """Return E (n, m, V)."""
+
+    def changes(self, space: TangentSpace) -> Floats:
+        """Return the derivatives (n, g + 1, m, V) of E along the directions."""
 
 
 @final
@@ -39,12 +42,16 @@ class InputsLocked:
         """The number of inputs."""
         return len(self.variables)
 
-    def rows(self, space: TangentSpace) -> tuple[Floats, Floats]:
-        """Return E (n, m, V) and its derivatives (n, g + 1, m, V) along the directions."""
-        n, variables = space.at.values.shape
-        chosen = np.zeros((n, self.count, variables))
+    def equations(self, at: Linearisation) -> Floats:
+        """Return E (n, m, V)."""
+        chosen = np.zeros((len(at), self.count, at.values.shape[1]))
         chosen[:, range(self.count), list(self.variables)] = 1.0
-        return chosen, np.zeros((n, space.freedoms + 1, self.count, variables))
+        return chosen
+
+    def changes(self, space: TangentSpace) -> Floats:
+        """Return the derivatives (n, g + 1, m, V) of E along the directions."""
+        n, variables = space.at.values.shape
+        return np.zeros((n, space.freedoms + 1, self.count, variables))
 
 
 @final
@@ -80,8 +87,8 @@ class OutputStationary:
         side = perpendicular(direction)
         return np.stack([side, cross(direction, side)], axis=1)
 
-    def rows(self, space: TangentSpace) -> tuple[Floats, Floats]:
-        """Return E (n, m, V) and its derivatives (n, g + 1, m, V) along the directions."""
+    def changes(self, space: TangentSpace) -> Floats:
+        """Return the derivatives (n, g + 1, m, V) of E along the directions."""
         at = space.at
         watched, turning = self._watched_at(at)
         of_link = at.tree.paths[self.link][:, None] * at.vectors
@@ -89,11 +96,10 @@ class OutputStationary:
         moved = cross(w[:, :, None], watched[:, None])
         turned = self._between(at)[:, None] * space.turned
         change = moved @ np.swapaxes(turning, 1, 2)[:, None]
-        change = change + watched[:, None] @ np.swapaxes(turned, 2, 3)
-        return self.equations(at), change
+        return np.asarray(change + watched[:, None] @ np.swapaxes(turned, 2, 3))
 
     def equations(self, at: Linearisation) -> Floats:
-        """Return E (n, m, V) alone."""
+        """Return E (n, m, V)."""
         watched, turning = self._watched_at(at)
         return np.asarray(watched @ np.swapaxes(turning, 1, 2))
 

@@ -6,6 +6,7 @@ its tangent space. Both are regular where inputs or the output are singular.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -30,14 +31,6 @@ class TangentSpace:
         the sense is such that det [J; basis^T] > 0, or that of the basis aligned to.
     inverse
         (n, V, 3 loops) pseudo-inverse of J.
-    closing
-        (n, V) Newton's shortest step towards closed loops.
-    turned
-        (n, g + 1, V, 3) derivatives of the vectors along each column of the basis, and
-        along the closing step (that of contacts which close a loop only nearly).
-    bends
-        (n, g + 1, V, V): along direction j of those, rates x that close the loops have to
-        change by bends[j] x at least, to go on closing them.
     flatness
         (n,) smallest singular value of J over its greatest, 1 without loops; 0 where the
         motion of the mechanism itself is singular.
@@ -48,9 +41,6 @@ class TangentSpace:
     at: Linearisation
     basis: Floats
     inverse: Floats
-    closing: Floats
-    turned: Floats
-    bends: Floats
     reciprocal_condition: Floats
     oriented: bool
 
@@ -59,10 +49,37 @@ class TangentSpace:
         """The number g of freedoms."""
         return int(self.basis.shape[2])
 
-    @property
+    @cached_property
+    def closing(self) -> Floats:
+        """(n, V) Newton's shortest step towards closed loops."""
+        return np.asarray(-np.einsum("nve,ne->nv", self.inverse, self.at.residual))
+
+    @cached_property
     def directions(self) -> Floats:
         """The columns of the basis and the closing step, (n, V, g + 1)."""
         return np.concatenate([self.basis, self.closing[:, :, None]], axis=2)
+
+    @cached_property
+    def turned(self) -> Floats:
+        """(n, g + 1, V, 3) derivatives of the vectors along each of the directions.
+
+        That of contacts along the closing step is of those which close a loop only nearly.
+        """
+        n, count, many = self.directions.shape
+        ways = np.swapaxes(self.directions, 1, 2).reshape(-1, count)
+        repeated = self.at.take(np.repeat(np.arange(n), many))
+        w = repeated.body_rates(ways)
+        return repeated.turned(w).vectors.reshape(n, many, count, 3)
+
+    @cached_property
+    def bends(self) -> Floats:
+        """(n, g + 1, V, V): how rates change that go on closing the loops.
+
+        Along direction j rates x have to change by bends[j] x at least.
+        """
+        n, many, count, _ = self.turned.shape
+        bent = self.at.tree.jacobian(self.turned.reshape(-1, count, 3))
+        return -self.inverse[:, None] @ bent.reshape(n, many, *bent.shape[1:])
 
     def along(self, directions: Floats) -> Floats:
         """Return the changes (n, V) that basis coordinates (n, g) stand for."""
@@ -97,25 +114,10 @@ def tangent_space(
         @ np.swapaxes(left[:, :, :rank], 1, 2)
     )
     basis[~finite] = inverse[~finite] = np.nan
-    closing = -np.einsum("nve,ne->nv", inverse, at.residual)
-    ways = np.concatenate([basis, closing[:, :, None]], axis=2)
-    many = freedoms + 1
-    repeated = at.take(np.repeat(np.arange(n), many))
-    w = repeated.body_rates(np.swapaxes(ways, 1, 2).reshape(-1, count))
-    turned = repeated.turned(w).vectors
-    bends = -inverse[:, None] @ closure.tree.jacobian(turned).reshape(n, many, rows, count)
     reciprocal_condition = np.ones(n)
     if rank:
         reciprocal_condition = sizes[:, rank - 1] / np.maximum(
             sizes[:, 0], np.finfo(float).tiny
         )
-    return TangentSpace(
-        at,
-        basis,
-        inverse,
-        closing,
-        turned.reshape(n, many, count, 3),
-        bends,
-        reciprocal_condition,
-        rows == rank and like is None,
-    )
+    oriented = rows == rank and like is None
+    return TangentSpace(at, basis, inverse, reciprocal_condition, oriented)
