@@ -39,6 +39,7 @@ from spherekit.plugin.rotations import (
     RotationSamples,
     Schedule,
     chosen_output,
+    dead_centre,
     follow_rotation,
     mid_plane_form,
     mirror_angles,
@@ -47,13 +48,14 @@ from spherekit.plugin.rotations import (
     wrap,
 )
 
+from .pose_columns import MIRROR
 from .pose_text import read_end, read_pose
 from .rotation_scenes import RotationScenes, mid_planes
 
 AGREES = 1e-8
 """Inputs (rad) by the closed form and on the graph that differ by less agree."""
 ENDS: Mapping[Status, str] = {
-    Status.OUT_OF_REACH: "the output link cannot turn further; choose a nearer pose",
+    Status.OUT_OF_REACH: "the output link cannot turn further; choose another pose",
     Status.AT_SINGULARITY: "the loops stop fixing the links there; choose another way",
     Status.OFF_PROFILE: "a contact runs off its profile; choose a nearer pose",
     Status.MODE_LOST: "no verified step leads on; choose another way",
@@ -121,14 +123,7 @@ class EquivalentRotation(AbstractAnalysis):
             (
                 Column("sample", "", "number of the angle, from 0", "integer"),
                 Column("theta", "rad", "angle turned through about the axis"),
-                Column(
-                    "phi", "rad", "arc from Q to P, of a mid-plane symmetric architecture"
-                ),
-                Column(
-                    "gamma",
-                    "rad",
-                    "turn of the mid-plane, of a mid-plane symmetric architecture",
-                ),
+                *MIRROR,
                 *(
                     Column(name, "rad", meaning, turns="otherwise")
                     for name, meaning in (
@@ -307,10 +302,12 @@ class EquivalentRotation(AbstractAnalysis):
             figures["axis_in_mirror_axes"] = (turn.axis @ result.form.frame).tolist()
         warnings = []
         if not followed:
+            dead = dead_centre(turn)
             warnings.append(
                 f"the rotation ends at {np.degrees(turn.reached):.6g} of "
                 f"{np.degrees(turn.angle):.6g} deg: {Status(turn.end).name}, "
-                f"{ENDS[Status(turn.end)]}"
+                + (f"input {dead} is at a dead centre there: " if dead else "")
+                + ENDS[Status(turn.end)]
             )
         elif np.any(failed):
             first = int(np.argmax(failed))
@@ -350,8 +347,14 @@ class EquivalentRotation(AbstractAnalysis):
             warnings.append(f"there is no schedule: {result.unscheduled}")
         if result.schedule is not None:
             figures["schedule"] = _schedule_figures(result.schedule, self.shape)
-        axis = ", ".join(f"{x:.6f}" for x in turn.axis)
-        remarks = [f"{np.degrees(turn.angle):.6g} deg about ({axis}) in ground axes"]
+        told = [(turn.axis, f"link {result.output.relative_to}")]
+        if result.form is not None:
+            told.append((turn.axis @ result.form.frame, "the mirror (x0, y0, z0)"))
+        about = ", ".join(
+            f"({', '.join(f'{x:.6f}' for x in axis)}) in axes of {frame}"
+            for axis, frame in told
+        )
+        remarks = [f"{np.degrees(turn.angle):.6g} deg about {about}"]
         if result.schedule is not None:
             remarks.append(f"it takes {result.schedule.duration:.6g} s within the limits")
         return Findings(figures, tuple(warnings), tuple(remarks))
@@ -384,7 +387,9 @@ class EquivalentRotation(AbstractAnalysis):
         if isinstance(turn, MidPlaneRotation):
             graph, unchecked = _checked(mechanism, start.values[number], turn, samples)
         schedule, unscheduled = None, ""
-        if self.speed or self.acceleration:
+        if (self.speed or self.acceleration) and turn.end != Status.OK:
+            unscheduled = "the mechanism does not follow all the way"
+        elif self.speed or self.acceleration:
             speed, acceleration = (
                 np.radians(limit) if limit else None
                 for limit in (self.speed, self.acceleration)
@@ -429,7 +434,8 @@ class EquivalentRotation(AbstractAnalysis):
             f"| from | {self.start} |",
             f"| to | {self.end} |",
             f"| configuration | {result.start.labels[result.number]} |",
-            f"| axis | {x:.6f}, {y:.6f}, {z:.6f} |",
+            f"| axis, in axes of link {result.output.relative_to} "
+            f"| {x:.6f}, {y:.6f}, {z:.6f} |",
             f"| angle | {np.degrees(turn.angle):.6f} deg |",
             f"| largest departure | {_largest(at.departure):.3g} rad |",
             f"| largest drift of the axis | {_largest(at.drift):.3g} rad |",

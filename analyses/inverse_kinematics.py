@@ -63,6 +63,8 @@ CHECKED = 200
 """Poses whose configurations are put into the closure equations."""
 MOST_TOLD = 3
 """Poses whose configurations are told one by one."""
+POSED = ("azimuth", "tilt", "torsion", "phi", "gamma")
+"""Angles that say a pose."""
 
 
 @final
@@ -142,7 +144,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             "legs": list(result.solver.legs),
         }
         if result.rows is None:
-            return self._of_forward(result, figures)
+            return self._of_forward(batch.mechanism, result, figures)
         assert result.given.poses is not None
         rows, count = result.rows, len(result.given.poses)
         solutions = _solutions(rows, count)
@@ -201,10 +203,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         for k in range(len(rows)):
             name, mode = f"pose {rows.pose[k]}", str(rows.mode[k])
             if rows.solved[k]:
-                values = np.degrees(rows.inputs[k])
                 told = ", ".join(
-                    f"{pair} = {value:.6g} deg"
-                    for pair, value in zip(inputs, values, strict=True)
+                    f"{pair} = {_degrees(q)} deg"
+                    for pair, q in zip(inputs, rows.inputs[k], strict=True)
                 )
                 lines.setdefault(f"{name}: {told}", []).append(mode)
             elif np.isfinite(result.away[k]):
@@ -325,7 +326,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         gap = result.solver.residual(rows.values[rows.status == Status.OK])
         return float(np.max(gap)) if len(gap) else None
 
-    def _of_forward(self, result: FoundPoses, figures: dict[str, Any]) -> Findings:
+    def _of_forward(
+        self, mechanism: Mechanism, result: FoundPoses, figures: dict[str, Any]
+    ) -> Findings:
         table = result.forward
         assert table is not None and result.given.inputs is not None
         count = len(result.given.inputs)
@@ -339,13 +342,11 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         }
         none = int(np.sum(number == 0))
         warnings = [f"at {none} of {count} inputs no pose was found"] if none else []
+        sets = "the inputs given" if count == 1 else f"{count} sets of inputs"
+        remark = f"{counted(int(np.sum(solved)), 'configuration')} at {sets}"
+        told = _posed(mechanism, table, solved) if count <= MOST_TOLD else []
         return Findings(
-            figures,
-            tuple(warnings),
-            (
-                f"{counted(int(np.sum(solved)), 'pose')} of {count} "
-                f"inputs{_rest(result.solver)}",
-            ),
+            figures, tuple(warnings), (remark + _rest(result.solver), *told)
         )
 
     def _words(self, result: FoundPoses, solutions: NDArray[np.int64]) -> str:
@@ -379,6 +380,34 @@ def _listed(mechanism: Mechanism, rows: InverseRows, shown: NDArray[np.int64]) -
     if len(shown) > LISTED:
         lines += ["", f"and {len(shown) - LISTED} more, up to sample {len(shown) - 1}"]
     return Text("solutions", "Solutions", "\n".join(lines))
+
+
+def _posed(mechanism: Mechanism, table: Row, solved: NDArray[np.bool_]) -> list[str]:
+    """Return a line for each pose at inputs, with its configurations."""
+    pairs = [item.pair for item in mechanism.inputs]
+    lines: dict[tuple[str, str], list[str]] = {}
+    for row in np.flatnonzero(solved):
+        told = []
+        for name in POSED:
+            angle = table[name][row] if name in table else np.nan
+            if np.isfinite(angle):
+                rates = [f"d{name}_dq_{pair}" for pair in pairs]
+                slopes = [f"{table[rate][row]:.6g}" for rate in rates if rate in table]
+                named = zip(pairs, slopes, strict=False)
+                by = ", ".join(f"d{name}/d{pair} {slope}" for pair, slope in named)
+                told.append(f"{name} = {_degrees(angle)} deg" + (f" ({by})" if by else ""))
+        kind = "working mode" if table["working_mode"][row] else "assembly mode"
+        mode = str(table[kind.replace(" ", "_")][row])
+        posed = f"inputs {table['pose'][row]}: {', '.join(told)}"
+        lines.setdefault((posed, kind), []).append(mode)
+    return [
+        f"{posed}, {numbered(kind, modes)}" for (posed, kind), modes in lines.items()
+    ]
+
+
+def _degrees(angle: float) -> str:
+    """Return an angle (rad) in degrees as text, zero but for rounding as 0."""
+    return f"{round(np.degrees(angle), 9) + 0.0:.6g}"
 
 
 def _rest(solver: OutputKinematics) -> str:

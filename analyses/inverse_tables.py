@@ -22,6 +22,7 @@ from spherekit.plugin.workspace import (
     OutputKinematics,
     label_of,
     sense_of,
+    turns_of,
 )
 
 from .pose_columns import MODE, PLACE, place_columns
@@ -42,6 +43,10 @@ PLACES = (
             ("torsion", "of the orientation; empty for directions"),
         )
     ),
+)
+MIRROR_RATES = tuple(
+    Column(f"d{name}_dq", "", f"derivative of {name} by q", per_input=True)
+    for name in ("phi", "gamma")
 )
 SOLVED_BY = Column(
     "solved_by",
@@ -66,6 +71,7 @@ INVERSE = Table(
             )
             for axis in "xyz"
         ),
+        *MIRROR_RATES,
         Column("margin", "rad", "left to the nearest limit, negative outside"),
         Column("limiting", "", "that limit", "text"),
         Column("type_1", "", "0 at a type I singularity of q", per_input=True),
@@ -87,6 +93,7 @@ FORWARD = Table(
         Column("working_mode", "", "label of its working mode, if known", "text"),
         INPUTS,
         *PLACES,
+        *MIRROR_RATES,
         Column("type_2", "", "0 at a type II singularity"),
         STATUS,
         SOLVED_BY,
@@ -136,6 +143,9 @@ def inverse_rows(mechanism: Mechanism, result: FoundPoses, rows: InverseRows) ->
         },
         **input_columns(mechanism, rows.inputs),
         **rates,
+        **_mirror_rates(
+            mechanism, result.solver, directions, turns_of(rows.rates, directions)
+        ),
         "margin": rows.margin,
         "limiting": names[rows.limiting],
         **input_columns(mechanism, rows.type_1, "type_1"),
@@ -167,9 +177,12 @@ def forward_rows(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats)
         off = np.abs(wrap(off)).max(axis=1)
         same = np.flatnonzero(off < SAME_VALUES)
         working[rows.pose[same]] = rows.mode[same]
-    places = _places(
-        solver, np.concatenate([poses, np.full((len(none), *poses.shape[1:]), np.nan)])
-    )
+    poses = np.concatenate([poses, np.full((len(none), *poses.shape[1:]), np.nan)])
+    places = _places(solver, poses)
+    turns = np.full((len(pose), 3, len(mechanism.inputs)), np.nan)
+    if solver.form is not None:
+        turns[: len(solutions.row)] = solver.turns(solutions.values)
+    moved = _mirror_rates(mechanism, solver, poses, turns)
     first = np.searchsorted(pose, pose)
     status = np.full(len(pose), Status.OK, dtype=np.int8)
     status[len(solutions.row) :] = Status.OUT_OF_REACH
@@ -180,7 +193,7 @@ def forward_rows(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats)
         "assembly_mode": modes[order],
         "working_mode": working[order],
         **input_columns(mechanism, inputs[pose]),
-        **{name: column[order] for name, column in places.items()},
+        **{name: column[order] for name, column in (places | moved).items()},
         "type_2": type_2[order],
         "status": status[order],
         "solved_by": solver.solved_by,
@@ -194,8 +207,22 @@ def _places(solver: OutputKinematics, poses: Floats) -> Row:
     else:
         angles, places = tilt_torsion(poses), _quaternions(poses)
     return {
-        **place_columns(places),
+        **place_columns(places, solver.form),
         **dict(zip(("azimuth", "tilt", "torsion"), angles.T, strict=False)),
+    }
+
+
+def _mirror_rates(
+    mechanism: Mechanism, solver: OutputKinematics, directions: Floats | None, turns: Floats
+) -> Row:
+    """Return the columns of the derivatives of phi and gamma by the inputs, if any."""
+    if solver.form is None or directions is None:
+        return {}
+    rates = solver.form.angle_rates(directions, turns)
+    return {
+        name: column
+        for k, angle in enumerate(("dphi_dq", "dgamma_dq"))
+        for name, column in input_columns(mechanism, rates[:, k], angle).items()
     }
 
 

@@ -14,10 +14,12 @@ from spherekit.plugin import (
     listing,
 )
 from spherekit.plugin.rotations import (
+    azimuth_tilt,
     from_quaternion,
     from_tilt_torsion,
     normals_of,
     pointing,
+    tilt_torsion,
 )
 from spherekit.plugin.workspace import OutputKinematics, columns_of, read_numbers
 
@@ -40,6 +42,8 @@ NOT_ROTATION = 1e-6
 MOST_POSES = 500_000
 """Of one run, whose tables are in memory: with eight modes 2 GB."""
 MOST_SHOWN = 5
+TRIED = 7
+"""Inputs at which a pose to show is looked for."""
 
 
 @final
@@ -272,8 +276,20 @@ def _kind(
 
 
 def _example(solver: OutputKinematics) -> str:
-    """Return how a pose of this output is written."""
-    return "+".join(f"{name}=10" for name in _kinds(solver)[0])
+    """Return a pose of this output that is reached, as it is written."""
+    ends = np.array([[item.start, item.stop] for item in solver.mechanism.inputs])
+    parts = np.linspace(0.3, 0.9, TRIED)[:, None]
+    inputs = ends[:, 0] + parts * (ends[:, 1] - ends[:, 0])
+    solutions = solver.forward(inputs)
+    if not len(solutions.row) or not solver.labels:
+        names, values = _kinds(solver)[-1], inputs[0]
+    elif solutions.directions is not None and solver.points:
+        names, values = AZIMUTH_TILT, azimuth_tilt(solutions.directions[:1])[0]
+    else:
+        names, values = TILT_TORSION, tilt_torsion(solutions.rotations[:1])[0]
+    numbers = np.degrees(values)
+    told = zip(names, np.round(numbers, 4) + 0.0, strict=True)
+    return "+".join(f"{name}={number:.8g}" for name, number in told)
 
 
 def _ways(kinds: Sequence[tuple[str, ...]]) -> str:

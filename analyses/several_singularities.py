@@ -50,6 +50,8 @@ FOR_SLICES = 0.4
 """Part of the time that slices may take."""
 SAME = 1e-6
 """Points of type III whose variables differ by less (rad) are one, met on two curves."""
+ROUNDED = 9
+"""Places of an angle in degrees: further ones are rounding."""
 SLICES = 12
 """Values of each input at which dyads are cut by default."""
 SIDES = 4.0
@@ -248,8 +250,8 @@ class SeveralInputs:
                     )
                     warnings.append(
                         f"type {kind} of output {name} comes within {self.near:g} deg of "
-                        f"{assembly_modes}, nearest {angles[row]:.3g} deg on assembly mode "
-                        f"{batch.assembly_mode[row]} at inputs {place} deg"
+                        f"{assembly_modes}, nearest {_shown(angles[row])} deg on assembly "
+                        f"mode {batch.assembly_mode[row]} at inputs {place} deg"
                     )
         parts = self._aspects(batch)
         if self.input_grid is None and len(batch.mechanism.inputs) > MOST_INPUTS:
@@ -380,6 +382,11 @@ class SeveralInputs:
                 by_rank=batch.tracer.by_rank,
             ),
         )
+
+
+def _shown(angle: float) -> str:
+    """Return an angle (deg), as 0 below its rounding."""
+    return f"{round(angle, ROUNDED) + 0.0:.3g}"
 
 
 def _irregular(count: int, what: str) -> str:

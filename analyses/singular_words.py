@@ -115,12 +115,16 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
     points = [p for p in sampled.report.points if p.curve == number and np.isfinite(p.s)]
     s = np.linspace(0.0, curve.length * (1.0 - 1e-12), TRACED)
     s = np.unique(np.concatenate([s, np.array([p.s for p in points])]))
-    along = np.unwrap(sampled.output_angle(number, output, s))
+    along = sampled.output_angle(number, output, s)
+    along = along if variable is None else np.unwrap(along)
+    ends = curve.at(s[[0, -1]]).values
+    grown = np.abs(np.diff(ends, axis=0)[0])
+    input_turns = float(grown[sampled.tracer.solver.single]) / (2.0 * np.pi)
     beyond = []
     if variable is not None:
-        ends = curve.at(s[[0, -1]]).values[:, variable] - along[[0, -1]]
+        laps = ends[:, variable] - along[[0, -1]]
         for place, values in sampled.crossing_ends(number):
-            beyond.append(values[variable] - ends[0 if place == 0.0 else 1])
+            beyond.append(values[variable] - laps[0 if place == 0.0 else 1])
     angle = np.append(along, beyond)
     low, high = np.degrees([np.min(angle), np.max(angle)])
     reverses = any(p.output == links and p.output_turns for p in points)
@@ -129,6 +133,10 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
     if _degrees(high - low) == "0":
         where = f" at {_degrees(high)} deg" if variable is not None else ""
         return f"rests{where}"
+    if left and input_turns > 1.0 and not reverses:
+        turned = np.ptp(along) if variable is None else grown[variable]
+        ratio = _degrees(float(np.degrees(turned)) / input_turns)
+        return f"turns in one sense, by {ratio} deg in a turn of the input"
     if variable is None:
         to_and_fro = "to and fro " if reverses else ""
         return f"turns {to_and_fro}by {_degrees(high - low)} deg about its moving pole{far}"

@@ -37,7 +37,7 @@ from spherekit.plugin.workspace import (
 )
 
 from .limits import Limited, read_apart, read_limit
-from .pose_columns import MODE, PLACE, place_columns
+from .pose_columns import DIRECTION, MIRROR, MODE, PLACE, place_columns
 from .posed_workspace import Row, Workspaces, given_poses, how_poses_fare
 from .workspace_scenes import WorkspaceScenes, sure_of
 
@@ -100,7 +100,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column("gap", "", "the part of the outside beside it", "integer"),
                 Column("arc", "", "number of the smooth arc in its curve", "integer"),
                 Column("point", "", "number of the point in its arc", "integer"),
-                *PLACE[:3],
+                *DIRECTION,
+                *MIRROR,
                 Column("constraint", "", "the limit that ends the workspace", "text"),
             ),
         ),
@@ -267,12 +268,15 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
         return batch.once(("judged", item.signs), make)
 
+    def _place(self, batch: Batch, places: Floats) -> Row:
+        return place_columns(places, self._limited(batch).kinematics.form)
+
     def _samples(
         self, batch: Batch, item: DirectionWorkspace | OrientationWorkspace
     ) -> Row:
         judged, places = self._judged(batch, item)
         return {
-            **place_columns(places),
+            **self._place(batch, places),
             "inside": np.where(judged.inside, "yes", "no"),
             "margin": judged.margin,
             "limiting": np.array(self._limited(batch).names)[judged.limiting],
@@ -290,7 +294,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 "gap": boundary.gap,
                 "arc": number,
                 "point": np.arange(len(arc.points)),
-                **place_columns(arc.points),
+                **self._place(batch, arc.points),
                 "constraint": names[arc.margin],
             }
             for curve, boundary in enumerate(item.region.boundaries)
@@ -318,7 +322,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "size": sizes,
             "error": region.error,
             "curves": [" ".join(map(str, touching)) for touching in curves],
-            **place_columns(at),
+            **self._place(batch, at),
             "margin": margin,
         }
 
@@ -330,7 +334,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "number": 0,
             "size": orientations.volume,
             "error": orientations.error,
-            **place_columns(place),
+            **self._place(batch, place),
             "margin": self._limited(batch).judge(item, place).margin,
         }
 

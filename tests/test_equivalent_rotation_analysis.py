@@ -32,8 +32,11 @@ from spherekit.sphere.mirror import normal_at, upward
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import arc, from_quaternion, quaternion
 from spherekit.sphere.tilt_torsion import tilt_torsion
+from spherekit.workspace.inverse import closed_kinematics
+from spherekit.workspace.workspace import judge, orientation_samples
 
 NAME = "equivalent_rotation"
+QUATERNION = ("qx", "qy", "qz", "qw")
 TABLE_3 = f"{NAME}:start=phi=75+gamma=-20,end=phi=70+gamma=20"
 
 
@@ -539,6 +542,53 @@ def test_elbows_on_one_line_fix_no_plane():
 
 
 # --- pages --------------------------------------------------------------------------------
+
+
+def near_the_reach(eps):
+    """Two orientations of three_rrr: beside the border of its reach, and well within."""
+    kinematics = closed_kinematics(sk.load("three_rrr"))
+    signs = kinematics.modes[0]
+    every = orientation_samples(400)
+    margin = judge(kinematics, kinematics.bounds, signs, every).margin
+    inner, outer = every[np.argmax(margin)], every[np.argmin(margin)]
+
+    def left(part):
+        place = (1.0 - part) * inner + part * outer
+        place /= np.linalg.norm(place)
+        return judge(kinematics, kinematics.bounds, signs, place[None]).margin[0], place
+
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if left(middle)[0] > 0.0 else (low, middle)
+    words = [
+        "+".join(f"{name}={float(x)!r}" for name, x in zip(QUATERNION, place, strict=True))
+        for place in (left(low - eps)[1], inner)
+    ]
+    return f"start={words[0]},end={words[1]},speed=30"
+
+
+@pytest.mark.parametrize("eps", [1e-5, 1e-7])
+def test_a_rotation_from_near_a_dead_centre_has_a_schedule(eps):
+    """Inputs turn by 1e3 and more for each rad of the output there."""
+    result = ran("three_rrr", near_the_reach(eps))
+    assert findings(result)["end"] == "OK"
+    assert not [text for text in result.warnings if "schedule" in text]
+    rates = degrees(result, "dq_dtheta_a1", "dq_dtheta_a2", "dq_dtheta_a3")
+    assert np.max(np.abs(rates[0])) > 0.1 / np.sqrt(eps)
+    assert np.all(np.isfinite(result.tables["schedule"]["dq_a1"]))
+
+
+def test_a_dead_centre_at_the_start_is_named():
+    result = ran("three_rrr", near_the_reach(1e-13))
+    (text,) = (text for text in result.warnings if "the rotation ends at 0 of" in text)
+    assert "input a" in text and "is at a dead centre there" in text
+
+
+def test_the_axis_is_told_in_the_frame_of_the_paper(table_3):
+    (said, *_) = table_3.summary["remarks"]
+    assert "(-0.793330, 0.125686, -0.595677) in axes of the mirror (x0, y0, z0)" in said
+    assert "in axes of link 1" in said
 
 
 def test_page_of_a_rotation(table_3, listener):

@@ -145,6 +145,59 @@ def test_phi_and_gamma_of_the_paper():
     assert findings["largest_closure_residual_rad"] < 1e-14
 
 
+def test_derivatives_of_phi_and_gamma_are_table_1_of_the_paper():
+    """The changes that its CAD model shows for tiny changes of the driving angles."""
+    asked = "inverse_kinematics:poses=21=14+61=23+21=31+61=12"
+    result = sk.run("two_dof_spm", asked)
+    (one, _, other, _) = result.frame("inverse_kinematics", "forward").to_dict("records")
+    printed = [
+        (one, (0.001, 0.002), (3.4417, -0.3505)),
+        (one, (-0.003, 0.004), (0.8857, -3.6368)),
+        (other, (0.001, -0.002), (-1.2617, 1.6108)),
+        (other, (-0.003, 0.004), (1.6035, -3.5913)),
+    ]
+    for row, (first, second), changed in printed:
+        for angle, shown in zip(("phi", "gamma"), changed, strict=True):
+            change = row[f"d{angle}_dq_21"] * first + row[f"d{angle}_dq_61"] * second
+            assert abs(1e3 * change - shown) < 2e-4
+    assert abs(np.degrees(one["phi"]) - 59.0786) < 1e-4
+    told = "phi = 59.0786 deg (dphi/d21 1.19958, dphi/d61 1.12113), gamma = -4.74204 deg"
+    assert any(told in remark for remark in result.summary["remarks"])
+
+
+def test_derivatives_of_phi_and_gamma_by_differences():
+    """Of rows at poses, in every working mode, by the poses at inputs beside."""
+    step = 1e-6
+    result, _ = found_in("two_dof_spm", poses="phi=40+gamma=9")
+    solver = output_kinematics(sk.load("two_dof_spm"))
+    for row in result.frame().to_dict("records"):
+        at = np.array([row["q_21"], row["q_61"]])
+        for k, pair in enumerate(("21", "61")):
+            beside = [solver.forward((at + x * np.eye(2)[k])[None]) for x in (-step, step)]
+            angles = [solver.form.angles_to(found.directions[:1]) for found in beside]
+            for name in ("phi", "gamma"):
+                one, other = (getattr(item, name)[0] for item in angles)
+                slope = row[f"d{name}_dq_{pair}"]
+                assert abs((other - one) / (2.0 * step) - slope) < 1e-7 * (1.0 + abs(slope))
+
+
+@pytest.mark.parametrize("name", [*CLOSED, "universal_joint"])
+def test_the_pose_that_is_offered_is_reached(name):
+    with pytest.raises(AnalysisError, match="found no poses") as problem:
+        sk.run(name, "inverse_kinematics")
+    poses = str(problem.value).split("poses=")[1].split(",")[0]
+    result = sk.run(name, f"inverse_kinematics:poses={poses}")
+    table = "forward" if name == "universal_joint" else "inverse_kinematics"
+    assert np.any(result.frame("inverse_kinematics", table)["status"] == "OK")
+
+
+def test_sets_of_inputs_are_counted_and_told():
+    asked = "inverse_kinematics:poses=21=60+51=100+21=40+51=50"
+    said = sk.run("five_bar", asked).summary["remarks"]
+    assert "4 configurations at 2 sets of inputs" in said[0] and len(said) == 5
+    assert "inputs 1: azimuth = 64.2121 deg, tilt = 113.683 deg, working mode" in said[4]
+
+
 def test_all_ways_to_say_an_orientation(tmp_path):
     turn = Rotation.from_euler("ZYZ", [0.5, 0.7, -1.4])
     vector = turn.as_rotvec()
@@ -219,7 +272,6 @@ def test_a_matrix_that_is_no_rotation_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [
-        ({}, "give one of poses=x=10"),
         ({"poses": "tilt=1", "window": "tilt:0:1:2"}, "found poses and window"),
         ({"poses": "azimuth=1+tilt=2+tilt=3"}, "number 2 has tilt, but the first azimuth"),
         ({"poses": "10:20"}, '"10:20" of "10:20" is not name=number'),

@@ -95,6 +95,15 @@ def test_a_plate_about_a_moving_pole_does_not_swing():
     assert abs(float(line.split(" deg")[0].split()[-1]) - turned) < 1e-3
 
 
+def test_a_cone_that_never_returns_turns_by_its_ratio():
+    """About the line of contact, by the sines of the shaft angle and its half angle."""
+    said, _ = said_of(sk.load("rolling_cones"))
+    turned = 360.0 * np.sin(np.radians(70.0)) / np.sin(np.radians(20.0))
+    (line,) = (x for x in said.splitlines() if "turns in one sense" in x)
+    assert line.endswith("deg in a turn of the input")
+    assert abs(float(line.split(" deg")[0].split()[-1]) - turned) < 1e-3
+
+
 def test_wheels_that_never_return_turn_in_one_sense():
     """A drum driven by a nutating plate: its curve does not close, and nothing is near."""
     cones = {"fixed": (80.0, 85.0), "driven": (70.0, 75.0)}

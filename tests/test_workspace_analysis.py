@@ -189,6 +189,21 @@ def test_area_of_the_mid_plane_mechanism(mid_plane):
         assert len(region.boundaries[number].corners) == 4
 
 
+def test_border_in_the_angles_of_the_paper():
+    """Table 2: the extremes of phi and gamma under the rule of 10 degrees."""
+    mechanism = sk.load("two_dof_spm")
+    asked = "workspace:apart=21/43:10+61/54:10,working_mode=-++,tolerance=1e-2"
+    result = sk.run(mechanism, asked)
+    border = result.frame("workspace", "boundary", degrees=True)
+    paper = border[border["phi"] > 0.0]
+    outer = paper[paper["component"] == paper.iloc[paper["phi"].argmax()]["component"]]
+    for values, printed in ((outer["phi"], 95.8430), (-outer["phi"], -11.5519)):
+        assert abs(values.max() - printed) < 1e-4
+    for values in (outer["gamma"], -outer["gamma"]):
+        assert abs(values.max() - 67.5085) < 1e-4
+    assert {"phi", "gamma"} <= set(result.frame("workspace", "workspace").columns)
+
+
 def test_width_of_links_is_an_angle_between_axes(mid_plane):
     """Links of a width on a radius, as section 3 of Chen et al. has it."""
     wide = Constraints(width=np.radians(10.0) * 0.3, radius=0.3)

@@ -107,7 +107,8 @@ class FollowedRotation:
         h = angles[cell + 1] - angles[cell]
         ends = [(values[c], first[c], second[c]) for c in (cell, cell + 1)]
         predicted = hermite(ends[0], ends[1], h, (theta - angles[cell]) / h)
-        return predicted, 10.0 * VERIFIED.middle * h + 1e-8
+        moved = np.max(np.abs(values[cell + 1] - values[cell]), axis=1)
+        return predicted, 10.0 * VERIFIED.middle * np.maximum(h, moved) + 1e-8
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""

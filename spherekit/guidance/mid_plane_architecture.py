@@ -26,7 +26,13 @@ from spherekit.motion.loops import rank_mobility
 from spherekit.motion.pairs import turns_of
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.region.mesh import spread
-from spherekit.sphere.mirror import mirror_of, reflections, upward
+from spherekit.sphere.mirror import (
+    MirrorAngles,
+    mirror_angles,
+    mirror_of,
+    reflections,
+    upward,
+)
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpose
 
@@ -146,6 +152,31 @@ class MidPlaneArchitecture:
         distance = np.linalg.norm(way, axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(way / distance[:, None]), distance
+
+    def angles_to(self, directions: Floats) -> MirrorAngles:
+        """Return the angles of the mid-planes in which the output points at directions.
+
+        These (n, 3) are in the axes of the base.
+        """
+        return mirror_angles(self.normals_to(directions @ self.frame)[0])
+
+    def angle_rates(self, directions: Floats, turns: Floats) -> Floats:
+        """Return the derivatives (n, 2, k) of phi and gamma by k variables.
+
+        `turns` (n, 3, k) are the output's angular velocities per unit rate of each, where
+        it points at directions (n, 3), both in the axes of the base.
+        """
+        normals, distance = self.normals_to(directions @ self.frame)
+        swept = np.swapaxes(cross(np.swapaxes(turns, 1, 2), directions[:, None]), 1, 2)
+        swept = self.frame.T @ swept
+        along = np.einsum("ni,nik->nk", normals, swept)
+        x, y, z = normals.T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slopes = swept - normals[:, :, None] * along[:, None]
+            slopes /= distance[:, None, None]
+            scale = np.stack([-1.0 / np.hypot(y, z), 1.0 / np.hypot(x, z)], axis=1)
+            scale *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
+            return np.asarray(scale[:, :, None] * slopes[:, :2])
 
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes (n, 3) nearest to orientations (n, 3, 3).

@@ -11,6 +11,9 @@ from spherekit.errors import SolveError
 from spherekit.sphere.poses import TURN_MEANING, TurnStatus, turns_between
 from spherekit.sphere.rotation import Floats
 
+DEAD = 1e3
+"""An input that turns by more for each rad of the output link is at a dead centre."""
+
 
 @final
 @dataclass(frozen=True)
@@ -91,6 +94,16 @@ class FixedAxisRotation(Protocol):
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) from 0 to the whole angle, any order."""
         ...
+
+
+def dead_centre(rotation: FixedAxisRotation) -> str:
+    """Return the input at a dead centre where a rotation is followed no further, or ``""``.
+
+    There the output link asks it to turn by `DEAD` or more for each rad of its own.
+    """
+    rates = np.nan_to_num(np.abs(rotation.at([rotation.reached]).rates[0]), posinf=np.inf)
+    most = int(np.argmax(rates))
+    return rotation.inputs[most] if rates[most] > DEAD else ""
 
 
 def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:

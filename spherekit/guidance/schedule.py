@@ -16,7 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.checked import checked
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import SolveError
-from spherekit.guidance.rotation import FixedAxisRotation, RotationSamples
+from spherekit.guidance.rotation import (
+    FixedAxisRotation,
+    RotationSamples,
+    dead_centre,
+)
 from spherekit.model.laws import Cycloidal, Law, Polynomial
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.extremes import largest
@@ -257,10 +261,13 @@ def _moved(
     lost = ~np.all(np.isfinite(samples.second_rates), axis=1)
     if np.any(lost):
         first = int(np.argmin(np.where(lost, samples.theta, np.inf)))
+        dead = dead_centre(rotation)
         raise SolveError(
             f"the mechanism does not follow all the way: at theta = "
             f"{np.degrees(samples.theta[first]):.6g} of {np.degrees(whole):.6g} deg it is "
-            f"{Status(samples.status[first]).name}; choose a nearer pose or another start"
+            f"{Status(samples.status[first]).name}"
+            + (f", as input {dead} is at a dead centre" if dead else "")
+            + "; choose another start or end"
         )
     turned, swung = (whole * ds)[:, None], (whole * dds)[:, None]
     speeds = samples.rates * turned

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.poses import PoseFinder as PoseFinder
     from spherekit.guidance.rotation import FixedAxisRotation as FixedAxisRotation
     from spherekit.guidance.rotation import RotationSamples as RotationSamples
+    from spherekit.guidance.rotation import dead_centre as dead_centre
     from spherekit.guidance.schedule import SHAPES as SHAPES
     from spherekit.guidance.schedule import Schedule as Schedule
     from spherekit.guidance.schedule import Timetable as Timetable

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from spherekit.workspace.kinematics import OutputKinematics as OutputKinematics
     from spherekit.workspace.rows import InverseRows as InverseRows
     from spherekit.workspace.rows import sense_of as sense_of
+    from spherekit.workspace.rows import turns_of as turns_of
     from spherekit.workspace.workspace import DirectionWorkspace as DirectionWorkspace
     from spherekit.workspace.workspace import Judged as Judged
     from spherekit.workspace.workspace import OrientationWorkspace as OrientationWorkspace

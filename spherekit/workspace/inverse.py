@@ -11,8 +11,6 @@ from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.outputs import chosen_output
 from spherekit.motion.assembly_modes import label_of
-from spherekit.motion.motion import motion_of
-from spherekit.output.forward import output_rates
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.measures import InputRates
 from spherekit.output.virtual_output import COORDINATES, with_wrist
@@ -138,8 +136,7 @@ class GraphKinematics(OutputKinematics):
         """Return the rates at configurations (k, variables), NaN where they are."""
         finite = np.isfinite(values[:, 0])
         turns = np.full((len(values), 3, len(self.mechanism.inputs)), np.nan)
-        motion = motion_of(self._forward.solver, values[finite])
-        turns[finite] = output_rates(motion, self.output)
+        turns[finite] = self.turns(values[finite])
         direction = self.output.direction if self.points else None
         return InputRates.of_turns(
             turns, None if direction is None else rotations @ np.array(direction)

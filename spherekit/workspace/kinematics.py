@@ -18,8 +18,9 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import label_of
 from spherekit.motion.closure import Closure
+from spherekit.motion.motion import motion_of
 from spherekit.output.dyads import Signs
-from spherekit.output.forward import ForwardKinematics
+from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.solutions import PoseSolutions
 from spherekit.rates.transmission import Transmission
 from spherekit.sphere.rotation import Floats
@@ -89,6 +90,14 @@ class OutputKinematics(ABC):
     def forward(self, inputs: Floats) -> PoseSolutions:
         """Return every pose found at inputs (n, inputs) rad."""
         return self._forward.solutions(inputs)
+
+    def turns(self, values: Floats) -> Floats:
+        """Return the output's angular velocity (n, 3, inputs) per unit rate of each input.
+
+        At configurations (n, variables), in axes of the link that the output is seen from;
+        NaN where the inputs do not determine the motion.
+        """
+        return output_rates(motion_of(self._forward.solver, values), self.output)
 
     def type_2(self, values: Floats) -> Floats:
         """Return the measure (n,) of type II at configurations (n, variables)."""

@@ -12,7 +12,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import FLAT_DYAD
 from spherekit.numeric.rows import ArrayRows
 from spherekit.output.dyads import DyadArcs
-from spherekit.output.measures import reciprocal
+from spherekit.output.measures import InputRates, reciprocal
 from spherekit.sphere.rotation import Floats
 
 
@@ -175,6 +175,16 @@ class InverseRows(ArrayRows):
         """Return the rows of several modes, those of a pose together."""
         every = super().joined(parts)
         return every.rows(np.argsort(every.pose, kind="stable"))
+
+
+def turns_of(rates: Floats, directions: Floats | None) -> Floats:
+    """Return the output's angular velocity (k, 3, inputs) per unit rate of each input.
+
+    From the rates (k, inputs, 3) of the inputs: with two inputs, at right angles to the
+    directions (k, 3).
+    """
+    turns = InputRates.of_turns(np.swapaxes(rates, 1, 2), directions).rates
+    return np.swapaxes(turns, 1, 2)
 
 
 def sense_of(rates: Floats, directions: Floats | None) -> NDArray[np.int64]:
