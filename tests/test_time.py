@@ -303,13 +303,62 @@ def test_without_inertia_nothing_is_simulated():
         (["--law", "cycloidal:from=0,to=1"], "parameters missing: duration"),
         (["--law", "cycloidal:from=0,to=1,duration=0"], "duration: found 0 s"),
         (["--law", "41=constant_speed:speed=1"], "pair 41 is not an input"),
-        (["--start", "dq=1"], "parameters missing: q"),
+        (["--start", "dq=1"], "start: q is missing"),
         (["--start", "q=0", "--law", "constant_speed:speed=1"], "excluded by the start"),
     ],
 )
 def test_faults_of_flags(flags, words, capsys):
     assert main(["run", "four_bar", "--duration", "1", *flags]) == 1
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "name, start, given",
+    [
+        ("four_bar", Start(0.4, 1.2), ["q=0.4,dq=1.2", {"q": 0.4, "dq": 1.2}]),
+        ("four_bar", Start(-2e1), ["q=-2e+1", {"q": -20}, {"q": (-20.0,)}]),
+        (
+            "five_bar",
+            Start((1.0, 1.2), (0.0, -0.5)),
+            ["q=1+1.2,dq=0+-0.5", {"q": [1, 1.2], "dq": np.array([0.0, -0.5])}],
+        ),
+    ],
+)
+def test_starts_in_python_are_those_of_the_command(name, start, given):
+    mechanism = sk.load(name)
+    links = [k for k in mechanism.links if k != mechanism.ground]
+    body = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
+    for link in links:
+        mechanism = mechanism.with_mass(link, body)
+    wanted = simulate(mechanism, start, 0.01, engine="numpy").at([0.01]).values
+    for item in given:
+        found = simulate(mechanism, item, 0.01, engine="numpy").at([0.01]).values
+        assert np.array_equal(found, wanted)
+        result = sk.run(mechanism, "dynamics", start=item, duration=0.01, samples=2)
+        inputs = [key for key in result.frame() if key.startswith("q")]
+        assert result.frame()[inputs].to_numpy()[0] == pytest.approx(start.q)
+
+
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ("q=0.4;dq=1", "does not read as a number"),
+        ({"q": "a"}, "does not read as a number"),
+        ({"q": None}, "does not read as a number"),
+        ({"q": 0.4, "speed": 1}, '"speed" is neither q nor dq'),
+        ({}, "q is missing"),
+        ("", "neither q nor dq"),
+        ({"q": float("nan")}, "needs a finite number"),
+        ({"q": [0.4, 0.2]}, "needs 1"),
+    ],
+)
+def test_starts_that_say_nothing_are_refused(given, words):
+    for call in (
+        lambda: simulate("four_bar", given, 1.0),
+        lambda: sk.run("four_bar", "dynamics", start=given, duration=1.0),
+    ):
+        with pytest.raises(sk.SpherekitError, match=words):
+            call()
 
 
 def test_flags_say_the_same_as_a_study(tmp_path, study):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from spherekit.cli.suggest import analyses, pairs, studies, suggesting
 
 if TYPE_CHECKING:
-    from spherekit.model.laws import Law, Start
+    from spherekit.model.laws import Law
     from spherekit.model.mechanism import Mechanism
     from spherekit.model.study import Study
 
@@ -175,12 +175,14 @@ def study_from(options: argparse.Namespace) -> "Study":
 
 def _timed(study: "Study", options: argparse.Namespace) -> "Study":
     """Return a study with the laws, the start and the assembly mode of flags."""
+    from spherekit.model.laws import Start
+
     if options.law is not None:
         laws = laws_of(options.law, study)
         study = replace(study, laws=laws, start=None, torque=None)
     if options.start is not None:
         kept = study.laws if options.law is not None else {}
-        study = replace(study, start=start_of(options.start), laws=kept)
+        study = replace(study, start=Start.of(options.start), laws=kept)
     given = {
         "torque": None if options.torque is None else torque_of(options.torque, study),
         "duration": options.duration,
@@ -219,14 +221,6 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
             )
         laws[pair or inputs[0]] = law
     return laws
-
-
-def start_of(text: str) -> "Start":
-    """Return the state of the input that ``q=Q,dq=W`` gives."""
-    from spherekit.analysis.arguments import given_in
-    from spherekit.model.laws import Start
-
-    return Start(**given_in(text, Start, "--start"))
 
 
 def torque_of(texts: Sequence[str], study: "Study") -> "str | dict[str, str]":

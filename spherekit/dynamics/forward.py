@@ -20,7 +20,7 @@ from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import EngineError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.actions import smooth
-from spherekit.model.laws import Crossings, Start
+from spherekit.model.laws import Crossings, Start, StartGiven
 from spherekit.model.mechanism import Mechanism
 from spherekit.progress import tell
 
@@ -36,7 +36,7 @@ QUICKER = 200.0
 @checked(SolveError)
 def simulate(
     mechanism: AnyMechanism,
-    start: Start | PoseStart,
+    start: StartGiven | PoseStart,
     until: float,
     *,
     torque: Torques | None = None,
@@ -58,7 +58,8 @@ def simulate(
     mechanism
         A mechanism with masses; its loads act, its stops end the simulation.
     start
-        Input variable and rate at t = 0 on an assembly mode, or a whole configuration.
+        Input variable (rad) and rate (rad/s) at t = 0 on an assembly mode, which may be
+        ``{"q": 0.4, "dq": 1.2}`` or ``"q=0.4,dq=1.2"``; or a whole configuration.
     until
         Time (s) at which to end.
     torque
@@ -114,6 +115,7 @@ def simulate(
     (3,)
     """
     mechanism = mechanism_of(mechanism)
+    start = start if isinstance(start, PoseStart) else Start.of(start)
     _need_allowed(mechanism, engine, tolerance)
     passes = _passes(mechanism, crossings, "compiled" if scheme == "paper" else engine)
     problem = prepare(

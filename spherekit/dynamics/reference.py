@@ -11,7 +11,7 @@ from spherekit.exact.arithmetic import Arithmetic, wide
 from spherekit.exact.simulation import ExactSimulation
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.bearings import need_no_rubbing
-from spherekit.model.laws import Start
+from spherekit.model.laws import Start, StartGiven
 from spherekit.sphere.rotation import Floats
 
 ENDS = ("time", "stop", "sticking")
@@ -21,7 +21,7 @@ ENDS = ("time", "stop", "sticking")
 @checked(SolveError)
 def reference_simulation(
     mechanism: AnyMechanism,
-    start: Start,
+    start: StartGiven,
     until: float,
     *,
     torque: str | None = None,
@@ -45,7 +45,7 @@ def reference_simulation(
     EngineError
         If the motion ends at a singularity, or changes too fast.
     """
-    mechanism = mechanism_of(mechanism)
+    mechanism, start = mechanism_of(mechanism), Start.of(start)
     simulation = simulate(
         mechanism,
         start,

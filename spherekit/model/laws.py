@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, Literal, Protocol, final
@@ -196,6 +196,39 @@ class Start:
         for key, given in (("q", self.q), ("dq", self.dq)):
             _need_finite(key, *(given if isinstance(given, tuple) else (given,)))
 
+    @staticmethod
+    def of(given: "StartGiven") -> "Start":
+        """Return the start that the command's text or a mapping gives.
+
+        ``"q=0.4,dq=1.2"`` and ``{"q": 0.4, "dq": 1.2}``, of several inputs
+        ``"q=0.4+0.2,dq=1+0"`` and sequences of numbers, in rad and rad/s; without dq at
+        rest.
+
+        Raises
+        ------
+        ModelError
+            For other keys, for what does not read as numbers, and without q.
+        """
+        if isinstance(given, Start):
+            return given
+        if isinstance(given, str):
+            parts = (part.partition("=") for part in given.split(","))
+            given = {key.strip(): text for key, _, text in parts}
+        keys, read = [item.name for item in fields(Start)], {}
+        for key, state in given.items():
+            if key not in keys:
+                raise ModelError(f'start: "{key}" is neither q nor dq; {START_SHOWN}')
+            try:
+                read[key] = _numbers(state)
+            except (TypeError, ValueError):
+                raise ModelError(
+                    f'start: {key}: "{state}" does not read as a number, or as one for '
+                    f"each input; {START_SHOWN}"
+                ) from None
+        if "q" not in read:
+            raise ModelError(f"start: q is missing; {START_SHOWN}")
+        return Start(**read)
+
     def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
         """Return variable and rate (inputs,) of each input, by their names.
 
@@ -217,6 +250,22 @@ class Start:
                 )
             state.append(numbers)
         return state[0], state[1]
+
+
+StartGiven = Start | str | Mapping[str, Any]
+"""A start, or what `Start.of` reads."""
+
+START_SHOWN = "give q=Q,dq=W in rad and rad/s, of several inputs q=Q+Q,dq=W+W"
+
+
+def _numbers(given: Any) -> float | tuple[float, ...]:
+    """Return a number, or those of several inputs; a text joins them by ``+``."""
+    if not isinstance(given, str):
+        return tuple(map(float, given)) if np.ndim(given) else float(given)
+    try:
+        return float(given)
+    except ValueError:
+        return tuple(map(float, given.split("+")))
 
 
 KINDS: Mapping[str, type[Law]] = {

@@ -49,10 +49,11 @@ class Study:
         Time law of each driven pair, and the time (s) from t = 0 that the samples divide,
         both ends included. With a duration alone the only input turns at 1 rad/s.
     start, torque, tolerance
-        State of the inputs at t = 0: the motion over `duration` then follows from the
-        loads and the `torque` (N m, a number or an expression) at the input, or that of
-        each of several inputs that has one, by its name; each step within the tolerance
-        (rad), from the `assembly_mode` (default 0) of all that there are.
+        State of the inputs at t = 0, also as what `Start.of` reads, ``"q=0.4,dq=1.2"`` or
+        ``{"q": 0.4, "dq": 1.2}`` in rad and rad/s: the motion over `duration` then
+        follows from the loads and the `torque` (N m, a number or an expression) at the
+        input, or that of each of several inputs that has one, by its name; each step
+        within the tolerance (rad), from the `assembly_mode` (default 0) of all there are.
     crossings
         Whether a simulation ends where sets of configurations cross, or goes straight on.
     verify
@@ -87,6 +88,8 @@ class Study:
     locate: Locate | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        if isinstance(self.start, str | Mapping):
+            object.__setattr__(self, "start", Start.of(self.start))
         check_fields(self, AnalysisError, self.name)
         if self.verify is not None and self.verify < 1:
             raise AnalysisError(
