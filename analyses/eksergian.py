@@ -214,12 +214,13 @@ class Eksergian(AbstractAnalysis):
         with np.errstate(over="ignore", invalid="ignore"):
             masses = inertia(mechanism, motion)
             rates, faster = batch.input_rates, batch.input_accelerations
-            loads, carried = Loads(mechanism), None
+            loads = Loads(mechanism)
             locked = np.zeros(len(batch), dtype=bool)
             if loads.rubbing:
                 rubbed = needed_torques(as_loads_see(batch))
-                carried, locked = rubbed.carried, rubbed.status == Status.NOT_CONVERGED
-            per_load = loads.parts(motion, rates, batch.t, carried)
+                per_load, locked = rubbed.Q_parts, rubbed.status == Status.NOT_CONVERGED
+            else:
+                per_load = loads.parts(motion, rates, batch.t)
             Q = np.sum(per_load, axis=2)
             torques = driving_torques(masses.M, masses.dM, Q, rates, faster)
         rate_status = batch.status.copy()

@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.schedule import quickest as quickest
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
     from spherekit.model.bearings import Bearings as Bearings
+    from spherekit.model.bearings import ContactFriction as ContactFriction
     from spherekit.model.dynamics import Damper as Damper
     from spherekit.model.dynamics import Friction as Friction
     from spherekit.model.dynamics import Gravity as Gravity

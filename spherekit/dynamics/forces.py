@@ -7,6 +7,7 @@ import numpy as np
 
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.model.actions import steep
+from spherekit.model.bearings import sliding_rate
 from spherekit.model.load import Called, Component, LinkMoment, Vector
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.torque_table import TorqueTable
@@ -35,7 +36,7 @@ class Loads:
         self.rubbing = [
             k
             for k, part in enumerate(self.components)
-            if part.bearings is not None and part.bearings.grip > 0.0
+            if part.rubs is not None and part.rubs.grip > 0.0
         ]
         self.watched = bool(self.steep) or any(functions)
         self._first = np.array(
@@ -43,20 +44,25 @@ class Loads:
         )
         self._angles = mechanism.angles
 
-    def variable(self, component: int) -> int:
-        """Return the number of the variable of a component's pair."""
-        return self._angles[self.components[component].pair]
-
     def velocities(self, motion: CoordinateMotion) -> Floats:
         """Return what each component works on (n, m, components), per unit rates."""
         velocities = np.zeros((*motion.rates.shape[:2], len(self.components)))
         on_links = _OnLinks(self.mechanism, motion)
         for column, part in enumerate(self.components):
             if part.pair:
-                velocities[..., column] = motion.rates[..., self._angles[part.pair]]
+                velocities[..., column] = self._rate(motion.rates, part.pair)
             for moment in part.moments:
                 velocities[..., column] += on_links.power(moment)
         return velocities
+
+    def rubbing_velocities(self, motion: CoordinateMotion) -> Floats:
+        """Return those of the `rubbing` (n, k, m)."""
+        return np.swapaxes(self.velocities(motion)[..., self.rubbing], 1, 2)
+
+    def _rate(self, rates: Floats, pair: str) -> Floats:
+        """Return the rate (...) of a pair, of a contact that at which it slides."""
+        first, *second = self.mechanism.variables_of(self.mechanism.pair_number[pair])
+        return np.asarray(rates[..., first] - np.sum(rates[..., second], axis=-1))
 
     def magnitudes(
         self,
@@ -68,8 +74,8 @@ class Loads:
         """Return the magnitude of each component (n, components), N m or N.
 
         `values`, `value_rates` (n, variables) are the pair variables and their rates by
-        time, `t` (n,) is in s; `carried` (n, k) N the sums of the forces on the bearings
-        of each of the `rubbing`, without which these do not rub.
+        time, `t` (n,) is in s; `carried` (n, k) what each of the `rubbing` carries, N on
+        bearings and N m of contacts, without which these do not rub.
         """
         names = self._known(values, value_rates, t)
         sizes = np.empty((len(t), len(self.components)))
@@ -80,7 +86,7 @@ class Loads:
         return sizes
 
     def friction(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
-        """Return that of the `rubbing` (n, k), N m per N on their bearings.
+        """Return that of the `rubbing` (n, k), N m per unit of what they carry.
 
         For the same as `magnitudes`.
         """
@@ -102,6 +108,8 @@ class Loads:
         names = {"t": t}
         names |= {f"theta_{pair}": values[:, k] for pair, k in self._angles.items()}
         names |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}
+        for pair in {self.components[k].pair for k in self.rubbing} - {*self._angles}:
+            names[sliding_rate(pair)] = self._rate(value_rates, pair)
         return names
 
     def parts(
@@ -133,12 +141,12 @@ class Loads:
 
 
 def _magnitude(part: Component, names: Mapping[str, Floats]) -> Floats:
-    """Return the magnitude of a component (n,), of bearings per N on them."""
+    """Return the magnitude of a component (n,), of what rubs per unit it carries."""
     law = part.magnitude
     if isinstance(law, TorqueTable):
         return law.at(names["t"])
     size = law.evaluate({name: names[name] for name in law.names})
-    return size if part.bearings is None else part.bearings.grip * size
+    return size if part.rubs is None else part.rubs.grip * size
 
 
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:

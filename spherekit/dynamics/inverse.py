@@ -393,9 +393,8 @@ def needed_torques(motion: Motion) -> InverseSolution:
 
 
 def _rubbed(driven: Driven, joints: Sequence[Joint], loads: Loads) -> Rubbed:
-    """Return what bearings carry while drives at the inputs balance their friction."""
-    columns = [loads.variable(k) for k in loads.rubbing]
-    drives = -np.swapaxes(driven.motion.rates[:, :, columns], 1, 2)
+    """Return what rubs while drives at the inputs balance its friction."""
+    drives = -loads.rubbing_velocities(driven.motion)
     return rubbed(driven, joints, loads, np.zeros_like(drives), drives)
 
 

@@ -1,7 +1,7 @@
-"""The friction of bearings, which follows from the reactions that it changes.
+"""Friction that follows from the reactions which it changes, of bearings and contacts.
 
-The force on each bearing j of a pair k is affine in the friction f of all pairs, a_kj + sum
-of b_kjl f_l. So friction solves
+What is carried at place j of a pair k, the force on a bearing or the push of a contact, is
+affine in the friction f of all pairs, a_kj + sum of b_kjl f_l. So friction solves
 
     f_k = r_k sum over j of |a_kj + sum of b_kjl f_l|,   r_k = -grip_k tanh(v_k' / speed_k).
 
@@ -36,7 +36,7 @@ MOST_ROUNDS = 100
 @final
 @dataclass(frozen=True)
 class Rubbed:
-    """Sums (n, k) N of the forces on the bearings of each load that rubs.
+    """What each load that rubs carries (n, k), N on bearings and N m of contacts, in sum.
 
     `settled` (n,) says whether the feedback, what comes back of a change of the friction,
     is below 1 and the friction known, found in `rounds` of iteration.
@@ -50,15 +50,15 @@ class Rubbed:
 def rubbed(
     driven: Driven, joints: Sequence[Joint], loads: Loads, faster: Floats, drives: Floats
 ) -> Rubbed:
-    """Return what the bearings of a mechanism carry, given how it moves while none rubs.
+    """Return what the pairs of a mechanism that rub carry, given how it moves without.
 
     Parameters
     ----------
     driven
-        Finite rows in which no bearing rubs.
+        Finite rows in which nothing rubs.
     faster, drives
         (n, k, m), (n, k, inputs): changes of the coordinates' accelerations and of the
-        torques at the inputs by a unit torque at the pair of each bearing that rubs.
+        torques at the inputs by unit friction at each pair that rubs.
 
     Raises
     ------
@@ -67,8 +67,8 @@ def rubbed(
     """
     mechanism, motion = driven.mechanism, driven.motion
     parts = [loads.components[k] for k in loads.rubbing]
-    bearings = [part.bearings for part in parts if part.bearings is not None]
-    whole = any(one.axial is not None for one in bearings)
+    bearings = [part.rubs for part in parts if part.rubs is not None]
+    whole = any(one.asks_forces for one in bearings)
     solved = balanced(driven, joints, whole)
     balance = solved.balance
     pairs = [mechanism.pair_number[one.pair] for one in bearings]
@@ -77,10 +77,10 @@ def rubbed(
         if np.any(is_open[:, pair, :3]) or not np.all(solved.settled):
             raise SolveError(
                 f"{mechanism.name}: loads.{one.name}: redundant constraints leave the "
-                f"reaction of pair {one.pair} open, and so the friction of its bearings; "
-                "take a load of kind friction, or give gears their pressure_angle"
+                f"reaction of pair {one.pair} open, and so the friction that follows from "
+                "it; take a load of kind friction, or give gears their pressure_angle"
             )
-        if one.axial is not None and (np.any(is_open[:, pair]) or np.any(balance.slides)):
+        if one.asks_forces and (np.any(is_open[:, pair]) or np.any(balance.slides)):
             wanted = lacking(mechanism, joints, driven.at.frames[0]).wanted
             more = f"; a file that says {listing(wanted)} determines it" if wanted else ""
             raise SolveError(
@@ -91,13 +91,13 @@ def rubbed(
     n, count = len(motion.values), len(pairs)
 
     def on_bearings(left: Floats) -> Floats:
-        """Return the forces (n, k, 2, 3), N; 0 of a second one where there is none."""
+        """Return what is carried (n, k, 2, 3); 0 at a second place where there is none."""
         wrenches = balance.on_pairs(balance.held(left)[0])
         forces = np.zeros((n, count, 2, 3))
         for k, (one, pair) in enumerate(zip(bearings, pairs, strict=True)):
-            through = wrenches[:, pair, 3:] if one.axial is not None else None
+            through = wrenches[:, pair, 3:] if one.asks_forces else None
             on_each = one.carried(wrenches[:, pair, :3], through)
-            forces[:, k, : len(one.positions)] = on_each
+            forces[:, k, : on_each.shape[1]] = on_each
         return forces
 
     still = on_bearings(solved.left)
@@ -115,7 +115,7 @@ def rubbed(
 
 
 def _solved(still: Floats, change: Floats, factors: Floats) -> Rubbed:
-    """Return what bearings carry, given a, b and r of the module."""
+    """Return what is carried, given a, b and r of the module."""
     sizes = np.sum(np.linalg.norm(change, axis=3), axis=2)
     feedback = np.max(np.abs(np.linalg.eigvals(np.abs(factors)[..., None] * sizes)), axis=1)
 

@@ -268,13 +268,10 @@ class EquationOfMotion:
         timing = Timing(t, speed, change)
         at = self.closure.at(values)
         driven = Driven(self.mechanism, at, seen, timing, none, None).rows(good)
-        columns = [self.loads.variable(k) for k in self.loads.rubbing]
-        by_bearing = np.moveaxis(driven.motion.rates[:, :, columns], 2, 0)
+        turned = np.moveaxis(self.loads.rubbing_velocities(driven.motion), 1, 0)
         some = Roots(roots.vectors[good], roots.sizes[good])
-        faster = np.stack(
-            [some.solved(some.solved(column)) for column in by_bearing], axis=1
-        )
-        drives = np.zeros((len(at.values[good]), len(columns), none.shape[1]))
+        faster = np.stack([some.solved(some.solved(column)) for column in turned], axis=1)
+        drives = np.zeros((*faster.shape[:2], none.shape[1]))
         rub = rubbed(driven, joints, self.loads, faster, drives)
         carried[good], locked[good] = rub.carried, ~rub.settled
         return carried, locked

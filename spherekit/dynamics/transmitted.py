@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.dynamics.link_wrenches import accelerating, applied, gyroscopic
-from spherekit.model.bearings import Bearings
+from spherekit.model.bearings import Bearings, ContactFriction
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Pair
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.timing import Timing
 from spherekit.sphere.rotation import Floats, transpose
@@ -104,7 +105,8 @@ class Balance:
 
     `columns` are the pair and the component of its wrench of each reaction, `matrix` (n,
     equations, columns) what these do, `is_open` (n, columns) which are not determined,
-    `slides` (n, links) which links no pair holds at O.
+    `slides` (n, links) which links no pair holds at O, `working` (pairs, 6) the wrench of
+    1 N m of loads at each pair in its axes.
     """
 
     def __init__(
@@ -137,6 +139,7 @@ class Balance:
         # A length makes forces comparable with moments where contacts tie them.
         self.length = float(np.mean(distances)) if distances else 1.0
         n, links = len(frames), len(mechanism.links)
+        self.working = np.stack([_working(pair) for pair in mechanism.pairs])
         self.wrenches = self._wrenches(
             np.ones(frames.shape[:2]) if sides is None else sides
         )
@@ -202,13 +205,15 @@ class Balance:
     def left_by(self, needed: Floats, about: Floats) -> Floats:
         """Return what is left for reactions (n, links, 6), `about` (n, pairs) taken off.
 
-        `needed` (n, links, 6) moves the links, `about` N m are torques about axes.
+        `needed` (n, links, 6) moves the links, `about` N m are torques about axes, and of
+        contacts what acts along their tangents.
         """
         left = needed.copy()
         for pair, (first, second) in enumerate(self.mechanism.ends):
-            along = about[:, pair, None] * self.frames[:, pair, :, 2]
-            left[:, second, :3] -= along
-            left[:, first, :3] += along
+            frames = self.frames[:, pair, None]
+            by_half = (frames @ self.working[pair].reshape(2, 3, 1)).reshape(-1, 6)
+            left[:, second] -= about[:, pair, None] * by_half
+            left[:, first] += about[:, pair, None] * by_half
         return left
 
     def held(self, left: Floats) -> tuple[Floats, Floats]:
@@ -230,6 +235,15 @@ class Balance:
         return wrenches
 
 
+def _working(pair: Pair) -> Floats:
+    """Return the wrench (6,), in pair axes, of 1 N m about an axis or along a tangent."""
+    wrench = np.zeros(6)
+    wrench[2 if pair.kind.has_axis else 1] = 1.0
+    if pair.distance is not None:
+        wrench[3] = 1.0 / pair.distance
+    return wrench
+
+
 def without_centre(mechanism: Mechanism) -> list[str]:
     """Return the moving links with inertia whose centre of mass is not known."""
     return [
@@ -248,11 +262,14 @@ def _force_columns(mechanism: Mechanism, joints: Sequence[Joint]) -> list[tuple[
     """Return the components of forces that moments do not say: 3, 4 and 5 are x, y, z."""
     bearings = [load for load in mechanism.loads if isinstance(load, Bearings)]
     floating = {load.pair for load in bearings if load.floats}
+    rubs = {load.pair for load in mechanism.loads if isinstance(load, ContactFriction)}
     columns = []
     for number, (pair, joint) in enumerate(zip(mechanism.pairs, joints, strict=True)):
         if not pair.kind.has_axis:
             # Against the moment about x the force is along y, as that about y along x.
             acting = () if pair.distance is not None else _held(joint)
+            if acting and pair.name in rubs:
+                acting = (0, 1)
             columns += [(number, 4 - axis) for axis in acting]
         else:
             most = 2 if pair.name in floating else 3
@@ -289,7 +306,7 @@ def transmitted(
         held = ~np.any(balance.slides, axis=1) if whole else np.ones(len(rest), dtype=bool)
         rows = rest[held]
         values = balance.on_pairs(solved.reactions)[held]
-        values[..., 2] = solved.about[held]
+        values += solved.about[held][..., None] * balance.working
         opened = balance.on_pairs(balance.is_open.astype(float))[held] != 0.0
         opened[~solved.settled[held]] = True
         if not whole:

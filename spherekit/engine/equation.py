@@ -37,7 +37,7 @@ from spherekit.engine.system import (
 )
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
-from spherekit.model.bearings import Bearings
+from spherekit.model.bearings import Rubbing
 from spherekit.model.dynamics import Stop
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.torque_table import TorqueTable
@@ -200,7 +200,7 @@ def compiling_time(
 def _need_written(mechanism: Mechanism) -> None:
     """Raise `EngineError` where a load is no expression of the state."""
     for load in mechanism.loads:
-        if isinstance(load, Bearings) and load.grip > 0.0:
+        if isinstance(load, Rubbing) and load.grip > 0.0:
             raise EngineError(
                 f"{mechanism.name}: the friction of loads.{load.name} follows from the "
                 f"reaction of pair {load.pair}, which Taylor series do not solve for",

@@ -27,6 +27,7 @@ from spherekit.engine.turns import (
     turning_pairs,
 )
 from spherekit.errors import EngineError
+from spherekit.model.bearings import ContactFriction
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism
@@ -121,7 +122,8 @@ def hinged(
 ) -> Hinged | None:
     """Return a mechanism driven at pairs without contacts; None if some are of other kinds.
 
-    Wheels that miss each other by less than `apart` (rad) roll as gears do.
+    None too where contacts rub, which pairs between centres do not. Wheels that miss each
+    other by less than `apart` (rad) roll as gears do.
 
     Raises
     ------
@@ -130,7 +132,7 @@ def hinged(
     """
     joints = geometry_of(mechanism).joints
     contacts = [n for n, joint in enumerate(joints) if joint.tracks]
-    if not contacts:
+    if not contacts or any(isinstance(x, ContactFriction) for x in mechanism.loads):
         return None
     try:
         pairs = turning_pairs(mechanism)

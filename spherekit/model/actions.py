@@ -20,7 +20,7 @@ def used_pairs(mechanism: Mechanism) -> frozenset[str]:
     names = mechanism.angles
     pairs: set[str] = set()
     for part in _all(mechanism):
-        if part.pair:
+        if part.pair in names:
             pairs.add(part.pair)
         if isinstance(part.magnitude, Expression):
             used = part.magnitude.names

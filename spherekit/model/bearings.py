@@ -1,5 +1,6 @@
-"""Bearings of pairs, and what of reactions rubs in them."""
+"""Bearings of pairs and contacts that slide: what of reactions rubs in them."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, final
@@ -8,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.checked import checked_class
+from spherekit.conventions import listing
 from spherekit.errors import ModelError
+from spherekit.model.expression import parse
 from spherekit.model.load import Component, Load, law_of, number_text
 from spherekit.model.needs import (
     need_angle,
@@ -21,10 +24,35 @@ if TYPE_CHECKING:
     from spherekit.model.mechanism import Mechanism
 
 
+class Rubbing(Load):
+    """A load at a pair whose friction follows from the reaction of that pair."""
+
+    pair: str
+
+    @property
+    @abstractmethod
+    def grip(self) -> float:
+        """The friction (N m) per unit of what is `carried`."""
+
+    @property
+    def asks_forces(self) -> bool:
+        """Whether it follows from the force through the centre too."""
+        return False
+
+    @abstractmethod
+    def carried(
+        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the vectors (..., places, 3) whose lengths in sum the friction follows.
+
+        `moments` (..., 3) N m and `forces` (..., 3) N are those of the pair, in its axes.
+        """
+
+
 @final
 @checked_class(ModelError)
 @dataclass(frozen=True)
-class Bearings(Load):
+class Bearings(Rubbing):
     """The bearings of an R pair, with Coulomb's friction that follows from its reaction.
 
     `positions` (m) are where they sit along the axis, from the centre of the sphere: one,
@@ -68,6 +96,11 @@ class Bearings(Load):
     def grip(self) -> float:
         """The friction (N m) per force (N) on the bearings."""
         return self.coefficient * self.radius
+
+    @property
+    def asks_forces(self) -> bool:
+        """See `Rubbing`."""
+        return self.axial is not None
 
     def carried(
         self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
@@ -134,16 +167,78 @@ class Bearings(Load):
         """See `Load`."""
         rate = f"dtheta_{self.pair}"
         text = f"-tanh({rate}/{number_text(self.speed)})" if self.grip > 0.0 else "0"
-        return (Component(law_of(mechanism, text), self.pair, bearings=self),)
+        return (Component(law_of(mechanism, text), self.pair, rubs=self),)
+
+
+@final
+@checked_class(ModelError)
+@dataclass(frozen=True)
+class ContactFriction(Rubbing):
+    """Coulomb's friction of a contact that slides, which follows from its push.
+
+    It is `coefficient` times the push, against the rate v at which the second link slides
+    along the first, smoothed by tanh(v / `speed`), in rad/s: at the distance r of the
+    contact from the centre it slides at r v.
+    """
+
+    kind = "contact_friction"
+    keys = MappingProxyType({"pair": "pair", "coefficient": "number", "speed": "rate"})
+
+    name: str
+    pair: str
+    coefficient: float
+    speed: float = 1e-3
+
+    @property
+    def grip(self) -> float:
+        """The friction (N m) per push (N m)."""
+        return self.coefficient
+
+    def carried(
+        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the push (..., 1, 3) N m, see `Rubbing`."""
+        return (moments * [1.0, 0.0, 0.0])[..., None, :]
+
+    def check(self, key: str, mechanism: "Mechanism") -> None:
+        """See `Load`."""
+        pair = mechanism.pair(self.pair)
+        if pair.type != "Cs":
+            sliding = [x.name for x in mechanism.pairs if x.type == "Cs"]
+            raise ModelError(
+                f'{key}.pair: "{self.pair}" is of type {pair.type}, whose links do not '
+                "slide on each other; that of an R pair is a load of kind friction or "
+                f"bearings. Cs pairs: {listing(sliding) or 'none'}"
+            )
+        need_at_least_zero(f"{key}.coefficient", self.coefficient, "")
+        need_smoothing(f"{key}.speed", self.speed)
+
+    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+        """See `Load`."""
+        if not self.grip > 0.0:
+            return (Component(parse("0", [])),)
+        rate = sliding_rate(self.pair)
+        law = parse(f"-tanh({rate}/{number_text(self.speed)})", [rate])
+        return (Component(law, self.pair, rubs=self),)
+
+
+def sliding_rate(pair: str) -> str:
+    """Return the name of the rate at which a contact slides, in magnitudes."""
+    return f"sliding_{pair}"
 
 
 def need_no_rubbing(mechanism: "Mechanism", what: str) -> None:
     """Raise `ModelError` if friction follows from reactions, which `what` does not know."""
     for load in mechanism.loads:
-        if isinstance(load, Bearings) and load.grip > 0.0:
+        if isinstance(load, Rubbing) and load.grip > 0.0:
+            instead = (
+                "a load of kind friction there, whose torque the analysis reactions can "
+                "tell, or "
+                if isinstance(load, Bearings)
+                else ""
+            )
             raise ModelError(
                 f"{mechanism.name}: loads.{load.name}: its friction follows from the "
-                f"reaction of pair {load.pair}, which {what}; or take a load of kind "
-                "friction there, whose torque the analysis reactions can tell, or "
+                f"reaction of pair {load.pair}, which {what}; or take {instead}"
                 "coefficient = 0"
             )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, final
 from spherekit.checked import checked_class
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
-from spherekit.model.bearings import Bearings
+from spherekit.model.bearings import Bearings, ContactFriction
 from spherekit.model.load import (
     Axes,
     Called,
@@ -286,6 +286,7 @@ LOADS: Mapping[str, type[Load]] = MappingProxyType(
             Damper,
             Friction,
             Bearings,
+            ContactFriction,
             TorqueTable,
         )
     }

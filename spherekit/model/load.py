@@ -13,7 +13,7 @@ from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
 
 if TYPE_CHECKING:
-    from spherekit.model.bearings import Bearings
+    from spherekit.model.bearings import Rubbing
     from spherekit.model.mechanism import Mechanism
     from spherekit.model.torque_table import TorqueTable
 
@@ -99,15 +99,16 @@ def not_written(pair: str) -> str:
 class Component:
     """A part of a load: a magnitude, and the pair or the moments on links it works on.
 
-    A component at `pair` works on the rate of the pair's variable; otherwise on the
-    angular velocities of links through `moments`, each times the magnitude. With
-    `bearings` the magnitude is per N m of the friction that they have.
+    A component at `pair` works on the rate of the pair's variable, of a contact on that at
+    which its second link slides along the first; otherwise on the angular velocities of
+    links through `moments`, each times the magnitude. The magnitude of what `rubs` is per
+    N m of its friction.
     """
 
     magnitude: "Expression | Called | TorqueTable"
     pair: str = ""
     moments: tuple[LinkMoment, ...] = ()
-    bearings: "Bearings | None" = None
+    rubs: "Rubbing | None" = None
 
 
 Form = Literal[
