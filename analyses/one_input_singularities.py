@@ -89,11 +89,11 @@ class OneInput:
             "configuration_curves": len(sampled.curves),
             "guarantee": str(sampled.configurations.claim),
             "checks_failed": list(sampled.configurations.mismatches),
-            "notes": list(sampled.report.notes),
+            "notes": [*sampled.report.gaps, *sampled.report.notes],
         }
         if sampled.report.everywhere is not None:
             figures["freedoms_everywhere"] = sampled.report.everywhere
-        warnings = [*sampled.report.notes, *sampled.configurations.mismatches]
+        warnings = [*sampled.report.gaps, *sampled.configurations.mismatches]
         if sampled.report.everywhere is not None:
             warnings.append(
                 f"to a part in a million, the mechanism has {sampled.report.everywhere} "

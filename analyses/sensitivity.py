@@ -371,8 +371,10 @@ def _otherwise(largest: Mapping[str, Any], name: str) -> str:
     drawn, lost = largest["drawn"], largest["lost"]
     if abs(drawn - largest["spread"]) < BEYOND * largest["spread"] and not lost:
         return ""
+    if lost == 1.0:
+        return " to first order (none of the draws can be assembled)"
     words = f" to first order (of the draws {_size(drawn, name)}"
-    return words + (f", {lost:.0%} cannot be)" if lost else ")")
+    return words + (f", {lost:.0%} of them cannot be assembled)" if lost else ")")
 
 
 def _size(value: float, name: str) -> str:

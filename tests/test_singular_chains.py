@@ -95,7 +95,7 @@ def check_counts(tracer, found, report):
 def check(number):
     tracer, found, analysis, report = analysed(number)
     assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
-    assert not (report.crossings or report.whole or report.notes)
+    assert not (report.crossings or report.whole or report.notes or report.gaps)
     points = [p for p in report.points if p.type != Type.APPARENT]
     assert all(p.decided and not p.double for p in points)
     check_exact(tracer, analysis, points)

@@ -301,6 +301,14 @@ def test_a_chain_that_moves_against_its_count_has_its_singularities():
     assert set(zip(empty["output"], empty["form"], strict=True)) == {("bar2/bar0", "i")}
 
 
+def test_what_is_true_of_every_gear_train_is_noted_and_no_warning():
+    """Its axes lie in one plane, three of them on one line: the rates tell the types."""
+    result = sk.run("planetary_bevel", NAME, samples=5)
+    figures, warnings = findings_of(result)
+    assert not warnings
+    assert any("lie in one plane everywhere" in note for note in figures["notes"])
+
+
 QUICK = ("bevel_pair", "four_bar", "universal_joint")
 SINGLE = (
     "double_butterfly",

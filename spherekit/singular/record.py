@@ -193,6 +193,8 @@ class Singularities:
         all its configurations, which has no curves; otherwise None.
     notes
         What holds on whole curves, such as c = d = 0 everywhere.
+    gaps
+        Where singularities may be missed or invented.
     """
 
     input: tuple[int, int]
@@ -203,3 +205,4 @@ class Singularities:
     whole: tuple[WholeCurve, ...]
     everywhere: int | None
     notes: tuple[str, ...]
+    gaps: tuple[str, ...]

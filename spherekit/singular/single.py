@@ -111,6 +111,7 @@ class SingleFreedom:
     def report(self) -> Singularities:
         """Return all singularities on all curves."""
         self.notes: list[str] = []
+        self.gaps: list[str] = []
         self.whole: list[WholeCurve] = []
         points: list[list[SingularPoint]] = [[] for _ in self.outputs]
         for number, along in enumerate(self.along):
@@ -127,6 +128,7 @@ class SingleFreedom:
             tuple(self.whole),
             self._everywhere(),
             tuple(self.notes),
+            tuple(self.gaps),
         )
 
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
@@ -156,13 +158,13 @@ class SingleFreedom:
             if along.rests((a, b)):
                 continue
             for low, high in along.sense((a, b)).lost:
-                self.notes.append(
+                self.gaps.append(
                     f"curve {number}: the axis {names[b]}/{names[a]} turns too fast to be "
                     f"followed from s = {low:.6g} to {high:.6g} rad; zeros of its rate "
                     "there may be missed or invented"
                 )
         if Status.MODE_LOST in along.curve.ends:
-            self.notes.append(
+            self.gaps.append(
                 f"curve {number} was not followed to its end; singularities beyond are "
                 "not known"
             )
