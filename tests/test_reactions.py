@@ -259,6 +259,13 @@ def test_a_simulation_ends_where_a_one_sided_contact_lifts_off(tmp_path):
     found = sk.simulate(made, sk.Start(0.5, 18.0), 1.0, tolerance=1e-11, engine="numpy")
     assert found.end.kind == "lift_off" and "contact lifts off" in found.end.message
     assert found.events[-1].kind == "lift_off" and 0.0 < found.end.t < 1.0
+    way = {"start": "q=0.5,dq=18", "duration": 30.0, "samples": 61, "engine": "numpy"}
+    late = sk.run(made, "dynamics", **way)
+    end, steps = late.summary["simulation"]["end"], late.summary["simulation"]["engine"]
+    assert end["kind"] == "lift_off" and end["t"] == pytest.approx(found.end.t, rel=1e-6)
+    assert steps["steps"] <= found.engine.steps
+    assert "simulation" in late.summary["cost"]["seconds"]
+    assert "search" not in late.summary["cost"]["seconds"]
     torque = float(made.loads[0].torque)
     h, pivot = 1e-4, made.angles["follower_pivot"]
     t = found.end.t - h * np.arange(6)[::-1]

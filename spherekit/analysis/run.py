@@ -19,7 +19,7 @@ from spherekit.analysis.folder.unfinished import (
 from spherekit.analysis.options import Subject, study_of, takes
 from spherekit.analysis.result import RunResult, file_names, result_of
 from spherekit.analysis.running.block import add_events, evaluate_block
-from spherekit.analysis.running.cost import RECORDING, Timer
+from spherekit.analysis.running.cost import RECORDING, SEARCH, SIMULATION, Timer
 from spherekit.analysis.running.needed import left_out, needed_part
 from spherekit.analysis.running.recording import RecordingSession, thinning_of
 from spherekit.analysis.running.run_plan import Asked, job_of
@@ -100,6 +100,7 @@ def executed(
                 f"run: {name} does nothing without a simulation: give start"
             )
     ledger, whole = Timer(), study.mechanism
+    solving = SEARCH if study.start is None else SIMULATION
     if execution.only_needed:
         study = replace(study, mechanism=needed_part(study, analyses))
     recorder = execution.recorder
@@ -107,7 +108,7 @@ def executed(
         asked = Asked.of(analyses, study.mechanism)
         engine = engine_of(place, execution.unfinished, execution.engine)
         follow = traced(study, analyses, execution)
-        with ledger.stage("search"):
+        with ledger.stage(solving):
             pending = courses_of(study, engine, follow)
             if asked.at_once or study.verify:  # only the whole course is of use
                 pending = iter(deque(pending, maxlen=1))
@@ -149,7 +150,7 @@ def executed(
                         need_disk(store, done, total, execution.formats)
                     if execution.progress is not None:
                         execution.progress(done, total)
-                with ledger.stage("search"):
+                with ledger.stage(solving):
                     following = next(pending, None)
                 if following is None:
                     break

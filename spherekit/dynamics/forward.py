@@ -13,7 +13,7 @@ from spherekit.dynamics.differences import by_differences
 from spherekit.dynamics.lift_off import until_lift_off
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.simulation import NO_SERIES, Forecast, Simulation
-from spherekit.dynamics.solved import Solved, Solving, last, whole
+from spherekit.dynamics.solved import Solved, Solving, last, whole, with_whole
 from spherekit.dynamics.start import PoseStart, Problem, Torques, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
 from spherekit.engine.kernels import ENGINES, Engine
@@ -28,6 +28,9 @@ LEAST = {"numpy": 1e-13, "compiled": 1e-15}
 """Smallest tolerance of each engine; below, rounding decides."""
 
 TIGHTER = 1e-2
+
+LOOKED = 8
+"""Steps after which one-sided contacts are looked at."""
 
 QUICKER = 200.0
 """How many times as quick as NumPy the compiled engine solves, compiling left out."""
@@ -132,7 +135,7 @@ def simulate(
         return by_differences(problem, step if step is not None else until / 1000.0)
     pieces = _solving(problem, tolerance, engine, compact)
     pieces = _checking(problem, pieces, tolerance, compact) if check else pieces
-    return until_lift_off(last(pieces).motion)
+    return last(pieces).motion
 
 
 def solving(
@@ -152,17 +155,8 @@ def solving(
     _need_allowed(mechanism, engine, tolerance)
     passes = _passes(mechanism, crossings, engine)
     problem = prepare(mechanism, start, until, torque, None, assembly_mode, (), passes)
-    pieces = _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
-    if not any(pair.one_sided for pair in mechanism.pairs):
-        return pieces
-    return _lifting_off(pieces)
-
-
-def _lifting_off(pieces: Solving) -> Solving:
-    """Return the whole alone: where it lifts off is known when it is solved."""
-    yield from ()
-    piece = last(pieces)
-    return whole(piece.run, until_lift_off(piece.motion))
+    pieces = _solving(problem, tolerance, engine, True)
+    return _checking(problem, pieces, tolerance, True)
 
 
 def _passes(mechanism: Mechanism, crossings: Crossings, engine: str) -> bool:
@@ -228,10 +222,30 @@ def _difference(one: Simulation, other: Simulation) -> float:
 
 def _solving(problem: Problem, tolerance: float, engine: Engine, compact: bool) -> Solving:
     if engine == "numpy":
-        return _stepping(Collocation(problem, tolerance), "it was asked for")
-    if engine == "compiled":
-        return _compiled(problem, tolerance, compact, "it was asked for")
-    return _cheaper(problem, tolerance, compact)
+        pieces = _stepping(Collocation(problem, tolerance), "it was asked for")
+    elif engine == "compiled":
+        pieces = _compiled(problem, tolerance, compact, "it was asked for")
+    else:
+        pieces = _cheaper(problem, tolerance, compact)
+    one_sided = any(pair.one_sided for pair in problem.equation.mechanism.pairs)
+    return _lifting_off(pieces) if one_sided else pieces
+
+
+def _lifting_off(pieces: Solving) -> Solving:
+    """Return a simulation that ends where a contact lifts off; what presses is yielded."""
+    run, pressed, unseen = None, 0.0, 0
+    for piece in with_whole(pieces):
+        if piece.run is not run:
+            run, pressed, unseen = piece.run, 0.0, 0
+        unseen += 1
+        if unseen < LOOKED and np.isfinite(piece.until):
+            continue
+        motion = until_lift_off(piece.motion, pressed)
+        if motion.end.kind == "lift_off" or not np.isfinite(piece.until):
+            return whole(piece.run, motion)
+        pressed, unseen = piece.until, 0
+        yield piece
+    raise AssertionError("a simulation has a whole")
 
 
 def _stepping(

@@ -15,8 +15,10 @@ PULLS = 1e-9
 """A contact pulls where it does so by more than this part of the largest reaction."""
 
 
-def until_lift_off(simulation: Simulation) -> Simulation:
+def until_lift_off(simulation: Simulation, pressed: float) -> Simulation:
     """Return a simulation as far as all one-sided contacts press.
+
+    Up to the time `pressed` (s), the end of a step, they are known to.
 
     Raises
     ------
@@ -25,11 +27,10 @@ def until_lift_off(simulation: Simulation) -> Simulation:
     """
     mechanism = simulation.mechanism
     pairs = [k for k, pair in enumerate(mechanism.pairs) if pair.one_sided]
-    if not pairs:
-        return simulation
     path = simulation.path
+    late = path.starts >= pressed
     parts = np.arange(PLACES) / PLACES
-    t = (path.starts[:, None] + parts * path.lengths[:, None]).ravel()
+    t = (path.starts[late, None] + parts * path.lengths[late, None]).ravel()
     t = np.append(t[t < simulation.end.t], simulation.end.t)
 
     def pushes(t: Floats) -> tuple[Floats, float]:
@@ -43,16 +44,16 @@ def until_lift_off(simulation: Simulation) -> Simulation:
     row = int(rows[0])
     which = int(np.argmin(push[row]))
     name = mechanism.pairs[pairs[which]].name
-    if row == 0:
+    if row == 0 and pressed == 0.0:
         raise SolveError(
             f"{mechanism.name}: contact {name} would have to pull at the start, and is "
             "one_sided: press it with a spring, start more slowly, or leave one_sided out"
         )
     from scipy.optimize import brentq
 
-    low, high = float(t[row - 1]), float(t[row])
+    low, high = float(t[max(row - 1, 0)]), float(t[row])
     when = low
-    if push[row - 1, which] > 0.0:
+    if row and push[row - 1, which] > 0.0:
         when = brentq(lambda x: pushes(np.array([x]))[0][0, which], low, high, xtol=1e-14)
     end = SimulationEnd(
         "lift_off",

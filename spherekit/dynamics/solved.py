@@ -1,6 +1,6 @@
 """A simulation while it is solved: what is known of it, piece by piece."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -36,6 +36,11 @@ Solving = Generator[Solved, None, Solved]
 def whole(run: object, motion: Simulation) -> Solved:
     """Return a simulation that is solved to its end."""
     return Solved(run, lambda: motion)
+
+
+def with_whole(pieces: Solving) -> Iterator[Solved]:
+    """Yield the pieces of a simulation, the whole last."""
+    yield (yield from pieces)
 
 
 def last(pieces: Solving) -> Solved:

@@ -13,6 +13,7 @@ Item = TypeVar("Item")
 
 AXES = "axes and rates"
 RECORDING = "recording"
+SEARCH, SIMULATION = "search", "simulation"
 TABLES = "tables"
 REST = "rest"
 

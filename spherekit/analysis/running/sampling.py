@@ -12,7 +12,7 @@ from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_
 from spherekit.conventions import TURN, Status
 from spherekit.dynamics.forward import solving
 from spherekit.dynamics.simulation import Simulation
-from spherekit.dynamics.solved import Solved, Solving
+from spherekit.dynamics.solved import Solving, with_whole
 from spherekit.dynamics.start import drives
 from spherekit.engine.kernels import Engine
 from spherekit.errors import ModelError, SolveError
@@ -289,7 +289,7 @@ def _simulated_courses(
     """
     most = max(FEWEST_AT_ONCE, len(t) // PORTIONS)
     course: Sampling | None = None
-    for piece in _with_whole(pieces):
+    for piece in with_whole(pieces):
         if course is None or piece.run is not course.run:
             course = None
         done = 0 if course is None else len(course)
@@ -309,10 +309,6 @@ def _simulated_courses(
             run=piece.run,
         )
         yield course
-
-
-def _with_whole(pieces: Solving) -> Iterator[Solved]:
-    yield (yield from pieces)
 
 
 def check_time(study: Study) -> None:
