@@ -15,7 +15,6 @@ from spherekit.plugin import (
     Scene,
     Status,
     counted,
-    numbered,
 )
 from spherekit.plugin.singularities import (
     RelationAt,
@@ -24,18 +23,17 @@ from spherekit.plugin.singularities import (
     SingularPoint,
     Type,
     grashof,
+    near_misses,
 )
 
 from .one_input_scenes import OneInputScenes
 from .singular_tables import ASPECTS, RELATION, SINGULARITIES
-from .singular_words import least_transmission, places, swings
+from .singular_words import coming_near, least_angles, places, swings
 
 Row = dict[str, Any]
 
 RESTS = 1e-8
 """A rate by arc length below this is none."""
-SAYS_NOTHING = 1e-12
-"""Where c and d are smaller, or none, axes coincide that say nothing of the rates."""
 
 
 @final
@@ -80,7 +78,6 @@ class OneInput:
     def findings(self, batch: Batch) -> Findings:
         """Return how many singularities there are, and where a mode comes near one."""
         sampled = self._found(batch)
-        relation = self.relation(batch)
         points = self.points(batch)
         inside = points["inside"] == "yes"
         figures: dict[str, Any] = {
@@ -107,8 +104,19 @@ class OneInput:
             )
         pair = batch.moving_inputs[0]
         names = self._names(batch)
-        for kind, rate in (("I", "output_rate"), ("II", "input_rate")):
-            warnings += self._coming_near(points, relation, kind, rate, pair)
+        misses = near_misses(sampled, np.radians(self.near))
+        figures["near_misses"] = [
+            {
+                "type": str(miss.type),
+                "output": names[miss.output],
+                "assembly_modes": list(miss.assembly_modes),
+                "q_rad": miss.q,
+                "angle_rad": miss.angle,
+                "velocity_coefficient": miss.velocity_coefficient,
+            }
+            for miss in misses
+        ]
+        warnings += coming_near(misses, points, names, self.near, pair)
         counts = _in_words(figures["singularities"]) or "no singularities"
         beyond = _in_words(figures["outside"])
         if beyond:
@@ -126,32 +134,8 @@ class OneInput:
             remarks += places(sampled, points, name, pair)
         if sampled.report.everywhere is None:
             remarks += swings(sampled, names)
-        remarks += least_transmission(sampled, points, relation, pair)
+        remarks += least_angles(sampled, names, pair)
         return Findings(figures, tuple(warnings), tuple(remarks))
-
-    def _coming_near(
-        self, points: Row, relation: Row, kind: str, rate: str, pair: str
-    ) -> list[str]:
-        """Return a line for each output that comes near a type without meeting it."""
-        lines = []
-        slow = np.abs(relation[rate]) <= np.sin(np.radians(self.near))
-        slow &= np.fmax(np.abs(relation["c"]), np.abs(relation["d"])) > SAYS_NOTHING
-        angles = np.where(slow, np.degrees(relation[f"angle_{kind}"]), np.inf)
-        for output in dict.fromkeys(relation["output"].tolist()):
-            near = (relation["output"] == output) & (angles <= self.near)
-            near &= ~np.isin(relation["assembly_mode"], _met(points, kind, output))
-            if not np.any(near):
-                continue
-            row = np.flatnonzero(near)[np.argmin(angles[near])]
-            numbers = np.unique(relation["assembly_mode"][near])
-            one, assembly_modes = len(numbers) == 1, numbered("assembly mode", numbers)
-            lines.append(
-                f"{assembly_modes} of output {output} come{'s' * one} within "
-                f"{self.near:g} deg of type {kind} without meeting it, nearest "
-                f"{angles[row]:.3g} deg in mode {relation['assembly_mode'][row]} at "
-                f"{pair} = {np.degrees(relation['q'][row]):.6g} deg"
-            )
-        return lines
 
     def _found(self, batch: Batch) -> SampledSingularities:
         return batch.once(
@@ -306,15 +290,6 @@ def _counted(kinds: NDArray[Any]) -> dict[str, int]:
 
 def _in_words(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{n} of type {kind}" for kind, n in counts.items())
-
-
-def _met(points: Row, kind: str, output: str) -> list[int]:
-    """Return the assembly modes in which an output meets a type of singularity."""
-    here = (points["kind"] == kind) & (points["output"] == output)
-    here &= points["inside"] == "yes"
-    return [
-        int(k) for modes in points["assembly_mode"][here] for k in modes.split("+") if k
-    ]
 
 
 def _joined(numbers: Iterable[int], sign: str = "+") -> str:

@@ -7,7 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.plugin import Floats, Status, numbered
-from spherekit.plugin.singularities import SampledSingularities
+from spherekit.plugin.singularities import (
+    NearMiss,
+    SampledSingularities,
+    least_transmission,
+)
 
 Row = Mapping[str, Any]
 
@@ -150,38 +154,58 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
     )
 
 
-def least_transmission(
-    sampled: SampledSingularities, points: Row, relation: Row, input_pair: str
+def least_angles(
+    sampled: SampledSingularities, names: list[str], input_pair: str
 ) -> list[str]:
-    """Return the least transmission angle of each output that has one.
-
-    Of the samples, and of the places within the range at which the locked input does not
-    hold the output.
-    """
+    """Return the least transmission angle of each output that has one."""
     lines = []
-    for output, name in enumerate(dict.fromkeys(relation["output"].tolist())):
-        rows = relation["output"] == name
-        angles = [np.where(rows, relation["transmission"], np.nan)]
-        inputs, modes = [relation["q"]], [str(k) for k in relation["assembly_mode"]]
-        held_not = (points["output"] == name) & (points["inside"] == "yes")
-        held_not &= np.isin(points["kind"], ("II", "III")) & np.isfinite(points["s"])
-        for row in np.flatnonzero(held_not).tolist():
-            curve, s = int(points["curve"][row]), float(points["s"][row])
-            ends = dict(sampled.crossing_ends(curve))
-            values = ends.get(s, sampled.curves[curve].at(s).values[0])
-            angles.append(sampled.transmission_angles(values[None])[output])
-            inputs.append(points["q"][[row]])
-            modes.append(points["assembly_mode"][row])
-        angle, q = np.concatenate(angles), np.concatenate(inputs)
-        if not np.any(np.isfinite(angle)):
+    for output, name in enumerate(names):
+        least = least_transmission(sampled, output)
+        if least is None:
             continue
-        least = int(np.nanargmin(angle))
-        alike = np.flatnonzero(np.abs(angle - angle[least]) < np.radians(SAME_PLACE))
-        having = {int(k) for row in alike for k in modes[row].split("+") if k}
-        shown = float(f"{np.degrees(angle[least]):.4g}")
+        shown = float(f"{np.degrees(least.angle):.4g}")
         lines.append(
             f"least transmission angle of {name}: {_degrees(shown)} deg at "
-            f"{input_pair} = {_degrees(np.degrees(q[least]))} deg in "
-            f"{numbered('mode', sorted(having))}"
+            f"{input_pair} = {_degrees(np.degrees(least.q))} deg in "
+            f"{numbered('mode', least.assembly_modes)}"
         )
     return lines
+
+
+def coming_near(
+    misses: list[NearMiss], points: Row, names: list[str], near: float, input_pair: str
+) -> list[str]:
+    """Return a line for each output that comes near a type without meeting it.
+
+    Assembly modes that meet it elsewhere in the range are left out.
+    """
+    lines = []
+    for kind, output in dict.fromkeys((miss.type, miss.output) for miss in misses):
+        name, met = names[output], _met(points, kind, names[output])
+        beside = [
+            (miss, modes)
+            for miss in misses
+            if (miss.type, miss.output) == (kind, output)
+            and (modes := set(miss.assembly_modes) - met)
+        ]
+        if not beside:
+            continue
+        least, having = min(beside, key=lambda entry: entry[0].angle)
+        every = sorted(set().union(*(modes for _, modes in beside)))
+        lines.append(
+            f"{numbered('assembly mode', every)} of output {name} "
+            f"come{'s' * (len(every) == 1)} within {near:g} deg of type {kind} without "
+            f"meeting it, nearest {np.degrees(least.angle):.3g} deg in "
+            f"{numbered('mode', sorted(having))} at {input_pair} = "
+            f"{_degrees(np.degrees(least.q))} deg, velocity coefficient "
+            f"{least.velocity_coefficient:.3g}"
+        )
+    return lines
+
+
+def _met(points: Row, kind: str, output: str) -> set[int]:
+    """Return the assembly modes in which an output meets a type of singularity."""
+    here = (points["kind"] == kind) & (points["output"] == output)
+    here &= points["inside"] == "yes"
+    modes = "+".join(points["assembly_mode"][here].tolist()).split("+")
+    return {int(number) for number in modes if number}

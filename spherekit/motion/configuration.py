@@ -31,6 +31,8 @@ PROBED = 181
 """Inputs over the range from which curves are followed where none is known yet."""
 SAME_CONFIGURATION = 1e-6
 """An assembly mode and a curve whose variables differ by less (rad) agree."""
+LAP = 8.0
+"""A lap of a curve is shorter than so many periods of the input."""
 STEP = np.radians(2.0)
 """Distance (rad) of inputs with all modes where those at which they meet are not known."""
 
@@ -114,11 +116,16 @@ def configuration_curves(
     solver, assembly modes
         The mechanism, and its assembly modes over inputs from `low` to `high` (rad).
     longest
-        Length (rad) after which a curve that does not close is ended.
+        Length (rad) after which a curve that does not close is ended in each sense. Where
+        wheels count turns of the input, and return within twice as much, a curve is given
+        the length to close.
     step
         Distance (rad) of the inputs at which all modes are looked for where it is not
         known at which inputs they meet.
     """
+    (period,) = solver.periods
+    if period <= 2.0 * longest:
+        longest = max(longest, LAP * float(period))
     search = CurveSearch(solver, low, high, longest)
     inputs = np.linspace(low, high, PROBED)
     for assembly_mode in assembly_modes:
@@ -148,11 +155,12 @@ def configuration_curves(
         words = f"{failed} failed, the first: {search.problems[0]}"
         claim = Claim(Guarantee.SAMPLED, words)
     inputs, counts = np.array(search.counted).reshape(-1, 2).T
+    pieces = _pieces(solver, assembly_modes, search.curves, monotone_segments)
     return Configurations(
         tuple(
-            ConfigurationCurve(curve, _pieces(solver, assembly_modes, curve, parts))
-            for curve, parts in zip(search.curves, monotone_segments, strict=True)
-            if len(parts.starts)
+            ConfigurationCurve(curve, parts)
+            for curve, parts in zip(search.curves, pieces, strict=True)
+            if parts
         ),
         claim,
         drive.mechanism.pairs[drive.assembly.input].name,
@@ -165,37 +173,28 @@ def configuration_curves(
 def _pieces(
     solver: Solver,
     assembly_modes: Sequence[AssemblyMode],
-    curve: ArcCurve,
-    monotone_segments: MonotoneSegments,
-) -> tuple[Piece, ...]:
-    """Return the parts of a curve within the input range, each with its assembly mode."""
-    q = monotone_segments.middles[:, solver.single]
-    numbers = _assembly_modes_at(
-        solver, assembly_modes, curve, monotone_segments.middles, q
-    )
-    return tuple(
-        Piece(number, float(start), float(stop), float(shift))
-        for number, start, stop, shift in zip(
-            numbers,
-            monotone_segments.starts,
-            monotone_segments.stops,
-            monotone_segments.shifts,
-            strict=True,
-        )
-    )
+    curves: Sequence[ArcCurve],
+    segments: Sequence[MonotoneSegments],
+) -> list[tuple[Piece, ...]]:
+    """Return the parts of curves within the input range, each with its assembly mode.
 
-
-def _assembly_modes_at(
-    solver: Solver,
-    assembly_modes: Sequence[AssemblyMode],
-    curve: ArcCurve,
-    values: Floats,
-    q: Floats,
-) -> list[int | None]:
-    """Return the mode that has each configuration (n, variables) at its input (n,)."""
-    numbers: NDArray[np.object_] = np.full(len(q), None, dtype=object)
+    That is the mode whose configuration at its middle is the curve's.
+    """
+    if not curves:
+        return []
+    middles = np.concatenate([parts.middles for parts in segments])
+    numbers: NDArray[np.object_] = np.full(len(middles), None, dtype=object)
     for assembly_mode in assembly_modes:
-        there = solver.evaluate(assembly_mode, q[:, None]).values
-        gap = np.max(np.abs(curve.wrapped(there - values)), axis=1)
+        there = solver.evaluate(assembly_mode, middles[:, [solver.single]]).values
+        gap = np.max(np.abs(curves[0].wrapped(there - middles)), axis=1)
         numbers[gap < SAME_CONFIGURATION] = assembly_mode.number
-    return list(numbers)
+    modes = iter(numbers.tolist())
+    return [
+        tuple(
+            Piece(next(modes), float(start), float(stop), float(shift))
+            for start, stop, shift in zip(
+                parts.starts, parts.stops, parts.shifts, strict=True
+            )
+        )
+        for parts in segments
+    ]

@@ -52,17 +52,18 @@ class CurveSearch:
         """Follow new curves from configurations (n, variables); return how many."""
         before = len(self.curves)
         failed: list[tuple[Floats, str]] = []
-        for curve in self.curves:
-            values = _elsewhere(curve, values)
         while len(values):
             middle = len(values) // 2
             given, values = values[middle], np.delete(values, middle, axis=0)
-            try:
-                curve = follow_arc(self.solver.closure, given, longest=self.longest)
-            except SolveError as problem:
-                failed.append((given, str(problem)))
-                continue
-            self.curves.append(curve)
+            through = (c for c in self.curves if not len(_elsewhere(c, given[None])))
+            curve = next(through, None)
+            if curve is None:
+                try:
+                    curve = follow_arc(self.solver.closure, given, longest=self.longest)
+                except SolveError as problem:
+                    failed.append((given, str(problem)))
+                    continue
+                self.curves.append(curve)
             values = _elsewhere(curve, values)
         for given, words in failed:
             if not any(_ends_at(curve, given) for curve in self.curves):

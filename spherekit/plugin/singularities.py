@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from spherekit.singular.curves import singular_curves as singular_curves
     from spherekit.singular.grashof import Grashof as Grashof
     from spherekit.singular.grashof import grashof as grashof
+    from spherekit.singular.near_misses import NearMiss as NearMiss
+    from spherekit.singular.near_misses import least_transmission as least_transmission
+    from spherekit.singular.near_misses import near_misses as near_misses
     from spherekit.singular.points import CurveSeen as CurveSeen
     from spherekit.singular.points import SingularPoints as SingularPoints
     from spherekit.singular.points import TypeName as TypeName

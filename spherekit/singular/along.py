@@ -141,6 +141,10 @@ class AlongCurve:
         """Return the rates of all links relative to the ground, by arc length."""
         return self._moving(s).rates
 
+    def vectors(self, s: Floats) -> Floats:
+        """Return the vectors of the variables (n, variables, 3) in ground axes."""
+        return self._moving(s).motion.vectors
+
     def axes(self, s: Floats, poles: Iterable[Pole]) -> dict[Pole, Axis]:
         """Return the axes of poles at s (n,), in either sense.
 

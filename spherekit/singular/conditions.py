@@ -145,14 +145,6 @@ def conditions(
     return [_decided_first(row) for row in rows]
 
 
-def residuals(
-    relation: Relation, links: FourLinks, poles: SixPoles, kind: str
-) -> dict[str, Floats]:
-    """Return by label (n,) the largest sine of the angles in each condition of a type."""
-    wanted = _conditions_of(relation, links, kind)
-    return {condition.label: _residual(condition, poles) for condition in wanted}
-
-
 def _decided_first(holdings: list[Holding]) -> tuple[Holding, ...]:
     return tuple(sorted(holdings, key=lambda holding: not holding.decided))
 

@@ -17,8 +17,8 @@ from spherekit.motion.motion import Tracer
 from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_periods
 from spherekit.numeric.turns import wrap
 from spherekit.planning.assembly import Assembly, Group
-from spherekit.rates.transmission import hold
-from spherekit.singular.nearness import nearness
+from spherekit.rates.transmission import STILL, Transmission, hold
+from spherekit.singular.output_relations import rate_between
 from spherekit.singular.record import AlongOutput, Singularities, Type
 from spherekit.singular.relation import Form
 from spherekit.singular.single import SingleFreedom
@@ -46,7 +46,7 @@ class RelationMeasures:
     input_rate, output_rate
         (n,) of q and y by the arc length of all variables.
     type_i, type_ii
-        (n,) rad, see `spherekit.singular.nearness.SingularityAngles`.
+        (n,) rad, see `SampledSingularities.angle`.
     transmission
         (n,) rad, the transmission angle of the dyad that places the output: in [0, pi/2],
         between the great circles of its arcs at the pair in its middle. NaN where another
@@ -139,8 +139,7 @@ class SampledSingularities:
         """
         item = self.configurations.curves[curve]
         arc_curve, driven = item.curve, self.tracer.solver.single
-        period = self._period(curve)
-        whole = whole_periods(*self.tracer.range, period)
+        period, whole = self._period(curve), self.whole_range(curve)
         there = float(arc_curve.at(s).values[0, driven])
         modes: set[int] = set()
         for lap in (0, 1, -1) if arc_curve.closed else (0,):
@@ -178,6 +177,29 @@ class SampledSingularities:
         q = values[[self.tracer.solver.single]]
         return turns_in_range(q, *self.tracer.range, self._period(curve))[0]
 
+    def whole_range(self, curve: int) -> int:
+        """Return of how many whole periods of a curve the range is, 0 if of no number."""
+        return whole_periods(*self.tracer.range, self._period(curve))
+
+    def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
+        """Return how far (n,), rad, an output is from type I or II at places of a curve.
+
+        Of type I the angle whose tangent is the size of the velocity coefficient y'/q', of
+        type II that whose sine is the transmission. They vanish there and nowhere else; the
+        first is NaN where both rates vanish.
+        """
+        along, (o, r) = self.analysis.along[curve], self.report.outputs[output]
+        if kind is Type.I:
+            rates = along.rates(s)
+            of, to = (
+                np.linalg.norm(rates.relative(*pole)[0], axis=1)
+                for pole in ((r, o), self.report.input)
+            )
+            angle = np.asarray(np.arctan2(of, to))
+            return np.where(np.hypot(of, to) > STILL, angle, np.nan)
+        tree, held = along.closure.tree, (self.tracer.solver.single,)
+        return np.asarray(np.arcsin(Transmission(tree, held, o, r).at(along.vectors(s))))
+
     def _period(self, curve: int) -> float:
         """Return the growth of the input with which a curve's configurations return."""
         solver = self.tracer.solver
@@ -202,20 +224,18 @@ class SampledSingularities:
                 rates = {
                     "input_rate": at.input_rate,
                     "output_rate": at.output_rate,
+                    "type_i": self.angle(Type.I, number, s, output),
+                    "type_ii": self.angle(Type.II, number, s, output),
+                    "transmission": angles[output],
                     "to_i": self._to_nearest(number, output, Type.I, s),
                     "to_ii": self._to_nearest(number, output, Type.II, s),
                 }
-                made = zip(at.relations, at.links, at.poles, strict=True)
-                for relation, links, poles in made:
-                    near = nearness(relation, links, poles)
+                for relation in at.relations:
                     columns = measured.setdefault((output, relation.form), {})
                     for name, part in {
                         **rates,
                         "c": relation.c,
                         "d": relation.d,
-                        "type_i": near.type_i,
-                        "type_ii": near.type_ii,
-                        "transmission": angles[output],
                     }.items():
                         columns.setdefault(name, np.full(n, np.nan))[rows] = part
         return [
@@ -264,7 +284,8 @@ class SampledSingularities:
         variable = self.tracer.mechanism.angle_between(*self.report.outputs[output])
         if variable is not None:
             return wrap(self.curves[curve].at(s).values[:, variable])
-        rate = np.nan_to_num(self.at(curve, s, output).output_rate)
+        links = self.report.outputs[output]
+        rate, _ = rate_between(self.analysis.along[curve], *links, s)
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
         return np.concatenate([[0.0], np.cumsum(steps)])
 

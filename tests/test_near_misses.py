@@ -1,0 +1,173 @@
+"""Where outputs come near singularities: local least values, whatever the samples."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from singular_examples import findings_of, four_bar
+from strategies import MECHANISMS
+
+import spherekit as sk
+from spherekit.model.parts import Input
+from spherekit.numeric.minima import minima
+from spherekit.plugin.motion import Tracer
+
+NAME = "singularities"
+NEAR = np.tan(np.radians(5.0))
+
+
+def near_misses(made, samples=361, analysis=NAME):
+    figures, warnings = findings_of(sk.run(made, analysis, samples=samples))
+    return figures["near_misses"], [w for w in warnings if "without meeting" in w]
+
+
+def least_of_table(made, pole, samples=3601):
+    """Return (mode, q in deg, size) of the local least velocity coefficients of a table.
+
+    Of parabolas through three rows; the greatest of a mode, 1 at most, is the measure.
+    """
+    frame = sk.run(made, f"poles:only={pole}", samples=samples).frame()
+    found = []
+    for mode, rows in frame.groupby("assembly_mode"):
+        q, size = np.degrees(rows["q"].to_numpy()), np.abs(rows["velocity_coefficient"])
+        size = size.to_numpy()
+        limit = NEAR * min(1.0, np.nanmax(size))
+        for k in range(1, len(q) - 1):
+            if not (size[k] < size[k - 1] and size[k] <= size[k + 1]):
+                continue
+            bend, slope, least = np.polyfit(q[k - 1 : k + 2] - q[k], size[k - 1 : k + 2], 2)
+            way = -0.5 * slope / bend
+            if least + 0.5 * slope * way <= limit:
+                found.append((int(mode), q[k] + way, least + 0.5 * slope * way))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "pole"), [("single_flier", "61"), ("double_butterfly", "41")]
+)
+def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
+    """The single flier has c = d = 0 of form ii in mode 4 near 359 deg: that is none."""
+    misses, warnings = near_misses(name)
+    wanted = least_of_table(name, pole)
+    assert len(misses) == len(wanted) > 0 and len(warnings) == 1
+    for miss, (mode, q, size) in zip(misses, wanted, strict=True):
+        assert miss["type"] == "I" and miss["assembly_modes"] == [mode]
+        assert abs(np.degrees(miss["q_rad"]) - q) < 0.01
+        assert abs(miss["velocity_coefficient"] - size) < 1e-5
+        assert abs(np.tan(miss["angle_rad"]) - miss["velocity_coefficient"]) < 1e-12
+    least = min(misses, key=lambda miss: miss["angle_rad"])
+    assert f"nearest {np.degrees(least['angle_rad']):.3g} deg" in warnings[0]
+
+
+def test_a_four_bar_nearly_folds_where_it_lies_in_a_plane_of_symmetry():
+    made = four_bar(np.radians([60.0, 30.0, 50.0, 79.0]))
+    turned = replace(made, inputs=(Input("21", np.radians(-23.0), np.radians(337.0)),))
+    for samples in (4, 9, 360):
+        misses, warnings = near_misses(turned, samples)
+        assert {miss["type"] for miss in misses} == {"II"} and len(warnings) == 1
+        (place,) = {round(miss["q_rad"], 6) for miss in misses}
+        assert place == 0.0
+        assert [m for miss in misses for m in miss["assembly_modes"]] == [0, 1]
+
+
+def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end():
+    low, high = np.radians([20.0, 26.0])
+    made = replace(sk.load("four_bar"), inputs=(Input("21", low, high),))
+    misses, _ = near_misses(made, 5)
+    (miss,) = [miss for miss in misses if miss["type"] == "I"]
+    there = sk.evaluate(made, high, assembly_mode=1).velocity_coefficient("4/1")
+    assert miss["assembly_modes"] == [1] and abs(miss["q_rad"] - high) < 1e-9
+    assert abs(miss["velocity_coefficient"] - abs(there)) < 1e-9
+
+
+@pytest.mark.parametrize("samples", [4, 5, 181])
+def test_the_least_transmission_angle_is_between_samples_too(samples):
+    turned = Input("21", np.radians(33.0), np.radians(393.0))
+    made = replace(sk.load("four_bar"), inputs=(turned,))
+    g, a, h, b = np.radians([60.0, 20.0, 70.0, 40.0])
+    cosine = (np.cos(g - a) - np.cos(h) * np.cos(b)) / (np.sin(h) * np.sin(b))
+    least = np.degrees(np.arccos(cosine))
+    said = "\n".join(sk.run(made, NAME, samples=samples).summary["remarks"])
+    line = f"least transmission angle of 4/1: {least:.4g} deg at 21 = 360 deg in modes 0, 1"
+    assert line in said
+
+
+def geared(teeth, ground=60.0, crank=20.0, span=360.0):
+    """Return the shipped four-bar, or one with other arcs, behind two bevel gears."""
+    arcs = {"1": ["41", "21", "a"], "2": ["21", "32"], "3": ["32", "43"], "4": ["43", "41"]}
+    sizes = {"1": [ground, 75.0], "2": [crank], "3": [70.0], "4": [40.0]}
+    links = {name: {"axes": axes, "arcs": sizes[name]} for name, axes in arcs.items()}
+    links["1"]["angles"] = [40.0]
+    pairs = {name: {"type": "R", "links": list(name[::-1])} for name in ("21", "32", "43")}
+    return sk.build(
+        "geared",
+        angle_unit="deg",
+        ground="1",
+        links={**links, "w": {"axes": ["a"]}},
+        pairs={
+            "a": {"type": "R", "links": ["1", "w"]},
+            **pairs,
+            "41": {"type": "R", "links": ["1", "4"]},
+            "mesh": {
+                "type": "Cr",
+                "links": ["w", "2"],
+                "teeth": teeth,
+                "axes": ["a", "21"],
+            },
+        },
+        inputs={"a": {"from": 0.0, "to": span}},
+        outputs={"rocker": {"link": "4"}},
+    )
+
+
+def test_a_geared_curve_is_followed_once():
+    """29 turns of the input are 17 of the crank, with two dead centres in each mode."""
+    made = geared([17, 29])
+    curves = Tracer(made, samples=5).configurations.curves
+    for item in curves:
+        rise = np.abs(item.curve.rise[made.angles["a"]])
+        assert item.curve.closed and abs(rise - 29 * 2 * np.pi) < 1e-9
+    frame = sk.run(made, NAME, samples=5).frame()
+    assert len(curves) == 2 and len(frame) == 2 * 2 * 17
+    for _, rows in frame.groupby("curve"):
+        assert np.min(np.diff(np.sort(np.mod(rows["q"], 29 * 2 * np.pi)))) > 0.1
+
+
+def test_a_slow_output_is_not_near_its_dead_centre():
+    """Wheels of 1 : 20 make every velocity coefficient of a double crank small."""
+    made = geared([5, 100], ground=20.0, crank=60.0, span=7200.0)
+    frame = sk.run(made, "poles:only=41", samples=73).frame()
+    assert np.max(np.abs(frame["velocity_coefficient"])) < 1.5 * NEAR
+    assert not near_misses(made, 5)[0]
+
+
+def test_minima_of_values_alone():
+    """Two dips a tenth of a cell of the grid wide, one a tenth of the other."""
+    places, widths = np.array([0.31, 0.64]), np.array([0.02, 0.02])
+
+    def function(x):
+        away = (x[:, None] - places) / widths
+        return 1e-4 + np.prod(1.0 - np.array([0.99, 0.999]) / (1.0 + away**2), axis=1)
+
+    x, y = minima(function, np.linspace(0.0, 1.0, 6))
+    assert len(x) == 2 and np.allclose(y, function(x))
+    for shift in (-1e-6, 1e-6):
+        assert np.all(function(x + shift) > y)
+    assert not len(minima(lambda x: np.full(len(x), 0.3), np.linspace(0.0, 1.0, 6))[0])
+
+
+SHIPPED = (p.stem for p in sorted(MECHANISMS.glob("*.toml")) if "." not in p.stem)
+SINGLE = [name for name in SHIPPED if len(sk.load(name).inputs) == 1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SINGLE)
+def test_near_misses_do_not_depend_on_samples(name):
+    few, *more = (near_misses(name, samples) for samples in (181, 721, 1999))
+    for misses, warnings in more:
+        assert len(warnings) == len(few[1]) and len(misses) == len(few[0])
+        for one, other in zip(few[0], misses, strict=True):
+            assert one["assembly_modes"] == other["assembly_modes"]
+            assert one["output"] == other["output"] and one["type"] == other["type"]
+            for key in ("q_rad", "angle_rad"):
+                assert abs(one[key] - other[key]) < np.radians(0.01)
