@@ -1,25 +1,33 @@
 """The pages: their code runs, their commands print what they show, their links resolve."""
 
 import importlib
+import json
 import re
 import runpy
 import shlex
 import sys
 import tomllib
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 from public_packages import PUBLIC
 
 import spherekit as sk
+from benchmarks.__main__ import main as benchmarks
 from spherekit import errors
-from spherekit.analysis.registry import registered
-from spherekit.cli.grammar import parser
+from spherekit.analysis.registry import load, registered
+from spherekit.analysis.registry import names as analysis_names
+from spherekit.analysis.running.sampling import EVENTS
+from spherekit.analysis.tables import INPUTS
+from spherekit.cli.grammar import COMMANDS, parser
 from spherekit.cli.main import main
 from spherekit.conventions import Status
+from spherekit.engine.row_quantities import row_quantities
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
+MECHANISMS = ROOT / "mechanisms"
 MADE = DOCS / "generated"
 PAGES = {
     **{
@@ -304,3 +312,112 @@ def test_pages_are_plain():
     for page, text in PAGES.items():
         assert not re.search(r"\b(?:e\.g|i\.e|etc|viz|cf)\.", text), page
         assert "/work/" not in text and "/home/" not in text, page
+
+
+def page_tables(text):
+    """The head and the rows of each table of a page, as cells."""
+    for lines in re.findall(r"(?:^\|.*\n)+", text, re.M):
+        head, _, *rows = (
+            [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+            for line in lines.splitlines()
+        )
+        yield head, rows
+
+
+def quoted(text):
+    return re.findall(r"`([^`\n]+)`", text)
+
+
+def columns_of_analyses():
+    """The columns of all tables, with one for each input, and pair variables."""
+    found = [*EVENTS.columns, INPUTS]
+    for name in analysis_names():
+        found += [column for table in load(name).tables for column in table.columns]
+    names = {column.name for column in found} | {"q_I", "tau_I", "theta_PAIR", "s_PAIR"}
+    names |= {"s_PAIR_LINK"} | {f"{column.name}_I" for column in found if column.per_input}
+    return names
+
+
+@pytest.fixture(scope="module")
+def declared():
+    """Names that tables, analyses, files and figures of merit declare."""
+    names = columns_of_analyses() | set(analysis_names()) | {f"motion_{EVENTS.name}"}
+    for name in analysis_names():
+        names |= {field.name for field in fields(load(name))}
+        names |= {table.name for table in load(name).tables}
+        names |= {f"{name}_{table.name}" for table in load(name).tables}
+    for kind in ("mechanism", "study", "sizing"):
+        text = json.dumps(sk_schema(kind))
+        names |= set(re.findall(r'"(\w+)"', text))
+    for mechanism in ("four_bar", "five_bar"):
+        names |= set(row_quantities(sk.load(mechanism)))
+    return names
+
+
+NAMING = ("column", "table", "key", "parameter", "quantity")
+"""Heads of tables that list columns, keys and parameters."""
+
+OTHERS = {"framequat", "mj_rnePostConstraint", "float128", "q_left", "q_right"}
+"""Names of other programs, and of what mechanisms of the pages are called."""
+
+OF_OTHER_PROGRAMS = ("--editable", "--dist", "--extra", "--keep-going")
+
+
+def is_declared(name, names):
+    """Whether a name is there, or stands for some: capitals are any name of the user's."""
+    pattern = re.sub(r"(?<![A-Za-z])[A-Z][A-Z0-9]*(?![A-Za-z])", r"\\w+", name)
+    return name in names or (
+        pattern != name and any(re.fullmatch(pattern, known) for known in names)
+    )
+
+
+def test_columns_and_keys_that_pages_name_are_declared(declared):
+    unknown = []
+    listed = r"((?:`\w+`(?:,\s|\sand\s|\sor\s)?)+)"
+    for page, text in PAGES.items():
+        prose = BLOCK.sub("", text)
+        said = re.findall(rf"\b(?:column|key|parameter)s?\s{listed}", prose)
+        for head, rows in page_tables(prose):
+            if head[0] in NAMING:
+                said += [row[0] if head[0] != "table" else "|".join(row) for row in rows]
+        names = [name for part in said for name in quoted(part)]
+        unknown += [
+            f"{page}: {name}"
+            for name in names
+            if re.fullmatch(r"[a-z]\w*", name) and not is_declared(name, declared)
+        ]
+    assert not unknown, "; ".join(unknown)
+
+
+def test_options_that_pages_name_are_those_of_commands(capsys):
+    known = set(OF_OTHER_PROGRAMS)
+    commands = [(main, command.split()) for command in ("", *COMMANDS)]
+    for run, words in (*commands, (benchmarks, []), (benchmarks, ["sceptic"])):
+        with pytest.raises(SystemExit):
+            run([*words, "--help"])
+        known |= set(re.findall(r"--[a-z][\w-]*", capsys.readouterr().out))
+    unknown = [
+        f"{page}: {option}"
+        for page, text in PAGES.items()
+        for code in (*quoted(text), *(code for _, code in BLOCK.findall(text)))
+        for option in re.findall(r"(?<![\w-])--[a-z]+(?:-[a-z]+)*", code)
+        if option not in known
+    ]
+    assert not unknown, "; ".join(unknown)
+
+
+def test_names_in_pages_are_known_to_the_code(declared):
+    """What is quoted as a name is defined, or a text, somewhere in the sources."""
+    known = declared | OTHERS | {path.name.split(".")[0] for path in MECHANISMS.iterdir()}
+    for folder in ("spherekit", "analyses", "benchmarks", "docs/site_pages", "examples"):
+        for path in (ROOT / folder).rglob("*.py"):
+            known |= {path.stem, *re.findall(r"\w+", path.read_text("utf-8"))}
+    for text in PAGES.values():
+        known |= set(re.findall(r"\w+", " ".join(code for _, code in BLOCK.findall(text))))
+    unknown = [
+        f"{page}: {name}"
+        for page, text in PAGES.items()
+        for name in quoted(BLOCK.sub("", text))
+        if re.fullmatch(r"[a-z]\w*(?<!\d)", name) and not is_declared(name, known)
+    ]
+    assert not unknown, "; ".join(unknown)
