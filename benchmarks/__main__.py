@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from benchmarks import extremes, sceptic
-from benchmarks.history import comparison, entry_of, keep, kept
+from benchmarks.history import commit, comparison, entry_of, keep, kept
 from benchmarks.machine import describe
 from benchmarks.report import markdown
 
@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     machine = describe()
     print(INTRODUCTION.format(names=", ".join(f"`{name}`" for name in NAMES)))
     print("\nMachine: " + "; ".join(f"{key} {value}" for key, value in machine.items()))
-    figures, every = {}, {}
+    figures, every, taken_at = {}, {}, commit()
     for name in options.names or NAMES:
         started = time.perf_counter()
         module = import_module(f"benchmarks.{name}")
@@ -128,9 +128,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         figures[name] = [asdict(section) for section in sections]
         every[name] = sections
         for section in sections:
-            print("\n" + markdown(section), flush=True)
+            print("\n" + markdown(section, taken_at), flush=True)
     if options.json:
-        content = {"machine": machine, "benchmarks": figures}
+        content = {"commit": taken_at, "machine": machine, "benchmarks": figures}
         text = json.dumps(content, indent=1, default=float)
         Path(options.json).write_text(text + "\n", encoding="utf-8")
     if options.keep:

@@ -47,9 +47,11 @@ class Section:
         return self.columns[column] in self.ratios
 
 
-def markdown(section: Section) -> str:
-    """Return a section as Markdown; numbers have three digits."""
+def markdown(section: Section, commit: str | None = None) -> str:
+    """Return a section taken at a commit as Markdown; numbers have three digits."""
     lines = [f"## {section.title}", "", section.text, ""]
+    if commit:
+        lines += [f"Taken at commit {commit}.", ""]
     order = section.order
     lines.append("| " + " | ".join(section.columns[k] for k in order) + " |")
     numeric = [all(not isinstance(row[k], str) for row in section.rows) for k in order]

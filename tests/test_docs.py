@@ -185,6 +185,20 @@ def test_key_reference_is_current():
             assert f"`{key}`" in made
 
 
+def test_figures_of_the_extremes_are_those_of_their_record():
+    made = runpy.run_path(str(DOCS / "make_extremes.py"))["page"]()
+    assert made == PAGES["extremes.md"], "run: python docs/make_extremes.py"
+    assert re.search(r"^Taken at commit [0-9a-f]{8}", made, re.M)
+
+
+def test_figures_of_benchmarks_name_their_commit():
+    _, *sections = re.split(r"^## ", PAGES["benchmarks.md"], flags=re.M)
+    assert len(sections) > 30
+    for section in sections:
+        named = re.search(r"^Taken at commit [0-9a-f]{8,}\.$", section, re.M)
+        assert named or "\n|" not in section, section[:60]
+
+
 def sk_schema(kind):
     from spherekit.files.check import schema
 
