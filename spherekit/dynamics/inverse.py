@@ -24,7 +24,7 @@ from spherekit.model.joints import Joint
 from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
-from spherekit.motion.continued import AngleMemory
+from spherekit.motion.continued import going_on
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Timing, by_laws
@@ -283,7 +283,7 @@ def inverse_dynamics(
         tracer = Tracer(mechanism, None, assembly_mode, search, path=q)
         motion = tracer.motion()
     motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
-    return needed_torques(_going_on(motion, tracer))
+    return needed_torques(going_on(motion, tracer.solver))
 
 
 def _ordered(mechanism: Mechanism, laws: Mapping[str, TimeLaw]) -> list[str]:
@@ -305,20 +305,9 @@ def _scheduled(mechanism: Mechanism, schedule: Schedule, t: Floats) -> Motion:
     rows = schedule.at(t)
     tracer = Tracer(mechanism.with_inputs(*rows.names), follow=False)
     samples = schedule.rotation.at(rows.theta)
-    values = samples.values.copy()
-    angles = list(mechanism.angles.values())
-    values[:, angles] = np.unwrap(values[:, angles], axis=0)
-    motion = replace(tracer.given(values), inputs=rows.inputs, status=rows.status)
+    motion = replace(tracer.given(samples.values), inputs=rows.inputs, status=rows.status)
+    motion = going_on(motion, tracer.solver)
     return replace(motion, timing=Timing(t, rows.rates, rows.accelerations))
-
-
-def _going_on(motion: Motion, tracer: Tracer) -> Motion:
-    """Return a motion whose angles go on over all turns, as loads see them."""
-    values = motion.values.copy()
-    names = motion.mechanism.angles
-    for pair, angle in AngleMemory().continued(motion, names, tracer.solver).items():
-        values[:, motion.mechanism.angles[pair]] = angle
-    return replace(motion, values=values)
 
 
 def needed_torques(motion: Motion) -> InverseSolution:

@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import EPS, TURN, Status
+from spherekit.conventions import EPS, Status
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import CoordinateMotion, by_arc_length, by_variables
@@ -28,6 +28,7 @@ from spherekit.model.bearings import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.continued import going_on
 from spherekit.motion.motion import Motion, Tracer, motion_of
 from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev
 from spherekit.planning.plan import plan
@@ -172,16 +173,11 @@ def _followed(tracer: Tracer) -> tuple[ArcCurve, Floats]:
     mechanism = tracer.mechanism
     low, high = tracer.range
     places = low + (high - low) * (np.arange(PROBED_INPUTS) + 0.5) / PROBED_INPUTS
-    motion = tracer.at(places)
+    motion = going_on(tracer.at(places), tracer.solver)
     stops = {
         mechanism.variables_of(mechanism.pair_number[stop.pair])[0]: (stop.low, stop.high)
         for stop in mechanism.stops
     }
-    motion.values[:, tracer.solver.single] = places
-    closed = np.flatnonzero(motion.status == Status.OK)
-    mode, unwrapping = tracer.assembly_modes[0].number, tracer.solver.unwrapping
-    at = motion.values[closed], places[closed, None], tracer.solver.angles
-    motion.values[closed] += TURN * unwrapping.turns(mode, *at)
     usable = motion.status == Status.OK
     for variable, (least, most) in stops.items():
         value = motion.values[:, variable]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.dynamics.equation import christoffel
 from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.grid_model import GridMetadata, GridModel
@@ -24,6 +24,7 @@ from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
 from spherekit.model.bearings import need_no_rubbing
+from spherekit.motion.continued import going_on
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.cells import TensorChebyshev
@@ -166,14 +167,10 @@ class _Sampler:
         self.low, self.high = np.array([item.range for item in self.mechanism.inputs]).T
         self.loads = Loads(self.mechanism)
         self.velocities = own_velocities(self.loads)
-        motion = tracer.motion()
+        motion = going_on(tracer.motion(), tracer.solver)
         shape = tracer.input_grid.shape
         good = (motion.status == Status.OK).reshape(shape)
-        values = motion.values.reshape(*shape, -1).copy()
-        values[..., self.driven] = motion.inputs.reshape(*shape, -1)
-        mode, whole = tracer.assembly_modes[0].number, values[good]
-        at = whole, whole[:, self.driven], tracer.solver.angles
-        values[good] += TURN * tracer.solver.unwrapping.turns(mode, *at)
+        values = motion.values.reshape(*shape, -1)
         nodes = by_variables(self.closure, values[good], self.driven)
         sure = np.all(np.isfinite(nodes.second), axis=(1, 2, 3))
         sure &= determined(nodes.rates) >= SURE

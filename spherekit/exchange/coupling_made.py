@@ -16,6 +16,7 @@ from spherekit.exchange.coupling import Coupled, CouplingTable
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.continued import going_on
 from spherekit.motion.motion import Tracer
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, parse_pole
@@ -162,7 +163,7 @@ def _table(
     tracer = Tracer(
         mechanism, None, assembly_mode, samples=fine if len(fine) > 1 else fine[0]
     )
-    motion = tracer.motion()
+    motion = going_on(tracer.motion(), tracer.solver)
     k, m, n = len(chosen), len(counts), len(motion)
     held = [mechanism.angles[pair] for pair in tracer.inputs]
     good = np.flatnonzero(~motion.failed)

@@ -1,12 +1,15 @@
 """The configuration in which a mechanism goes to a program that wants a pose."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from spherekit.conventions import counted, listing
+from spherekit.dynamics.start import into_range, reaching
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.continued import going_on
 from spherekit.motion.motion import Tracer
 from spherekit.sphere.rotation import Floats
 
@@ -43,7 +46,7 @@ def posed(
                 f"any of {len(motion)} samples of the inputs' ranges; give inputs, or "
                 "another assembly mode"
             )
-        row, q = int(good[0]), motion.inputs[good[0]]
+        row = int(good[0])
     else:
         q = np.atleast_1d(np.asarray(at, dtype=float))
         if not np.all(np.isfinite(q)):
@@ -54,11 +57,14 @@ def posed(
                 f"{mechanism.name}: at has {counted(len(q), 'value')}, but the inputs are "
                 f"{listing(tracer.inputs)}: give one value for each"
             )
-        several = len(q) > 1
-        tracer = Tracer(
-            mechanism, input_pair, assembly_mode, path=q[None] if several else None
-        )
-        motion, row = tracer.motion() if several else tracer.at(q), 0
+        row = 0
+        if len(q) > 1:
+            tracer = Tracer(mechanism, input_pair, assembly_mode, path=q[None])
+            motion = tracer.motion()
+        else:
+            tracer = Tracer(mechanism, input_pair, assembly_mode)
+            tracer = reaching(tracer, q, assembly_mode)
+            motion = replace(tracer.at(into_range(tracer, q)), inputs=q[None])
         if motion.failed[0]:
             where = listing(
                 f"{pair} = {value:.6g} rad ({np.degrees(value):.6g} deg)"
@@ -68,7 +74,4 @@ def posed(
                 f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
                 f"{where}; give another input to be at"
             )
-    values = motion.values[row].copy()
-    for pair, value in zip(tracer.inputs, q, strict=True):
-        values[tracer.mechanism.angles[pair]] = value
-    return tracer.mechanism, values
+    return tracer.mechanism, going_on(motion, tracer.solver).values[row]

@@ -4,6 +4,7 @@ Loads that depend on an angle itself, such as wound springs, want it to go on.
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, Self, final
 
 import numpy as np
@@ -74,3 +75,11 @@ class AngleMemory:
             if pair in inputs:
                 angles[name] = motion.inputs[:, inputs.index(pair)]
         return angles
+
+
+def going_on(motion: Motion, solver: Solver) -> Motion:
+    """Return a motion whose angles go on over all turns, as loads see them."""
+    values, angles = motion.values.copy(), motion.mechanism.angles
+    for pair, angle in AngleMemory().continued(motion, angles, solver).items():
+        values[:, angles[pair]] = angle
+    return replace(motion, values=values)
