@@ -108,7 +108,8 @@ def generalised_forces(mechanism, q, mode):
     yield "stored", -stored.torque(q, 0.0, 0.0)
     key, document = next(iter(sizes_of(mechanism))), document_of(mechanism)
     figure = f"there=at(torque - 0.5*dB_dq, {float(np.degrees(q))!r})"
-    swept = sk.sweep(mechanism, {key: [design_variable(document, key).value]}, [figure], samples=4)
+    varied = {key: [design_variable(document, key).value]}
+    swept = sk.sweep(mechanism, varied, [figure], samples=4)
     every = -swept.frame()["there"].dropna().to_numpy()
     yield "sweep", every[np.argmin(np.abs(every + stored.torque(q, 0.0, 0.0)))]
 
