@@ -202,7 +202,7 @@ def _planes(six: SixPoles, kind: str) -> Floats:
     triplets = {
         "I": (("io", "os", "is_"), ("ir", "is_", "rs")),
         "II": (("or_", "os", "rs"), ("io", "os", "is_")),
-    }[kind if kind != "III" else "II"]
+    }["I" if kind == "I" else "II"]
     planes = np.full((2, 3), np.nan)
     for k, names in enumerate(triplets):
         vectors = np.stack([getattr(six, name)[0] for name in names])

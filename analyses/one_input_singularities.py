@@ -27,7 +27,14 @@ from spherekit.plugin.singularities import (
 )
 
 from .one_input_scenes import OneInputScenes
-from .singular_tables import ASPECTS, RELATION, SINGULARITIES
+from .singular_tables import (
+    ASPECTS,
+    RELATION,
+    SELF_MOTION,
+    SINGULARITIES,
+    configuration_columns,
+    of_type,
+)
 from .singular_words import coming_near, least_angles, places, swings
 
 Row = dict[str, Any]
@@ -160,8 +167,10 @@ class OneInput:
             agreeing = [at for at in point.relations if at.agrees]
             words = [item.words for at in agreeing for item in at.conditions]
             words = words or [at.note for at in point.relations]
+            here = configuration_columns(batch, point.values[None], point.output)
             rows += [
                 {
+                    **here,
                     "kind": str(point.type),
                     **_conditions(agreeing),
                     **_placed(sampled, [(point.curve, point.s)], q),
@@ -192,8 +201,10 @@ class OneInput:
             curve, s = ends[0]
             for output, links in enumerate(sampled.report.outputs):
                 on_assembly_modes = crossing.relations[output] if crossing.relations else ()
+                here = configuration_columns(batch, crossing.values[None], links)
                 rows += [
                     {
+                        **here,
                         "kind": "III",
                         **_conditions(
                             [at for relations in on_assembly_modes for at in relations]
@@ -248,7 +259,7 @@ class OneInput:
             rest = [np.abs(r) < RESTS for r in (measures.output_rate, measures.input_rate)]
             return np.select(
                 [sampled.crossed, ~finite, rest[0] & rest[1], *rest],
-                ["III", "", "III", "I", "II"],
+                ["III", "", SELF_MOTION, "I", "II"],
                 "regular",
             )
 
@@ -274,7 +285,7 @@ class OneInput:
                 "status": status,
                 "moving": batch.moving_inputs[0],
                 "type": kinds(measures),
-                "group": (kinds(measures) != "regular").astype(np.int64),
+                "group": np.isin(kinds(measures), ("I", "II", "III")).astype(np.int64),
             }
             for measures in sampled.measures()
         ]
@@ -289,7 +300,7 @@ def _counted(kinds: NDArray[Any]) -> dict[str, int]:
 
 
 def _in_words(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{n} of type {kind}" for kind, n in counts.items())
+    return ", ".join(f"{n} {of_type(kind)}" for kind, n in counts.items())
 
 
 def _joined(numbers: Iterable[int], sign: str = "+") -> str:

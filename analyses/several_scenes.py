@@ -29,6 +29,7 @@ from spherekit.plugin.singularities import (
 )
 
 from .singular_planes import TONES, plane, without_jumps
+from .singular_tables import SELF_MOTION
 
 DRAWN = 8
 """Parts of each way between two nodes of a curve that is drawn."""
@@ -92,7 +93,7 @@ class SeveralScenes:
         for of_type in self.curves(output):
             for curve in of_type.curves:
                 line = without_jumps(self._drawn(curve).inputs)
-                curves.append(PlaneCurve(line, TONES[of_type.kind], f"type {of_type.kind}"))
+                curves.append(PlaneCurve(line, TONES[of_type.kind], _words(of_type.kind)))
                 both = curve.both.inputs
                 marks += [Mark("type III", place, TONES["III"]) for place in both]
         first, second = self.batch.moving_inputs
@@ -123,7 +124,7 @@ class SeveralScenes:
             parts.append(
                 SphereCurves(
                     f"singular/{output.name}/{of_type.kind}",
-                    f"type {of_type.kind} of {output.name}",
+                    f"{_words(of_type.kind)} of {output.name}",
                     lines,
                     TONES[of_type.kind],
                     marks,
@@ -140,6 +141,10 @@ def angle_of(sizes: Floats) -> Floats:
     return np.asarray(np.arcsin(np.minimum(sizes, 1.0)))
 
 
+def _words(kind: str) -> str:
+    return kind if kind == SELF_MOTION else f"type {kind}"
+
+
 def _directions(points: SingularPoints) -> Floats:
     if points.pointing is not None:
         return points.pointing
@@ -150,7 +155,7 @@ def _surface(batch: Batch, output: Output, mesh: SingularSurface) -> Surface:
     a, b, c = batch.moving_inputs
     return Surface(
         f"plots/surface/{output.name}/{mesh.kind}",
-        f"type {mesh.kind} of {output.name}",
+        f"{_words(mesh.kind)} of {output.name}",
         mesh.points.inputs,
         mesh.triangles,
         (a, b, c),

@@ -1,6 +1,6 @@
 """The half of the analysis `singularities` for mechanisms with several inputs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -22,15 +22,16 @@ from spherekit.plugin.singularities import (
     Budget,
     Claim,
     Cut,
+    LocusName,
     OutputCoefficients,
     RowType,
     SingularCurves,
     SingularPoints,
     SingularSurface,
-    TypeName,
     aspects,
     coefficients,
     cut,
+    locus_key,
     mid_plane_loci,
     output_of,
     ranges_of,
@@ -41,11 +42,18 @@ from spherekit.plugin.singularities import (
 )
 
 from .several_scenes import SeveralScenes, angle_of
-from .singular_tables import ASPECTS, RELATION, SINGULARITIES
+from .singular_tables import (
+    ASPECTS,
+    RELATION,
+    SELF_MOTION,
+    SINGULARITIES,
+    configuration_columns,
+    of_type,
+)
 
 Row = dict[str, Any]
 
-KINDS: tuple[TypeName, ...] = ("II", "I")
+KINDS: tuple[LocusName, ...] = ("II", "I")
 FOR_SLICES = 0.4
 """Part of the time that slices may take."""
 SAME = 1e-6
@@ -59,15 +67,6 @@ SIDES = 4.0
 HALVED = 2
 """How often edges are halved afterwards, with vertices on the surface."""
 LONGEST_SIDE = np.radians(15.0)
-_WORDS = {"loose": "loose", "branching": "branching"}
-NAMES = {
-    RowType.REGULAR: "regular",
-    RowType.LOOSE: "loose",
-    RowType.BRANCHING: "branching",
-    RowType.UNKNOWN: "",
-}
-
-
 MOST_INPUTS = 3
 """The freedoms that an output has at most."""
 INPUT_GRID = 11
@@ -141,10 +140,13 @@ class SeveralInputs:
         parts: list[Row] = []
         for output in self.outputs(batch.mechanism):
             met = np.zeros((0, len(batch.mechanism.variable_names)))
+            for locus in self._loci(batch, output):
+                if locus.everywhere:
+                    parts.append(_everywhere(batch, locus, output))
             curves = [
-                (traced, of_type.claim)
-                for of_type in self._curves(batch, output)
-                for traced in of_type.curves
+                (traced, locus.claim)
+                for locus in self._curves(batch, output)
+                for traced in locus.curves
             ]
             for number, (curve, claim) in enumerate(curves):
                 whole = _rows(batch, curve.points, output, claim)
@@ -169,7 +171,7 @@ class SeveralInputs:
         parts: list[Row] = []
         for output in self.outputs(batch.mechanism):
             of_output = self._coefficients(batch, output)
-            kinds = np.array([_type(code) for code in of_output.type.tolist()], dtype=str)
+            kinds = np.array(types_of(of_output.type), dtype=str)
             for moved, pair in enumerate(batch.moving_inputs):
                 w, u = of_output.w[:, moved], of_output.u[:, moved]
                 parts.append(
@@ -177,7 +179,7 @@ class SeveralInputs:
                         "sample": batch.sample,
                         "assembly_mode": batch.assembly_mode,
                         **input_columns(batch.mechanism, batch.inputs),
-                        "output": _named(output),
+                        "output": named(batch.mechanism, output),
                         "form": "i",
                         "c": of_output.c[:, moved],
                         "d": of_output.d[:, moved],
@@ -216,30 +218,48 @@ class SeveralInputs:
         warnings: list[str] = []
         remarks: list[str] = []
         for output in self.outputs(batch.mechanism):
-            name = _named(output)
+            name = named(batch.mechanism, output)
             of_output: dict[str, Any] = {}
-            for of_type in self._curves(batch, output):
-                met = [curve for curve in of_type.curves if np.any(curve.points.inside)]
-                of_output[f"curves_{of_type.kind}"] = len(met)
-                of_output[f"curves_outside_{of_type.kind}"] = len(of_type.curves) - len(met)
-                of_output[f"claim_{of_type.kind}"] = str(of_type.claim)
-                beyond = len(of_type.curves) - len(met)
-                words = f"{counted(len(met), 'curve')} of type {of_type.kind}"
+            always = set()
+            for locus in self._loci(batch, output):
+                if locus.everywhere:
+                    always.add(locus.kind)
+                    remarks.append(
+                        f"output {name}: {of_type(locus.kind)} in every configuration"
+                    )
+            of_output["everywhere"] = sorted(always)
+            for locus in self._curves(batch, output):
+                if locus.kind in always:
+                    continue
+                met = [curve for curve in locus.curves if np.any(curve.points.inside)]
+                of_output[f"curves_{_key(locus.kind)}"] = len(met)
+                of_output[f"curves_outside_{_key(locus.kind)}"] = len(locus.curves) - len(
+                    met
+                )
+                of_output[f"claim_{_key(locus.kind)}"] = str(locus.claim)
+                beyond = len(locus.curves) - len(met)
+                words = f"{counted(len(met), 'curve')} {of_type(locus.kind)}"
                 words += f" and {beyond} outside the ranges" if beyond else ""
-                words += _irregular(len(of_type.stray), "curve")
-                remarks.append(f"output {name}: {words}; {of_type.claim}")
+                words += _irregular(len(locus.stray), "curve")
+                remarks.append(f"output {name}: {words}; {locus.claim}")
             for mesh in self._surfaces(batch, output):
-                of_output[f"vertices_{mesh.kind}"] = len(mesh.points.values)
-                of_output[f"irregular_{mesh.kind}"] = mesh.irregular
-                of_output[f"claim_{mesh.kind}"] = mesh.guarantee
+                if mesh.kind in always:
+                    continue
+                kind = _key(mesh.kind)
+                of_output[f"vertices_{kind}"] = len(mesh.points.values)
+                of_output[f"irregular_{kind}"] = mesh.irregular
+                of_output[f"claim_{kind}"] = mesh.guarantee
                 count = len(mesh.points.values)
-                words = f"{count} vertices of surfaces of type {mesh.kind}"
+                words = f"{count} vertices of surfaces {of_type(mesh.kind)}"
                 words += _irregular(mesh.irregular, "surface")
                 remarks.append(f"output {name}: {words}; {mesh.guarantee}")
             figures[name] = of_output
             rows = self._coefficients(batch, output)
-            remarks += _throughout(batch, rows, name)
+            if not always:
+                remarks += _throughout(batch, rows, name)
             for kind, sizes in (("I", rows.type_one), ("II", rows.type_two)):
+                if kind in always:
+                    continue
                 angles = np.degrees(angle_of(sizes))
                 near = angles <= self.near
                 if np.any(near):
@@ -296,39 +316,80 @@ class SeveralInputs:
 
     def _search(self, batch: Batch) -> None:
         """Find all that takes of the time, before anything is said of it."""
-        for output in self.outputs(batch.mechanism):
-            self._curves(batch, output)
-            self._surfaces(batch, output)
+        for kind, name in self._sets(batch):
+            if len(batch.moving_inputs) == 2:
+                self._curves_of(batch, kind, name)
+            else:
+                self._surfaces_of(batch, kind, name)
         self._aspects(batch)
 
     def _budget(self, batch: Batch) -> Budget:
         """Return the time of all searches, which runs from the first one on."""
         return batch.once("budget", lambda: Budget(self.seconds))
 
-    def _share(self, batch: Batch, kind: TypeName, output: str, what: str) -> Budget:
+    def _sets(self, batch: Batch) -> list[tuple[LocusName, str]]:
+        """Return what is looked for, in order: types of outputs, then self-motions.
+
+        What every pair moves has its self-motions on the locus of type II.
+        """
+        several = 2 <= len(batch.moving_inputs) <= MOST_INPUTS
+        if (
+            not several
+            or self.slices == 0
+            or (len(batch.moving_inputs) == MOST_INPUTS and not self.side_of(batch)[0])
+        ):
+            return []
+        names = [output.name for output in self.outputs(batch.mechanism)]
+        sets: list[tuple[LocusName, str]] = [(k, name) for name in names for k in KINDS]
+        for name in names:
+            loci = [locus_key(batch.mechanism, k, name) for k in ("II", SELF_MOTION)]
+            if loci[0] != loci[1]:
+                sets.append((SELF_MOTION, name))
+        return sets
+
+    def _share(self, batch: Batch, kind: LocusName, output: str, what: str) -> Budget:
         """Return the budget of one set of curves or surfaces: an even part of what is left.
 
-        The sets are found in the order of outputs and types, the aspects last.
+        The aspects are found last.
         """
-        names = [other.name for other in self.outputs(batch.mechanism)]
-        grid = self.input_grid_of(batch.mechanism)
-        sets = len(KINDS) * len(names) + (grid > 0)
-        done = len(KINDS) * names.index(output) + KINDS.index(kind)
-        return self._budget(batch).part(1.0 / (sets - done), f"{what} of type {kind}")
+        sets = self._sets(batch)
+        left = len(sets) - sets.index((kind, output))
+        left += self.input_grid_of(batch.mechanism) > 0
+        return self._budget(batch).part(1.0 / left, f"{what} {of_type(kind)}")
+
+    def _loci(
+        self, batch: Batch, output: Output
+    ) -> Sequence[SingularCurves | SingularSurface]:
+        return [*self._curves(batch, output), *self._surfaces(batch, output)]
 
     def _curves(self, batch: Batch, output: Output) -> Sequence[SingularCurves]:
-        if len(batch.moving_inputs) != 2 or self.slices == 0:
+        if len(batch.moving_inputs) != 2:
             return ()
-        return batch.once(
-            ("curves", output.name),
-            lambda: tuple(self._curves_of(batch, kind, output.name) for kind in KINDS),
-        )
+        return [
+            self._curves_of(batch, kind, name)
+            for kind, name in self._sets(batch)
+            if name == output.name
+        ]
 
-    def _curves_of(self, batch: Batch, kind: TypeName, output: str) -> SingularCurves:
+    def _curves_of(self, batch: Batch, kind: LocusName, output: str) -> SingularCurves:
+        """Return the curves of a type, found with those of all that share its locus."""
+
+        def seen() -> SingularCurves:
+            key = locus_key(batch.mechanism, kind, output)
+            first, curves = batch.once(
+                ("locus", key), lambda: ((kind, output), self._found(batch, kind, output))
+            )
+            if first == (kind, output) or not curves.traced:
+                return curves
+            return curves.seen_by(batch.mechanism, kind, output)
+
+        return batch.once(("curves", kind, output), seen)
+
+    def _found(self, batch: Batch, kind: LocusName, output: str) -> SingularCurves:
         """Return the curves of a type: of a mid-plane architecture, or as slices find."""
         made = self._cut(batch)
         budget = self._share(batch, kind, output, "curves")
-        if made is None:
+        if made is None and kind != SELF_MOTION:
             curves = mid_plane_loci(batch.mechanism, kind, output, budget)
             if curves is not None:
                 return curves
@@ -337,23 +398,27 @@ class SeveralInputs:
         )
 
     def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
-        side, halved = self.side_of(batch)
-        if len(batch.moving_inputs) != 3 or self.slices == 0 or not side:
+        if len(batch.moving_inputs) != MOST_INPUTS:
             return ()
+        return [
+            self._surfaces_of(batch, kind, name)
+            for kind, name in self._sets(batch)
+            if name == output.name
+        ]
+
+    def _surfaces_of(self, batch: Batch, kind: LocusName, output: str) -> SingularSurface:
+        side, halved = self.side_of(batch)
         return batch.once(
-            ("surfaces", output.name),
-            lambda: tuple(
-                singular_surface(
-                    batch.mechanism,
-                    kind,
-                    output.name,
-                    side=side,
-                    halved=halved,
-                    slices_of_each=0,
-                    made=self._cut(batch),
-                    budget=self._share(batch, kind, output.name, "surfaces"),
-                )
-                for kind in KINDS
+            ("surfaces", kind, output),
+            lambda: singular_surface(
+                batch.mechanism,
+                kind,
+                output,
+                side=side,
+                halved=halved,
+                slices_of_each=0,
+                made=self._cut(batch),
+                budget=self._share(batch, kind, output, "surfaces"),
             ),
         )
 
@@ -402,25 +467,45 @@ def _irregular(count: int, what: str) -> str:
 
 def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
     """Return in words which assembly modes are singular in every row that is known."""
-    modes: dict[str, list[int]] = {}
+    modes: dict[int, list[int]] = {}
     for number, in_mode in batch.assembly_mode_rows().items():
         kinds = set(rows.type[in_mode].tolist()) - {int(RowType.UNKNOWN)}
         if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
-            modes.setdefault(_type(kinds.pop()), []).append(number)
+            modes.setdefault(kinds.pop(), []).append(number)
     return [
-        f"output {name}: {_WORDS.get(kind, f'of type {kind}')} in every row of "
+        f"output {name}: {of_type(types_of([kind])[0])} in every row of "
         + numbered("assembly mode", numbers)
         for kind, numbers in modes.items()
     ]
 
 
-def _rows(batch: Batch, points: SingularPoints, output: Output, claim: Claim) -> Row:
+def _everywhere(
+    batch: Batch, locus: SingularCurves | SingularSurface, output: Output
+) -> Row:
+    """Return the row of an output that is of a type in every configuration."""
     return {
-        "kind": points.kind,
+        "kind": locus.kind,
+        "inside": "yes",
+        "output": named(batch.mechanism, output),
+        "residual": 0.0,
+        "double": "no",
+        "decided": "yes",
+        "guarantee": locus.claim.guarantee.value,
+        "curve": -1,
+        "note": "in every configuration",
+    }
+
+
+def _rows(batch: Batch, points: SingularPoints, output: Output, claim: Claim) -> Row:
+    number = batch.mechanism.link_number
+    links = number[output.link], number[output.relative_to]
+    return {
+        "kind": types_of(points.type),
         "condition": _conditions(batch, points, output),
         **input_columns(batch.mechanism, points.inputs),
+        **configuration_columns(batch, points.values, links, points.pointing),
         "inside": np.where(points.inside, "yes", "no"),
-        "output": _named(output),
+        "output": named(batch.mechanism, output),
         "residual": points.residual,
         "double": "no",
         "decided": "yes",
@@ -435,10 +520,17 @@ def _conditions(batch: Batch, points: SingularPoints, output: Output) -> list[st
     return what_vanishes(motion, rest, points.pointing, batch.tracer.by_rank)
 
 
-def _named(output: Output) -> str:
-    return f"{output.link}/{output.relative_to}"
+def named(mechanism: Mechanism, output: Output) -> str:
+    """Return the links of an output, with its name where another one has these too."""
+    links = f"{output.link}/{output.relative_to}"
+    alike = [o for o in mechanism.outputs if f"{o.link}/{o.relative_to}" == links]
+    return links if len(alike) == 1 else f"{links} {output.name}"
 
 
-def _type(code: int) -> str:
-    kind = RowType(code)
-    return NAMES.get(kind, kind.name)
+def types_of(codes: Iterable[int]) -> list[str]:
+    """Return the labels of `RowType`s."""
+    return [RowType(code).label for code in codes]
+
+
+def _key(kind: str) -> str:
+    return kind.replace("-", "_")

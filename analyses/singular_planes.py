@@ -6,7 +6,7 @@ import numpy as np
 
 from spherekit.plugin import Floats, Mark, PlaneCurve, Portrait
 
-TONES = {"I": 1, "II": 2, "III": 3}
+TONES = {"I": 1, "II": 2, "III": 3, "self-motion": 4}
 
 
 def without_jumps(line: Floats) -> Floats:

@@ -1,17 +1,45 @@
 """The tables of the analysis `singularities`, filled with one input and with several."""
 
-from spherekit.plugin import ASSEMBLY_MODE, INPUTS, SAMPLE, STATUS, Column, Table
+from typing import Any, Final
 
+import numpy as np
+
+from spherekit.plugin import (
+    ASSEMBLY_MODE,
+    INPUTS,
+    SAMPLE,
+    STATUS,
+    Batch,
+    Column,
+    Floats,
+    Table,
+)
+from spherekit.plugin.rotations import quaternion, wrap
+from spherekit.plugin.singularities import group_signs
+
+from .pose_columns import PLACE, place_columns
+
+SELF_MOTION: Final = "self-motion"
+KIND = (
+    "I: the output rests though inputs move; II: it moves though they rest; III: both; "
+    "self-motion: other links move, and neither does"
+)
+OUTPUT = Column(
+    "output", "", "link relative to link, with its name where others are these", "text"
+)
 SINGULARITIES = Table(
     "singularities",
     "one row per singularity and output",
     (
-        Column("kind", "", "I, II or III", "text"),
+        Column("kind", "", KIND, "text"),
         Column("condition", "", "geometric conditions that hold", "text"),
         Column("assembly_mode", "", "assembly modes that it belongs to", "text"),
         INPUTS,
         Column("inside", "", "whether the inputs are in their ranges", "text"),
-        Column("output", "", "link relative to link", "text"),
+        OUTPUT,
+        *PLACE[:4],
+        Column("signs", "", "of its groups, as modes have them; 0 where singular", "text"),
+        Column("theta", "rad", "variable of the passive pair", per_passive=True),
         Column("curve", "", "number of the configuration curve", "integer"),
         Column("s", "rad", "place on it, in its own arc length"),
         Column("error", "rad", "bound of the error of the place"),
@@ -30,7 +58,7 @@ RELATION = Table(
         SAMPLE,
         ASSEMBLY_MODE,
         INPUTS,
-        Column("output", "", "link relative to link: y'", "text"),
+        OUTPUT,
         Column("form", "", "i or ii", "text"),
         Column("c", "", "coefficient of the output rate"),
         Column("d", "", "coefficient of the input rate"),
@@ -46,7 +74,7 @@ RELATION = Table(
         Column("reciprocal_condition", "", "its part of the greatest one"),
         STATUS,
         Column("moving", "", "the moving input, the others locked", "text"),
-        Column("type", "", "regular, I, II, III, loose or branching", "text"),
+        Column("type", "", "regular, I, II, III or self-motion", "text"),
         Column("group", "", "1: of a single-freedom part, 2: of none", "integer"),
     ),
 )
@@ -66,3 +94,38 @@ ASPECTS = Table(
         ),
     ),
 )
+
+
+def of_type(kind: str) -> str:
+    """Return the words for a kind: of type II, of self-motion."""
+    return f"of {kind}" if kind == SELF_MOTION else f"of type {kind}"
+
+
+def configuration_columns(
+    batch: Batch, values: Floats, links: tuple[int, int], pointing: Floats | None = None
+) -> dict[str, Any]:
+    """Return passive variables, signs, modes and the output's pose of rows (n, V).
+
+    The pose is the direction `pointing` (n, 3), or the orientation of the first of two
+    links in the second. Modes are those with the signs of dyads.
+    """
+    mechanism, solver = batch.mechanism, batch.tracer.solver
+    angles = set(mechanism.angles.values())
+    driven = solver.driven
+    columns: dict[str, Any] = {
+        name: wrap(values[:, v]) if v in angles else values[:, v]
+        for v, name in enumerate(mechanism.variable_names)
+        if v not in driven
+    }
+    placed = batch.tracer.given(values).rotations
+    turned = np.swapaxes(placed[:, links[1]], 1, 2) @ placed[:, links[0]]
+    columns |= place_columns(quaternion(turned) if pointing is None else pointing, None)
+    signs = group_signs(solver, values)
+    columns["signs"] = ["".join("0+-"[k] for k in row) for row in signs.tolist()]
+    if solver.assembly.has_closed_form:
+        modes = batch.motion.assembly_modes
+        of_modes = np.array([mode.signs for mode in modes]).reshape(-1, signs.shape[1])
+        alike = np.all((signs[:, None] == of_modes) | (signs[:, None] == 0), axis=2)
+        numbers = np.array([str(mode.number) for mode in modes])
+        columns["assembly_mode"] = ["+".join(numbers[row]) for row in alike]
+    return columns

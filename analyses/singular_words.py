@@ -13,6 +13,8 @@ from spherekit.plugin.singularities import (
     least_transmission,
 )
 
+from .singular_tables import SELF_MOTION
+
 Row = Mapping[str, Any]
 
 MOST_SHOWN = 6
@@ -27,7 +29,7 @@ CROSSED = "curves of configurations cross"
 MEANING = (
     ("I", "it rests or turns back"),
     ("II", "the locked input does not hold it"),
-    ("III", "it rests with the input while other links move"),
+    (SELF_MOTION, "it rests with the input while other links move"),
     ("III", CROSSED),
 )
 
@@ -47,15 +49,18 @@ def places(
         )
         if not np.any(here):
             continue
+        what = f"type {kind} of {output}"
+        if kind == SELF_MOTION:
+            what = f"{kind} for {output}"
         at = np.degrees(points["q"][here])
         if not np.all(np.isfinite(at)):
-            lines.append(f"type {kind} of {output}, {meaning}: everywhere on a curve")
+            lines.append(f"{what}, {meaning}: everywhere on a curve")
             continue
         told = "; ".join(
             f"{_angles(values)} deg" + (f" in {modes}" if modes else "")
             for modes, values in _by_modes(at, points["assembly_mode"][here]).items()
         )
-        lines.append(f"type {kind} of {output}, {meaning}: at {input_pair} = {told}")
+        lines.append(f"{what}, {meaning}: at {input_pair} = {told}")
     return lines
 
 

@@ -69,7 +69,7 @@ def _shipped(quick: bool) -> Section:
             "length, rad",
             "type I",
             "type II",
-            "type III",
+            "self-motion, type III",
             "apparent",
         ),
         rows,
@@ -96,7 +96,7 @@ def _timed(name: str) -> tuple[float, float, float, float, tuple[Cell, ...]]:
         float(sum(curve.length for curve in curves)),
         kinds.count(Type.I),
         kinds.count(Type.II),
-        kinds.count(Type.III) + crossed,
+        kinds.count(Type.SELF_MOTION) + crossed,
         kinds.count(Type.APPARENT),
     )
     modes, following, points = np.diff(marks)

@@ -55,11 +55,11 @@ def check_exact(tracer, analysis, points):
             np.linalg.norm(exact.rates[a] - exact.rates[b])
             for a, b in (analysis.input, point.output)
         )
-        rest = {Type.I: (output,), Type.II: (driven,), Type.III: (driven, output)}
+        rest = {Type.I: (output,), Type.II: (driven,), Type.SELF_MOTION: (driven, output)}
         assert max(rest[point.type]) < RESTING
         assert abs(driven - abs(point.input_rate)) < 1e-12
         assert abs(output - abs(point.output_rate)) < 1e-12
-        if point.type != Type.III:
+        if point.type != Type.SELF_MOTION:
             assert max(driven, output) > 1e-6
 
 

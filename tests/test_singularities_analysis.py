@@ -334,7 +334,7 @@ def check_shipped(name, tmp_path, capsys):
     assert main(command) == 0
     capsys.readouterr()
     frame = pd.read_csv(tmp_path / f"{NAME}.csv", keep_default_na=False)
-    assert set(frame["kind"]) <= {"I", "II", "III"}
+    assert set(frame["kind"]) <= {"I", "II", "III", "self-motion"}
     assert all(frame["note"].astype(bool) | frame["condition"].astype(bool))
     relation = pd.read_csv(tmp_path / f"{NAME}_relation.csv")
     findings = json.loads((tmp_path / "summary.json").read_text())["analyses"][0][

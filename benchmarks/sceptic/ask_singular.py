@@ -43,14 +43,18 @@ def listed(evidence: Evidence, notes: Notes) -> dict[str, pd.DataFrame] | None:
     return ran.tables
 
 
-@check("places are singular", "a place of type II or III, put in, has a loss of rank")
+INPUT_RESTS = ("II", "III", "self-motion")
+"""Kinds of places at which links can move though the inputs are locked."""
+
+
+@check("places are singular", "where a locked input lets links move, rank is lost")
 def places_are_singular(evidence: Evidence, notes: Notes) -> None:
     """Look at the conditioning of the mechanism with its inputs locked."""
     tables = listed(evidence, notes)
     if tables is None:
         return
     points = tables["singularities"]
-    points = points[points["kind"].astype(str).isin(("II", "III"))]
+    points = points[points["kind"].astype(str).isin(INPUT_RESTS)]
     if evidence.single:
         _on_curves(evidence, points, notes)
     else:
@@ -114,7 +118,7 @@ def assembly_modes_end_at_places(evidence: Evidence, notes: Notes) -> None:
     kinds = points["kind"].astype(str)
     sampled = evidence.configurations.guarantee is Guarantee.SAMPLED
     whole = points["s"].isna() & points["q"].isna()
-    ends = kinds.isin(("II", "III"))
+    ends = kinds.isin(INPUT_RESTS)
     for assembly_mode, rows in motion.groupby("assembly_mode"):
         q, status = rows["q"].to_numpy(), rows["status"].astype(str).to_numpy()
         held = status == "OK"

@@ -70,6 +70,9 @@ class Column:
     With several inputs a column that is there `per_input` becomes one for each, its name
     followed by that of the pair: ``q_left``, ``q_right``.
 
+    One that is there `per_passive` becomes one for each variable of the pairs that are not
+    driven, with the name of that variable.
+
     `scale` says how errors of its numbers are measured: ``"absolute"``, over the
     ``"largest"`` number of the run, or ``"none"`` for what describes the computation and
     is not a result. By the ``"unit"``: absolute for rad, within one turn, else the largest.
@@ -85,6 +88,7 @@ class Column:
     meaning: str
     kind: Kind = "number"
     per_input: bool = False
+    per_passive: bool = False
     scale: Scale = "unit"
     turns: Turns = "no"
 
@@ -112,25 +116,27 @@ class Table:
     columns: tuple[Column, ...]
 
     def of(self, mechanism: Mechanism) -> "Table":
-        """Return the table with a column for each input where it says so."""
-        inputs = mechanism.inputs
-        if len(inputs) < 2:
-            return self
+        """Return the table with a column for each input or variable where it says so."""
         columns: list[Column] = []
+        several = len(mechanism.inputs) > 1
+        driven = {item.pair for item in mechanism.inputs}
+        owners = [mechanism.pairs[k].name for k in mechanism.variable_owners]
         for column in self.columns:
-            if not column.per_input:
-                columns.append(column)
-                continue
+            named = [(column.name, column.meaning)]
+            if column.per_passive:
+                named = [
+                    (name, f"{column.meaning} {pair}")
+                    for name, pair in zip(mechanism.variable_names, owners, strict=True)
+                    if pair not in driven
+                ]
+            elif column.per_input and several:
+                named = [
+                    (f"{column.name}_{item.pair}", f"{column.meaning} {item.pair}")
+                    for item in mechanism.inputs
+                ]
             columns += [
-                Column(
-                    f"{column.name}_{item.pair}",
-                    column.unit,
-                    f"{column.meaning} {item.pair}",
-                    column.kind,
-                    scale=column.scale,
-                    turns=column.turns,
-                )
-                for item in inputs
+                replace(column, name=n, meaning=m, per_input=False, per_passive=False)
+                for n, m in named
             ]
         return replace(self, columns=tuple(columns))
 

@@ -26,7 +26,7 @@ from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Mechanism
 from spherekit.region.mesh import edges_of, hemisphere
 from spherekit.singular.curves import SingularCurves
-from spherekit.singular.points import SingularPoints, TypeName, View
+from spherekit.singular.points import LocusName, SingularPoints, View
 from spherekit.singular.slices import solver_of
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import Floats, cross, perpendicular
@@ -67,7 +67,7 @@ class MidPlaneCurve:
 
 def mid_plane_loci(
     mechanism: Mechanism,
-    kind: TypeName,
+    kind: LocusName,
     output: str | None = None,
     budget: Budget | None = None,
 ) -> SingularCurves | None:
@@ -104,7 +104,7 @@ class _Modes:
         self,
         form: MidPlaneArchitecture,
         mechanism: Mechanism,
-        kind: TypeName,
+        kind: LocusName,
         output: str | None,
     ) -> None:
         self.form = form
@@ -208,7 +208,8 @@ class _Modes:
         _, sizes, right = np.linalg.svd(stacked)
         residual = np.maximum(np.nan_to_num(space.at.gap, nan=np.inf), sizes[:, -1])
         points = self.view.seen(values, right[:, -1], residual)
-        kept = np.flatnonzero(residual < CLOSURE_TOLERANCE)
+        of_type = self.view.is_own(points.type)
+        kept = np.flatnonzero((residual < CLOSURE_TOLERANCE) & of_type)
         ways = np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1.0, 1.0))
         s = np.concatenate([[0.0], np.cumsum(ways)])
         whole = closed and len(kept) == len(normals)

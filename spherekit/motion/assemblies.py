@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.assembly_modes import Solver
@@ -17,6 +18,7 @@ from spherekit.motion.groups import (
     group_variables,
     place_dyad,
 )
+from spherekit.motion.loops import LoopTree, condition
 from spherekit.motion.solutions import (
     CLOSED_FORM,
     ONE_WAY,
@@ -110,6 +112,10 @@ def _grown(
     return grown, method
 
 
+FLAT_SIGN = 1e-8
+"""Groups of a smaller reciprocal condition have no sign."""
+
+
 def signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
     """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
     axes = solver.closure.at(values[None]).axes[0]
@@ -121,3 +127,26 @@ def signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
         else:
             signs.append(0)
     return tuple(signs)
+
+
+def group_signs(solver: Solver, values: Floats) -> NDArray[np.int8]:
+    """Return the signs (n, groups) that tell modes of closed configurations apart.
+
+    Of the triple product of a dyad's axes and of the determinant of another group's
+    velocity equations: 0 where they lose their rank, and of groups that have none.
+    """
+    at = solver.closure.at(values)
+    signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)
+    for number, group in enumerate(solver.assembly.groups):
+        owners = solver.mechanism.variable_owners
+        variables = [v for v, owner in enumerate(owners) if owner in group.pairs]
+        places = tuple(group.pairs.index(owners[v]) for v in variables)
+        tree = LoopTree(len(group.bodies), group.ends, places)
+        matrices = at.axes[:, list(group.pairs)]
+        if not group.is_dyad:
+            matrices = tree.jacobian(at.vectors[:, variables])
+        if matrices.shape[1] != matrices.shape[2]:
+            continue
+        clear = condition(matrices) < 1.0 / FLAT_SIGN
+        signs[clear, number] = np.sign(np.linalg.det(matrices[clear]))
+    return signs

@@ -24,21 +24,60 @@ def needed_groups(
     The ground and the links of all inputs are wanted too. Positions in `assembly.groups`,
     in order.
     """
+    driven = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
+    groups, _ = _placing(mechanism, assembly, frozenset({0} | driven | set(links)))
+    return tuple(sorted(groups))
+
+
+def moving_pairs(
+    mechanism: Mechanism, assembly: Assembly, links: Iterable[int]
+) -> tuple[int, ...]:
+    """Return the pairs by which these links move relative to each other, in order.
+
+    Those of the groups that place them, and the inputs that these groups and the links
+    themselves are driven by: what is left out moves none of them.
+    """
+    groups, driven_bodies = _placing(mechanism, assembly, frozenset(links))
+    driving = set(assembly.inputs)
+    joined = frozenset().union(*driven_bodies)
+    while True:
+        ends = [link for pair in driving for link in mechanism.ends[pair]]
+        loose = {link for link in ends if ends.count(link) == 1 and link not in joined}
+        idle = {pair for pair in driving if loose & set(mechanism.ends[pair])}
+        if not idle:
+            break
+        driving -= idle
+    return tuple(
+        sorted(driving.union(*(assembly.groups[number].pairs for number in groups)))
+    )
+
+
+def _placing(
+    mechanism: Mechanism, assembly: Assembly, links: frozenset[int]
+) -> tuple[set[int], list[frozenset[int]]]:
+    """Return the groups that place links relative to each other.
+
+    With them the sets of links, of those and of the groups' pairs, that locked inputs
+    alone make one body.
+    """
     stages = [list(assembly.bodies)]
     for group in assembly.groups:
         inside = {link for body in group.bodies for link in body}
         base = min(inside)
         last = stages[-1]
         stages.append([base if link in inside else last[link] for link in range(len(last))])
-    driven = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
-    waiting = [frozenset({0} | driven | set(links))]
+    waiting = [links]
     seen: set[frozenset[int]] = set()
     needed: set[int] = set()
+    by_inputs = []
     while waiting:
         wanted = waiting.pop()
-        if wanted in seen or _is_one_body(stages[0], wanted):
+        if wanted in seen:
             continue
         seen.add(wanted)
+        if _is_one_body(stages[0], wanted):
+            by_inputs.append(wanted)
+            continue
         number = next(
             k for k, after in enumerate(stages[1:]) if _is_one_body(after, wanted)
         )
@@ -46,7 +85,7 @@ def needed_groups(
         group = assembly.groups[number]
         joined = {link for pair in group.pairs for link in mechanism.ends[pair]}
         waiting += [frozenset(set(body) & (joined | wanted)) for body in group.bodies]
-    return tuple(sorted(needed))
+    return needed, by_inputs
 
 
 def _is_one_body(body: list[int], links: frozenset[int]) -> bool:

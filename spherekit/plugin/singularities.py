@@ -9,9 +9,11 @@ if TYPE_CHECKING:
     from spherekit.budget import Budget as Budget
     from spherekit.guarantee import Claim as Claim
     from spherekit.guidance.loci import mid_plane_loci as mid_plane_loci
+    from spherekit.motion.assemblies import group_signs as group_signs
     from spherekit.singular.aspects import Aspects as Aspects
     from spherekit.singular.aspects import aspects as aspects
     from spherekit.singular.curves import SingularCurves as SingularCurves
+    from spherekit.singular.curves import locus_key as locus_key
     from spherekit.singular.curves import ranges_of as ranges_of
     from spherekit.singular.curves import singular_curves as singular_curves
     from spherekit.singular.grashof import Grashof as Grashof
@@ -20,8 +22,8 @@ if TYPE_CHECKING:
     from spherekit.singular.near_misses import least_transmission as least_transmission
     from spherekit.singular.near_misses import near_misses as near_misses
     from spherekit.singular.points import CurveSeen as CurveSeen
+    from spherekit.singular.points import LocusName as LocusName
     from spherekit.singular.points import SingularPoints as SingularPoints
-    from spherekit.singular.points import TypeName as TypeName
     from spherekit.singular.record import RelationAt as RelationAt
     from spherekit.singular.record import SingularPoint as SingularPoint
     from spherekit.singular.record import Type as Type

@@ -132,30 +132,33 @@ class SingularCurve:
         There the singular motion runs along the curve: seen in the inputs (type II) or at
         the output (type I) the curve turns back.
         """
+        if self.locus.motions < self.locus.freedoms:
+            return self.nodes.rows(np.zeros(0, dtype=np.intp))
 
         def side(points: LocusPoints) -> Floats:
-            space = self.locus.space(points.values)
+            space = self.locus.moving(self.locus.space(points.values))
             ways = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
             inside = np.swapaxes(space.basis, 1, 2) @ ways
             turned = np.linalg.det(inside)
             if space.oriented:
                 return np.asarray(turned)
-            return np.asarray(turned * _sense(space.basis, self.nodes, points))
+            bases = self.nodes.basis[:, :, self.locus.freedoms :]
+            return np.asarray(turned * _sense(space.basis, bases, self.nodes, points))
 
         return self.zeros(side)
 
 
-def _sense(basis: Floats, nodes: LocusPoints, points: LocusPoints) -> Floats:
-    """Return the signs (n,) that bases have, by those of the nearest nodes."""
+def _sense(basis: Floats, bases: Floats, nodes: LocusPoints, points: LocusPoints) -> Floats:
+    """Return the signs (n,) that bases have, by those (k, V, g) of the nearest nodes."""
     rows = np.argmin(
         np.linalg.norm(points.values[:, None] - nodes.values[None], axis=2), axis=1
     )
-    carried = np.empty(len(nodes.basis))
+    carried = np.empty(len(bases))
     carried[0] = 1.0
     for k in range(1, len(carried)):
-        step = np.linalg.det(nodes.basis[k - 1].T @ nodes.basis[k])
+        step = np.linalg.det(bases[k - 1].T @ bases[k])
         carried[k] = carried[k - 1] * np.sign(step)
-    determinants = np.linalg.det(np.swapaxes(nodes.basis[rows], 1, 2) @ basis)
+    determinants = np.linalg.det(np.swapaxes(bases[rows], 1, 2) @ basis)
     return np.asarray(np.sign(determinants) * carried[rows])
 
 

@@ -5,8 +5,8 @@ configuration curves, or those that random starts lead to; each that lies on no 
 is followed.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -14,30 +14,35 @@ import numpy as np
 from spherekit.budget import Budget
 from spherekit.checked import checked
 from spherekit.errors import AnalysisError, SolveError
-from spherekit.guarantee import Claim
+from spherekit.guarantee import Claim, Guarantee
 from spherekit.model.mechanism import Mechanism
 from spherekit.singular.curve import SingularCurve
 from spherekit.singular.locus import LocusPoints
 from spherekit.singular.points import (
     CurveSeen,
+    LocusName,
     SingularPoints,
-    TypeName,
     View,
 )
 from spherekit.singular.slices import Cut, cut, solver_of
-from spherekit.singular.starts import Seeding
+from spherekit.singular.starts import PROBES, Seeding, everywhere
 from spherekit.singular.stationarity import output_of
 from spherekit.singular.trace import LARGEST_STEP, NEARLY_FLAT, trace_curve
 from spherekit.sphere.rotation import Floats
+
+EVERYWHERE = Claim(
+    Guarantee.SAMPLED, f"all configurations that {PROBES} random starts led to are of it"
+)
 
 
 @final
 @dataclass(frozen=True)
 class FoundCurve:
-    """A curve of singular configurations: its nodes, its cusps, its type III points.
+    """A curve of singular configurations of one type: its nodes, cusps, type III points.
 
-    `cusps` are where the curve turns back in the plane of the inputs (type II) or at the
-    output (type I); `both` where it is singular of the other type too.
+    It is what a traced `curve` has between two changes of type. `cusps` are where it turns
+    back in the plane of the inputs (type II) or at the output (type I); `both` where it is
+    singular of the other type too.
     """
 
     curve: SingularCurve
@@ -71,24 +76,50 @@ class FoundCurve:
 class SingularCurves:
     """The curves of one type, and what is known of those not found.
 
-    `stray` (n, V) are singular
-    configurations that no curve could be followed from: the locus crosses itself there, or
-    fills a part of the configurations. `branching` (n, V) are
+    Where every configuration is of the type (`everywhere`) there are no curves. `stray`
+    (n, V) are singular configurations that no curve could be followed from: the locus
+    crosses itself there, or fills a part of the configurations. `branching` (n, V) are
     configurations next to those in which slices end, as the motions of the mechanism
-    part there: its closure equations lose rank, and no type is defined.
+    part there: its closure equations lose rank. `traced` are whole curves of the locus.
     """
 
-    kind: TypeName
+    kind: LocusName
     curves: tuple[CurveSeen, ...]
     claim: Claim
     stray: Floats
     branching: Floats
+    everywhere: bool = False
+    traced: tuple[SingularCurve, ...] = ()
+
+    def seen_by(
+        self, mechanism: Mechanism, kind: LocusName, output: str | None = None
+    ) -> "SingularCurves":
+        """Return the curves of another type or output whose locus is the same.
+
+        See `locus_key`.
+        """
+        view = View.of(solver_of(mechanism), output_of(mechanism, output), kind)
+        curves = tuple(part for curve in self.traced for part in _parts(curve, view))
+        return replace(self, kind=kind, curves=curves)
+
+
+def locus_key(
+    mechanism: Mechanism, kind: LocusName, output: str | None = None
+) -> tuple[object, ...]:
+    """Return what the locus of a type follows from: equal for outputs that share it.
+
+    Type II is the same for all outputs that the same pairs move; self-motions are on the
+    locus of those that all pairs move.
+    """
+    view = View.of(solver_of(mechanism), output_of(mechanism, output), kind)
+    moving = None if view.part is None else view.part.variables
+    return moving, view.output if kind == "I" else None
 
 
 @checked(SolveError)
 def singular_curves(
     mechanism: Mechanism,
-    kind: TypeName = "II",
+    kind: LocusName = "II",
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     slices_of_each: int = 12,
@@ -104,7 +135,8 @@ def singular_curves(
     mechanism
         A mechanism with two inputs.
     kind
-        "II", inputs at rest in a motion, or "I", the output at rest.
+        "II", inputs at rest in a motion of the output; "I", the output at rest while inputs
+        move; or "self-motion", both at rest while other links move.
     output, pointing
         Which output, and which direction of it if not the link's orientation; see
         `spherekit.singular.stationarity.output_of`.
@@ -140,13 +172,15 @@ def singular_curves(
             "configurations are those of a mechanism with two"
         )
     budget = budget or Budget()
-    view = View(solver, rest, kind)
+    view = View.of(solver, rest, kind)
+    none = np.zeros((0, len(mechanism.variable_owners)))
+    if everywhere(view):
+        return SingularCurves(kind, (), EVERYWHERE, none, none, everywhere=True)
     locus, ranges = view.locus, ranges_of(mechanism, whole_turn)
     if made is None and slices_of_each:
         made = cut(solver, ranges, slices_of_each, budget.part(0.6))
     source = Seeding(view, ranges, made, budget)
     traced: list[SingularCurve] = []
-    none = np.zeros((0, len(mechanism.variable_owners)))
     stray, branching = [none], [none]
     if made is not None:
         ends = np.concatenate([none, *(section.crossings for section in made.slices)])
@@ -172,10 +206,11 @@ def singular_curves(
             left[left] &= ~new_curve.find(points.values[left], points.motions[left])
     return SingularCurves(
         kind,
-        tuple(_found(curve, view) for curve in traced),
+        tuple(part for curve in traced for part in _parts(curve, view)),
         source.claim("curve"),
         np.concatenate(stray),
         np.concatenate(branching),
+        traced=tuple(traced),
     )
 
 
@@ -184,6 +219,20 @@ def ranges_of(mechanism: Mechanism, whole_turn: bool = False) -> list[tuple[floa
     if whole_turn:
         return [(-np.pi, np.pi)] * len(mechanism.inputs)
     return [item.range for item in mechanism.inputs]
+
+
+def _parts(curve: SingularCurve, view: View) -> Iterator[FoundCurve]:
+    """Yield the parts of a traced curve that are of the type looked for."""
+    of_type = view.is_own(view.types(curve.nodes.values))
+    if np.all(of_type):
+        yield _found(curve, view)
+        return
+    starts = np.flatnonzero(np.diff(of_type, prepend=False) & of_type)
+    stops = np.flatnonzero(np.diff(of_type, append=False) & of_type) + 1
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        if stop - start > 1:
+            nodes = curve.nodes.rows(slice(start, stop))
+            yield _found(replace(curve, nodes=nodes, closed=False), view)
 
 
 def _found(curve: SingularCurve, view: View) -> FoundCurve:

@@ -19,8 +19,14 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import REDUNDANT
 from spherekit.motion.newton import NewtonSteps
 from spherekit.numeric.rows import ArrayRows
+from spherekit.singular.output_part import OutputPart
 from spherekit.singular.stationarity import StationarityConstraint
-from spherekit.singular.tangent_space import TangentSpace, tangent_space
+from spherekit.singular.tangent_space import (
+    PartMotions,
+    TangentSpace,
+    part_motions,
+    tangent_space,
+)
 from spherekit.sphere.rotation import Floats
 
 MOST_CORRECTIONS = 8
@@ -40,13 +46,15 @@ PIECE = 512
 class Measure:
     """How singular n configurations are.
 
-    `small` (n, m, g) is E on the basis of the tangent space, `smallest` (n,) its smallest
-    singular value and `motion` (n, V) the unit rates of that. Where `signed` is false, as E
-    has more than g rows or the sense of the basis is not fixed, `value` is that of E^T E.
+    `small` (n, m, k) is E on the basis of the motions looked at, `smallest` (n,) its
+    smallest singular value and `motion` (n, V) the unit rates of that. Where `signed` is
+    false, as E has more than k rows or the sense of the basis is not fixed, `value` is that
+    of E^T E.
     """
 
     rest: StationarityConstraint
     space: TangentSpace
+    moving: TangentSpace | PartMotions
     small: Floats
     smallest: Floats
     motion: Floats
@@ -54,7 +62,7 @@ class Measure:
     @property
     def signed(self) -> bool:
         """Whether `value` changes its sign on the locus, instead of touching zero."""
-        return self.space.oriented and self.small.shape[1] == self.space.freedoms
+        return self.moving.oriented and self.small.shape[1] == self.small.shape[2]
 
     @cached_property
     def _square(self) -> Floats:
@@ -62,16 +70,16 @@ class Measure:
 
     @property
     def value(self) -> Floats:
-        """(n,) the determinant of E on the tangent space, zero on the locus."""
+        """(n,) the determinant of E on the motions, zero on the locus."""
         return np.asarray(np.linalg.det(self._square))
 
     @property
     def gradient(self) -> Floats:
-        """(n, g) the derivative of the value along the basis."""
+        """(n, g) the derivative of the value along the basis of the tangent space."""
         space, g = self.space, self.space.freedoms
-        basis = space.basis[:, None]
+        basis = self.moving.basis[:, None]
         slopes = self.rest.changes(space)[:, :g] @ basis
-        slopes += self.rest.equations(space.at)[:, None] @ space.bends[:, :g] @ basis
+        slopes += self.rest.equations(space.at)[:, None] @ self.moving.bends[:, :g] @ basis
         if not self.signed:
             turned = np.swapaxes(slopes, 2, 3) @ self.small[:, None]
             slopes = turned + np.swapaxes(turned, 2, 3)
@@ -97,9 +105,10 @@ class LocusPoints(ArrayRows):
     first_step, ratio
         (n,) size of Newton's first step, and of the second by the first.
     equations
-        (n, m + 1, 2 g): the linear equations without borders.
+        (n, m + 1, g + k): the linear equations without borders.
     basis
-        (n, V, g) the basis of the tangent space that `equations` refer to.
+        (n, V, g + k) the bases that `equations` refer to: g of the tangent space, k of the
+        motions that x is one of.
     """
 
     values: Floats
@@ -125,24 +134,45 @@ class LocusPoints(ArrayRows):
 @final
 @dataclass(frozen=True)
 class Locus:
-    """Singular configurations of a closure with g freedoms, of one type."""
+    """Singular configurations of a closure with g freedoms, of one type.
+
+    With a `part` the singular motion is one of that part alone, which closes its loops.
+    """
 
     closure: Closure
     freedoms: int
     rest: StationarityConstraint
+    part: OutputPart | None = None
+
+    @property
+    def motions(self) -> int:
+        """The number k of motions in which a singular one is looked for."""
+        return self.freedoms if self.part is None else len(self.part.driven)
 
     def space(self, values: Floats, like: Floats | None = None) -> TangentSpace:
         """Return the tangent spaces at configurations (n, V)."""
-        return tangent_space(self.closure, values, self.freedoms, like)
+        near = None if like is None else like[:, : self.freedoms]
+        return tangent_space(self.closure, values, self.freedoms, near)
+
+    def moving(
+        self, space: TangentSpace, like: Floats | None = None
+    ) -> TangentSpace | PartMotions:
+        """Return the motions among which singular ones are looked for."""
+        if self.part is None:
+            return space
+        near = None if like is None else like[:, self.freedoms :]
+        return part_motions(space, self.part, near)
 
     def measure(self, space: TangentSpace) -> Measure:
         """Return how singular configurations are."""
-        small = self.rest.equations(space.at) @ space.basis
+        moving = self.moving(space)
+        small = self.rest.equations(space.at) @ moving.basis
         finite = np.all(np.isfinite(small), axis=(1, 2))
         _, sizes, right = np.linalg.svd(np.where(finite[:, None, None], small, 0.0))
-        last = self.freedoms - 1
+        last = self.motions - 1
         smallest = np.where(finite, sizes[:, last], np.nan)
-        return Measure(self.rest, space, small, smallest, space.along(right[:, last]))
+        motion = moving.along(right[:, last])
+        return Measure(self.rest, space, moving, small, smallest, motion)
 
     def onto(self, values: Floats, most: int = MOST_CORRECTIONS) -> LocusPoints:
         """Return the points that Newton's method leads to by at most so many steps.
@@ -172,7 +202,7 @@ class Locus:
             (n, k, V) and (n, k) linear equations that pick a point of the locus; with
             k = 0 the steps are the shortest ones.
         like
-            (V, g) a basis that the equations' bases are turned to.
+            (V, g + k) bases that the equations' bases are turned to.
         most
             Steps that Newton's method may take.
         """
@@ -195,7 +225,10 @@ class Locus:
         last = np.full(n, np.inf)
         for step in range(most + 1):
             space = self.space(values, like)
-            motions, small, shift, equations = self._linearised(space, motions, borders)
+            moving = self.moving(space, like)
+            motions, small, shift, equations = self._linearised(
+                space, moving, motions, borders
+            )
             off = np.einsum("nmv,nv->nm", small, motions)
             residual = np.maximum(space.at.gap, np.max(np.abs(off), axis=1))
             if step == most or not np.any(last > CORRECTED):
@@ -206,13 +239,15 @@ class Locus:
             change = np.einsum("nij,nj->ni", _inverse(equations), right)
             moved = space.closing + space.along(change[:, : self.freedoms])
             ways = np.concatenate([change[:, : self.freedoms], np.ones((n, 1))], axis=1)
-            turned = np.einsum("ng,ngvw,nw->nv", ways, space.bends, motions)
-            turned += space.along(change[:, self.freedoms :])
+            turned = np.einsum("ng,ngvw,nw->nv", ways, moving.bends, motions)
+            turned += moving.along(change[:, self.freedoms :])
             size = np.maximum(np.max(np.abs(moved), axis=1), np.max(np.abs(turned), axis=1))
             part, last = steps.part(size), size
             values, motions = values + part * moved, motions + part * turned
         equations = equations[:, : self.rest.count + 1]
-        tangents, turns, reciprocal_condition = self._tangents(space, motions, equations)
+        tangents, turns, reciprocal_condition = self._tangents(
+            space, moving, motions, equations
+        )
         bad = ~(residual < ON_LOCUS)
         for array in (values, motions, tangents, turns, residual):
             array[bad] = np.nan
@@ -226,46 +261,56 @@ class Locus:
             steps.first,
             steps.ratio,
             equations,
-            space.basis,
+            np.concatenate([space.basis, moving.basis], axis=2),
         )
 
     def _linearised(
-        self, space: TangentSpace, motions: Floats, borders: Floats
+        self,
+        space: TangentSpace,
+        moving: TangentSpace | PartMotions,
+        motions: Floats,
+        borders: Floats,
     ) -> tuple[Floats, Floats, Floats, Floats]:
         """Return unit motions, E, its change by closing, and the bordered equations.
 
         The motions are made to close the loops. The unknowns are the way along the basis
-        and the change of the motion in it.
+        and the change of the motion in that of `moving`.
         """
-        inside = np.einsum("nvg,nv->ng", space.basis, motions)
+        inside = np.einsum("nvg,nv->ng", moving.basis, motions)
         inside = inside / np.linalg.norm(inside, axis=1, keepdims=True)
-        motions = space.along(inside)
+        motions = moving.along(inside)
         rows, changes = self.rest.equations(space.at), self.rest.changes(space)
         slopes = np.einsum("ngmv,nv->nmg", changes, motions)
-        bent = np.einsum("ngvw,nw->nvg", space.bends, motions)
+        bent = np.einsum("ngvw,nw->nvg", moving.bends, motions)
         slopes += rows @ bent
-        g = self.freedoms
-        top = np.concatenate([slopes[:, :, :g], rows @ space.basis], axis=2)
-        unit = np.concatenate([np.zeros_like(inside), inside], axis=1)[:, None]
+        g, n = self.freedoms, len(motions)
+        top = np.concatenate([slopes[:, :, :g], rows @ moving.basis], axis=2)
+        unit = np.concatenate([np.zeros((n, g)), inside], axis=1)[:, None]
         picked = borders @ space.basis
-        low = np.concatenate([picked, np.zeros_like(picked)], axis=2)
+        still = np.zeros((n, borders.shape[1], self.motions))
+        low = np.concatenate([picked, still], axis=2)
         equations = np.concatenate([top, unit, low], axis=1)
         return motions, rows, slopes[:, :, g], equations
 
     def _tangents(
-        self, space: TangentSpace, motions: Floats, equations: Floats
+        self,
+        space: TangentSpace,
+        moving: TangentSpace | PartMotions,
+        motions: Floats,
+        equations: Floats,
     ) -> tuple[Floats, Floats, Floats]:
-        g = self.freedoms
+        g, rank = self.freedoms, self.motions + 1
         finite = np.all(np.isfinite(equations), axis=(1, 2))
         clean = np.where(finite[:, None, None], equations, 0.0)
         _, sizes, right = np.linalg.svd(clean)
-        kernel = np.swapaxes(right[:, g + 1 :], 1, 2)
-        ways, turned = kernel[:, :g], space.basis @ kernel[:, g:]
-        turned += np.einsum("ngk,ngvw,nw->nvk", ways, space.bends[:, :g], motions)
+        kernel = np.swapaxes(right[:, rank:], 1, 2)
+        ways, turned = kernel[:, :g], moving.basis @ kernel[:, g:]
+        turned += np.einsum("ngk,ngvw,nw->nvk", ways, moving.bends[:, :g], motions)
         left, lengths, mixing = np.linalg.svd(ways, full_matrices=False)
         scale = 1.0 / np.maximum(lengths, REDUNDANT)[:, None]
         turns = turned @ np.swapaxes(mixing, 1, 2) * scale
-        reciprocal_condition = sizes[:, g] * lengths[:, -1] / np.maximum(sizes[:, 0], TINY)
+        conditioning = sizes[:, rank - 1] * lengths[:, -1]
+        reciprocal_condition = conditioning / np.maximum(sizes[:, 0], TINY)
         return space.basis @ left, turns, np.where(finite, reciprocal_condition, 0.0)
 
 

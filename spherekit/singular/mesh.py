@@ -68,6 +68,15 @@ class Mesh:
         mesh = self._cut(driven, low, high, low, 1.0)
         return mesh._cut(driven, low, high, high, -1.0)
 
+    def only(self, wanted: NDArray[np.bool_]) -> Self:
+        """Return the triangles whose vertices are all wanted (n,)."""
+        if np.all(wanted):
+            return self
+        none = self.points.rows(np.zeros(0, dtype=np.intp))
+        kept = self.triangles[np.all(wanted[self.triangles], axis=1)]
+        corners = [(a, b, c) for a, b, c in kept.tolist()]
+        return self._with(none, self.held[:0], np.zeros((0, 2), dtype=np.int64), corners)
+
     def _cut(self, driven: int, low: float, high: float, end: float, way: float) -> Self:
         period = periods_of(self.locus.closure)[driven]
         q = into_range(self.points.values[:, driven], low, high, period)

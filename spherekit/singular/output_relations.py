@@ -83,9 +83,9 @@ class OutputRelations:
         self, links: FourLinks, alongs: Sequence[AlongCurve]
     ) -> FourLinks | None:
         """Return the links of form ii, with a fourth one where r and s are one."""
-        if links.o == links.r:
+        if links.o in (links.r, links.i):
             return None
-        if links.s != links.r or links.o == links.i:
+        if links.s != links.r:
             return links
         candidates = [
             k
@@ -176,7 +176,8 @@ class OutputRelations:
         gaps = relation.residual(y, q)
         out = []
         for k, kind in enumerate(types):
-            fact = None if facts[k] == Type.APPARENT else facts[k]
+            told = {Type.APPARENT: None, Type.SELF_MOTION: Type.III}
+            fact = told.get(facts[k], facts[k])
             out.append(
                 RelationAt(
                     form=relation.form,

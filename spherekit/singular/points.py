@@ -1,6 +1,7 @@
 """Singular configurations as the inputs and the output see them."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Protocol, final
 
@@ -8,13 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.motion import motion_of
 from spherekit.motion.turns import in_range, into_range
 from spherekit.numeric.rows import ArrayRows
 from spherekit.singular.locus import Locus, LocusPoints
+from spherekit.singular.output_part import OutputPart
+from spherekit.singular.several import RowType, by_motions
 from spherekit.singular.stationarity import InputsLocked, OutputStationary
 from spherekit.sphere.rotation import Floats
 
 TypeName = Literal["I", "II"]
+LocusName = Literal["I", "II", "self-motion"]
+OWN: Mapping[LocusName, tuple[RowType, ...]] = {
+    "I": (RowType.I, RowType.III),
+    "II": (RowType.II, RowType.III),
+    "self-motion": (RowType.SELF_MOTION,),
+}
+"""Types of the configurations on each locus."""
 
 
 @final
@@ -25,9 +36,13 @@ class SingularPoints(ArrayRows):
     Attributes
     ----------
     kind
-        II: the inputs stand still in the singular motion; I: the output does.
+        The locus that they are on. II: the inputs stand still in the singular motion; I:
+        the output does; self-motion: both.
+    type
+        (n,) what each is for the output, a `spherekit.singular.several.RowType`.
     values, motion
-        The variables and the unit rates of the singular motion, (n, V).
+        The variables and the unit rates of the singular motion, (n, V), of the pairs that
+        move the output.
     inputs
         (n, g) values of the inputs (rad), less whole turns in their declared ranges or as
         near to these as can be.
@@ -38,12 +53,12 @@ class SingularPoints(ArrayRows):
         output direction (n, 3) there, or None.
     input_rate, output_rate
         (n,) norms of the rates of the inputs and of the output in the singular motion.
-        Type II with an output rate of zero leaves some other link loose, not the output.
     residual
         (n,) the larger of the loops' residual (rad) and that of the singularity.
     """
 
-    kind: TypeName
+    kind: LocusName
+    type: NDArray[np.int8]
     values: Floats
     motion: Floats
     inputs: Floats
@@ -92,7 +107,22 @@ class View:
 
     solver: Solver
     output: OutputStationary
-    kind: TypeName
+    kind: LocusName
+    part: OutputPart | None = None
+
+    @staticmethod
+    def of(solver: Solver, output: OutputStationary, kind: LocusName) -> "View":
+        """Return what is singular of an output: of the part alone that moves it.
+
+        Self-motions are those of the whole mechanism.
+        """
+        if kind == "self-motion":
+            return View(solver, output, kind)
+        links = output.link, output.relative_to
+        part = OutputPart.of(solver.mechanism, solver.assembly, *links)
+        if part is None:
+            return View(solver, output, kind)
+        return View(solver, replace(output, way=part.way), kind, part)
 
     @cached_property
     def locus(self) -> Locus:
@@ -104,10 +134,18 @@ class View:
         """Those of the other type."""
         return self._locus("II" if self.kind == "I" else "I")
 
-    def _locus(self, kind: TypeName) -> Locus:
-        driven = self.solver.driven
+    def _locus(self, kind: LocusName) -> Locus:
+        driven = self.solver.driven if self.part is None else self.part.driven
         rest = self.output if kind == "I" else InputsLocked(driven)
-        return Locus(self.solver.closure, len(driven), rest)
+        return Locus(self.solver.closure, len(self.solver.driven), rest, self.part)
+
+    def types(self, values: Floats) -> NDArray[np.int8]:
+        """Return the types (n,) of configurations for the output."""
+        return by_motions(motion_of(self.solver, values), self.output).type
+
+    def is_own(self, types: NDArray[np.int8]) -> NDArray[np.bool_]:
+        """Return which types (n,) are those of the locus."""
+        return np.isin(types, OWN[self.kind])
 
     @cached_property
     def ranges(self) -> tuple[Floats, Floats]:
@@ -138,6 +176,7 @@ class View:
         moving = np.einsum("nmv,nv->nm", self.output.equations(at), motions)
         return SingularPoints(
             self.kind,
+            self.types(values),
             values,
             motions,
             inputs,

@@ -11,11 +11,15 @@ from spherekit.sphere.rotation import Floats
 
 
 class Type(StrEnum):
-    """What vanishes: the output (I), the input (II), both (III), or c and d alone."""
+    """What vanishes: the output (I), the input (II), both, or c and d alone.
+
+    Both in a self-motion, in which other links move; III where curves cross.
+    """
 
     I = "I"  # noqa: E741
     II = "II"
     III = "III"
+    SELF_MOTION = "self-motion"
     APPARENT = "apparent"
 
 
@@ -145,7 +149,8 @@ class CrossingPoint:
 class WholeCurve:
     """A curve on all of which an output or the input stands still: no points on it.
 
-    `type` is I where the output (o, s) rests, II where the input does, III for both.
+    `type` is I where the output (o, s) rests, II where the input does, SELF_MOTION for
+    both.
     """
 
     type: Type

@@ -135,7 +135,9 @@ def form_i(links: FourLinks, poles: SixPoles) -> Relation:
         c, d = (dot(poles.rs, cross(u, poles.io)) for u in (poles.os, poles.ir))
         return Relation(Form.I, LinkCount.FOUR_LINKS, output, c, d)
     if {i, r} == {o, s}:
-        return _same_pole(Form.I, output, poles.ir, 1.0 if o == i else -1.0)
+        one = np.ones(len(poles.ir))
+        sign = 1.0 if o == i else -1.0
+        return Relation(Form.I, LinkCount.SAME_POLE, output, one, sign * one)
     third, sign = {
         r == s: ("io", 1.0),
         o == i: ("rs", 1.0),
@@ -146,17 +148,15 @@ def form_i(links: FourLinks, poles: SixPoles) -> Relation:
 
 
 def form_ii(links: FourLinks, poles: SixPoles) -> Relation | None:
-    """Return c w_or = d w_ir, or None where o is r and there is no such rate.
+    """Return c w_or = d w_ir, or None where o is r, or i and that is the input's rate.
 
     With four links c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is) (Di Gregorio
     2012); s is then any link beside the other three, `best_fourth` finds a good one. With
     three links as in `form_i`.
     """
     output = (links.o, links.r)
-    if links.o == links.r:
+    if links.o in (links.r, links.i):
         return None
-    if links.o == links.i:
-        return _same_pole(Form.II, output, poles.ir, 1.0)
     if links.s == links.i:
         return _three_links(Form.II, output, poles, "or_", "os", 1.0)
     if links.s == links.r:
@@ -184,11 +184,6 @@ def best_fourth(candidates: Mapping[int, tuple[Floats, Floats]]) -> int | None:
         for link, pair in candidates.items()
     }
     return max(sines, key=lambda link: (sines[link], -link))
-
-
-def _same_pole(form: Form, output: tuple[int, int], like: Floats, sign: float) -> Relation:
-    one = np.ones(len(like))
-    return Relation(form, LinkCount.SAME_POLE, output, one, sign * one)
 
 
 def _three_links(

@@ -45,12 +45,10 @@ class CommonRoots:
         return self.members.get(pole)
 
     def kind(self, driven: Pole, wanted: Pole) -> Type:
-        """Return the type for an input and an output; II where these are one motion."""
-        if driven == wanted:
-            return Type.II if driven in self.members else Type.APPARENT
+        """Return the type for an input and an output."""
         still, resting = driven in self.members, wanted in self.members
         if still:
-            return Type.III if resting else Type.II
+            return Type.SELF_MOTION if resting else Type.II
         return Type.I if resting else Type.APPARENT
 
     def resting(self, links: FourLinks) -> list[tuple[int, int]]:

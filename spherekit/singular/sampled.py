@@ -315,9 +315,7 @@ class SampledSingularities:
         places = [
             point.s
             for point in self.report.points
-            if point.curve == number
-            and point.output == links
-            and point.type in (kind, Type.III)
+            if point.curve == number and point.output == links and point.type is kind
         ]
         inputs = list(curve.at(places).values[:, driven]) if places else []
         for s_end, values in self.crossing_ends(number):

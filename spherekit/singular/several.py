@@ -28,32 +28,39 @@ from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import Locus, adjugate
 from spherekit.singular.relation import FourLinks, SixPoles, form_i
 from spherekit.singular.stationarity import OutputStationary
-from spherekit.singular.tangent_space import TangentSpace
 from spherekit.sphere.rotation import Floats
 
 ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
 
 
-AT_REST = 1e-3
-"""The output rests in a motion that is held by less than this part of the output's hold."""
-
-
 class RowType(IntEnum):
     """Gosselin and Angeles's types; type III is I and II at once.
 
-    At a LOOSE configuration inputs at rest allow a motion, but not of the output.
-    BRANCHING: the mechanism has more freedoms there than inputs, so that several of its
-    motions part there. UNKNOWN: no configuration.
+    SELF_MOTION: a motion in which the inputs and the output rest, and none in which only
+    one of them does. Where the loops lose their rank, as sheets of configurations cross,
+    the row is of type II or a self-motion: type I is not asked for there. UNKNOWN: no
+    configuration.
     """
 
     REGULAR = 0
     I = 1  # noqa: E741
     II = 2
     III = 3
-    LOOSE = 4
-    BRANCHING = 5
+    SELF_MOTION = 4
     UNKNOWN = -1
+
+    @property
+    def label(self) -> str:
+        """The type in tables: regular, I, II, III, self-motion, or nothing."""
+        return LABELS.get(self, self.name)
+
+
+LABELS = {
+    RowType.REGULAR: "regular",
+    RowType.SELF_MOTION: "self-motion",
+    RowType.UNKNOWN: "",
+}
 
 
 @final
@@ -86,7 +93,9 @@ class OutputCoefficients:
     hold
         (n,) how surely they hold all links, see `hold` there.
     type_one
-        (n,) smallest singular value of E N.
+        (n,) how surely the inputs rest where the output does: of all motions, seen as rates
+        of the inputs and of the output, the sine of the angle to those in which the output
+        rests; 0 where inputs can move though it does. Self-motions do not count.
     determinant
         (n,) det N_a. Where the loops are independent equations its sign is that of one
         smooth function, and changes only through type II.
@@ -304,7 +313,6 @@ def by_motions(
     closure = Closure.of(motion.mechanism, motion.joints)
     space = Locus(closure, g, output).space(motion.values)
     inputs, moving = space.basis[:, held], output.equations(space.at) @ space.basis
-    one = _singular_values(moving)[:, -1]
     transmission = Transmission(
         closure.tree, tuple(held), output.link, output.relative_to, output.pointing
     )
@@ -332,7 +340,7 @@ def by_motions(
         alone=turning / np.where(turns, speed, np.nan),
         type_two=two,
         hold=hold_of(closure.tree, held, space.at.vectors)[0],
-        type_one=one,
+        type_one=two,
         determinant=determinant,
         triples=nothing,
         triplets=(),
@@ -340,41 +348,49 @@ def by_motions(
         type=np.zeros(n, dtype=np.int8),
         group=np.zeros(n, dtype=np.int8),
     )
-    kind, group = _types(measured, space, tolerance)
+    one, beside = _type_one(inputs, moving, tolerance)
+    one = np.where(np.isfinite(two), one, np.nan)
+    measured = replace(measured, type_one=one)
+    kind, group = _types(measured, beside, tolerance)
     return replace(measured, type=kind, group=group)
 
 
-def _singular_values(matrices: Floats) -> Floats:
-    """Return singular values in falling order, NaN for matrices that are not finite."""
-    finite = np.all(np.isfinite(matrices), axis=(1, 2))
-    clean = np.where(finite[:, None, None], matrices, 0.0)
-    values = np.linalg.svd(clean, compute_uv=False)
-    return np.where(finite[:, None], values, np.nan)
+def _type_one(
+    inputs: Floats, output: Floats, tolerance: float
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return `OutputCoefficients.type_one` (n,), and where there are self-motions (n,).
+
+    From rates of g inputs (n, g, g) and of the output (n, m, g) in g motions. Of these an
+    orthonormal basis is made, in which motions that move neither are lost.
+    """
+    both = np.concatenate([inputs, output], axis=1)
+    finite = np.all(np.isfinite(both), axis=(1, 2))
+    clean = np.where(finite[:, None, None], both, 0.0)
+    left, sizes, _ = np.linalg.svd(clean, full_matrices=False)
+    moves = sizes > tolerance
+    turns = np.linalg.svd(left[:, inputs.shape[1] :] * moves[:, None], compute_uv=False)
+    turns = np.concatenate([np.ones((len(turns), 1)), turns], axis=1)
+    rank = np.sum(moves, axis=1)
+    which = np.minimum(rank, output.shape[1])
+    return turns[np.arange(len(turns)), which], rank < both.shape[2]
 
 
 def _types(
-    measured: OutputCoefficients, space: TangentSpace, tolerance: float
+    measured: OutputCoefficients, beside: NDArray[np.bool_], tolerance: float
 ) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     finite = np.isfinite(measured.type_two)
     second = measured.type_two < tolerance
     first = measured.type_one < tolerance
-    branching = space.reciprocal_condition < tolerance
+    crossed = measured.reciprocal_condition < tolerance
     kind = np.select(
-        [
-            ~finite,
-            second & first & ~branching,
-            second,
-            branching,
-            (measured.hold < tolerance) & (measured.hold < AT_REST * measured.type_two),
-            first,
-        ],
+        [~finite, second & first & ~crossed, second, crossed, first, beside],
         [
             RowType.UNKNOWN,
             RowType.III,
             RowType.II,
-            RowType.BRANCHING,
-            RowType.LOOSE,
+            RowType.SELF_MOTION,
             RowType.I,
+            RowType.SELF_MOTION,
         ],
         RowType.REGULAR,
     )

@@ -2,9 +2,9 @@
 
 On a configuration curve the input w_ir and an output w_os, per arc length, are smooth
 functions. A zero of the output alone is a type I singularity, of the input alone type II,
-of both type III; so is a configuration in which curves cross. The coefficients c and d of
-the input-output relation vanish there too, and also at places where the four links are
-badly chosen: those are found as well and are called apparent.
+of both a self-motion; type III is where curves cross. The coefficients c and d of the
+input-output relation vanish there too, and also at places where the four links are badly
+chosen: those are found as well and are called apparent.
 """
 
 from collections.abc import Iterable, Sequence
@@ -178,8 +178,7 @@ class SingleFreedom:
         ]
         still, resting = places[driven].always, places[wanted].always
         if still or resting:
-            both = resting and wanted != driven
-            kind = (Type.III if both else Type.II) if still else Type.I
+            kind = (Type.SELF_MOTION if resting else Type.II) if still else Type.I
             self.whole.append(WholeCurve(kind, self.outputs[output], number))
             return []
         roots += [(None, more) for more in self._coplanar(number, along, output, roots)]

@@ -21,6 +21,8 @@ LOCUS_STEPS = 30
 """The same from there to the locus."""
 STARTS = 256
 """Random starts of one round."""
+PROBES = 64
+"""Random starts by which it is told whether every configuration is singular."""
 DRY = 3
 """Rounds in a row without news that end a search."""
 MOST_ROUNDS = 12
@@ -126,6 +128,17 @@ def closed_configurations(
         start[:, list(meshes.variables)] = rolled
     solution = solver.closure.solve(start, held, iterations=CLOSING_STEPS)
     return solution.values[solution.residual < CLOSURE_TOLERANCE]
+
+
+def everywhere(view: View) -> bool:
+    """Return whether every configuration that random starts lead to is on the locus.
+
+    What has no more freedoms than the locus has is not looked for on curves or surfaces.
+    """
+    ranges = np.stack(view.ranges, axis=1)
+    random = np.random.default_rng(SEED)
+    values = closed_configurations(view.solver, ranges, PROBES, random)
+    return bool(len(values)) and bool(np.all(view.is_own(view.types(values))))
 
 
 def points_from(locus: Locus, values: Floats, driven: Sequence[int]) -> LocusPoints:

@@ -60,12 +60,15 @@ class OutputStationary:
     """A link does not turn, or a direction in it does not move, relative to another link.
 
     `link`, `relative_to` are numbers of bodies of the loops. `pointing` is a unit vector
-    in the link's axes, or None where its whole orientation is the output.
+    in the link's axes, or None where its whole orientation is the output. `way` (V,) is
+    the sense in which each variable turns the link, along any way of pairs to it: by
+    default along the tree of the loops.
     """
 
     link: int
     relative_to: int
     pointing: tuple[float, float, float] | None = None
+    way: tuple[float, ...] | None = None
 
     @property
     def pole(self) -> tuple[int, int]:
@@ -105,6 +108,8 @@ class OutputStationary:
 
     def _between(self, at: Linearisation) -> Floats:
         """Return how variables turn the output: (V,) 1, -1, or 0 for no part in it."""
+        if self.way is not None:
+            return np.array(self.way)
         return np.asarray(at.tree.paths[self.link] - at.tree.paths[self.relative_to])
 
     def _watched_at(self, at: Linearisation) -> tuple[Floats, Floats]:

@@ -20,12 +20,12 @@ from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.turns import in_range, less_periods
-from spherekit.singular.curves import ranges_of
+from spherekit.singular.curves import EVERYWHERE, ranges_of
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.mesh import Mesh
-from spherekit.singular.points import SingularPoints, TypeName, View
+from spherekit.singular.points import LocusName, SingularPoints, View
 from spherekit.singular.slices import Cut, cut, solver_of
-from spherekit.singular.starts import Seeding
+from spherekit.singular.starts import Seeding, everywhere
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import Floats
 
@@ -79,9 +79,11 @@ class SingularSurface:
         regular surface: it crosses itself there, or fills a part of the configurations.
     full
         Whether the mesh ended at the greatest number of vertices.
+    everywhere
+        Whether every configuration is of the type, so that there is no surface.
     """
 
-    kind: TypeName
+    kind: LocusName
     points: SingularPoints
     triangles: NDArray[np.int64]
     border: NDArray[np.int64]
@@ -90,6 +92,7 @@ class SingularSurface:
     claim: Claim
     irregular: int
     full: bool
+    everywhere: bool = False
 
     @property
     def guarantee(self) -> str:
@@ -102,7 +105,7 @@ class SingularSurface:
 
 def singular_surface(
     mechanism: Mechanism,
-    kind: TypeName = "II",
+    kind: LocusName = "II",
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     side: float = 0.15,
@@ -120,7 +123,7 @@ def singular_surface(
     mechanism
         A mechanism with three inputs.
     kind
-        "II", inputs at rest in a motion, or "I", the output at rest.
+        That of `spherekit.singular.curves.singular_curves`.
     output, pointing
         See `spherekit.singular.stationarity.output_of`. Type I is that of an orientation.
     side
@@ -160,8 +163,11 @@ def singular_surface(
             f"{mechanism.name}: three inputs move a direction in more ways than it has; "
             "ask for type I of the link's orientation, without `pointing`"
         )
-    view = View(solver, rest, kind)
+    view = View.of(solver, rest, kind)
     locus = view.locus
+    if everywhere(view):
+        none = locus.onto(np.zeros((0, len(mechanism.variable_owners))))
+        return _seen(view, _bare(locus, none), side, EVERYWHERE, everywhere=True)
     budget = budget or Budget()
     ranges = ranges_of(mechanism, whole_turn)
     if made is None and slices_of_each:
@@ -177,28 +183,55 @@ def singular_surface(
         irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
         for row in np.flatnonzero(inside):
             source.met(front.grow(points.rows(slice(row, row + 1))))
-    mesh = Mesh(
-        locus,
-        front.points,
-        np.array(front.triangles, dtype=np.int64).reshape(-1, 3),
-        np.array(front.component, dtype=np.int64),
-        np.zeros(front.values.shape, dtype=bool),
-    )
+    mesh = _bare(locus, front.points, front.triangles, front.component)
     for _ in range(halved):
         mesh = mesh.split()
     if not whole_turn:
         for number, item in zip(solver.driven, mechanism.inputs, strict=True):
             mesh = mesh.within(number, *item.range)
+    mesh = mesh.only(view.is_own(view.types(mesh.points.values)))
+    full = len(front.values) >= most
+    claim = source.claim("surface")
+    return _seen(view, mesh, side / 2**halved, claim, irregular, full)
+
+
+def _bare(
+    locus: Locus,
+    points: LocusPoints,
+    triangles: Sequence[tuple[int, int, int]] = (),
+    component: Sequence[int] = (),
+) -> Mesh:
+    """Return a mesh that no range has cut."""
+    return Mesh(
+        locus,
+        points,
+        np.array(triangles, dtype=np.int64).reshape(-1, 3),
+        np.array(component, dtype=np.int64),
+        np.zeros(points.values.shape, dtype=bool),
+    )
+
+
+def _seen(
+    view: View,
+    mesh: Mesh,
+    side: float,
+    claim: Claim,
+    irregular: int = 0,
+    full: bool = False,
+    everywhere: bool = False,
+) -> SingularSurface:
+    """Return a mesh as the inputs and the output see it."""
     return SingularSurface(
-        kind,
+        view.kind,
         view.points(mesh.points),
         mesh.triangles,
         mesh.border,
         mesh.component,
-        side / 2**halved,
-        source.claim("surface"),
+        side,
+        claim,
         irregular,
-        len(front.values) >= most,
+        full,
+        everywhere,
     )
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
-from spherekit.motion.loops import REDUNDANT
+from spherekit.motion.loops import REDUNDANT, LoopTree
+from spherekit.singular.output_part import OutputPart
 from spherekit.sphere.rotation import Floats
 
 
@@ -77,13 +78,48 @@ class TangentSpace:
 
         Along direction j rates x have to change by bends[j] x at least.
         """
-        n, many, count, _ = self.turned.shape
-        bent = self.at.tree.jacobian(self.turned.reshape(-1, count, 3))
-        return -self.inverse[:, None] @ bent.reshape(n, many, *bent.shape[1:])
+        return _bends(self.at.tree, self.inverse, self.turned)
 
     def along(self, directions: Floats) -> Floats:
         """Return the changes (n, V) that basis coordinates (n, g) stand for."""
         return np.asarray(np.einsum("nvg,ng->nv", self.basis, directions))
+
+
+@final
+@dataclass(frozen=True)
+class PartMotions:
+    """Motions of a part alone, while the whole mechanism is at configurations.
+
+    `basis` (n, V, k) are rates that close the loops of the part, zero for all other pairs;
+    `inverse` and `oriented` are of these loops, as in `TangentSpace`.
+    """
+
+    space: TangentSpace
+    part: OutputPart
+    basis: Floats
+    inverse: Floats
+    oriented: bool
+
+    @cached_property
+    def bends(self) -> Floats:
+        """(n, g + 1, V, V): how rates change that go on closing the loops of the part."""
+        kept = np.array(self.part.variables)
+        n, many, count, _ = self.space.turned.shape
+        bends = np.zeros((n, many, count, count))
+        turned = self.space.turned[:, :, kept]
+        bends[:, :, kept[:, None], kept] = _bends(self.part.tree, self.inverse, turned)
+        return bends
+
+    def along(self, directions: Floats) -> Floats:
+        """Return the rates (n, V) that basis coordinates (n, k) stand for."""
+        return np.asarray(np.einsum("nvk,nk->nv", self.basis, directions))
+
+
+def _bends(tree: LoopTree, inverse: Floats, turned: Floats) -> Floats:
+    """Return how rates bend, from the derivatives (n, g + 1, V, 3) of their vectors."""
+    n, many, count, _ = turned.shape
+    bent = tree.jacobian(turned.reshape(-1, count, 3))
+    return -inverse[:, None] @ bent.reshape(n, many, *bent.shape[1:])
 
 
 def tangent_space(
@@ -94,7 +130,27 @@ def tangent_space(
     `like` (V, g) is a basis that those found are turned to as nearly as possible.
     """
     at = closure.at(values)
-    jacobian = at.jacobian
+    return TangentSpace(at, *_kernel(at.jacobian, freedoms, like))
+
+
+def part_motions(
+    space: TangentSpace, part: OutputPart, like: Floats | None = None
+) -> PartMotions:
+    """Return the motions of a part; `like` (V, k) is a basis that they are turned to."""
+    kept = list(part.variables)
+    jacobian = part.tree.jacobian(space.at.vectors[:, kept])
+    near = None if like is None else like[kept]
+    inner, inverse, _, oriented = _kernel(jacobian, len(part.driven), near)
+    n, count, _ = space.at.vectors.shape
+    basis = np.zeros((n, count, len(part.driven)))
+    basis[:, kept] = inner
+    return PartMotions(space, part, basis, inverse, oriented)
+
+
+def _kernel(
+    jacobian: Floats, freedoms: int, like: Floats | None
+) -> tuple[Floats, Floats, Floats, bool]:
+    """Return basis, inverse, reciprocal condition and orientation of J (n, rows, V)."""
     n, rows, count = jacobian.shape
     rank = count - freedoms
     finite = np.all(np.isfinite(jacobian), axis=(1, 2))
@@ -103,7 +159,7 @@ def tangent_space(
     if like is not None:
         one, _, other = np.linalg.svd(np.swapaxes(basis, 1, 2) @ like)
         basis = basis @ (one @ other)
-    elif rows == rank:
+    elif rows == rank and freedoms:
         sense = np.linalg.det(left) * np.linalg.det(right)
         basis[:, :, -1] *= np.where(sense < 0.0, -1.0, 1.0)[:, None]
     floor = np.maximum(REDUNDANT * sizes[:, :1], np.finfo(float).tiny)
@@ -120,4 +176,4 @@ def tangent_space(
             sizes[:, 0], np.finfo(float).tiny
         )
     oriented = rows == rank and like is None
-    return TangentSpace(at, basis, inverse, reciprocal_condition, oriented)
+    return basis, inverse, reciprocal_condition, oriented

@@ -19,6 +19,8 @@ from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.3
 """Longest step (rad of arc length)."""
+FREEDOMS = 2
+"""Loci of mechanisms with so many are curves."""
 NEARLY_FLAT = 1e-3
 """Equations of this reciprocal condition at a node that no step leaves are a crossing."""
 SAME_MOTION = 0.8
@@ -84,8 +86,8 @@ def _reversed(node: LocusPoints) -> LocusPoints:
 def _bordered(node: LocusPoints, tangent: Floats) -> Floats:
     """Return the equations of one point with a border along a tangent (V,)."""
     border = tangent @ node.basis[0]
-    low = np.concatenate([border, np.zeros_like(border)])
-    return np.concatenate([node.equations[0], low[None]])
+    border[FREEDOMS:] = 0.0
+    return np.concatenate([node.equations[0], border[None]])
 
 
 @final

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from spherekit.motion.motion import Motion
-from spherekit.singular.several import by_motions, relations
+from spherekit.singular.several import RowType, by_motions, relations
 from spherekit.singular.stationarity import OutputStationary
 from spherekit.sphere.rotation import Floats
 
@@ -23,12 +23,12 @@ def what_vanishes(
     pointing: Floats | None = None,
     by_rank: bool = False,
 ) -> list[str]:
-    """Return which c_i and d_i vanish at each row (n), and which u_i are coplanar.
+    """Return which c_i and d_i vanish at each row (n), and whether the u_i coincide.
 
-    Or which u_i is the direction `pointing` (n, 3) that counts, in axes of the link that
-    the output is relative to: it then rests though its link turns. Where none of these
-    says it, what else does. For the symbols see
-    `spherekit.singular.several.OutputCoefficients`.
+    Or which three of them are coplanar, or which u_i is the direction `pointing` (n, 3)
+    that counts, in axes of the link that the output is relative to: it then rests though
+    its link turns. Where none of these says it, what else does; and which links take part
+    in a self-motion. For the symbols see `spherekit.singular.several.OutputCoefficients`.
     """
     words = []
     for start in range(0, len(motion), PIECE):
@@ -62,15 +62,18 @@ def _of_piece(
         direction = np.einsum("nij,nj->ni", turned, pointing)
         off = np.linalg.norm(np.cross(u, direction[:, None]), axis=2)
         note(off, lambda k: f"u_{pairs[k]} along the direction")
-    triplets = list(combinations(range(len(pairs)), 3))
-    triples = [", ".join(pairs[k] for k in three) for three in triplets]
-    volumes = [np.abs(np.linalg.det(u[:, list(three)])) for three in triplets]
-    if volumes:
-        note(np.stack(volumes, axis=1), lambda k: f"u of {triples[k]} coplanar")
     two = list(combinations(range(len(pairs)), 2))
     named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
     crossed = np.stack([np.cross(u[:, j], u[:, k]) for j, k in two], axis=1)
     parallel = np.linalg.norm(crossed, axis=2)
+    note(np.max(parallel, axis=1)[:, None], lambda _: f"u of {', '.join(pairs)} coincide")
+    apart = ~(np.max(parallel, axis=1) < VANISHES)
+    triplets = list(combinations(range(len(pairs)), 3))
+    triples = [", ".join(pairs[k] for k in three) for three in triplets]
+    volumes = [np.abs(np.linalg.det(u[:, list(three)])) for three in triplets]
+    if volumes:
+        flat = np.where(apart[:, None], np.stack(volumes, axis=1), np.nan)
+        note(flat, lambda k: f"u of {triples[k]} coplanar")
     others = [(parallel, "{} along one line")]
     if pointing is not None:
         flat = np.abs(np.einsum("npi,ni->np", crossed, direction))
@@ -80,6 +83,8 @@ def _of_piece(
             if not words[row]:
                 near = np.flatnonzero(sizes[row] < VANISHES)
                 words[row] += [text.format(named[k]) for k in near]
+    for row in np.flatnonzero(at.type == RowType.SELF_MOTION).tolist():
+        words[row] = [_what_moves(motion.rows(slice(row, row + 1)), output)]
     for row, row_words in enumerate(words):
         if row_words:
             continue
@@ -91,3 +96,19 @@ def _of_piece(
             least = f"{np.min(np.abs([c[row], d[row]])):.1e}"
             row_words.append(f"motions alone: no c, d below {least}")
     return [" ".join(listed) for listed in words]
+
+
+def _what_moves(motion: Motion, output: OutputStationary) -> str:
+    """Return in words which links move while the inputs and the output of one row rest."""
+    at = motion.linearisation
+    driven = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    held = np.eye(motion.values.shape[1])[driven]
+    equations = np.concatenate([at.jacobian[0], held, output.equations(at)[0]])
+    _, _, right = np.linalg.svd(equations)
+    speeds = np.linalg.norm(at.body_rates(right[-1:])[0], axis=1)
+    names = [
+        name
+        for name, speed in zip(motion.mechanism.links, speeds, strict=True)
+        if speed > VANISHES
+    ]
+    return f"{' '.join(names)} alone move"
