@@ -20,6 +20,9 @@ LOADS = [
         'force = ["exp(900 + t)", "0", "0"]',
         1.0,
     ),
+    ('pair = "{pair}"\ntorque = "1/(theta_{pair} - theta_{pair})"', 1.0),
+    ('pair = "{pair}"\ntorque = "asin(1e9 + dtheta_{pair}) - exp(1e3 + t)"', 1.0),
+    ('pair = "{pair}"\ntorque = "1e300*exp(80*sin(9*theta_{pair}))"', None),
     ('kind = "moment"\nlink = "{link}"\nmoment = ["0", "0", "sqrt(-1 - t)"]', 1.0),
 ]
 
@@ -67,6 +70,56 @@ def test_loads_that_are_no_number_leave_inertia_and_the_others(
     others = parts[parts["load"] != "huge"]
     assert (others["status"] == "OK").equals(others["power"].notna())
     assert np.sum(others["power"].notna()) == np.sum(closed) * len(others) / len(closed)
+
+
+CANCELS = '[loads.x]\npair = "32"\ntorque = "1/(theta_32 - theta_32)"\n'
+CANCELLED = "divides by what is zero everywhere"
+POLE = '[loads.x]\npair = "32"\ntorque = "1/theta_21"\n'
+BEGUN = ["--start", "q=0,dq=1", "--duration", "1", "--samples", "5"]
+SIZES = ["--vary", "links.2.arc=19:21:3"]
+CONSTANTS = [
+    ("1/0", "1 / 0 divides by zero"),
+    ("0/0", "0 / 0 divides by zero"),
+    ("0*theta_32/0", "divides by zero"),
+    ("log(-1)", "log(-1) is not a finite number"),
+    ("2*t + sqrt(-1)", "sqrt(-1) is not a finite number"),
+    ("exp(1000)", "exp(1000) is not a finite number"),
+    ("10**400", "10 ** 400 is not a finite number"),
+    ("1e308*1e308", "1e+308 * 1e+308 is not a finite number"),
+]
+REFUSED = [
+    *(
+        (f'[loads.x]\npair = "32"\ntorque = "{text}"\n', ["validate"], said)
+        for text, said in CONSTANTS
+    ),
+    ('[[stops]]\npair = "32"\nlow = -inf\nhigh = 1\n', ["validate"], "stops[0].low"),
+    (
+        '[loads.x]\nkind = "bearings"\npair = "32"\npositions = [-0.1, 0.1]\n'
+        "radius = 0.005\ncoefficient = inf\nspeed = 1.0\n",
+        ["validate"],
+        "loads.x.coefficient",
+    ),
+    (CANCELS, ["sweep", *SIZES, "--reduce", "max(torque)"], CANCELLED),
+    (CANCELS, ["run", "-a", "dynamics", *BEGUN], "cannot leave its start"),
+    (CANCELS, ["run", "-a", "dynamics", *BEGUN, "--engine", "compiled"], CANCELLED),
+    (POLE, ["run", "-a", "dynamics", *BEGUN], "cannot leave its start"),
+    ("", ["run", "-a", "dynamics", *BEGUN, "--torque", "0/0"], "divides by zero"),
+    (
+        "",
+        ["run", "--law", "polynomial:coefficients=0+1e308+1e308", "--duration", "9"],
+        "not finite",
+    ),
+]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("more", "words", "said"), REFUSED)
+def test_what_is_no_number_is_refused_in_a_sentence(tmp_path, capsys, more, words, said):
+    path = tmp_path / "loaded.toml"
+    path.write_text((SHIPPED / "four_bar.toml").read_text() + "\n" + more)
+    assert main([words[0], str(path), *words[1:]]) == 1
+    told = capsys.readouterr().err
+    assert said in told and "Traceback" not in told
 
 
 @pytest.mark.parametrize(

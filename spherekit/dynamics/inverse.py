@@ -145,8 +145,9 @@ class InverseSolution(InputMotion):
     def sure_torques(self) -> Floats:
         """(n, inputs) driving torques, zero where they are less than rounding leaves."""
         speeds = np.abs(self.input_rates)
-        moved = np.abs(self.input_accelerations) + np.max(speeds, axis=1)[:, None] * speeds
         with np.errstate(over="ignore"):
+            moved = np.max(speeds, axis=1)[:, None] * speeds
+            moved += np.abs(self.input_accelerations)
             terms = np.einsum("nkij,nj->ni", np.abs(self.M_parts), moved)
             terms += np.sum(np.abs(self.Q_parts), axis=2)
             return np.where(np.abs(self.torques) <= ROUNDING * terms, 0.0, self.torques)

@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.conventions import TURN
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.expression_graph import Expr, function
-from spherekit.engine.expression_terms import BY_OPERATOR
+from spherekit.engine.expression_terms import BY_OPERATOR, need_divisor
 from spherekit.engine.kinematics import RateExpressions
 from spherekit.engine.pose import LinkOrientation
 from spherekit.model.expression import Expression, fold
@@ -185,6 +185,7 @@ def expression_value(law: Expression, moving: LoadState) -> Expr:
 
     def apply(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
         whole, reduced = zip(*parts, strict=True)
+        need_divisor(law, name, whole)
         if name in _PERIODIC:
             whole = reduced
         if name in BY_OPERATOR:

@@ -65,11 +65,12 @@ class Polynomial:
         """Return variable, rate and acceleration at times (s) of any shape."""
         t = np.asarray(t, dtype=np.float64)
         q, dq, half = np.zeros(t.shape), np.zeros(t.shape), np.zeros(t.shape)
-        for coefficient in reversed(self.coefficients):
-            half = half * t + dq
-            dq = dq * t + q
-            q = q * t + coefficient
-        return q, dq, 2 * half
+        with np.errstate(over="ignore", invalid="ignore"):
+            for coefficient in reversed(self.coefficients):
+                half = half * t + dq
+                dq = dq * t + q
+                q = q * t + coefficient
+            return q, dq, 2 * half
 
 
 @checked_class(ModelError, "at")
