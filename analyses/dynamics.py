@@ -27,6 +27,7 @@ from spherekit.plugin import (
 )
 from spherekit.plugin.dynamics import (
     InverseSolution,
+    acting_links,
     need_terms,
     needed_torques,
     of_parts,
@@ -109,7 +110,12 @@ class Dynamics(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the motion in time, with the variables that loads see."""
         need_terms(mechanism)
-        return Needs(time=True, tracer=True, continued_values=used_pairs(mechanism))
+        return Needs(
+            time=True,
+            tracer=True,
+            links=acting_links(mechanism),
+            continued_values=used_pairs(mechanism),
+        )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques, of the inertia matrix and of the loads."""

@@ -34,6 +34,7 @@ from spherekit.plugin.dynamics import (
     CoordinateMotion,
     Inertia,
     Loads,
+    acting_links,
     driving_torques,
     inertia,
     judged,
@@ -164,6 +165,7 @@ class Eksergian(AbstractAnalysis):
         return Needs(
             time=True,
             tracer=bool(Loads(mechanism).rubbing),
+            links=acting_links(mechanism),
             derivatives=True,
             link_rates=links,
             rotations=links,

@@ -146,7 +146,7 @@ class OneInputScenes:
                     axes[name][k] = getattr(at.poles[-1], name)[0]
                 planes[k] = _planes(at.poles[-1], points["kind"][k])
         parts: list[Primitive] = [
-            *link_bodies(self.batch.mechanism, turned),
+            *link_bodies(sampled.tracer.mechanism, turned),
             *(
                 Arrow(f"pole/{name}", words, axes[name], False, path_shown=False)
                 for name, words in _AXES.items()

@@ -15,6 +15,7 @@ from spherekit.plugin import (
     Scene,
     Status,
     counted,
+    listing,
 )
 from spherekit.plugin.singularities import (
     RelationAt,
@@ -130,7 +131,8 @@ class OneInput:
             counts += f" in the range of the input, {beyond} outside"
         count = len(sampled.curves)
         remarks = [
-            f"{counts} on {count} configuration {'curve' if count == 1 else 'curves'}; "
+            f"{counts} on {count} configuration {'curve' if count == 1 else 'curves'}"
+            f"{_part(sampled)}; "
             f"{sampled.configurations.claim}"
         ]
         made = grashof(batch.mechanism)
@@ -153,8 +155,13 @@ class OneInput:
         )
 
     def _names(self, batch: Batch) -> list[str]:
-        outputs = self._found(batch).report.outputs
-        return [_named(batch.mechanism, links) for links in outputs]
+        sampled = self._found(batch)
+        return [_named(sampled.tracer.mechanism, o) for o in sampled.report.outputs]
+
+    def _configuration(self, batch: Batch, values: Floats, links: tuple[int, int]) -> Row:
+        part = self._found(batch).tracer
+        given = None if part is batch.tracer else part
+        return configuration_columns(batch, values[None], links, part=given)
 
     def _listed(self, batch: Batch) -> list[Row]:
         """Return rows of points on curves, of where curves cross, and of whole curves."""
@@ -167,14 +174,14 @@ class OneInput:
             agreeing = [at for at in point.relations if at.agrees]
             words = [item.words for at in agreeing for item in at.conditions]
             words = words or [at.note for at in point.relations]
-            here = configuration_columns(batch, point.values[None], point.output)
+            here = self._configuration(batch, point.values, point.output)
             rows += [
                 {
                     **here,
                     "kind": str(point.type),
                     **_conditions(agreeing),
                     **_placed(sampled, [(point.curve, point.s)], q),
-                    "output": _named(batch.mechanism, point.output),
+                    "output": _named(sampled.tracer.mechanism, point.output),
                     "curve": point.curve,
                     "s": point.s,
                     "error": point.error,
@@ -201,7 +208,7 @@ class OneInput:
             curve, s = ends[0]
             for output, links in enumerate(sampled.report.outputs):
                 on_assembly_modes = crossing.relations[output] if crossing.relations else ()
-                here = configuration_columns(batch, crossing.values[None], links)
+                here = self._configuration(batch, crossing.values, links)
                 rows += [
                     {
                         **here,
@@ -210,7 +217,7 @@ class OneInput:
                             [at for relations in on_assembly_modes for at in relations]
                         ),
                         **_placed(sampled, ends, q),
-                        "output": _named(batch.mechanism, links),
+                        "output": _named(sampled.tracer.mechanism, links),
                         "curve": curve,
                         "s": s,
                         "error": np.nan if met is None else met.error,
@@ -226,13 +233,9 @@ class OneInput:
             rows.append(
                 {
                     "kind": str(whole.type),
-                    "assembly_mode": _joined(
-                        sorted(
-                            {p.assembly_mode for p in pieces if p.assembly_mode is not None}
-                        )
-                    ),
+                    "assembly_mode": _joined(sampled.modes_of(pieces)),
                     "inside": "yes",
-                    "output": _named(batch.mechanism, whole.output),
+                    "output": _named(sampled.tracer.mechanism, whole.output),
                     "curve": whole.curve,
                     "residual": 0.0,
                     "double": "no",
@@ -289,6 +292,13 @@ class OneInput:
             }
             for measures in sampled.measures()
         ]
+
+
+def _part(sampled: SampledSingularities) -> str:
+    """Return of which links curves are, where not of all."""
+    links = sampled.tracer.mechanism.links
+    left = len(sampled.whole.mechanism.links) - len(links)
+    return f" of the links {listing(links)}" if left else ""
 
 
 def _named(mechanism: Mechanism, links: tuple[int, int]) -> str:

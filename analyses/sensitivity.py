@@ -136,7 +136,9 @@ class SensitivityAnalysis(AbstractAnalysis):
         sensitivity, _ = self._asked(mechanism)
         timed = len(mechanism.inputs) == 1 or sensitivity.timed
         wound = frozenset(sensitivity.wound)
-        return Needs(tracer=True, time=timed, continued_values=wound)
+        return Needs(
+            tracer=True, time=timed, continued_values=wound, links=sensitivity.links
+        )
 
     def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, Deviations]:
         sensitivity = Sensitivity(mechanism, _split(self.by), _split(self.of))

@@ -14,6 +14,7 @@ from spherekit.plugin import (
     Floats,
     Table,
 )
+from spherekit.plugin.motion import Tracer
 from spherekit.plugin.rotations import quaternion, wrap
 from spherekit.plugin.singularities import group_signs
 
@@ -38,7 +39,7 @@ SINGULARITIES = Table(
         Column("inside", "", "whether the inputs are in their ranges", "text"),
         OUTPUT,
         *PLACE[:4],
-        Column("signs", "", "of its groups, as modes have them; 0 where singular", "text"),
+        Column("signs", "", "of its groups; 0 where singular, * of one left out", "text"),
         Column("theta", "rad", "variable of the passive pair", per_passive=True),
         Column("curve", "", "number of the configuration curve", "integer"),
         Column("s", "rad", "place on it, in its own arc length"),
@@ -102,14 +103,20 @@ def of_type(kind: str) -> str:
 
 
 def configuration_columns(
-    batch: Batch, values: Floats, links: tuple[int, int], pointing: Floats | None = None
+    batch: Batch,
+    values: Floats,
+    links: tuple[int, int],
+    pointing: Floats | None = None,
+    part: Tracer | None = None,
 ) -> dict[str, Any]:
     """Return passive variables, signs, modes and the output's pose of rows (n, V).
 
     The pose is the direction `pointing` (n, 3), or the orientation of the first of two
-    links in the second. Modes are those with the signs of dyads.
+    links in the second. Modes are those with the signs of dyads. Where values and links
+    are those of a part, its tracer is given; groups of the rest have the sign ``*``.
     """
-    mechanism, solver = batch.mechanism, batch.tracer.solver
+    tracer = part or batch.tracer
+    mechanism, solver = tracer.mechanism, tracer.solver
     angles = set(mechanism.angles.values())
     driven = solver.driven
     columns: dict[str, Any] = {
@@ -117,12 +124,26 @@ def configuration_columns(
         for v, name in enumerate(mechanism.variable_names)
         if v not in driven
     }
-    placed = batch.tracer.given(values).rotations
+    placed = tracer.given(values).rotations
     turned = np.swapaxes(placed[:, links[1]], 1, 2) @ placed[:, links[0]]
     columns |= place_columns(quaternion(turned) if pointing is None else pointing, None)
     signs = group_signs(solver, values)
-    columns["signs"] = ["".join("0+-"[k] for k in row) for row in signs.tolist()]
-    if solver.assembly.has_closed_form:
+    number = batch.mechanism.pair_number
+    placed_groups = [
+        {number[mechanism.pairs[pair].name] for pair in group.pairs}
+        for group in solver.assembly.groups
+    ]
+    places = [
+        placed_groups.index(set(group.pairs))
+        if set(group.pairs) in placed_groups
+        else None
+        for group in batch.tracer.assembly.groups
+    ]
+    columns["signs"] = [
+        "".join("*" if k is None else "0+-"[row[k]] for k in places)
+        for row in signs.tolist()
+    ]
+    if solver.assembly.has_closed_form and part is None:
         modes = batch.motion.assembly_modes
         of_modes = np.array([mode.signs for mode in modes]).reshape(-1, signs.shape[1])
         alike = np.all((signs[:, None] == of_modes) | (signs[:, None] == 0), axis=2)

@@ -120,9 +120,15 @@ class SingularityAnalysis(AbstractAnalysis):
                     f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "
                     "give 0"
                 )
+            number = mechanism.link_number
+            outputs = [
+                (number[output.link], number[output.relative_to])
+                for output in mechanism.outputs
+            ]
         else:
-            self.outputs(mechanism)
-        return Needs(tracer=True)
+            outputs = list(self.outputs(mechanism))
+        links = frozenset(link for output in outputs for link in output)
+        return Needs(tracer=True, links=links)
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of singularities, the relation along the motion, aspects."""

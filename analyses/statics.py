@@ -30,6 +30,7 @@ from spherekit.plugin import (
 from spherekit.plugin.dynamics import (
     InverseSolution,
     Stiffness,
+    acting_links,
     holding_torques,
     output_stiffness,
     used_pairs,
@@ -107,7 +108,12 @@ class Statics(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the configurations, with the variables that loads see."""
         self._each(mechanism)
-        return Needs(tracer=True, continued_values=used_pairs(mechanism))
+        outputs = {name for o in mechanism.outputs for name in (o.link, o.relative_to)}
+        return Needs(
+            tracer=True,
+            links=acting_links(mechanism) | {mechanism.link_number[o] for o in outputs},
+            continued_values=used_pairs(mechanism),
+        )
 
     def _each(self, mechanism: Mechanism) -> Floats:
         """Return the stiffness (inputs,) of each input."""

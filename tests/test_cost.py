@@ -18,6 +18,7 @@ from spherekit.analysis.running.cost import Timer, counts_of
 from spherekit.analysis.running.sizes import csv_row
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
+from spherekit.model.dynamics import Mass, Spring
 from spherekit.model.laws import Start
 from spherekit.model.study import Study
 from spherekit.planning.assembly import plan_assembly
@@ -290,10 +291,65 @@ def test_random_chains_of_dyads_lose_what_hangs_on_them():
 
 def test_only_needed_refuses_what_looks_at_the_whole(twelve):
     with pytest.raises(AnalysisError, match="looks at the whole mechanism"):
-        sk.run(twelve, "singularities", only_needed=True)
+        sk.run("four_bar", "reactions", only_needed=True)
     with pytest.raises(AnalysisError, match="follows from loads"):
         start = Start(0.3, 1.0)
         sk.run(twelve, NARROW, only_needed=True, start=start, duration=1.0)
+
+
+def signed_rates(result):
+    poles = result.frame("poles")
+    return {
+        int(mode): rows["velocity_coefficient"].to_numpy()
+        for mode, rows in poles.groupby("assembly_mode")
+    }
+
+
+def test_singularities_of_a_part_are_listed_once(twelve):
+    """By default in the modes of the whole; its rows are those of the table of poles."""
+    text = "singularities:output=4/1"
+    run = sk.run(twelve, [text, "poles:only=41"], samples=73)
+    places, rates = run.frame("singularities"), signed_rates(run)
+    alone = sk.run(twelve, text, samples=73, only_needed=True)
+    assert len(alone.summary["assembly_modes"]) == 2 and len(places) == 4
+    assert np.allclose(np.sort(places["q"]), np.sort(alone.frame()["q"]), atol=1e-12)
+    q = np.linspace(0.0, 2.0 * np.pi, 73)
+    for _, place in places.iterrows():
+        k = int(np.searchsorted(q, place["q"]))
+        turning = [m for m, rate in rates.items() if rate[k - 1] * rate[k] < 0.0]
+        assert place["assembly_mode"].split("+") == [str(mode) for mode in turning]
+        assert len(turning) == 16
+    relation = run.frame("singularities", "relation")
+    relation = relation[relation["form"] == "i"]
+    for mode, rows in relation.groupby("assembly_mode"):
+        own = rows["velocity_coefficient"].to_numpy()
+        assert np.max(np.abs(np.abs(own) - np.abs(rates[mode]))) < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("analysis", "column"),
+    [
+        ("dynamics", "tau"),
+        ("statics", "tau"),
+        ("sensitivity:of=theta_14,by=links.2.arc,draws=0", "derivative"),
+    ],
+)
+def test_only_needed_keeps_numbers(analysis, column):
+    """The rocker of Watt's first four-bar has mass and a load; the other dyad has none."""
+    made = replace(
+        sk.load("watt"),
+        masses=(Mass("4", ((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), (0.0, 0.0, 1e-3))),),
+        loads=(Spring("spring", "14", 1.0, 0.2),),
+        outputs=(),
+    )
+    whole = sk.run(made, analysis, samples=9)
+    part = sk.run(made, analysis, samples=9, only_needed=True)
+    assert len(part.summary["part_of"]["left_out_pairs"]) == 3
+    one, other = (
+        {tuple(rows[column].round(9)) for _, rows in run.frame().groupby("assembly_mode")}
+        for run in (whole, part)
+    )
+    assert one == other and len(other) == len(part.summary["assembly_modes"])
 
 
 def test_explain_predicts_rows_and_bytes(twelve, tmp_path, capsys):

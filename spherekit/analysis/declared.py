@@ -71,6 +71,10 @@ def _fault_of_item(what: str, item: Any, mechanism: Mechanism) -> str:
         if not all(0 <= k < count for k in item):
             return f", but the links of {mechanism.name} have the numbers 0 to {count - 1}"
         return "" if item[0] < item[1] else "; pole_of(link, other) puts the smaller first"
+    if what == "links":
+        count = len(mechanism.links)
+        number = isinstance(item, int | np.integer) and 0 <= item < count
+        return "" if number else f"; the links of {mechanism.name} are 0 to {count - 1}"
     names = mechanism.link_number if what in _LINKS else mechanism.pair_number
     kind = "link" if what in _LINKS else "pair"
     if item not in names:

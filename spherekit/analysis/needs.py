@@ -20,7 +20,8 @@ class Needs:
     `rotations`: pairs and links. `continued_values`: pairs whose variable is wanted
     without jumps of a turn. All five by name. `time`: when the rows happen, with
     the rates and accelerations of the inputs. `tracer`: what finds configurations, for
-    an analysis that asks for more of them than the samples.
+    an analysis that asks for more of them than the samples; `links` are the numbers of
+    those whose motion relative to the input it asks about, none if about all.
     """
 
     directions: frozenset[Pole] = frozenset()
@@ -35,6 +36,7 @@ class Needs:
     time: bool = False
     tracer: bool = False
     turns: frozenset[Pole] = frozenset()
+    links: frozenset[int] = frozenset()
 
     def union(self, other: "Needs") -> "Needs":
         """Return what two analyses need together."""

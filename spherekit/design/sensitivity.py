@@ -36,7 +36,7 @@ from spherekit.engine.hinges import Hinged, hinged
 from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
-from spherekit.model.actions import need_tabulated, wound_pairs
+from spherekit.model.actions import acting_links, need_tabulated, wound_pairs
 from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_at
@@ -88,6 +88,7 @@ class Sensitivity:
                 "numbers of the file"
             )
         every = tuple(self._variable(key) for key in self.keys)
+        self._named = [variable.path for variable in every] if keys else []
         check_variables(self.document, every)
         acting = [variable.path[0] in ACTIONS for variable in every]
         self._shaping, self._acting = (
@@ -248,6 +249,29 @@ class Sensitivity:
             is_angle = place in self._shaping or is_angle_of_load(self.document, key)
             made[place] = np.radians(deviation) if is_angle else deviation
         return tuple(made.tolist())
+
+    @cached_property
+    def links(self) -> frozenset[int]:
+        """The numbers of the links on which quantities depend, or whose sizes are named."""
+        pairs, names = self.mechanism.pairs, self.mechanism.links
+        made = {
+            f"{kind}_{pair.name}": pair.links
+            for kind in ("theta", "rate", "transmission_angle")
+            for pair in pairs
+        }
+        for kind in ("velocity_coefficient", "acceleration_coefficient"):
+            made |= {f"{kind}_{a}_{b}": (a, b) for a in names for b in names}
+        wanted: set[str] = set()
+        acting = False
+        for quantity in self.quantities:
+            wanted |= set(made.get(quantity.split("_by_")[0], ()))
+            acting |= quantity.split("_")[0] in ("torque", "B", "dB")
+        for path in self._named:
+            acting |= path[0] in ACTIONS
+            on = [pair.links for pair in pairs if path[1] in (pair.name, *pair.links)]
+            wanted |= set().union(*on)
+        numbers = frozenset(self.mechanism.link_number[name] for name in wanted)
+        return numbers | (acting_links(self.mechanism) if acting else frozenset())
 
     @property
     def wound(self) -> tuple[str, ...]:

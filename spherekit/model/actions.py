@@ -28,6 +28,13 @@ def used_pairs(mechanism: Mechanism) -> frozenset[str]:
     return frozenset(pairs)
 
 
+def acting_links(mechanism: Mechanism) -> frozenset[int]:
+    """Return the numbers of the links with mass, and of those that the loads depend on."""
+    names = {mass.link for mass in mechanism.masses} | used_links(mechanism)
+    names |= {link for pair in used_pairs(mechanism) for link in mechanism.pair(pair).links}
+    return frozenset(mechanism.link_number[name] for name in names)
+
+
 def wound_pairs(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the R pairs whose variable loads depend on, in order; turns may count."""
     used = {

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from spherekit.dynamics.statics import Stiffness as Stiffness
     from spherekit.dynamics.statics import holding_torques as holding_torques
     from spherekit.dynamics.statics import output_stiffness as output_stiffness
+    from spherekit.model.actions import acting_links as acting_links
     from spherekit.model.actions import used_links as used_links
     from spherekit.model.actions import used_pairs as used_pairs
     from spherekit.model.bearings import Bearings as Bearings

@@ -38,6 +38,9 @@ KEPT = 16
 FOLLOWED = 0.1
 """Axes with a larger error bound (rad) do not say where the pole is."""
 
+Plans = dict[tuple[Pole, ...], Plan | None]
+"""Plans by the poles they give, None where counting freedoms gives none."""
+
 
 @final
 @dataclass(frozen=True)
@@ -123,14 +126,16 @@ class AlongCurve:
         The mechanism, with one freedom.
     curve
         One of its configuration curves.
+    plans
+        Plans of poles already made, which all curves share.
     """
 
-    def __init__(self, tracer: Tracer, curve: ArcCurve) -> None:
+    def __init__(self, tracer: Tracer, curve: ArcCurve, plans: Plans) -> None:
         self.tracer, self.curve = tracer, curve
         self.closure = curve.segments.closure
         self._senses: dict[Pole, Sense] = {}
         self._kept: dict[bytes, Moving] = {}
-        self._plans: dict[tuple[Pole, ...], Plan | None] = {}
+        self._plans = plans
         self._primary = tracer.mechanism.pole_pairs
 
     def points(self, s: Floats) -> CurvePoints:

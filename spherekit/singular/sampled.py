@@ -4,15 +4,15 @@ Each row is found on its configuration curve; there everything is regular, also 
 dead centres at which rates by the input are infinite.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import cast, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
-from spherekit.motion.configuration import Configurations
+from spherekit.motion.configuration import Configurations, Piece
 from spherekit.motion.motion import Tracer
 from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_periods
 from spherekit.numeric.turns import wrap
@@ -22,12 +22,15 @@ from spherekit.singular.output_relations import rate_between
 from spherekit.singular.record import AlongOutput, Singularities, Type
 from spherekit.singular.relation import Form
 from spherekit.singular.single import SingleFreedom
+from spherekit.singular.traced_part import TracedPart
 from spherekit.sphere.rotation import Floats, cross
 
 NEAR_CROSSING = 1e-4
 """Configurations (rad) that near to a crossing may lie where no curve is followed."""
 AT_CROSSING = 1e-8
 """Configurations (rad) that near to it are the crossing, as far as they can be known."""
+ALIKE = 10
+"""Rows whose variables (rad) agree to so many places are one configuration."""
 TOUCHES = 1e-6
 """A piece of a curve holds what is nearer than this to its ends (rad of arc length)."""
 
@@ -84,6 +87,9 @@ class SampledSingularities:
 
     Attributes
     ----------
+    tracer, whole
+        That of the part on which the outputs depend, and the given one. The report's
+        numbers of links and the curves' variables are those of the part.
     configurations, report
         All curves, and the singularities on them.
     curve, s
@@ -102,35 +108,57 @@ class SampledSingularities:
         values: Floats,
         assembly_mode: NDArray[np.int64],
     ) -> None:
-        self.tracer = tracer
-        self.configurations: Configurations = tracer.configurations
+        links = tracer.mechanism.links
+        self.whole, self._values = tracer, values
+        self._part = TracedPart.of(tracer, [link for output in outputs for link in output])
+        self.tracer = self._part.tracer
+        number = self.tracer.mechanism.link_number
+        self.configurations: Configurations = self.tracer.configurations
         self.curves = [item.curve for item in self.configurations.curves]
-        self.analysis = SingleFreedom(tracer, self.curves, outputs)
+        named = [(number[links[o]], number[links[s]]) for o, s in outputs]
+        self.analysis = SingleFreedom(self.tracer, self.curves, named)
         self.report: Singularities = self.analysis.report()
-        self.curve = np.full(len(values), -1)
-        self.s = np.full(len(values), np.nan)
-        finite = np.all(np.isfinite(values), axis=1)
+        self._place(values[:, list(self._part.variables)], assembly_mode)
+        status = np.where(self._curve < 0, Status.MODE_LOST, Status.OK)
+        crossed = np.zeros(len(self._curve), dtype=bool)
+        for crossing in self.report.crossings:
+            (lost,) = np.nonzero(self._curve < 0)
+            curve = self.curves[crossing.ends[0][0]]
+            away = curve.wrapped(self._distinct[lost] - crossing.values)
+            far = np.max(np.abs(away), axis=1)
+            status[lost[far < NEAR_CROSSING]] = Status.AT_SINGULARITY
+            if crossing.crossing is not None:
+                crossed[lost[far < AT_CROSSING]] = True
+        self.curve, self.s = self._curve[self._row], self._s[self._row]
+        self.status, self.crossed = status[self._row], crossed[self._row]
+
+    def _place(self, values: Floats, assembly_mode: NDArray[np.int64]) -> None:
+        """Find the place of each row on its curve; those alike in the part only once."""
+        n = len(values)
+        first, self._row = np.arange(n), np.arange(n)
+        if self.tracer is not self.whole:
+            _, first, row = np.unique(
+                values.round(ALIKE), axis=0, return_index=True, return_inverse=True
+            )
+            self._row = row.reshape(-1)
+        self._distinct, assembly_mode = values[first], assembly_mode[first]
+        self._curve = np.full(len(first), -1)
+        self._s = np.full(len(first), np.nan)
+        finite = np.all(np.isfinite(self._distinct), axis=1)
         for elsewhere in (False, True):
             for number, item in enumerate(self.configurations.curves):
-                modes = [
-                    piece.assembly_mode
-                    for piece in item.pieces
-                    if piece.assembly_mode is not None
-                ]
-                expected = np.isin(assembly_mode, modes) != elsewhere
-                (todo,) = np.nonzero(finite & (self.curve < 0) & expected)
-                places = item.curve.find(values[todo])
+                expected = np.isin(assembly_mode, self.modes_of(item.pieces)) != elsewhere
+                (todo,) = np.nonzero(finite & (self._curve < 0) & expected)
+                places = item.curve.find(self._distinct[todo])
                 on = np.isfinite(places)
-                self.curve[todo[on]], self.s[todo[on]] = number, places[on]
-        self.status = np.where(self.curve < 0, Status.MODE_LOST, Status.OK)
-        self.crossed = np.zeros(len(values), dtype=bool)
-        for crossing in self.report.crossings:
-            (lost,) = np.nonzero(finite & (self.curve < 0))
-            away = self.curves[crossing.ends[0][0]].wrapped(values[lost] - crossing.values)
-            far = np.max(np.abs(away), axis=1)
-            self.status[lost[far < NEAR_CROSSING]] = Status.AT_SINGULARITY
-            if crossing.crossing is not None:
-                self.crossed[lost[far < AT_CROSSING]] = True
+                self._curve[todo[on]], self._s[todo[on]] = number, places[on]
+
+    def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
+        """Return the numbers of all assembly modes on pieces of curves."""
+        numbers = {piece.assembly_mode for piece in pieces} - {None}
+        return sorted(
+            mode for number in numbers for mode in self._part.modes[cast(int, number)]
+        )
 
     def assembly_modes_at(self, curve: int, s: float, q: float) -> tuple[int, ...]:
         """Return the modes whose pieces of a curve hold or touch a place s at input q.
@@ -141,7 +169,7 @@ class SampledSingularities:
         arc_curve, driven = item.curve, self.tracer.solver.single
         period, whole = self._period(curve), self.whole_range(curve)
         there = float(arc_curve.at(s).values[0, driven])
-        modes: set[int] = set()
+        touching: list[Piece] = []
         for lap in (0, 1, -1) if arc_curve.closed else (0,):
             place, there_again = (
                 s + lap * arc_curve.length,
@@ -149,12 +177,12 @@ class SampledSingularities:
             )
             for piece in item.pieces:
                 touched = piece.start - TOUCHES <= place <= piece.stop + TOUCHES
-                if piece.assembly_mode is None or not touched:
+                if not touched:
                     continue
                 turns = round((there_again + piece.shift - q) / period)
                 if turns == 0 or (whole and turns % whole == 0):
-                    modes.add(piece.assembly_mode)
-        return tuple(sorted(modes))
+                    touching.append(piece)
+        return tuple(self.modes_of(touching))
 
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve."""
@@ -211,13 +239,13 @@ class SampledSingularities:
 
     def measures(self) -> list[RelationMeasures]:
         """Return the measures of every output in each form."""
-        n = len(self.s)
+        n = len(self._s)
         measured: dict[tuple[int, Form], dict[str, Floats]] = {}
         for number in range(len(self.curves)):
-            (rows,) = np.nonzero(self.curve == number)
+            (rows,) = np.nonzero(self._curve == number)
             if not len(rows):
                 continue
-            s = self.s[rows]
+            s = self._s[rows]
             angles = self.transmission_angles(self.curves[number].at(s).values)
             for output in range(len(self.report.outputs)):
                 at = self.at(number, s, output)
@@ -239,7 +267,9 @@ class SampledSingularities:
                     }.items():
                         columns.setdefault(name, np.full(n, np.nan))[rows] = part
         return [
-            RelationMeasures(output, form, **columns)
+            RelationMeasures(
+                output, form, **{name: part[self._row] for name, part in columns.items()}
+            )
             for (output, form), columns in sorted(measured.items())
         ]
 
@@ -265,15 +295,10 @@ class SampledSingularities:
         """
         smallest = np.full(len(self.s), np.nan)
         ratio = smallest.copy()
-        for number, curve in enumerate(self.curves):
-            (rows,) = np.nonzero(self.curve == number)
-            if len(rows):
-                closure = curve.segments.closure
-                smallest[rows], ratio[rows] = hold(
-                    closure.tree,
-                    [self.tracer.solver.single],
-                    closure.at(curve.at(self.s[rows]).values).vectors,
-                )
+        (rows,) = np.nonzero(self.curve >= 0)
+        solver = self.whole.solver
+        vectors = solver.closure.at(self._values[rows]).vectors
+        smallest[rows], ratio[rows] = hold(solver.closure.tree, [solver.single], vectors)
         return smallest, ratio
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:

@@ -23,7 +23,7 @@ from spherekit.motion.crossing import Crossing, crossing_near
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import Pole, parse_pole, pole_of
 from spherekit.rates.core import LinkRates
-from spherekit.singular.along import AlongCurve, rounding_of
+from spherekit.singular.along import AlongCurve, Plans, rounding_of
 from spherekit.singular.output_relations import OutputRelations, axes_error, rate_between
 from spherekit.singular.record import (
     AlongOutput,
@@ -102,7 +102,8 @@ class SingleFreedom:
                 "one input and one output is that of a mechanism with a single freedom"
             )
         self.tracer = tracer
-        self.along = [AlongCurve(tracer, curve) for curve in curves]
+        plans: Plans = {}
+        self.along = [AlongCurve(tracer, curve, plans) for curve in curves]
         first, second = mechanism.ends[tracer.assembly.input]
         self.input = (second, first) if input is None else ordered_pole(mechanism, input)
         self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)

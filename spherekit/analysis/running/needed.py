@@ -22,6 +22,7 @@ def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
     return frozenset(
         {link for pole in poles for link in pole}
         | {mechanism.link_number[name] for name in names}
+        | needs.links
     )
 
 
@@ -49,7 +50,7 @@ def needed_part(study: Study, analyses: Sequence[AbstractAnalysis]) -> Mechanism
         except PluginError:
             continue  # the run says so
         links = links_of(mechanism, needs)
-        if needs.tracer or not links:
+        if not (needs.links if needs.tracer else links):
             raise AnalysisError(
                 f"{analysis.name}: looks at the whole mechanism, so no part of it can be "
                 "left out; run it without only_needed (--only-needed)"
