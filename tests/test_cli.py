@@ -121,7 +121,7 @@ def test_run_writes_tables_and_recording(capsys, tmp_path):
         "--save", tmp_path / "a.rrd", "--deg",
     )  # fmt: skip
     assert status == 0
-    assert "assembly modes 0 (+), 1 (-): each 13 OK" in out
+    assert "assembly modes 0 (+, p1), 1 (-, p0): each 13 OK" in out
     assert "recording in" in err
     frame = pd.read_csv(tmp_path / "poles.csv")
     assert frame["q [deg]"].max() == 360.0
@@ -230,7 +230,7 @@ def test_serve_streams_and_stops_on_interrupt():
     finally:
         process.kill()
     assert f"serving at rerun+http://127.0.0.1:{port}" in said + err
-    assert "assembly modes 0 (+), 1 (-): each 20 OK" in out
+    assert "assembly modes 0 (+, p1), 1 (-, p0): each 20 OK" in out
     assert process.returncode == 0
     assert "Traceback" not in err
 

@@ -19,7 +19,7 @@ from spherekit import errors
 from spherekit.analysis.registry import load, registered
 from spherekit.analysis.registry import names as analysis_names
 from spherekit.analysis.running.sampling import EVENTS
-from spherekit.analysis.tables import INPUTS
+from spherekit.analysis.tables import INPUTS, MODE_NAME
 from spherekit.cli.grammar import COMMANDS, parser
 from spherekit.cli.main import main
 from spherekit.conventions import Status
@@ -344,7 +344,7 @@ def quoted(text):
 
 def columns_of_analyses():
     """The columns of all tables, with one for each input, and pair variables."""
-    found = [*EVENTS.columns, INPUTS]
+    found = [*EVENTS.columns, INPUTS, MODE_NAME]
     for name in analysis_names():
         found += [column for table in load(name).tables for column in table.columns]
     names = {column.name for column in found} | {"q_I", "tau_I", "theta_PAIR", "s_PAIR"}

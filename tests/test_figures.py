@@ -95,7 +95,8 @@ def test_a_mode_has_one_colour_in_all_figures(four_bar):
                 if line.get_gid():
                     seen.setdefault(line.get_gid(), set()).add(line.get_color())
         colours = legend_of(figure)
-        assert {colours["mode 0 (+)"], colours["mode 1 (−)"]} == set(style.MODES[:2])
+        both = {colours["mode 0 (+, p1)"], colours["mode 1 (−, p0)"]}
+        assert both == set(style.MODES[:2])
     assert seen == {"mode 0": {style.MODES[0]}, "mode 1": {style.MODES[1]}}
 
 
@@ -273,7 +274,7 @@ def test_labels_of_crowded_points_do_not_cover_each_other():
 
 def test_axodes_touch_and_the_gnomonic_chart_has_the_poles():
     result = sk.run("four_bar", "poles:only=31,axodes=31", samples=91, block=40)
-    for mode in ("0 (+)", "1 (\u2212)"):
+    for mode in ("0 (+, p1)", "1 (\u2212, p0)"):
         figure = result.plot(f"axodes, mode {mode}")
         fixed, moving = legend_of(figure)
         assert (fixed, moving) == ("fixed axode of P31", "moving axode of P31")

@@ -69,7 +69,7 @@ def number(text):
 def test_cursors_and_legends_of_plots_say_what_the_table_says(tmp_path):
     path = tmp_path / "a.rrd"
     result, pages = recorded(path, "four_bar", "poles:only=31+41", samples=73)
-    assert pages == ["Mode 0 (+)", "Mode 1 (-)", "Compare"]
+    assert pages == ["Mode 0 (+, p1)", "Mode 1 (-, p0)", "Compare"]
     frame = result.frame()
     for mode in (0, 1):
         where = f"/four_bar/assembly_mode_{mode}/charts/velocity_coefficients"

@@ -20,7 +20,7 @@ from spherekit.motion import assembly_modes as assembly_modes
 from spherekit.planning.poles import all_poles
 
 POLES = [
-    "sample", "assembly_mode", "q", "link", "relative_to", "ux", "uy", "uz",
+    "sample", "assembly_mode", "mode_name", "q", "link", "relative_to", "ux", "uy", "uz",
     "dux_dq", "duy_dq", "duz_dq",
     "velocity_coefficient", "acceleration_coefficient", "conditioning", "error_bound",
     "velocity_coefficient_error_bound",
@@ -185,7 +185,7 @@ def test_scenes_come_block_by_block_while_the_run_goes_on():
     )
     assert [entry[:2] for entry in order] == [(10, 25), (20, 25), (25, 25)]
     assert order[0][2] < order[1][2] < order[2][2]
-    assert listener.assembly_modes == {0: "Mode 0 (+)", 1: "Mode 1 (-)"}
+    assert listener.assembly_modes == {0: "Mode 0 (+, p1)", 1: "Mode 1 (-, p0)"}
     assert listener.still == ["link/1", "plan"]  # the graph comes after the first rows
     assert "graph" in listener.paths
     for (page, path), rows in listener.rows.items():

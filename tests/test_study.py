@@ -216,10 +216,10 @@ FAULTS = {
         "4: samples: found 7.5 (number), needs a whole number or an array [...]",
         [],
     ),
-    "text for an assembly mode": (
+    "truth for an assembly mode": (
         "= 1\ns",
-        '= "1"\ns',
-        '5: assembly_mode: found "1" (text)',
+        "= true\ns",
+        "5: assembly_mode: found true",
         [],
     ),
     "number for a truth": ("= false", "= 0", "6: search: found 0 (number)", []),

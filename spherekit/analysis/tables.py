@@ -176,6 +176,24 @@ class Table:
                 made[c.name].append(np.broadcast_to(values, (count,)))
         return {name: np.concatenate(arrays) for name, arrays in made.items()}
 
+    def with_names(self, mechanism: Mechanism) -> "Table":
+        """Return the table with the names of assembly modes, where the file has some."""
+        if not mechanism.modes or ASSEMBLY_MODE not in self.columns:
+            return self
+        place = self.columns.index(ASSEMBLY_MODE) + 1
+        columns = (*self.columns[:place], MODE_NAME, *self.columns[place:])
+        return replace(self, columns=columns)
+
+    def named(self, data: "TableData", names: Mapping[int, str]) -> "TableData":
+        """Return rows with the names of their assembly modes, where the table has these."""
+        if MODE_NAME not in self.columns:
+            return data
+        numbers = np.asarray(data[ASSEMBLY_MODE.name])
+        texts = np.array([names.get(k, "") for k in range(max(names, default=0) + 1)])
+        within = (numbers >= 0) & (numbers < len(texts))
+        made = np.where(within, texts[np.where(within, numbers, 0)], "")
+        return {c.name: made if c == MODE_NAME else data[c.name] for c in self.columns}
+
     @property
     def in_assembly_modes(self) -> bool:
         """Whether rows belong to samples of assembly modes."""
@@ -264,6 +282,7 @@ def input_columns(
 
 SAMPLE = Column("sample", "", "number of the input value, from 0", "integer")
 ASSEMBLY_MODE = Column("assembly_mode", "", "number of the assembly mode", "integer")
+MODE_NAME = Column("mode_name", "", "name of the assembly mode in the file", "text")
 INPUT = Column("q", "rad", "variable of the driven pair")
 INPUTS = Column("q", "rad", "variable of the driven pair", per_input=True)
 TIME = Column("t", "s", "time")

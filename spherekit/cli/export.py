@@ -51,9 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_input_argument(parser)
     parser.add_argument(
         "--assembly-mode",
-        type=int,
         metavar="N",
-        help="assembly mode (default: 0; coupling: all)",
+        help="assembly mode, by number or name (default: 0; coupling: all)",
     )
     parser.add_argument(
         "--poles",

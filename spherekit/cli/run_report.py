@@ -101,10 +101,15 @@ def by_equal_counts(assembly_modes: Sequence[Any]) -> list[str]:
         alike.setdefault(counts, []).append(mode)
     return [
         f"  assembly mode{'s' * (len(modes) > 1)} "
-        + ", ".join(f"{item['number']} ({item['mode']})" for item in modes)
+        + ", ".join(f"{item['number']} ({_title(item)})" for item in modes)
         + f": {'each ' * (len(modes) > 1)}{counts}"
         for counts, modes in alike.items()
     ]
+
+
+def _title(mode: Any) -> str:
+    """Return what a mode is called beside its number, as in `AssemblyMode.title`."""
+    return ", ".join(filter(None, (mode["mode"], mode.get("name"))))
 
 
 def spent(cost: Any) -> list[str]:

@@ -69,7 +69,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         "straight on",
     )
     parser.add_argument(
-        "--assembly-mode", type=int, metavar="N", help="only this assembly mode"
+        "--assembly-mode", metavar="N", help="only this assembly mode, by number or name"
     )
     parser.add_argument(
         "--no-search",

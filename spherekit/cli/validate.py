@@ -10,7 +10,7 @@ from typing import Any
 from spherekit.cli.study import add_lock_argument, with_locks
 from spherekit.cli.suggest import studies, suggesting
 from spherekit.conventions import counted
-from spherekit.errors import SpherekitError
+from spherekit.errors import SolveError, SpherekitError
 
 EXAMPLES = (
     (
@@ -88,6 +88,8 @@ def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
         facts["study"] = study.name
         facts["analyses"] = [analysis.name for analysis in analyses_of(study)]
     tracer = Tracer(mechanism, samples=COARSE)
+    if tracer.unnamed:
+        raise SolveError(f"{mechanism.name}: {'; '.join(tracer.unnamed)}")
     planned = plans(mechanism, tracer.by_rank)
     facts["irreducible_parts"] = sum(len(plan.blocks) for plan in planned)
     facts["inputs"] = list(tracer.inputs)
@@ -98,6 +100,7 @@ def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
         facts["rank_mobility"] = int(np.min(rank_mobility(tree, held.vectors)))
     facts["groups"] = [group.kind for group in tracer.assembly.groups]
     facts["assembly_modes"] = len(tracer.assembly_modes)
+    facts["modes"] = {m.name: m.number for m in tracer.assembly_modes if m.name}
     return facts
 
 
@@ -122,6 +125,9 @@ def line(facts: dict[str, Any]) -> str:
     if "groups" in facts:
         groups = ", ".join(facts["groups"]) or "none"
         text += f", groups: {groups}, assembly modes: {facts['assembly_modes']}"
+        if facts["modes"]:
+            named = ", ".join(f"{name} is {mode}" for name, mode in facts["modes"].items())
+            text += f" ({named})"
     if "study" in facts:
         text += f", analyses: {', '.join(facts['analyses'])}"
     return text

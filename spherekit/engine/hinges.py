@@ -205,6 +205,7 @@ def _without_contacts(
         pairs=tuple(pairs),
         geometry=SizeGeometry(sizes),
         stops=(),
+        modes=(),
     )
     return replace(made, geometry=SizeGeometry(sizes, _zeros(made, frames)))
 

@@ -33,6 +33,7 @@ def build(
     mass: Tables | None = None,
     loads: Tables | None = None,
     stops: Tables | None = None,
+    modes: Tables | None = None,
     source: Tables | None = None,
     user: Tables | None = None,
 ) -> Mechanism:
@@ -58,7 +59,7 @@ def build(
     inputs
         Driven pairs: their names, or by name the first and the last value of the
         variable. By default the first R pair, through one turn.
-    outputs, mass, loads, stops, source, user
+    outputs, mass, loads, stops, modes, source, user
         Tables by name, as in files.
 
     Raises
@@ -123,6 +124,7 @@ def build(
         "mass": mass,
         "loads": loads,
         "stops": stops,
+        "modes": modes,
         "source": source,
         "user": user,
     }

@@ -23,6 +23,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
     Input,
     LinkSizes,
+    NamedMode,
     Output,
     Pair,
     PoseGeometry,
@@ -158,6 +159,7 @@ class _Reader(DocumentValues):
                 )
                 for name, item in data.get("outputs", {}).items()
             ),
+            modes=tuple(self.mode(name) for name in data.get("modes", {})),
             source=Source(**source) if source else None,
             user=_plain(data.get("user", {})),
         )
@@ -271,6 +273,11 @@ class _Reader(DocumentValues):
             return given_axis(geometry, self.joined(), item["link"], item["axis"])
         except ModelError as error:
             self.fail((*path, "axis"), str(error))
+
+    def mode(self, name: str) -> NamedMode:
+        given = self.document.data["modes"][name].items()
+        at = {pair: self.angle(("modes", name, pair), x) for pair, x in given}
+        return NamedMode(name, at)
 
     def input(self, pair: str) -> Input:
         item, path = self.document.data["inputs"][pair], ("inputs", pair)

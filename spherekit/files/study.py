@@ -48,7 +48,7 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
         mechanism=mechanism,
         samples=_samples(document, mechanism),
         path=_input_path(document, mechanism),
-        assembly_mode=int(data["assembly_mode"]) if "assembly_mode" in data else None,
+        assembly_mode=data.get("assembly_mode"),
         search=data.get("search", True),
         analyses=data.get("analyses", {}),
         folder=_path(document, output, "folder"),

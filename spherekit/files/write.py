@@ -107,6 +107,10 @@ def _content(mechanism: Mechanism, unit: AngleUnit) -> Mapping[str, _Table]:
     content["mass"] = mass_tables(mechanism.masses)
     content["loads"] = load_tables(mechanism.loads, unit)
     content["stops"] = stop_tables(mechanism.stops, unit)
+    content["modes"] = {
+        mode.name: {pair: angle_text(x, unit) for pair, x in mode.values.items()}
+        for mode in mechanism.modes
+    }
     content["user"] = dict(mechanism.user)
     return {name: table for name, table in content.items() if table}
 

@@ -270,7 +270,7 @@ def evaluate(
     *,
     poles: Sequence[str] | None = None,
     input_pair: str | Sequence[str] | None = None,
-    assembly_mode: int | None = None,
+    assembly_mode: int | str | None = None,
 ) -> Kinematics:
     """Return a mechanism's configurations, pole axes and coefficients at given inputs.
 
@@ -285,7 +285,8 @@ def evaluate(
     input_pair
         The driven pairs, if not those of the mechanism.
     assembly_mode
-        The only assembly mode wanted, by the number that `run` gives it; by default all.
+        The only assembly mode wanted, by the number that `run` gives it or its name in the
+        file; by default all.
 
     Raises
     ------
@@ -325,8 +326,8 @@ def evaluate(
         tracer = Tracer(mechanism, path=q)
         motion = tracer.motion()
     if assembly_mode is not None:
-        tracer.place_of(assembly_mode)
-        motion = motion.rows(motion.assembly_mode == assembly_mode)
+        number = tracer.assembly_modes[tracer.place_of(assembly_mode)].number
+        motion = motion.rows(motion.assembly_mode == number)
     needs = Needs(
         directions=frozenset(wanted),
         rates=frozenset(wanted),

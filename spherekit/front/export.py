@@ -23,6 +23,7 @@ from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import dump
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Tracer
 from spherekit.planning.inputs import driven_at
 
 Kind = Literal["model", "mjcf", "coupling", "file"]
@@ -62,7 +63,7 @@ def export(
     *,
     to: Kind | None = None,
     input_pair: str | Sequence[str] | None = None,
-    assembly_mode: int | None = None,
+    assembly_mode: int | str | None = None,
     poles: Sequence[str] | None = None,
     pairs: Sequence[str] | None = None,
     samples: int | Sequence[int] | None = None,
@@ -83,8 +84,8 @@ def export(
         What to write, where the ending leaves a choice: with ``"coupling"`` the archive
         ``*.npz`` is a coupling table (see `load_coupling`).
     input_pair, assembly_mode
-        The driven pairs, by default the inputs of the mechanism, and the assembly mode; by
-        default the first, of coupling tables all.
+        The driven pairs, by default the inputs of the mechanism, and the assembly mode, by
+        its number or its name; by default the first, of coupling tables all.
     poles, tolerance
         Of functions and coupling tables: only these poles (functions of one input: all by
         default, otherwise none), and the error allowed, of functions relative to the
@@ -124,6 +125,8 @@ def export(
             of = " or ".join(OWN[name])
             raise OutputError(f"export: {name} does nothing but for {of}; this is {kind}")
     made = driven_at(mechanism_of(mechanism), input_pair)
+    if isinstance(assembly_mode, str):
+        assembly_mode = Tracer(made, assembly_mode=assembly_mode).assembly_modes[0].number
     mode = 0 if assembly_mode is None else assembly_mode
     if kind == "model":
         return _functions(made, target, mode, poles, tolerance)

@@ -134,6 +134,7 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
             if getattr(load, "pair", "") != pair.name
         ),
         stops=tuple(stop for stop in made.stops if stop.pair != pair.name),
+        modes=(),
     )
 
 
@@ -171,6 +172,7 @@ def _geometry(
         masses=(),
         loads=(),
         stops=(),
+        modes=(),
     )
     into = {gone: turn}
     wanted = tuple(

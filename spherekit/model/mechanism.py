@@ -27,6 +27,7 @@ from spherekit.model.mechanism_checks import check_mechanism, not_named
 from spherekit.model.parts import (
     Input,
     LinkSizes,
+    NamedMode,
     Output,
     Pair,
     PoseGeometry,
@@ -60,6 +61,7 @@ class Mechanism:
     masses: tuple[Mass, ...] = ()
     loads: tuple[Load, ...] = ()
     stops: tuple[Stop, ...] = ()
+    modes: tuple[NamedMode, ...] = ()
     source: Source | None = None
     user: Mapping[str, Any] = field(default_factory=dict)
 
@@ -183,7 +185,7 @@ class Mechanism:
 
         Pairs that are not input yet get a range of one turn, unless `ranges` has the first
         and the last value of their variable, in `angle_unit`. Without `pairs` the inputs
-        stay, and only ranges change.
+        stay, and only ranges change. Names of modes are those of the inputs they had.
 
         Raises
         ------
@@ -210,9 +212,12 @@ class Mechanism:
             driven.get(name, Input(self.pair(name).name, 0.0, 2.0 * math.pi))
             for name in names
         )
-        return (
-            self if (made := tuple(inputs)) == self.inputs else replace(self, inputs=made)
-        )
+        made = tuple(inputs)
+        if made == self.inputs:
+            return self
+        before, after = ({item.pair for item in items} for items in (self.inputs, made))
+        as_named = before in (set(), after)
+        return replace(self, inputs=made, modes=self.modes if as_named else ())
 
     @checked(ModelError)
     def with_sizes(

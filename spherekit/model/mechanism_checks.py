@@ -34,6 +34,7 @@ def check_mechanism(mechanism: "Mechanism") -> None:
     _check_names(where, "load", [load.name for load in mechanism.loads])
     _check_names(where, "mass of a", [mass.link for mass in mechanism.masses])
     _check_names(where, "stop of a", [stop.pair for stop in mechanism.stops])
+    _check_names(where, "mode", [mode.name for mode in mechanism.modes])
 
     def need_link(name: str, key: str) -> None:
         if name not in mechanism.links:
@@ -76,6 +77,18 @@ def check_mechanism(mechanism: "Mechanism") -> None:
         if name not in pair_names:
             raise not_named(f"{where}: {key}", "pair", name, pair_names)
 
+    for mode in mechanism.modes:
+        if mode.name.isdecimal():
+            raise ModelError(
+                f"{where}: modes.{mode.name}: a number is that of a mode; name it by a word"
+            )
+        for name in mode.values:
+            need_pair(name, f"modes.{mode.name}")
+            if name not in mechanism.angles:
+                raise ModelError(
+                    f"{where}: modes.{mode.name}.{name}: is a contact pair; a mode is said "
+                    "by angles of R pairs"
+                )
     for item in mechanism.inputs:
         need_pair(item.pair, f"inputs.{item.pair}")
     for output in mechanism.outputs:

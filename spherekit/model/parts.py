@@ -165,6 +165,18 @@ class Input:
 
 @final
 @dataclass(frozen=True)
+class NamedMode:
+    """A name of the assembly mode that has a configuration.
+
+    `values` are the variables (rad) there of some R pairs, those of all inputs among them.
+    """
+
+    name: str
+    values: Mapping[str, float]
+
+
+@final
+@dataclass(frozen=True)
 class Output:
     """A link whose motion relative to another one is of interest.
 

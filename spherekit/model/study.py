@@ -40,7 +40,7 @@ class Study:
     path
         (n, inputs) rad, the inputs at every sample, in place of their ranges.
     assembly_mode
-        Number of the only assembly mode that is wanted; all by default.
+        Number of the only assembly mode that is wanted, or its name; all by default.
     search
         Whether assembly modes are looked for beside that of a given reference pose.
     analyses
@@ -72,7 +72,7 @@ class Study:
     samples: int | Sequence[int] = DEFAULT_SAMPLES
     grid: bool = False
     path: Floats | None = None
-    assembly_mode: int | None = None
+    assembly_mode: int | str | None = None
     search: bool = True
     analyses: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     laws: Mapping[str, Law] = field(default_factory=dict)

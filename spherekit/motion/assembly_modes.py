@@ -57,13 +57,19 @@ class AssemblyMode:
     """One assembly mode over the ranges of the inputs.
 
     `signs` has +1 or -1 for each dyad and 0 for each irreducible group; `guide` is
-    None where all groups are dyads, or trains of wheels.
+    None where all groups are dyads, or trains of wheels; `name` is the file's, if any.
     """
 
     number: int
     signs: tuple[int, ...]
     guide: ModeCurve | ModeOverGrid | None = None
     determinants: tuple[float, ...] = ()
+    name: str = ""
+
+    @property
+    def title(self) -> str:
+        """What it is called beside its number: its signs, and its name in the file."""
+        return ", ".join(filter(None, (self.label, self.name)))
 
     @property
     def label(self) -> str:

@@ -22,6 +22,7 @@ from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree, condition, left_inverse
 from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.modes import find_assembly_modes
+from spherekit.motion.named_modes import named
 from spherekit.motion.timing import Timing
 from spherekit.numeric.rows import ArrayRows
 from spherekit.planning.assembly import Assembly, plan_assembly
@@ -265,7 +266,7 @@ class Tracer:
     input_pair
         Names of the driven pairs, if not those the mechanism declares.
     assembly_mode
-        Number of the only assembly mode wanted; all by default.
+        Number of the only assembly mode wanted, or its name in the file; all by default.
     search
         Whether to look for assembly modes beside that of a given reference pose.
     samples
@@ -292,7 +293,7 @@ class Tracer:
         self,
         mechanism: Mechanism,
         input_pair: str | Sequence[str] | None = None,
-        assembly_mode: int | None = None,
+        assembly_mode: int | str | None = None,
         search: bool = True,
         samples: int | Sequence[int] = DEFAULT_SAMPLES,
         grid: bool = False,
@@ -308,24 +309,26 @@ class Tracer:
         except CountError as counted:
             self.by_rank = True
             self.assembly_modes = self._assembled_against(counted, search)
+        self.assembly_modes, self.unnamed = named(self.solver, self.assembly_modes)
         if assembly_mode is not None:
             self.assembly_modes = (self.assembly_modes[self.place_of(assembly_mode)],)
 
-    def place_of(self, assembly_mode: int) -> int:
+    def place_of(self, assembly_mode: int | str) -> int:
         """Return the place of an assembly mode among those found.
 
         Raises
         ------
         SolveError
-            If none of them has this number.
+            If none of them has this number, or this name in the file.
         """
-        numbers = [item.number for item in self.assembly_modes]
-        if assembly_mode not in numbers:
-            raise SolveError(
-                f"{self.mechanism.name}: there is no assembly mode {assembly_mode}; the "
-                f"assembly modes found are {listing(numbers)}"
-            )
-        return numbers.index(assembly_mode)
+        for place, item in enumerate(self.assembly_modes):
+            if str(assembly_mode) in (str(item.number), item.name or str(item.number)):
+                return place
+        every = listing(f"{item.number} ({item.title})" for item in self.assembly_modes)
+        raise SolveError(
+            f"{self.mechanism.name}: there is no assembly mode {assembly_mode}; the "
+            f"assembly modes found are {every}{''.join(f'; {why}' for why in self.unnamed)}"
+        )
 
     def _assembled(self, search: bool) -> tuple[AssemblyMode, ...]:
         """Return the modes; `PlanError` unless there is a freedom for each input."""

@@ -132,6 +132,7 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
         masses=tuple(mass for mass in mechanism.masses if mass.link in on),
         loads=tuple(load for load in mechanism.loads if stays(load)),
         stops=tuple(stop for stop in mechanism.stops if stop.pair in names),
+        modes=tuple(mode for mode in mechanism.modes if set(mode.values) <= names),
     )
 
 

@@ -72,12 +72,16 @@ def evaluate_block(
             standing.failures[analysis.name] = str(problem)
             continue
         standing.findings[analysis.name] = findings
-        for table in job.tables_of(analysis):
-            store.add(analysis.name, table, tables[table.name])
+        for table, stored in zip(
+            job.tables_of(analysis), job.stored_tables_of(analysis), strict=True
+        ):
+            store.add(analysis.name, stored, stored.named(tables[table.name], job.names))
             standing.count(analysis.name, table.name, tables[table.name])
             standing.tally.add_rows(analysis.name, table, tables[table.name], batch)
     if job.motion_tables:
-        store.add(MOTION, job.motion_tables[0], motion_rows(course, motion, fields))
+        stored = job.motion_tables[0]
+        rows = stored.named(motion_rows(course, motion, fields), job.names)
+        store.add(MOTION, stored, rows)
         standing.count(MOTION, MOTION, {"sample": motion.sample})
     standing.tally.add(course.tracer, motion, fields)
     standing.done += motion.samples

@@ -92,6 +92,15 @@ class RunPlan:
         """Return the tables of an analysis."""
         return tuple(table.of(self.mechanism) for table in analysis.tables)
 
+    def stored_tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
+        """Return the tables of an analysis, with the names of assembly modes."""
+        return tuple(t.with_names(self.mechanism) for t in self.tables_of(analysis))
+
+    @property
+    def names(self) -> Mapping[int, str]:
+        """The names of assembly modes, by their numbers."""
+        return {m.number: m.name for m in self.course.tracer.assembly_modes if m.name}
+
     @cached_property
     def motion_tables(self) -> tuple[Table, ...]:
         """The table of the motion, and of what happened in a simulation.
@@ -100,7 +109,7 @@ class RunPlan:
         """
         if not self.course.tracer.assembly_modes:
             return ()
-        table = motion_table(self.course)
+        table = motion_table(self.course).with_names(self.mechanism)
         return (
             (table,)
             if self.course.simulation is None
@@ -110,7 +119,7 @@ class RunPlan:
     def tables(self, failed: Collection[str] = ()) -> Mapping[str, tuple[Table, ...]]:
         """Return the tables of the motion and of all analyses but those that failed."""
         return {MOTION: self.motion_tables} | {
-            analysis.name: self.tables_of(analysis)
+            analysis.name: self.stored_tables_of(analysis)
             for analysis in self.analyses
             if analysis.name not in failed
         }

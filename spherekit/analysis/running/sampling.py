@@ -139,7 +139,7 @@ class Sampling:
         words = "From mode" if self.simulation is not None else "Mode"
         return {
             assembly_mode.number: f"{words} {assembly_mode.number}"
-            + (f" ({assembly_mode.label})" if signed else "")
+            + (f" ({assembly_mode.title})" if signed or assembly_mode.name else "")
             for assembly_mode in assembly_modes
         }
 
@@ -179,9 +179,9 @@ class Sampling:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is to be heeded in the rows of a simulation."""
+        """What is to be heeded of names of modes, and in the rows of a simulation."""
         missed = self.simulation.missed if self.simulation is not None else None
-        return () if missed is None else (missed,)
+        return self.tracer.unnamed + (() if missed is None else (missed,))
 
     def summary(self) -> dict[str, Any]:
         """Return what is to be said of time, and of a simulation's checks."""
@@ -264,7 +264,7 @@ def courses_of(
             study.start,
             study.duration,
             study.driving_torque,
-            assembly_mode or 0,
+            tracer.assembly_modes[0].number,
             study.tolerance,
             engine,
             study.crossings,

@@ -44,6 +44,7 @@ def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
             {
                 "number": item.number,
                 "mode": item.label,
+                **({"name": item.name} if item.name else {}),
                 "status": tally.of_assembly_mode(item.number),
             }
             for item in tracer.assembly_modes

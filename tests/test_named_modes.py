@@ -1,0 +1,119 @@
+"""Names of assembly modes in a file: which mode they are of, and where they are said."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.errors import FileError, ModelError, SolveError
+from spherekit.files.read import loads
+from spherekit.files.write import dumps
+
+CROSSED = {"p0": {"21": 60.0, "41": -97.1}, "p1": {"21": 60.0, "41": 52.8}}
+
+
+def made(modes, **options):
+    """Return the shipped four-bar with other names."""
+    text = dumps(replace(sk.load("four_bar"), modes=()))
+    lines = [
+        line
+        for name, values in modes.items()
+        for line in (f"[modes.{name}]", *(f"{pair} = {x}" for pair, x in values.items()))
+    ]
+    return loads("\n".join([text, *lines]), **options)
+
+
+def test_p_of_the_paper_names_the_modes():
+    """Eq. (25) of Di Gregorio (2024) at every input, p = 0 and p = 1."""
+    table = sk.run("four_bar", samples=37).frame("motion")
+    a1, a2, a3, a4 = np.radians([60.0, 20.0, 70.0, 40.0])
+    s, c = np.sin(table["q"]), np.cos(table["q"])
+    b0 = np.cos(a4) * (c * np.sin(a2) * np.sin(a1) + np.cos(a1) * np.cos(a2)) - np.cos(a3)
+    b1 = s * np.sin(a2) * np.sin(a4)
+    b2 = np.sin(a4) * (c * np.sin(a2) * np.cos(a1) - np.sin(a1) * np.cos(a2))
+    p = table["mode_name"].map({"p0": 0, "p1": 1}).to_numpy()
+    assert set(p) == {0, 1}
+    root = (-1.0) ** p * np.sqrt(b1**2 + b2**2 - b0**2)
+    printed = 2.0 * np.arctan2(root - b1, b0 - b2)
+    off = np.angle(np.exp(1j * (printed - table["theta_41"])))
+    assert np.max(np.abs(off)) < 1e-12
+
+
+def test_a_name_chooses_the_mode(tmp_path):
+    by_name = sk.run("four_bar", assembly_mode="p0", samples=9)
+    by_number = sk.run("four_bar", assembly_mode=1, samples=9)
+    assert by_name.frame().equals(by_number.frame())
+    assert by_name.summary["assembly_modes"][0]["name"] == "p0"
+    here = sk.evaluate("four_bar", 1.0, assembly_mode="p0")
+    assert here.assembly_mode.tolist() == [1]
+    study = tmp_path / "named.study.toml"
+    study.write_text(
+        'format = 1\nmechanism = "four_bar"\nangle_unit = "deg"\nsamples = 3\n'
+        'assembly_mode = "p0"\n'
+    )
+    assert set(sk.run(study).frame("motion")["assembly_mode"]) == {1}
+    start = {"start": sk.Start(0.3, 1.0), "duration": 0.1, "samples": 3}
+    moved = sk.run("four_bar", assembly_mode="p0", **start).frame("motion")
+    assert set(moved["mode_name"]) == {"p0"}
+    with pytest.raises(SolveError, match=r"no assembly mode p2; .* 1 \(-, p0\)"):
+        sk.run("four_bar", assembly_mode="p2", samples=3)
+
+
+def test_names_are_written_back_and_follow_the_sizes():
+    mechanism = sk.load("four_bar")
+    for unit in ("deg", "rad"):
+        assert loads(dumps(mechanism, unit)) == mechanism
+    names = {}
+    for arc in (20.0, 21.0, 17.0):
+        changed = mechanism.with_sizes(angle_unit="deg", arcs={"2": arc})
+        found = sk.run(changed, samples=3)
+        assert not found.summary["warnings"]
+        names[arc] = [mode["name"] for mode in found.summary["assembly_modes"]]
+    assert set(map(tuple, names.values())) == {("p1", "p0")}
+    locked = sk.lock(sk.load("five_bar"), {"51": 80.0}, angle_unit="deg")
+    assert not locked.modes and not mechanism.with_inputs("41").modes
+    assert mechanism.with_inputs(ranges={"21": (0, 1)}, angle_unit="rad").modes
+
+
+def test_names_are_those_of_the_modes_whatever_their_order():
+    modes = sk.run(made(CROSSED), samples=3).summary["assembly_modes"]
+    assert {mode["number"]: mode["name"] for mode in modes} == {0: "p0", 1: "p1"}
+
+
+@pytest.mark.parametrize(
+    ("modes", "said"),
+    [
+        ({"far": {"21": 60.0, "41": 10.0}}, "modes.far: it is none at 21 = 60 deg, where"),
+        ({"any": {"21": 60.0}}, "modes.any: it is none at 21 = 60 deg, where"),
+        (
+            {"one": {"21": 60.0, "41": 52.8}, "two": {"21": 0.0, "41": 53.7}},
+            "modes.two: it is mode 1, as one is",
+        ),
+    ],
+)
+def test_a_name_of_no_mode_is_told(modes, said, tmp_path, capsys):
+    mechanism = made(modes)
+    (warning,) = sk.run(mechanism, samples=3).summary["warnings"]
+    assert said in warning
+    sk.dump(mechanism, tmp_path / "made.toml")
+    assert main(["validate", str(tmp_path / "made.toml")]) == 1
+    assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_what_is_no_name_is_refused():
+    with pytest.raises(FileError, match=r'modes.p.99: no pair is named "99"|modes.p'):
+        made({"p": {"99": 1.0}})
+    with pytest.raises(FileError, match="a number is that of a mode"):
+        made({"0": {"21": 1.0}})
+    with pytest.raises((FileError, ModelError), match="is a contact pair"):
+        contact = sk.load("roller_cam")
+        pair = next(p.name for p in contact.pairs if not p.kind.has_axis)
+        loads(f"{dumps(contact)}\n[modes.p]\n{pair} = 1.0\n")
+
+
+def test_validate_says_the_names(capsys):
+    assert main(["validate", "four_bar", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["modes"] == {"p1": 0, "p0": 1}
