@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,8 @@ from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
 
 USABLE_RATES = 1e-6
 """Inertia and torque are not given where more than this part of the rates is in doubt."""
+ROUNDING = 1e-13
+"""Torques below this part of the terms they are sums of are zero."""
 
 
 @final
@@ -236,23 +238,48 @@ class Eksergian(AbstractAnalysis):
         return Torque(masses, per_load[:, 0], tau, status, rate_status)
 
     def findings(self, batch: Batch) -> Findings:
-        """Return the worst conditioning behind the results, and where that is."""
+        """Return the largest torque and the worst conditioning, and where they are."""
+        torque = self._sure_torque(batch)
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
         worst = int(np.nanargmax(batch.closure_conditioning))
-        figures = {
+        figures: dict[str, Any] = {
             "largest_conditioning": float(batch.closure_conditioning[worst]),
             "at_q_rad": float(batch.q[worst]),
             "at_assembly_mode": int(batch.assembly_mode[worst]),
         }
-        return Findings(figures)
+        if np.any(np.isfinite(torque)):
+            row = int(np.nanargmax(torque))
+            figures["torque"] = {
+                "pair": self.at or batch.moving_inputs[0],
+                "largest_torque_Nm": float(torque[row]),
+                "at_sample": int(batch.sample[row]),
+                "at_assembly_mode": int(batch.assembly_mode[row]),
+            }
+        return _said(figures)
+
+    def _sure_torque(self, batch: Batch) -> Floats:
+        """Return the size (n,) of the torque, zero where rounding leaves no more."""
+        torque = self._torque(batch)
+        with np.errstate(all="ignore"):
+            terms = np.sum(np.abs(torque.forces), axis=1)
+            moved = np.abs(batch.ddq) + batch.dq**2
+            terms += np.sum(np.abs(torque.inertia.B_parts), axis=1) * moved
+            if self.at:
+                terms /= np.abs(batch.pair_rate(self.at))
+            size = np.abs(torque.tau)
+            return np.where(size <= ROUNDING * terms, 0.0, size)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the worse of both."""
-        both = [findings for findings in (before, now) if findings.figures]
-        return max(
-            both, key=lambda findings: findings.figures["largest_conditioning"], default=now
-        )
+        both = [item.figures for item in (before, now) if item.figures]
+        if not both:
+            return now
+        figures = dict(max(both, key=lambda item: item["largest_conditioning"]))
+        torques = [item["torque"] for item in both if "torque" in item]
+        if torques:
+            figures["torque"] = max(torques, key=lambda item: item["largest_torque_Nm"])
+        return _said(figures)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of inertia, its derivative and torque, each with its parts.
@@ -313,6 +340,21 @@ def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
         "rad",
         "rad/s",
     )
+
+
+def _said(figures: Mapping[str, Any]) -> Findings:
+    """Return the figures, and the largest torque in words."""
+    if "torque" not in figures:
+        return Findings(figures)
+    largest = figures["torque"]
+    words = (
+        f"largest driving torque at {largest['pair']}: {largest['largest_torque_Nm']:.6g} "
+        f"N m at sample {largest['at_sample']} of assembly mode "
+        f"{largest['at_assembly_mode']}"
+        if largest["largest_torque_Nm"]
+        else f"driving torque at {largest['pair']}: zero in every row, to rounding"
+    )
+    return Findings(figures, remarks=(words,))
 
 
 def _motion(batch: Batch) -> CoordinateMotion:

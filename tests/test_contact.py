@@ -564,13 +564,13 @@ def test_gears_in_a_file(tmp_path):
     for old, new, words in (
         ("teeth = [20, 40]", "teeth = [20, 0]", "at least 1"),
         (
-            'axes = ["01", "02"]\n\n[inputs',
-            'axes = ["01", "03"]\n\n[inputs',
+            'axes = ["01", "02"]',
+            'axes = ["01", "03"]',
             'no R pair is named "03"',
         ),
         (
-            'axes = ["01", "02"]\n\n[inputs',
-            'axes = ["02", "01"]\n\n[inputs',
+            'axes = ["01", "02"]',
+            'axes = ["02", "01"]',
             'is not on link "1"',
         ),
         ("arcs = [75.0]", "arcs = [0.0]", "no pitch cones"),

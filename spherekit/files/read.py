@@ -18,6 +18,7 @@ from spherekit.files.locate import KeyPath
 from spherekit.files.read_dynamics import DynamicsReader
 from spherekit.files.values import DocumentValues, Table
 from spherekit.model.changes import AngleUnit
+from spherekit.model.gears import start_of_phase
 from spherekit.model.geometry import arc_pole, given_axis
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
@@ -143,7 +144,7 @@ class _Reader(DocumentValues):
         ground = data["ground"]
         source = data.get("source")
         geometry = self.geometry()
-        return Mechanism(
+        made = Mechanism(
             name=data["name"],
             ground=ground,
             links=tuple(data["links"]),
@@ -163,6 +164,24 @@ class _Reader(DocumentValues):
             source=Source(**source) if source else None,
             user=_plain(data.get("user", {})),
         )
+        pairs = tuple(self.in_phase(made, pair) for pair in made.pairs)
+        return replace(made, pairs=pairs) if pairs != made.pairs else made
+
+    def in_phase(self, made: Mechanism, pair: Pair) -> Pair:
+        """Return a pair, where the file says its phase with the start that this means."""
+        item, path = self.document.data["pairs"][pair.name], ("pairs", pair.name, "phase")
+        if "phase" not in item:
+            return pair
+        if "start" in item:
+            self.fail(path, "start says that already; give one of both")
+        angles = {
+            shaft: self.angle((*path, shaft), value)
+            for shaft, value in item["phase"].items()
+        }
+        try:
+            return replace(pair, start=start_of_phase(made, pair, angles))
+        except ModelError as error:
+            self.fail(path, str(error))
 
     def geometry(self) -> SizeGeometry | PoseGeometry:
         data = self.document.data

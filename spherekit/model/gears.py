@@ -2,21 +2,28 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, final
 
 import numpy as np
 
-from spherekit.conventions import EPS
+from spherekit.conventions import EPS, listing
 from spherekit.errors import ModelError
 from spherekit.model.geometry import (
     COLLINEAR,
     SAME_AXIS,
     TOUCHING,
     Vector,
+    contact_curves,
     given_axis,
+    pair_frames,
 )
-from spherekit.model.parts import PoseGeometry, SizeGeometry
-from spherekit.sphere.rotation import arc
+from spherekit.model.parts import Pair, PoseGeometry, SizeGeometry
+from spherekit.sphere.profile import Curve
+from spherekit.sphere.rotation import Floats, about_z, arc, cross
+
+if TYPE_CHECKING:
+    from spherekit.model.mechanism import Mechanism
 
 ROUNDING = 8 * EPS
 """Half angles that touch to this (rad) are kept to the last bit."""
@@ -209,3 +216,132 @@ def _carried(
 
 def _degrees(angle: float) -> str:
     return f"{math.degrees(angle):.9g}"
+
+
+def start_of_phase(
+    mechanism: "Mechanism", pair: Pair, phase: Mapping[str, float]
+) -> tuple[float, float]:
+    """Return the arc lengths (rad) at which two wheels touch at values of their shafts.
+
+    Parameters
+    ----------
+    pair
+        A rolling contact of circles, whose two shafts join its links to their carrier.
+    phase
+        The value (rad) of each of the two R pairs, by its name. If one of them is driven,
+        the lengths are those where it is at zero, from which turns are counted.
+
+    Raises
+    ------
+    ModelError
+        If these are not its shafts, or a reference pose says where wheels touch.
+    """
+    if isinstance(mechanism.geometry, PoseGeometry):
+        raise ModelError(
+            "the reference pose says how the wheels are put together; give the value of "
+            "each shaft there instead"
+        )
+    wheels = [_Wheel.of(mechanism, pair, side, phase) for side in (0, 1)]
+    one, other = wheels
+    if one.carrier != other.carrier:
+        raise ModelError(
+            f"the pairs {one.shaft} and {other.shaft} lead to the links {one.carrier} and "
+            f"{other.carrier}; they have to join the wheels to the one link that carries "
+            "both; give start instead"
+        )
+    centre, beside = one.axis, other.axis
+    across = beside - (centre @ beside) * centre
+    size = float(np.linalg.norm(across))
+    if size < COLLINEAR:
+        raise ModelError("both wheels turn about one line, so they touch everywhere")
+    sense = np.sign(np.sin(one.radius - other.radius))
+    point = np.cos(one.radius) * centre + np.sin(one.radius) * sense * across / size
+    angles = [phase[wheel.shaft] for wheel in wheels]
+    driven = {item.pair for item in mechanism.inputs}
+    paces = [wheel.pace(point, angle) for wheel, angle in zip(wheels, angles, strict=True)]
+    for side, wheel in enumerate(wheels):
+        if wheel.shaft in driven:
+            rolled = -paces[side] * angles[side]
+            angles[1 - side] += rolled / paces[1 - side]
+            angles[side] = 0.0
+            break
+    first, second = (
+        wheel.length(point, angle) for wheel, angle in zip(wheels, angles, strict=True)
+    )
+    return first, second
+
+
+@final
+@dataclass(frozen=True)
+class _Wheel:
+    """A wheel on its shaft: its circle, and the frames (3, 3) of carrier and wheel there.
+
+    `forward` is 1 if the shaft turns it against the carrier, -1 if the other way round.
+    """
+
+    shaft: str
+    carrier: str
+    frames: tuple[Floats, Floats]
+    forward: float
+    curve: Curve
+
+    @staticmethod
+    def of(
+        mechanism: "Mechanism", contact: Pair, side: int, phase: Mapping[str, float]
+    ) -> "_Wheel":
+        link = contact.links[side]
+        shafts = [mechanism.pair(name) for name in phase]
+        turning = [x for x in shafts if x.kind.has_axis and link in x.links]
+        if not turning:
+            raise ModelError(
+                f"none of {listing(phase)} is an R pair of link {link}; name the shafts of "
+                "both wheels"
+            )
+        shaft = turning[0]
+        if contact.profiles is None or contact.profiles[side].round_axis is None:
+            raise ModelError(f"the profile of {link} is no circle about a shaft")
+        first, second = (frames[shaft.name] for frames in pair_frames(mechanism))
+        here = shaft.links[1] == link
+        return _Wheel(
+            shaft.name,
+            shaft.links[0] if here else shaft.links[1],
+            (first, second) if here else (second, first),
+            1.0 if here else -1.0,
+            contact_curves(mechanism, contact)[side],
+        )
+
+    @property
+    def bend(self) -> float:
+        """The geodesic curvature of its circle."""
+        return float(self.curve.at(np.zeros(1)).curvature[0])
+
+    @property
+    def radius(self) -> float:
+        """That of its circle (rad), about the centre on the side of the normal."""
+        return float(np.arctan2(1.0, self.bend))
+
+    @property
+    def centre(self) -> Floats:
+        """That centre (3,) in the wheel."""
+        _, normal, point = self.curve.at(np.zeros(1)).frame[0].T
+        return np.asarray((normal + self.bend * point) / np.hypot(1.0, self.bend))
+
+    @property
+    def axis(self) -> Floats:
+        """The same centre in the carrier, where it stays."""
+        return np.asarray(self.frames[0] @ self.frames[1].T @ self.centre)
+
+    def length(self, point: Floats, angle: float) -> float:
+        """Return the arc length (rad) at a point (3,) of the carrier, by its angle."""
+        back = about_z(-self.forward * angle)
+        on_wheel = self.frames[1] @ back @ self.frames[0].T @ point
+        tangent = self.curve.at(np.zeros(1)).frame[0, :, 0]
+        ahead = cross(tangent, self.centre)
+        azimuth = np.arctan2(tangent @ on_wheel, ahead @ on_wheel)
+        return float(np.sin(self.radius) * azimuth)
+
+    def pace(self, point: Floats, angle: float) -> float:
+        """Return how that length grows by the angle."""
+        size = float(np.sin(self.radius))
+        grown = self.length(point, angle + 0.1) - self.length(point, angle)
+        return float(np.sign(np.sin(grown / size))) * size

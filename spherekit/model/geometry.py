@@ -60,7 +60,7 @@ def geometry_of(mechanism: Mechanism, apart: float = TOUCHING) -> Geometry:
             if isinstance(given, PoseGeometry):
                 reference.append(given.values.get(pair.name, 0.0))
             continue
-        curves = _curves(mechanism, pair)
+        curves = contact_curves(mechanism, pair)
         start = pair.start
         if isinstance(given, PoseGeometry):
             start = touching(mechanism, pair, curves, apart)
@@ -74,7 +74,8 @@ def geometry_of(mechanism: Mechanism, apart: float = TOUCHING) -> Geometry:
     return Geometry(tuple(joints), np.array(reference) if in_pose else None)
 
 
-def _curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
+def contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
+    """Return the curves of both links of a contact, which run alike where they touch."""
     assert pair.profiles is not None
     made = []
     for link, profile in zip(pair.links, pair.profiles, strict=True):

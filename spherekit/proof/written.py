@@ -24,6 +24,9 @@ from spherekit.proof.gears import Train, carried_wheels, train_of
 from spherekit.proof.structure import Structure, structure_of
 from spherekit.proof.vectors import Frame, Vector, cross, unit
 
+PHASE = 1e-13
+"""A start that the reader finds of a phase is known to this (rad)."""
+
 
 @final
 @dataclass(frozen=True)
@@ -125,7 +128,11 @@ class Written:
 
     def _starts(self, contact: int) -> tuple[Ball, Ball]:
         """Return the lengths (rad) along both circles at which a contact starts."""
-        item = self.item(self.mechanism.pairs[contact].name)
+        pair = self.mechanism.pairs[contact]
+        item = self.item(pair.name)
+        if "phase" in item:
+            one, other = (wide(exact(length), PHASE) for length in pair.start)
+            return one, other
         one, other = (self.angle(length, False) for length in item.get("start", (0.0, 0.0)))
         return one, other
 

@@ -1,0 +1,97 @@
+"""Wheels that are put together by the values of their shafts, against ratios of teeth."""
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.files.document import parse
+from spherekit.files.read import loads, read
+from spherekit.files.write import dumps
+from spherekit.proof.balls import bits, middle
+from spherekit.proof.written import Written
+
+GEARS = """
+format = 1
+name = "gears"
+angle_unit = "deg"
+ground = "base"
+[links.base]
+axes = ["pinion_shaft", "wheel_shaft"]
+arcs = [75.0]
+[links.pinion]
+axes = ["pinion_shaft"]
+[links.wheel]
+axes = ["wheel_shaft"]
+[pairs.pinion_shaft]
+type = "R"
+links = ["base", "pinion"]
+[pairs.wheel_shaft]
+type = "R"
+links = {links}
+zero = 12.0
+[pairs.mesh]
+type = "Cr"
+links = ["pinion", "wheel"]
+teeth = {teeth}
+contact = "{contact}"
+axes = ["pinion_shaft", "wheel_shaft"]
+{phase}
+[inputs.{driven}]
+"""
+OUTSIDE = {"teeth": [20, 40], "contact": "external"}
+INSIDE = {"teeth": [20, 60], "contact": "internal"}
+
+
+@pytest.mark.parametrize("driven", ["pinion_shaft", "wheel_shaft"])
+@pytest.mark.parametrize("phase", [(0.0, 0.0), (30.0, -7.0), (300.0, 200.0)])
+@pytest.mark.parametrize(
+    ("links", "gears", "ratio"),
+    [
+        ('["base", "wheel"]', OUTSIDE, -20 / 40),
+        ('["wheel", "base"]', OUTSIDE, 20 / 40),
+        ('["base", "wheel"]', INSIDE, 20 / 60),
+    ],
+)
+def test_both_shafts_are_there_together_and_elsewhere_off_by_the_ratio(
+    driven, phase, links, gears, ratio
+):
+    pinion, wheel = phase
+    said = f"phase = {{ wheel_shaft = {wheel}, pinion_shaft = {pinion} }}"
+    made = loads(GEARS.format(links=links, **gears, phase=said, driven=driven))
+    assert loads(dumps(made)) == made
+    q = np.linspace(-200.0, 500.0, 15)
+    rows = sk.trace(made, path=np.radians(q)).values
+    turned = {pair: np.degrees(rows[:, k]) for pair, k in made.angles.items()}
+    if driven == "pinion_shaft":
+        off = turned["wheel_shaft"] - wheel - ratio * (q - pinion)
+    else:
+        off = turned["pinion_shaft"] - pinion - (q - wheel) / ratio
+    assert np.abs((off + 180.0) % 360.0 - 180.0).max() < 1e-10
+
+
+def test_the_proof_knows_the_phase():
+    pytest.importorskip("flint")
+    said = "phase = { wheel_shaft = -7.0, pinion_shaft = 30.0 }"
+    links = '["base", "wheel"]'
+    text = GEARS.format(links=links, **OUTSIDE, phase=said, driven="pinion_shaft")
+    document = parse(text, "gears")
+    with bits(80):
+        written = Written.of(read(document), document)
+        _, wheel = written.given([written.input_angle("90")])
+        assert np.degrees(middle(wheel)) == pytest.approx(-7.0 - 0.5 * 60.0, abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("phase", "told"),
+    [
+        ("{ pinion_shaft = 0.0, mesh = 0.0 }", "none of .* is an R pair of link wheel"),
+        ("{ pinion_shaft = 0.0, wheel = 0.0 }", 'no pair is named "wheel"'),
+        ("{ pinion_shaft = 0.0, wheel_shaft = 0.0 }\nstart = [0.0, 0.0]", "one of both"),
+    ],
+)
+def test_a_phase_is_that_of_both_shafts(phase, told):
+    text = GEARS.format(
+        links='["base", "wheel"]', **OUTSIDE, phase=f"phase = {phase}", driven="wheel_shaft"
+    )
+    with pytest.raises(sk.SpherekitError, match=rf"pairs\.mesh\.phase.*{told}"):
+        loads(text)
