@@ -21,6 +21,7 @@ from spherekit.plugin import (
     Needs,
     Scene,
     Status,
+    Sweep,
     Table,
     TableData,
     listing,
@@ -121,6 +122,16 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column("share", "", "its share of the variance, to first order"),
                 Column("status", "", "what became of the row", "status"),
             ),
+        ),
+    )
+
+    trades: ClassVar[tuple[Sweep, ...]] = (
+        Sweep(
+            "draws",
+            (16, 64, 256, 1024, 8192),
+            "tolerances",
+            "drawn_spread",
+            ("sample", "assembly_mode", "quantity"),
         ),
     )
 

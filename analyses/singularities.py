@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import ClassVar, Literal, final
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from spherekit.plugin import (
     Mechanism,
     Needs,
     Scene,
+    Sweep,
     Table,
     TableData,
 )
@@ -23,6 +24,16 @@ from spherekit.plugin.singularities import ordered_pole, output_of
 from .one_input_singularities import OneInput
 from .several_singularities import MOST_INPUTS, SeveralInputs, no_aspects
 from .singular_tables import ASPECTS, RELATION, SINGULARITIES
+
+
+def _found_with(
+    parameter: str, values: tuple[float, ...], inputs: Literal["one", "several"]
+) -> Sweep:
+    """Return the places of singularities by values of a parameter."""
+    kinds = "kind", "output"
+    beside = () if parameter in ("samples", "seconds") else (("seconds", 100.0),)
+    where = "singularities", "q", kinds
+    return Sweep(parameter, values, *where, places=True, beside=beside, inputs=inputs)
 
 
 @final
@@ -52,6 +63,13 @@ class SingularityAnalysis(AbstractAnalysis):
         "R. Di Gregorio, J. Mechanisms and Robotics 7(3), 2015, 031008",
     )
     tables: ClassVar[tuple[Table, ...]] = (SINGULARITIES, RELATION, ASPECTS)
+
+    trades: ClassVar[tuple[Sweep, ...]] = (
+        _found_with("samples", (31, 91, 181, 361, 1441), "one"),
+        _found_with("slices", (3, 6, 12, 24), "several"),
+        _found_with("mesh", (20.0, 10.0, 5.0, 2.5), "several"),
+        _found_with("seconds", (1.0, 3.0, 10.0, 100.0), "several"),
+    )
 
     output: tuple[str, ...] = ()
     near: float = 5.0

@@ -14,6 +14,7 @@ from spherekit.engine.frames import DesignGeometry, revolute_frames
 from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.exact.rows import exact_rows
 from spherekit.files.change import document_of, number_at, number_path, with_numbers
+from spherekit.files.library import find
 from spherekit.files.read import read
 from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import Revolute
@@ -295,6 +296,30 @@ def test_deviating_profiles_are_drawn():
     )
     slope = (drawn[:, :, 0] - drawn[:, :, 1]) / (2.0 * size)
     assert slope == pytest.approx(gradients.sum(axis=0), abs=1e-6)
+
+
+def test_deviating_profiles_close_where_the_mechanism_with_them_does(tmp_path):
+    """Near its dead centre, where Newton's method does not go there at once."""
+    before = find("two_contacts").read_text()
+    first, second, third, last = before.split("cosines = [15.0, 0.0, 3.0]")
+    middle = "cosines = [15.0, 0.0, 3.0]".join([first, second, third])
+    path = tmp_path / "other.toml"
+    path.write_text(middle + "cosines = [15.2, 0.1, 3.05]" + last)
+    mechanism, other = sk.load("two_contacts"), sk.load(path)
+    keys = [f"pairs.push.profiles.3.cosines.{k}" for k in range(3)]
+    names = ["velocity_coefficient_3_1"]
+    motion, there = sk.trace(mechanism, samples=4), sk.trace(other, samples=4)
+    sensitivity = Sensitivity(mechanism, keys, names)
+    away = np.radians([[0.2], [0.1], [0.05]])
+    (drawn,) = sensitivity.scattered(samples_of(motion), motion.values, away)
+    closes = ~there.failed
+    ((found,), _) = Sensitivity(other, keys, names).at(
+        samples_of(there.rows(closes)), there.values[closes]
+    )
+    for q, value in zip(motion.q, drawn[:, 0], strict=True):
+        possible = found[np.isclose(there.q[closes], q)]
+        assert np.min(np.abs(possible - value)) < 1e-9 * np.max(np.abs(possible))
+    assert len(set(np.round(drawn[:, 0], 9))) == len(motion.q)
 
 
 def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):

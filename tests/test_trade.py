@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.analysis.contract import Sweep
 from spherekit.analysis.registry import create
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.setting import Setting
 from spherekit.cli.main import main
-from spherekit.conventions import EPS, Status
+from spherekit.conventions import EPS, TURN, Status
 from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, SolveError
 from spherekit.exact.arithmetic import Digits
@@ -25,7 +26,7 @@ from spherekit.tradeoff.choice import WORTH, choose
 from spherekit.tradeoff.measure import Benchmark
 from spherekit.tradeoff.record import MARGIN, Measured, check_tolerance
 from spherekit.tradeoff.stored import read_trade
-from spherekit.tradeoff.trade import trade
+from spherekit.tradeoff.trade import _places_apart, trade
 
 FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
 FEW = (
@@ -298,9 +299,28 @@ def test_no_tolerance(tolerance):
         choose(Study("x", sk.load("four_bar"), 9), [create("poles")], tolerance)
 
 
-def test_nothing_to_trade():
-    with pytest.raises(AnalysisError, match="nothing to measure"):
-        trade(sk.load("four_bar"), "singularities")
+def test_draws_trade_time_for_accuracy_as_their_number_says():
+    found = trade(sk.load("four_bar"), "sensitivity", rounds=1, samples=3)
+    assert [each.name for each in found.settings] == [
+        f"draws={count}" for count in (16, 64, 256, 1024)
+    ]
+    errors = [each.error for each in found.settings]
+    assert errors[0] > 5.0 * errors[-1] > 0.0
+    assert not any(each.missing for each in found.settings)
+
+
+def test_places_of_singularities_are_compared_with_the_nearest():
+    found = trade(sk.load("four_bar"), "singularities", rounds=1)
+    assert found.reference == "the tightest: samples=1441"
+    for each in found.settings:  # they are refined between samples
+        assert each.error < 1e-12 and not each.missing
+    assert found.columns[0][:2] == ("singularities.q", "absolute rad")
+    places = Sweep("mesh", (1.0, 0.5), "t", "q", ("kind",), places=True)
+    few = {"kind": ["I", "I"], "q_a": [0.1, 2.0], "q_b": [6.2, 1.0]}
+    more = {"kind": ["I", "I", "II"], "q_a": [0.1, 2.3, 0.0], "q_b": [6.2 - TURN, 1.4, 0.0]}
+    off, _, missing = _places_apart(places, more, few)
+    assert np.max(off) == pytest.approx(0.5, rel=0.02) and np.min(off) < 1e-14
+    assert missing == 1
 
 
 def test_the_command_says_what_is_reached(capsys, tmp_path):

@@ -8,7 +8,7 @@ after block or for all samples at once, and returns the tables it declared.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, Literal, final
 
 from spherekit.analysis.batch import Batch
 from spherekit.analysis.merit import Merit
@@ -28,8 +28,13 @@ class Sweep:
     """A parameter of an analysis that trades speed for accuracy, for `spherekit trade`.
 
     `values` of the `parameter`, the most accurate last: what the others give is compared
-    with that. The numbers compared are those of `column` in `table`, row by row where the
-    columns `match` agree; `error` is the column with the analysis's own estimate.
+    with that. ``"samples"`` are those of the run. The numbers compared are those of
+    `column` in `table`, row by row where the columns `match` agree; `error` is the column
+    with the analysis's own estimate. Where the rows are `places`, `column` says where (rad,
+    of each input if it is one of inputs), and each is compared with the nearest.
+
+    Other parameters have the values `beside` meanwhile. What matters to mechanisms with
+    one or with several `inputs` only says so.
     """
 
     parameter: str
@@ -38,6 +43,14 @@ class Sweep:
     column: str
     match: tuple[str, ...]
     error: str = ""
+    places: bool = False
+    beside: tuple[tuple[str, Any], ...] = ()
+    inputs: Literal["any", "one", "several"] = "any"
+
+    def applies(self, mechanism: Mechanism) -> bool:
+        """Return whether it matters to a mechanism."""
+        several = "several" if len(mechanism.inputs) > 1 else "one"
+        return self.inputs in ("any", several)
 
 
 @final

@@ -6,8 +6,10 @@ from functools import cached_property
 from typing import Protocol, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.design.evaluate import DesignAt, Evaluator
+from spherekit.design.profile_numbers import columns_of
 from spherekit.design.solution_paths import SAME, apart
 from spherekit.design.verified_steps import Profiles, followed
 from spherekit.engine.design_kernel import NewtonKernel, newton_kernel
@@ -102,7 +104,16 @@ class FollowedMode:
                 made[t] = between.profiles.tracks if between and between.profiles else None
             return made[t]
 
-        return tracks
+        def profiles(now: Floats, rows: NDArray[np.intp], ahead: Floats) -> Floats:
+            count = len(design.profiles.tracks) if design.profiles else 0
+            there = np.full((9 * count, len(rows)), np.nan)
+            for t in np.unique(ahead):
+                if (some := tracks(float(t))) is not None:
+                    at = np.flatnonzero(ahead == t)
+                    there[:, at] = columns_of(some, now[:, at].T)
+            return there
+
+        return profiles
 
     def moved(self, design: DesignAt) -> "FollowedMode":
         """Return the mode with the configurations that another design has."""

@@ -1,15 +1,17 @@
 """What profiles are where contacts touch them, by any number of the file."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.design.file_numbers import EIGHTH
 from spherekit.design.variables import DesignVariable, designed
+from spherekit.design.verified_steps import Profiles
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.change import with_numbers
 from spherekit.files.document import Document
@@ -18,6 +20,7 @@ from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, Profile
 from spherekit.motion.pairs import contact_tracks
+from spherekit.sphere.drawn_curves import DrawnCurves
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.varied_curve import VariedCurve, varied_round, varied_through
 
@@ -79,9 +82,29 @@ class ProfileNumbers:
         """Whether profiles change with a variable."""
         return any(self._varied)
 
-    def drawn(self, deviations: Floats) -> list[list[Track] | None]:
-        """Return the profiles of deviating designs (variables, draws)."""
-        return [self._tracks(self.values + deviation) for deviation in deviations.T]
+    def towards(self, deviations: Floats) -> Profiles:
+        """Return the profiles on the ways to deviating designs (variables, draws).
+
+        Draw by draw at each row. On the way they are between those at its ends.
+        """
+        drawn = [self._tracks(self.values + deviation) for deviation in deviations.T]
+        possible = np.array([tracks is not None for tracks in drawn])
+        every = [
+            _DrawnTrack.of(track, [tracks[k] if tracks else track for tracks in drawn])
+            for k, track in enumerate(self.tracks)
+        ]
+
+        def profiles(now: Floats, rows: NDArray[np.intp], ahead: Floats) -> Floats:
+            draws = rows % len(drawn)
+            there = np.concatenate([track.columns(now, draws) for track in every])
+            there[:, ~possible[draws]] = np.nan
+            some = np.flatnonzero(ahead < 1.0)
+            if len(some):
+                nominal = columns_of(self.tracks, now[:, some].T, last=False)
+                there[:, some] = _between(nominal, there[:, some], ahead[some])
+            return there
+
+        return profiles
 
     def _tracks(self, values: Floats) -> list[Track] | None:
         """Return the profiles of a design (variables,), None if there is no such design."""
@@ -170,6 +193,34 @@ class ProfileNumbers:
         )
 
 
+@final
+@dataclass(frozen=True)
+class _DrawnTrack:
+    """A profile of deviating designs: `tracks`, and all `curves` at once if they can be."""
+
+    tracks: Sequence[Track]
+    starts: Floats
+    curves: DrawnCurves | None
+
+    @staticmethod
+    def of(nominal: Track, tracks: Sequence[Track]) -> "_DrawnTrack":
+        """Return the profiles of designs that are near a nominal one."""
+        curves = DrawnCurves.of(nominal.curve, [track.curve for track in tracks])
+        return _DrawnTrack(tracks, np.array([track.start for track in tracks]), curves)
+
+    def columns(self, now: Floats, draws: NDArray[np.intp]) -> Floats:
+        """Return the columns (9, n) at variables (v, n) of designs (n,)."""
+        there = np.full((9, len(draws)), np.nan)
+        if self.curves is not None:
+            arcs = now[self.tracks[0].variable] + self.starts[draws]
+            there[:8] = self.curves.at(arcs, draws)
+            return there
+        for draw in np.unique(draws):
+            some = np.flatnonzero(draws == draw)
+            there[:, some] = columns_of([self.tracks[draw]], now[:, some].T, last=False)
+        return there
+
+
 def tracks_of(mechanism: Mechanism, apart: float = TOUCHING) -> list[Track]:
     """Return the profiles of all contacts, in the order of `TurningPairs.columns`."""
     contacts = contact_tracks(geometry_of(mechanism, apart).joints)
@@ -242,16 +293,30 @@ def _nearest(
     return float(moved[0]), float(moved[1])
 
 
-def columns_of(tracks: Sequence[Track], values: Floats) -> Floats:
-    """Return the columns (9 profiles, n) of profiles at pair variables (n, w)."""
+def columns_of(tracks: Sequence[Track], values: Floats, last: bool = True) -> Floats:
+    """Return the columns (9 profiles, n) of profiles at pair variables (n, w).
+
+    With the `last` of each, or NaN there.
+    """
     made = []
     for track in tracks:
         arcs = values[:, track.variable] + track.start
         there = track.curve.at(arcs)
         rows = [there.frame[:, :, 0].T, there.frame[:, :, 2].T]
         rows += [there.curvature[None], there.curvature_rate[None]]
-        rows += [track.curve.curvature_second(arcs)[None]]
-        column = np.concatenate(rows)
+        second = track.curve.curvature_second(arcs) if last else np.full(len(arcs), np.nan)
+        column = np.concatenate([*rows, second[None]])
         column[:, ~there.inside] = np.nan
         made.append(column)
     return np.concatenate(made)
+
+
+def _between(one: Floats, other: Floats, part: Floats) -> Floats:
+    """Return columns (9 profiles, n) at parts (n,) between two: frames stay frames."""
+    made = one + part * (other - one)
+    for k in range(0, len(made), 9):
+        tangent, point = made[k : k + 3], made[k + 3 : k + 6]
+        point /= np.sqrt(np.sum(point * point, axis=0))
+        tangent -= np.sum(tangent * point, axis=0) * point
+        tangent /= np.sqrt(np.sum(tangent * tangent, axis=0))
+    return made

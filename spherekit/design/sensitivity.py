@@ -5,16 +5,10 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.conventions import TURN, listing, nearest
 from spherekit.design.file_numbers import FileNumbers
-from spherekit.design.profile_numbers import (
-    APART,
-    ProfileNumbers,
-    columns_of,
-    has_other_profiles,
-)
+from spherekit.design.profile_numbers import APART, ProfileNumbers, has_other_profiles
 from spherekit.design.size_keys import link_sizes, quantities_of, sizes_of
 from spherekit.design.variables import (
     ACTIONS,
@@ -24,7 +18,7 @@ from spherekit.design.variables import (
     designed_pairs,
     is_angle_of_load,
 )
-from spherekit.design.verified_steps import followed
+from spherekit.design.verified_steps import Profiles, followed
 from spherekit.engine.design_kernel import (
     DesignKernel,
     DesignTerms,
@@ -37,12 +31,12 @@ from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
 from spherekit.model.actions import acting_links, need_tabulated, wound_pairs
-from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_at
+from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
-TOGETHER = 8192
+TOGETHER = 2**16
 """Deviating configurations that are solved together."""
 
 
@@ -424,51 +418,39 @@ class Sensitivity:
         Followed from each configuration by Newton's method; NaN where none is there.
         """
         draws = deviations.shape[1]
-        sizes = self._deviating(deviations)
-        tracks = () if self._profiles is None else self._profiles.tracks
-        if self._profiles is not None and self._profiles.vary:
-            profiles = self._profiles.drawn(deviations[self._shaping])
-            drawn = [
-                self._closed(samples, values, sizes[:, [k]], tracks)
-                for k, tracks in enumerate(profiles)
-            ]
-            return np.concatenate(drawn, axis=2)
+        sizes, profiles = self._deviating(deviations), None
+        if self._profiles is not None:
+            profiles = self._profiles.towards(deviations[self._shaping])
         together = max(1, TOGETHER // draws)
-        made = [
-            self._closed(samples[k : k + together], values[k : k + together], sizes, tracks)
-            for k in range(0, len(samples), together)
-        ]
+        made, working = [], Working(f"{self.mechanism.name}: deviating mechanisms")
+        for k in range(0, len(samples), together):
+            working.tell(f"configuration {k + 1} of {len(samples)}".__str__)
+            some = slice(k, k + together)
+            made.append(self._closed(samples[some], values[some], sizes, profiles))
         return np.concatenate(made, axis=1)
 
     def _closed(
-        self,
-        samples: Floats,
-        values: Floats,
-        of_draws: Floats,
-        tracks: Sequence[Track] | None = (),
+        self, samples: Floats, values: Floats, of_draws: Floats, profiles: Profiles | None
     ) -> Floats:
         """Return the quantities (c, n, draws) of mechanisms with sizes (k, draws)."""
         n, draws = len(samples), of_draws.shape[1]
-        if tracks is None:
-            return np.full((len(self.quantities), n, draws), np.nan)
         start = np.repeat(self._placed(values).T, draws, axis=1)
         sizes = np.tile(of_draws, n)
-        now, closed = self._followed(start, sizes, tracks)
+        away = self._away(sizes)
+        now, closed = followed(self._newton, start, sizes, away, profiles, short=True)
         with np.errstate(all="ignore"):
-            kernel = self._plain
-            placed = [now, columns_of(tracks, now.T)] if tracks else [now]
+            kernel, placed = self._plain, [now]
+            if profiles is not None:
+                placed.append(profiles(now, np.arange(n * draws), np.ones(n * draws)))
             placed.append(np.zeros((len(kernel.turning), n * draws)))
             rows = [np.repeat(samples.T, draws, axis=1), *placed, kernel.prepare(sizes)]
             result = kernel.evaluate(np.concatenate(rows))
         return np.where(closed, result, np.nan).reshape(-1, n, draws)
 
-    def _followed(
-        self, start: Floats, sizes: Floats, tracks: Sequence[Track]
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return the variables (v, m) that follow to sizes (k, m), and which get there."""
+    def _away(self, sizes: Floats) -> Floats:
+        """Return what sizes (k, m) of the kernel are from those of the file."""
         away = sizes - self._nominal
         if self._numbers is not None:
             angles = away[: self._acting_from]
             angles -= TURN * np.round(angles / TURN)  # those of wheels are of any turn
-        profiles = (lambda _: tracks) if tracks else None
-        return followed(self._newton, start, sizes, away, profiles)
+        return away

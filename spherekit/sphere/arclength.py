@@ -159,17 +159,12 @@ def integrated(
     the rate where it is known less well than to machine precision: no panel is halved to
     resolve that.
     """
-    nodes, weights = leggauss(_ORDER)
-    rows = np.polynomial.legendre.legvander(nodes, _ORDER - 1) * weights[:, None]
-    rows *= np.arange(_ORDER) + 0.5
     low, high = edges[:-1], edges[1:]
     ready: list[tuple[Floats, Floats, Floats]] = []
     total = 0.0
     noise = np.zeros(len(low)) if rounding is None else rounding
     for depth in range(_DEEPEST + 1):
-        half = 0.5 * (high - low)
-        u = low[:, None] + half[:, None] * (1.0 + nodes)
-        series = half[:, None] * (rate(u) @ rows)
+        series = gauss_series(rate, low, high)
         largest = np.max(np.abs(series), axis=1)
         if depth == 0:
             total = 2.0 * float(np.sum(largest))
@@ -178,7 +173,7 @@ def integrated(
         smooth |= depth == _DEEPEST
         ready.append((low[smooth], high[smooth], series[smooth]))
         rest = ~smooth
-        middle = low[rest] + half[rest]
+        middle = low[rest] + 0.5 * (high[rest] - low[rest])
         low = np.concatenate([low[rest], middle])
         high = np.concatenate([middle, high[rest]])
         noise = np.tile(noise[rest], 2)
@@ -192,6 +187,15 @@ def integrated(
         starts=np.concatenate([[0.0], np.cumsum(2.0 * speeds[:, 0])]),
         speeds=np.ascontiguousarray(speeds.T),
     )
+
+
+def gauss_series(rate: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
+    """Return the Legendre series (panels, order) of a rate by x, -1 to 1 on each panel."""
+    nodes, weights = leggauss(_ORDER)
+    rows = np.polynomial.legendre.legvander(nodes, _ORDER - 1) * weights[:, None]
+    rows *= np.arange(_ORDER) + 0.5
+    half = 0.5 * (high - low)[:, None]
+    return np.asarray(half * (rate(low[:, None] + half * (1.0 + nodes)) @ rows))
 
 
 def _within_panel(x: Floats) -> Floats:

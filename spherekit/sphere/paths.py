@@ -43,7 +43,10 @@ class Path(Parametrised, Protocol):
 @final
 @dataclass(frozen=True)
 class FourierPath:
-    """A colatitude about the third column of `axes`; its parameter is the azimuth."""
+    """A colatitude about the third column of `axes`; its parameter is the azimuth.
+
+    With a last dimension of all three, one for each place.
+    """
 
     axes: Floats
     cosines: Floats
@@ -55,8 +58,9 @@ class FourierPath:
         c, s = np.cos(angles), np.sin(angles)
         shape = (-1, *[1] * np.ndim(a))
         out = []
-        for even, odd in self._series[: derivatives + 1]:
-            terms = even.reshape(shape) * c + odd.reshape(shape) * s
+        for both in self._series[: derivatives + 1]:
+            even, odd = (x if x.ndim > 1 else x.reshape(shape) for x in both)
+            terms = even * c + odd * s
             out.append(np.add.accumulate(terms, axis=0)[-1])  # one place as many
         return out
 
@@ -64,7 +68,7 @@ class FourierPath:
     def _series(self) -> list[tuple[Floats, Floats]]:
         """Cosines and sines (k,) of the colatitude and its first three derivatives."""
         made = [(self.cosines, self.sines)]
-        orders = np.arange(len(self.cosines))
+        orders = np.arange(len(self.cosines)).reshape(-1, *[1] * (self.cosines.ndim - 1))
         for _ in range(3):
             even, odd = made[-1]
             made.append((orders * odd, -orders * even))
@@ -82,7 +86,7 @@ class FourierPath:
         s, c = np.sin(colatitude), np.cos(colatitude)
         # components first: a place each in the innermost loops
         outward, along = (vectors.T for vectors in turned(self.axes, u))
-        centre = self.axes[:, 2, None]
+        centre = self.axes[:, 2].reshape(3, -1)
         point = c * centre + s * outward
         away = c * outward - s * centre
         v = np.sqrt(d1 * d1 + s * s)
@@ -174,7 +178,7 @@ def axes_about(centre: ArrayLike) -> Floats:
 def turned(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
     """Return the unit vectors (n, 3) at right angles to the third axis: out, onward."""
     c, s = np.cos(azimuth), np.sin(azimuth)
-    x, y = axes[:, 0, None], axes[:, 1, None]
+    x, y = axes[:, 0].reshape(3, -1), axes[:, 1].reshape(3, -1)
     return (c * x + s * y).T, (c * y - s * x).T
 
 

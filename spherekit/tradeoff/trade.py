@@ -1,6 +1,7 @@
 """Measuring the trade of speed for accuracy of one analysis of one mechanism."""
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -20,7 +21,6 @@ from spherekit.checked import checked
 from spherekit.conventions import EPS
 from spherekit.errors import AnalysisError
 from spherekit.exact.arithmetic import wide
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.sphere.rotation import Floats
 from spherekit.tradeoff.candidates import of_samples
@@ -64,7 +64,7 @@ def trade(
     Raises
     ------
     AnalysisError
-        If the analysis reads nothing that depends on a setting.
+        If the analysis has nothing that trades speed for accuracy.
     PlanError, SolveError, ModelError
         See `spherekit.run`.
     """
@@ -72,8 +72,9 @@ def trade(
     # The step tolerance is what is traded.
     study = replace(study, tolerance=DEFAULT_TOLERANCE)
     chosen = create(analysis) if isinstance(analysis, str) else analysis
-    if chosen.trades:
-        return _of_parameters(study, chosen, effort)
+    sweeps = [sweep for sweep in chosen.trades if sweep.applies(study.mechanism)]
+    if sweeps:
+        return _of_parameters(study, chosen, sweeps, effort)
     few = study
     if study.start is not None:
         few = replace(study, samples=min(study.count, effort.checked or CHECKED))
@@ -175,46 +176,49 @@ def _trade(bench: Benchmark, study: Study, result: Found) -> Trade:
     )
 
 
-def _of_parameters(study: Study, analysis: AbstractAnalysis, effort: Effort) -> Trade:
+def _of_parameters(
+    study: Study, analysis: AbstractAnalysis, sweeps: Sequence[Sweep], effort: Effort
+) -> Trade:
     """Return the values of an analysis's own parameters against the most accurate."""
     every: list[Measured] = []
     columns: list[tuple[str, str, float]] = []
-    for sweep in analysis.trades:
+    for sweep in sweeps:
         estimates: dict[str, float] = {}
-        way = partial(_swept, study.mechanism, analysis, sweep, estimates)
+        way = partial(_swept, study, analysis, sweep, estimates)
         names = [_named(sweep, value) for value in sweep.values]
         reference = way(sweep.values[-1])[0]
-        swept = _Swept(sweep)
+        compare = _places_apart if sweep.places else _numbers_apart
         ways = [
             (name, None, partial(way, value))
             for name, value in zip(names[:-1], sweep.values[:-1], strict=True)
         ]
-        results = timing_loop(ways, partial(swept.deviations, reference), 1, effort)
+        judge = partial(_compared, sweep, compare, reference)
+        results = timing_loop(ways, judge, 1, effort)
         every += [
             replace(result, estimate=estimates.get(result.name, np.nan))
             for result in results
         ]
-        scale = float(np.nanmax(np.abs(swept.numbers(reference)), initial=0.0))
-        columns.append((f"{sweep.table}.{sweep.column}", "over the largest", scale))
-    floor = float(np.nanmin([result.error for result in every]))
+        (same,) = judge(reference)
+        words = "absolute rad" if sweep.places else "over the largest"
+        columns.append((f"{sweep.table}.{sweep.column}", words, same.scale))
+    errors = [result.error for result in every if np.isfinite(result.error)]
     return Trade(
         study.mechanism.name,
         analysis.name,
         study.count,
         1,
         1,
-        "the tightest: "
-        + ", ".join(f"{s.parameter}={s.values[-1]:g}" for s in analysis.trades),
-        floor,
+        "the tightest: " + ", ".join(_named(sweep, sweep.values[-1]) for sweep in sweeps),
+        min(errors, default=EPS),
         None,
-        tuple(columns),
+        gathered(columns),
         tuple(every),
         run_of(study, analysis),
     )
 
 
 def _swept(
-    mechanism: Mechanism,
+    study: Study,
     analysis: AbstractAnalysis,
     sweep: Sweep,
     estimates: dict[str, float],
@@ -223,8 +227,14 @@ def _swept(
 ) -> tuple[Tables, float, float]:
     """Run an analysis with one value of a parameter, and note its own estimate."""
     started = time.process_time()
-    varied = replace(analysis, **{sweep.parameter: value})  # type: ignore[type-var]
-    result = run(mechanism, varied, samples=2, search=False)
+    few = replace(study, samples=min(study.count, FEWEST))
+    changed = dict(sweep.beside)
+    if sweep.parameter == "samples":
+        few = replace(study, samples=value)
+    else:
+        changed[sweep.parameter] = value
+    varied = replace(analysis, **changed)  # type: ignore[type-var]
+    result = run(few, varied)
     if result.failures:
         raise AnalysisError(result.failures[analysis.name])
     data = result.results[analysis.name].data[sweep.table]
@@ -245,43 +255,70 @@ def _estimate(data: TableArrays, sweep: Sweep) -> float:
     return float(np.nanmax(errors, initial=0.0) / (np.nanmax(values, initial=0.0) or 1.0))
 
 
-class _Swept:
-    """Compares the column of a sweep row by row, where the matching columns agree."""
+def _compared(
+    sweep: Sweep,
+    compare: Callable[[Sweep, TableArrays, TableArrays], tuple[Floats, float, int]],
+    reference: Tables,
+    given: Tables,
+) -> list[Deviation]:
+    """Return the deviation of the column of a sweep from the reference."""
+    theirs, ours = reference[sweep.table], given[sweep.table]
+    off, scale, missing = compare(sweep, theirs, ours)
+    error = max([EPS, *off.tolist()])
+    count = len(off) + missing
+    return [Deviation(sweep.table, sweep.column, error, scale, count, missing)]
 
-    def __init__(self, sweep: Sweep) -> None:
-        self.sweep = sweep
 
-    def numbers(self, tables: Tables) -> Floats:
-        """Return the column's numbers, one for each key, in the order first met."""
-        return np.array(list(self._by_key(tables).values()), dtype=float)
+def _by_key(sweep: Sweep, data: TableArrays) -> dict[tuple[str, ...], Floats]:
+    """Return the numbers (n, columns) of a sweep's column by the texts that match."""
+    names = [name for name in data if _is_of(name, sweep.column)]
+    numbers = np.stack([np.asarray(data[name], dtype=float) for name in names], axis=1)
+    texts = [np.asarray(data[name]).astype(str) for name in sweep.match]
+    made: dict[tuple[str, ...], list[Floats]] = {}
+    for number, *key in zip(numbers, *texts, strict=True):
+        if np.all(np.isfinite(number)):
+            made.setdefault(tuple(key), []).append(number)
+    return {key: np.array(rows) for key, rows in made.items()}
 
-    def _by_key(self, tables: Tables) -> dict[tuple[str, ...], float]:
-        data = tables[self.sweep.table]
-        keys = zip(
-            *(np.asarray(data[name]).astype(str) for name in self.sweep.match), strict=True
-        )
-        numbers: dict[tuple[str, ...], float] = {}
-        for key, value in zip(
-            keys, np.asarray(data[self.sweep.column], dtype=float), strict=True
-        ):
-            numbers.setdefault(key, float(value))
-        return numbers
 
-    def deviations(self, reference: Tables, given: Tables) -> list[Deviation]:
-        """Return the deviation of the column from the reference."""
-        ours, theirs = self._by_key(given), self._by_key(reference)
-        scale = max((abs(x) for x in theirs.values() if np.isfinite(x)), default=0.0) or 1.0
-        shared = [key for key in theirs if key in ours and np.isfinite(theirs[key])]
-        off = [abs(ours[key] - theirs[key]) / scale for key in shared]
-        expected = sum(np.isfinite(x) for x in theirs.values())
-        error = max([EPS, *off])
-        return [
-            Deviation(
-                self.sweep.table,
-                self.sweep.column,
-                error,
-                scale,
-                expected,
-                expected - len(shared),
-            )
-        ]
+def _is_of(name: str, column: str) -> bool:
+    """Return whether a column is one of a column for each input."""
+    return name == column or name.startswith(f"{column}_")
+
+
+def _numbers_apart(
+    sweep: Sweep, theirs: TableArrays, ours: TableArrays
+) -> tuple[Floats, float, int]:
+    """Return differences over the largest number, that, and how many have none."""
+    right, given = _by_key(sweep, theirs), _by_key(sweep, ours)
+    scale = max((np.max(np.abs(x)) for x in right.values()), default=0.0) or 1.0
+    shared = [key for key in right if key in given]
+    off = [np.max(np.abs(given[key][0] - right[key][0])) / scale for key in shared]
+    return np.array(off), float(scale), len(right) - len(shared)
+
+
+def _places_apart(
+    sweep: Sweep, theirs: TableArrays, ours: TableArrays
+) -> tuple[Floats, float, int]:
+    """Return the distances (rad) of places from the nearest of the same kind.
+
+    Of ours from theirs too; then 1, and how many have none of their kind.
+    """
+    from scipy.spatial import cKDTree
+
+    right, given = _by_key(sweep, theirs), _by_key(sweep, ours)
+    off, missing = [np.zeros(0)], 0
+    for key in right.keys() | given.keys():
+        if key in right and key in given:
+            both = [_on_circles(rows[key]) for rows in (right, given)]
+            one, other = (cKDTree(rows) for rows in both)
+            chords = [one.query(both[1])[0], other.query(both[0])[0]]
+            off += [2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) for chord in chords]
+        else:
+            missing += len(right.get(key, given.get(key, ())))
+    return np.concatenate(off), 1.0, missing
+
+
+def _on_circles(angles: Floats) -> Floats:
+    """Return angles (n, inputs) as points (n, 2 inputs), a turn on being the same."""
+    return np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
