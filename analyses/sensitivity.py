@@ -1,7 +1,7 @@
 """How an output changes with sizes, and what deviations of sizes do to it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -266,11 +266,19 @@ class SensitivityAnalysis(AbstractAnalysis):
                 if self.draws:
                     figures[name]["drawn"] = float(made.drawn_spread[k, row])
                     figures[name]["lost"] = float(made.lost[k, row])
-        return self._said(figures)
+        said = self._said(figures)
+        if not sensitivity.left_out or self.by:
+            return said
+        words = (
+            f"sizes of {listing(f'links.{x}' for x in sensitivity.left_out)} are left out: "
+            "two of its axes are on one line, and what opens an arc of 0 has no derivative"
+        )
+        return replace(said, warnings=(words,))
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the largest spreads of all blocks."""
-        return self._said(largest_of(before.figures, now.figures, "spread"))
+        said = self._said(largest_of(before.figures, now.figures, "spread"))
+        return replace(said, warnings=now.warnings)
 
     def _said(self, figures: Mapping[str, Mapping[str, Any]]) -> Findings:
         least = ROUNDING * self.deviation * DEG

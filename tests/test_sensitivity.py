@@ -322,6 +322,39 @@ def test_deviating_profiles_close_where_the_mechanism_with_them_does(tmp_path):
     assert len(set(np.round(drawn[:, 0], 9))) == len(motion.q)
 
 
+def test_sizes_of_coaxial_shafts_are_left_out_and_said_to_be():
+    (warning,) = [
+        text
+        for text in sk.run("planetary_bevel", "sensitivity", samples=3).summary["warnings"]
+        if "left out" in text
+    ]
+    assert "sizes of links.sun" in warning
+
+
+def test_the_zero_of_the_second_of_coincident_axes_jumps_by_half_a_turn():
+    def shaft(arc, zero):
+        arcs = {"base": arc, "crank": 60.0, "coupler": 35.0, "rocker": 80.0}
+        axes = {"base": "ad", "crank": "ab", "coupler": "bc", "rocker": "dc"}
+        made = sk.build(
+            "coaxial",
+            angle_unit="deg",
+            ground="base",
+            links={k: {"axes": list(axes[k]), "arcs": [arcs[k]]} for k in arcs},
+            pairs={
+                "a": {"links": ["base", "crank"]},
+                "b": {"links": ["crank", "coupler"]},
+                "c": {"links": ["coupler", "rocker"]},
+                "d": {"links": ["base", "rocker"], "zero": zero},
+            },
+            inputs={"a": (20.0, 60.0)},
+        )
+        motion = sk.trace(made, samples=3)
+        turned = motion.values[:, made.variable_names.index("theta_d")]
+        return np.sort(np.mod(turned.reshape(-1, 3), 2.0 * np.pi), axis=0)
+
+    assert shaft(0.02, 30.0) == pytest.approx(shaft(0.0, 210.0), abs=2e-3)
+
+
 def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
     """The crank of a geared five-bar turns by its teeth, whatever the arcs are."""
     path = tmp_path / "geared.toml"

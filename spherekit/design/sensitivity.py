@@ -9,7 +9,12 @@ import numpy as np
 from spherekit.conventions import TURN, listing, nearest
 from spherekit.design.file_numbers import FileNumbers
 from spherekit.design.profile_numbers import APART, ProfileNumbers, has_other_profiles
-from spherekit.design.size_keys import link_sizes, quantities_of, sizes_of
+from spherekit.design.size_keys import (
+    coaxial_links,
+    link_sizes,
+    quantities_of,
+    sizes_of,
+)
 from spherekit.design.variables import (
     ACTIONS,
     DesignVariable,
@@ -32,6 +37,7 @@ from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
 from spherekit.model.actions import acting_links, need_tabulated, wound_pairs
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import SizeGeometry
 from spherekit.planning.inputs import driven_at
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
@@ -125,6 +131,15 @@ class Sensitivity:
                     elif number is not None:
                         made.append(key)
         return tuple(made)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """The links with two axes on one line, whose sizes are none by default."""
+        geometry = self.mechanism.geometry
+        if not isinstance(geometry, SizeGeometry):
+            return ()
+        named = [path[1] for key in self.keys if (path := key.split("."))[0] == "links"]
+        return tuple(x for x in coaxial_links(geometry) if x not in named)
 
     @cached_property
     def _profiled(self) -> bool:

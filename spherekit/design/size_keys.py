@@ -38,10 +38,11 @@ def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
     Without those of links with two axes on one line, which no small size parts.
     """
     if isinstance(mechanism.geometry, SizeGeometry):
+        coaxial = coaxial_links(mechanism.geometry)
         return tuple(
             f"links.{link}.{kind}" + (f"s.{pair}" if len(axes) > 1 else "")
             for link, sizes in mechanism.geometry.links.items()
-            if all(abs(np.sin(arc)) > COLLINEAR for arc in sizes.arcs)
+            if link not in coaxial
             for kind, axes in (("arc", sizes.axes[1:]), ("angle", sizes.axes[2:]))
             for pair in axes
         )
@@ -50,6 +51,15 @@ def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
         for pair in mechanism.pairs
         if pair.kind.has_axis
         for kind in ("longitude", "latitude")
+    )
+
+
+def coaxial_links(geometry: SizeGeometry) -> tuple[str, ...]:
+    """Return the links with an axis on one line with the first."""
+    return tuple(
+        link
+        for link, sizes in geometry.links.items()
+        if any(abs(np.sin(arc)) <= COLLINEAR for arc in sizes.arcs)
     )
 
 

@@ -202,7 +202,10 @@ def _checking(
         simulation = replace(simulation, error=error, tolerance=tolerance)
         if simulation.missed is None or tighter <= least:
             return whole(run, simulation)
-        why = f"{simulation.engine.reason}; missed with steps for {made_for:g} rad"
+        why = (
+            f"{simulation.engine.reason}; off by {error:.1e} rad with steps for "
+            f"{made_for:g} rad, so in shorter ones"
+        )
         forecast = simulation.engine.forecast
         report = replace(tight.motion.engine, reason=why, forecast=forecast)
         run, simulation = tight.run, replace(tight.motion, engine=report)

@@ -115,7 +115,8 @@ def _in_link(
     if abs(np.sin(sizes.arcs[leading - 1])) < COLLINEAR:
         raise EngineError(
             f"{mechanism.name}: links.{link}: the arc to {sizes.axes[leading]} is 0 or 180 "
-            "deg, so its sizes cannot be inputs of a kernel; vary another size"
+            "deg, and where it opens its pair's zero jumps, so its sizes have no "
+            "derivatives; vary another size, or compare with a file of an arc that is small"
         )
     key = link, sizes.axes[leading]
     arc = design.arcs.get(key, sizes.arcs[leading - 1])
