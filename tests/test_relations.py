@@ -203,6 +203,7 @@ def test_relative_rotations_add_up_and_change_as_their_columns_say(wrist):
     [
         ("stephenson", {"links.2.arc": [15.0, 14.0]}, 9, ("",)),
         ("watt", {"links.2.arc": [20.0]}, 7, ("",)),
+        ("eight_bar_05", {"pairs.12.longitude": [-33.0]}, 5, ("",)),
         ("five_bar", {"links.2.arc": [40.0]}, (3, 3), ("_by_21", "_by_51")),
     ],
 )

@@ -13,6 +13,7 @@ import numpy as np
 from spherekit.conventions import CLOSURE_TOLERANCE, counted
 from spherekit.errors import SolveError
 from spherekit.guarantee import Claim, Guarantee
+from spherekit.model.parts import PoseGeometry
 from spherekit.motion.assemblies import MOST_ASSEMBLY_MODES, signs_at
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.gathering import MOST_COST, MOST_TIME, Gathering, other_rank
@@ -203,8 +204,11 @@ def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:
                     f"reaches nowhere for inputs {degrees}; change the arcs of its "
                     "links or the range"
                 )
+    posed = isinstance(solver.mechanism.geometry, PoseGeometry)
+    cure = "the axes of its pose" if posed else "its arcs"
     return (
         f"{name}: no configuration was found for inputs {degrees}: the {group.kind} "
         f"of pairs {pairs} did not close from any start, or only with profiles that enter "
-        "each other; change its arcs, profiles or the range, or give a reference pose"
+        f"each other; change {cure}, profiles or the range"
+        f"{'' if posed else ', or give a reference pose'}"
     )
