@@ -314,7 +314,8 @@ def _said(figures: Mapping[str, Any]) -> Findings:
             if given[name] <= ROUNDING * beside:
                 remarks.append(f"{what}: zero in every row, to rounding")
                 continue
-            remarks.append(f"largest {what}: {given[name]:.6g} {unit} {where}")
+            size = f"{given[name]:.6g} {unit}"
+            remarks.append(f"largest {what} of the samples: {size} {where}")
     told = _on_forces(figures)
     (warnings if figures["asks_for_forces"] else remarks).extend(told)
     return Findings(dict(figures), tuple(warnings), tuple(remarks))

@@ -285,7 +285,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         still = [name for name in figures if figures[name]["spread"] <= least]
         remarks = [
             f"{name}: standard deviation up to {_size(largest['spread'], name)}"
-            f"{_otherwise(largest, name)}, at q = "
+            f"{_otherwise(largest, name)}, at the sample q = "
             f"{listing(f'{q:.4g}' for q in np.degrees(largest['q']))} deg, most of it from "
             f"{largest['size']}"
             for name, largest in figures.items()

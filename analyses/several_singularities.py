@@ -270,8 +270,8 @@ class SeveralInputs:
                     )
                     warnings.append(
                         f"type {kind} of output {name} comes within {self.near:g} deg of "
-                        f"{assembly_modes}, nearest {_shown(angles[row])} deg on assembly "
-                        f"mode {batch.assembly_mode[row]} at inputs {place} deg"
+                        f"{assembly_modes}, nearest sample {_shown(angles[row])} deg on "
+                        f"assembly mode {batch.assembly_mode[row]} at inputs {place} deg"
                     )
         parts = self._aspects(batch)
         if self.input_grid is None and len(batch.mechanism.inputs) > MOST_INPUTS:

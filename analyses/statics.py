@@ -221,7 +221,7 @@ class Statics(AbstractAnalysis):
 
 def _said(largest: Mapping[str, float], loads: bool) -> Findings:
     remarks = tuple(
-        f"largest holding torque at {name}: {torque:.6g} N m"
+        f"largest holding torque of the samples at {name}: {torque:.6g} N m"
         if torque
         else f"holding torque at {name}: zero in every row, to rounding"
         for name, torque in largest.items()

@@ -141,6 +141,13 @@ def test_a_slow_output_is_not_near_its_dead_centre():
     assert not near_misses(made, 5)[0]
 
 
+@pytest.mark.parametrize("analysis", ["dynamics", "statics", "reactions", "sensitivity"])
+def test_what_is_the_largest_of_samples_says_so(analysis):
+    said = sk.run("four_bar", analysis, samples=9).summary["remarks"]
+    told = [words for words in said if "largest" in words or "up to" in words]
+    assert told and all("sample" in words for words in told)
+
+
 def test_minima_of_values_alone():
     """Two dips a tenth of a cell of the grid wide, one a tenth of the other."""
     places, widths = np.array([0.31, 0.64]), np.array([0.02, 0.02])

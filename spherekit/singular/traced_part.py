@@ -67,15 +67,18 @@ def _modes(
     motion: Motion = tracer.sparse(COMPARED)
     modes: dict[int, tuple[int, ...]] = {mode.number: () for mode in part.assembly_modes}
     k = motion.samples
+    there = {
+        mode.number: part.solver.evaluate(mode, motion.inputs[:k]).values
+        for mode in part.assembly_modes
+    }
     for place, mode in enumerate(tracer.assembly_modes):
         rows = slice(place * k, (place + 1) * k)
         good = motion.status[rows] == Status.OK
-        values, q = motion.values[rows][good], motion.inputs[rows][good]
-        for of_part in part.assembly_modes:
-            there = part.solver.evaluate(of_part, q).values
-            away = np.abs(wrap(there - values[:, variables]))
+        values = motion.values[rows][good][:, variables]
+        for number, of_part in there.items():
+            away = np.abs(wrap(of_part[good] - values))
             if len(values) and np.max(away, initial=0.0) < SAME_CONFIGURATION:
-                modes[of_part.number] += (mode.number,)
+                modes[number] += (mode.number,)
                 break
         else:
             return None
