@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.errors import AnalysisError
 from spherekit.plugin.rotations import from_tilt_torsion
+from spherekit.region.mesh import spread
+from spherekit.workspace.inverse import output_kinematics
 
 RATIO = 1.5
 """Teeth of a side gear for one of the hand's: half angles atan(1.5) and its complement."""
@@ -83,3 +86,71 @@ def test_inputs_of_a_pose_lead_back_to_it_over_all_turns_of_the_wheels(wrist):
         pitch, roll = turns[:, 0], turns[:, 1] / RATIO
         others = np.abs(left + pitch + roll) + np.abs(right + pitch - roll)
         assert abs(left) + abs(right) < np.min(others) + 1e-9
+
+
+def gimbal(roll):
+    """A pan-tilt, or with `roll` a pan-tilt-roll, each axis turned by a pinion on it."""
+    axes = {"pan": [0.0, 0.0, 1.0], "tilt": [0.0, 1.0, 0.0], "roll": [1.0, 0.0, 0.0]}
+    links = ["base", "yoke", "cage", "tool"]
+    pairs, names = {}, ("pan", "tilt", "roll")[: 2 + roll]
+    for k, name in enumerate(names):
+        carrier, moved = links[k : k + 2]
+        shaft = axes["roll" if name == "pan" else "pan" if name == "tilt" else "tilt"]
+        pairs[name] = {"type": "R", "links": [carrier, moved], "xyz": axes[name]}
+        pairs[f"m_{name}"] = {"type": "R", "links": [carrier, f"p_{name}"], "xyz": shaft}
+        pairs[f"g_{name}"] = {
+            "type": "Cr",
+            "links": [f"p_{name}", moved],
+            "teeth": [(20, 17, 15)[k], (50, 40, 30)[k]],
+            "axes": [f"m_{name}", name],
+        }
+    output = {"link": "tool"} if roll else {"link": "cage", "xyz": [1.0, 0.0, 0.0]}
+    return sk.build(
+        "gimbal",
+        angle_unit="deg",
+        ground="base",
+        links=[*links[: 3 + roll], *(f"p_{name}" for name in names)],
+        pairs=pairs,
+        inputs={f"m_{name}": {} for name in names},
+        outputs={"tool": output},
+    )
+
+
+@pytest.mark.parametrize("made", ["differential", "pan_tilt", "pan_tilt_roll"])
+def test_the_closed_form_is_that_of_the_graph(made, wrist):
+    """Inputs, pairs, rates and both measures, against the velocity equations."""
+    mechanism = wrist if made == "differential" else gimbal(made == "pan_tilt_roll")
+    closed, graph = output_kinematics(mechanism), output_kinematics(mechanism, graph=True)
+    assert (closed.solved_by, graph.solved_by) == ("dyads", "graph")
+    poses = spread(6) if closed.points else from_tilt_torsion(
+        np.random.default_rng(7).uniform([-3.0, 0.2, -3.0], [3.0, 2.9, 3.0], (4, 3))
+    )
+    one = closed.inverse(poses, closed.labels, range(len(mechanism.pairs)))
+    other = graph.inverse(poses, graph.labels, range(len(mechanism.pairs)))
+    assert len(one) == 2 * len(poses) and np.all(one.status == 0)
+    met = 0
+    for k in range(len(one)):
+        off = np.abs(other.inputs - one.inputs[k]).max(axis=1)
+        off[other.pose != one.pose[k]] = np.inf
+        best = int(np.argmin(off))
+        if off[best] < 1e-9:
+            met += 1
+            for name in ("type_1", "type_2", "rates"):
+                there, here = getattr(other, name)[best], getattr(one, name)[k]
+                assert np.max(np.abs(there - here)) < 1e-9 * (1.0 + np.max(np.abs(here)))
+    assert met >= len(poses)
+    assert np.max(closed.residual(one.values)) < 1e-12
+    back = closed.forward(one.inputs)
+    told = back.directions if closed.points else back.rotations
+    assert np.max(np.abs(told - poses[one.pose[back.row]])) < 1e-11
+
+
+def test_workspace_of_a_geared_pan_tilt():
+    """Tilted by at most 30 degrees it points at a zone of half the sphere."""
+    mechanism = gimbal(roll=False)
+    result = sk.run(mechanism, "workspace:limits=tilt:-30:30,tolerance=1e-4")
+    table = result.frame("workspace", "areas")
+    whole = table[table["part"] == "whole"]
+    assert np.min(np.abs(whole["size"] - 2.0 * np.pi)) < 1e-3
+    with pytest.raises(AnalysisError, match="limits: m_pan is the pair of a wheel"):
+        sk.run(mechanism, "workspace:limits=m_pan:-30:30")

@@ -115,6 +115,11 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
         numbers |= set(assembly.groups[group].pairs)
     if len(numbers) == len(mechanism.pairs):
         return mechanism
+    return of_pairs(mechanism, numbers)
+
+
+def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
+    """Return the mechanism of some of its pairs, by number, as `part_for` does."""
     pairs = tuple(mechanism.pairs[number] for number in sorted(numbers))
     on = {mechanism.links[0]} | {link for pair in pairs for link in pair.links}
     names = {pair.name for pair in pairs}

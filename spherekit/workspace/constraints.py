@@ -107,6 +107,13 @@ def bounds_of(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...
         For unknown pairs, values without meaning, and limits that contradict each other.
     """
     mechanism = kinematics.mechanism
+    for item in wanted.limits:
+        if _pair(mechanism, "limits", item.pair) in kinematics.wheels:
+            raise _refusal(
+                mechanism,
+                f"limits: {item.pair} is the pair of a wheel, which may turn many times; "
+                "limit the pairs that carry the output",
+            )
     bounds = (
         *_between_axes(kinematics, wanted),
         *_of_pairs(mechanism, wanted.limits),

@@ -16,6 +16,7 @@ from spherekit.output.measures import InputRates
 from spherekit.output.virtual_output import COORDINATES, with_wrist
 from spherekit.sphere.rotation import Floats
 from spherekit.workspace.dyads import DyadKinematics
+from spherekit.workspace.geared import geared
 from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
 from spherekit.workspace.mid_plane import MidPlaneKinematics
 from spherekit.workspace.rows import InverseRows
@@ -67,6 +68,9 @@ def _closed_form_of(inverse: InverseKinematics) -> ClosedKinematics:
     if inverse.has_closed_form:
         return DyadKinematics(inverse)
     output = inverse.wrist.output
+    turned = geared(inverse.own, output)
+    if turned is not None:
+        return turned
     try:
         form = mid_plane_form(inverse.own, output.name)
     except ModelError as problem:

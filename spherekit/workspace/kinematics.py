@@ -118,7 +118,12 @@ class OutputKinematics(ABC):
 
 
 class ClosedKinematics(OutputKinematics):
-    """An output in a closed form that needs no start; poses are judged by its limits."""
+    """An output in a closed form that needs no start; poses are judged by its limits.
+
+    `wheels` are the numbers of the pairs that turn and do not carry it.
+    """
+
+    wheels: frozenset[int] = frozenset()
 
     @property
     @abstractmethod

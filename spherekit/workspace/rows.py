@@ -74,6 +74,7 @@ class Spanned(Protocol):
     """An output whose reach is limited by spans of legs."""
 
     mechanism: Mechanism
+    wheels: frozenset[int]
 
     @property
     def spans(self) -> tuple[Span, ...]:
