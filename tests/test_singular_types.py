@@ -1,0 +1,308 @@
+"""Types of outputs against the kernel of the loops, made from pair axes alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chains import any_inputs, joints, mechanism, random_axes, random_chain
+from scipy.linalg import null_space
+from scipy.spatial.transform import Rotation
+from singular_examples import four_bar
+
+import spherekit as sk
+from spherekit.model.parts import Input, Output
+from spherekit.motion.motion import motion_of
+from spherekit.rates.transmission import SINGULAR, Transmission
+from spherekit.singular.points import View
+from spherekit.singular.several import coefficients
+from spherekit.singular.slices import solver_of
+from spherekit.singular.starts import closed_configurations, everywhere, points_from
+from spherekit.singular.stationarity import output_of
+from spherekit.singular.vanishing import what_vanishes
+from spherekit.workspace.inverse import output_kinematics
+
+NAME = "singularities"
+FIVE = joints("1-2 2-3 3-4 4-5 1-5")
+RANK = 1e-7
+
+
+def rank(matrix):
+    return np.sum(np.linalg.svd(matrix, compute_uv=False) > RANK) if matrix.size else 0
+
+
+def kernel_type(made, values, output):
+    """Return the type of a configuration (V,): which motions the links' rates allow.
+
+    Unknown are the angular velocities of all links but the first and the rates of all R
+    pairs, whose axes join them; no loop and no tree is chosen.
+    """
+    at = solver_of(made).closure.at(values[None])
+    links, pairs = len(made.links), len(made.pairs)
+    equations = np.zeros((3 * pairs, 3 * links + pairs))
+    for k, (a, b) in enumerate(made.ends):
+        rows = slice(3 * k, 3 * k + 3)
+        equations[rows, 3 * a : 3 * a + 3] -= np.eye(3)
+        equations[rows, 3 * b : 3 * b + 3] += np.eye(3)
+        equations[rows, 3 * links + k] = -at.axes[0, k]
+    motions = null_space(equations[:, 3:], rcond=1e-9)
+    w = np.concatenate([np.zeros((3, motions.shape[1])), motions])
+    o, s = (made.link_number[name] for name in (output.link, output.relative_to))
+    turning = w[3 * o : 3 * o + 3] - w[3 * s : 3 * s + 3]
+    freedoms = 3
+    if output.direction is not None and len(made.inputs) == 2:
+        direction = at.placed[0, o] @ np.array(output.direction)
+        turning = turning - np.outer(direction, direction @ turning)
+        freedoms = 2
+    driven = [made.pair_number[item.pair] for item in made.inputs]
+    inputs = w[3 * links :][driven]
+    count = motions.shape[1]
+    both = count - rank(np.concatenate([inputs, turning]))
+    controlled = count - rank(inputs) == both
+    idle = max(min(count - both, len(driven)) - freedoms, 0)
+    held = count - rank(turning) - both == idle
+    crossed = count > len(driven)
+    if not controlled:
+        return "II" if held or crossed else "III"
+    if not held and not crossed:
+        return "I"
+    return "self-motion" if both or crossed else "regular"
+
+
+def of_rows(frame, made):
+    """Return the configurations (n, V) that rows of the table name."""
+    driven = {item.pair for item in made.inputs}
+    several = len(made.inputs) > 1
+    names = [
+        (f"q_{pair.name}" if several else "q") if pair.name in driven else name
+        for pair, name in zip(made.pairs, made.variable_names, strict=True)
+    ]
+    return frame[names].to_numpy()
+
+
+def posed(edges, driven, *outputs, axes=None, span=1.0):
+    """Return a chain in a pose, with inputs and with outputs (link, relative to)."""
+    if axes is None:
+        axes = random_axes(np.random.default_rng(2), len(edges))
+    made = mechanism(edges, axes)
+    declared = tuple(
+        Output(f"out{k}", str(a), str(b), direction)
+        for k, (a, b, direction) in enumerate(outputs)
+    )
+    inputs = tuple(Input(name, -span, span) for name in driven)
+    return replace(made, inputs=inputs, outputs=declared)
+
+
+AHEAD = (0.0, 0.6, 0.8)
+PASSIVE = posed([*FIVE, *joints("1-6 6-7 7-3")], ["p1_2", "p1_5"], (3, 1, AHEAD))
+CRANK = posed(FIVE, ["p1_2", "p1_5"], (2, 1, None), (3, 1, AHEAD))
+RELATIVE = posed(FIVE, ["p1_2", "p1_5"], (2, 5, None))
+ONE_LEG = posed(FIVE, ["p1_2", "p2_3"], (3, 1, AHEAD))
+DRIVEN = posed(
+    [*FIVE, *joints("1-6 6-7 7-2")], ["p1_6", "p1_5"], (7, 1, None), (3, 1, AHEAD)
+)
+
+
+@pytest.mark.parametrize(
+    ("made", "expected"),
+    [
+        (PASSIVE, {"3/1": {"I", "II", "III", "self-motion"}}),
+        (CRANK, {"2/1": {"I", "self-motion"}, "3/1": {"I", "II", "III"}}),
+        (RELATIVE, {"2/5": {"self-motion"}}),
+        (ONE_LEG, {"3/1": {"I", "self-motion"}}),
+        (DRIVEN, {"7/1": {"I", "III", "self-motion"}, "3/1": {"I", "II", "III"}}),
+    ],
+    ids=["passive leg", "crank", "crank to crank", "one leg", "driven by a four-bar"],
+)
+def test_a_row_is_what_the_links_can_do_there(made, expected):
+    """The row alone names its configuration; its type is that of the output."""
+    result = sk.run(made, f"{NAME}:input_grid=0,slices=1", samples=3)
+    frame = result.frame(NAME)
+    for name, kinds in expected.items():
+        rows = frame[frame.output == name]
+        assert set(rows.kind) <= kinds
+        always = rows[rows.note == "in every configuration"]
+        assert len(always) == (name in ("2/1", "7/1"))
+        rows = rows.drop(always.index)
+        assert set(rows.kind) >= kinds - {"I", "II", "III"}
+        (output,) = (o for o in made.outputs if f"{o.link}/{o.relative_to}" == name)
+        values = of_rows(rows, made)
+        assert np.max(solver_of(made).closure.at(values).gap, initial=0.0) < 1e-12
+        step = 1 + len(rows) // 60
+        for kind, here in zip(rows.kind[::step], values[::step], strict=True):
+            assert kernel_type(made, here, output) == kind
+    remarks = " ".join(result.summary["remarks"])
+    assert "stopped after" not in remarks
+
+
+def test_an_output_that_is_singular_everywhere_takes_no_time_from_others():
+    alone = replace(CRANK, outputs=CRANK.outputs[1:])
+    both, one = (
+        sk.run(made, f"{NAME}:input_grid=0,slices=2", samples=3).frame(NAME)
+        for made in (CRANK, alone)
+    )
+    both = both[both.output == "3/1"]
+    assert len(one) == len(both) > 100
+    assert sorted(one.kind) == sorted(both.kind)
+
+
+def test_two_outputs_of_the_same_links_have_their_names_in_every_table():
+    made = posed(FIVE, ["p1_2", "p1_5"], (3, 1, AHEAD), (3, 1, None))
+    result = sk.run(made, f"{NAME}:input_grid=0,slices=1", samples=3)
+    assert set(result.frame(NAME, "relation").output) == {"3/1 out0", "3/1 out1"}
+    assert set(result.frame(NAME).output) <= {"3/1 out0", "3/1 out1"}
+    (analysis,) = result.summary["analyses"]
+    assert {"3/1 out0", "3/1 out1"} <= set(analysis["findings"])
+
+
+def test_one_input_has_the_same_name_for_what_moves_neither():
+    """The crank as its own output: neither moves where coupler and follower are in line."""
+    made = four_bar(np.radians([100.0, 50.0, 70.0, 40.0]))
+    frame = sk.run(made, f"{NAME}:output=2/1", samples=9).frame(NAME)
+    assert len(frame) and set(frame.kind) == {"self-motion"}
+    own = Output("crank", "2", "1")
+    for here in of_rows(frame, made):
+        assert kernel_type(made, here, own) == "self-motion"
+
+
+def test_no_note_takes_an_output_for_the_input():
+    """Stephenson's with a short last link: its dyad stretches, and the crank waits."""
+    made = sk.load("stephenson")
+    links = dict(made.geometry.links)
+    links["6"] = replace(links["6"], arcs=(0.5,))
+    geometry = replace(made.geometry, links=links)
+    made = replace(made, geometry=geometry, masses=(), loads=())
+    frame = sk.run(made, f"{NAME}:output=2/3", samples=9).frame(NAME)
+    rows = frame[frame.kind == "self-motion"]
+    assert len(rows) and rows.note.str.contains("stand still together").all()
+    assert not frame.note.str.contains("the output is the input").any()
+
+
+@pytest.mark.parametrize("name", ["three_rrr", "agile_eye"])
+def test_axes_that_coincide_are_not_called_coplanar(name):
+    """Theorem 2 of Di Gregorio (2015): all u_i coincide at type II of three inputs."""
+    made = sk.load(name)
+    view = View.of(solver_of(made), output_of(made), "II")
+    random = np.random.default_rng(5)
+    ranges = np.stack(view.ranges, axis=1)
+    values = closed_configurations(view.solver, ranges, 16, random)
+    points = points_from(view.locus, values, view.solver.driven)
+    words = what_vanishes(motion_of(view.solver, points.values), view.output)
+    assert name == "agile_eye" or len(words)
+    for text in words:
+        assert "coincide" in text and "coplanar" not in text
+
+
+def drawn(number):
+    """Return a random mechanism: free chains, passive and coupled legs, any pairs driven."""
+    random = np.random.default_rng(number)
+    freedoms = 3 if number % 5 == 4 else 2
+    kind = number % 3
+    if freedoms == 3:
+        edges = joints("1-2 2-3 3-4 1-5 5-6 6-4 1-7 7-8 8-4")
+    elif kind == 0:
+        edges = random_chain(random, 7, freedoms)
+    else:
+        edges = list(FIVE)
+    if kind == 1:
+        a, b = random.choice(range(1, 6), 2, replace=False)
+        edges += [(int(a), 11), (11, 12), (12, int(b))]
+    if kind == 2 and freedoms == 2:
+        edges += joints("1-11 11-12 12-2")
+    made = any_inputs(random, mechanism(edges, random_axes(random, len(edges))), freedoms)
+    assert made is not None
+    links = [random.choice(made.links, 2, replace=False) for _ in range(2)]
+    links.append(made.pairs[made.pair_number[made.inputs[0].pair]].links)
+    direction = None if freedoms == 3 else AHEAD
+    outputs = tuple(
+        Output(f"out{k}", str(a), str(b), direction if k == 0 else None)
+        for k, (a, b) in enumerate(links)
+    )
+    inputs = tuple(Input(item.pair, -1.0, 1.0) for item in made.inputs)
+    return replace(made, inputs=inputs, outputs=outputs)
+
+
+def closed(solver, count):
+    """Return configurations (n, V) not far from where all variables are zero."""
+    random = np.random.default_rng(1)
+    starts = random.uniform(-0.8, 0.8, (2 * count, len(solver.closure.tree.owners)))
+    if solver.geometry.reference is None:
+        ranges = np.stack([item.range for item in solver.mechanism.inputs])
+        return closed_configurations(solver, ranges, 4 * count, random)[:count]
+    solution = solver.closure.solve(starts, list(solver.driven), iterations=40)
+    return solution.values[solution.residual < 1e-12][:count]
+
+
+def check_types(made, count):
+    """Compare all that is said of rows and of loci with the kernel; return the types met."""
+    solver = solver_of(made)
+    met = []
+    for output in made.outputs:
+        rest = output_of(made, output.name)
+        rest = replace(rest, pointing=None if len(made.inputs) > 2 else output.direction)
+        views = {kind: View.of(solver, rest, kind) for kind in ("II", "I", "self-motion")}
+        values = closed(solver, count)
+        rows = [values[:6]]
+        for kind, view in views.items():
+            if everywhere(view):
+                assert kernel_type(made, values[0], output) == kind
+                continue
+            points = points_from(view.locus, values, solver.driven).values
+            rows.append(points[:8])
+            if kind == "II":
+                assert np.all(view.is_own(view.types(points)))
+        rows = np.concatenate(rows)
+        told = coefficients(motion_of(solver, rows), rest)
+        measure = Transmission.of(made, output).of_values(solver.closure, rows)
+        assert np.max(np.abs(told.type_two - measure)) < 1e-12
+        whole = views["II"].locus
+        for k, here in enumerate(rows):
+            kind = kernel_type(made, here, output)
+            clear = min(told.type_two[k], told.type_one[k], told.hold[k])
+            if SINGULAR < 1e3 * clear < 1.0:
+                continue  # near a type, or where two loci meet
+            assert views["II"].types(here[None])[0] == told.type[k]
+            assert kind == {0: "regular", 4: "self-motion"}.get(
+                int(told.type[k]), "I" * int(told.type[k])
+            )
+            if kind in ("II", "III"):
+                assert whole.measure(whole.space(here[None])).smallest[0] < RANK
+            met.append(kind)
+    return met
+
+
+@pytest.mark.parametrize("numbers", [range(0, 6), range(6, 12)])
+def test_random_mechanisms_by_the_kernel(numbers):
+    met = [kind for number in numbers for kind in check_types(drawn(number), 8)]
+    assert {"regular", "I", "II", "self-motion"} <= set(met)
+
+
+@pytest.mark.long
+def test_more_random_mechanisms_by_the_kernel():
+    met = [kind for number in range(12, 200) for kind in check_types(drawn(number), 16)]
+    assert {"regular", "I", "II", "III", "self-motion"} == set(met)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rrr", "agile_eye", "two_dof_spm"])
+def test_shipped_mechanisms_by_the_kernel(name):
+    """Rows, loci, inverse kinematics and the kernel say the same of one configuration."""
+    made = sk.load(name)
+    met = check_types(made, 16)
+    assert "regular" in met and "I" in met
+    kinematics = output_kinematics(made)
+    solver, rest = solver_of(made), output_of(made)
+    random = np.random.default_rng(4)
+    poses = random.normal(size=(20, 3 if kinematics.points else 4))
+    poses /= np.linalg.norm(poses, axis=1, keepdims=True)
+    if not kinematics.points:
+        poses = Rotation.from_quat(poses).as_matrix()
+    pairs = range(len(made.pairs))
+    rows = kinematics.inverse(poses, kinematics.labels, pairs)
+    good = np.flatnonzero(rows.solved & np.isfinite(rows.values).all(axis=1))
+    told = coefficients(motion_of(solver, rows.values[good]), rest)
+    assert np.max(np.abs(told.type_two - rows.type_2[good])) < 1e-12
+    # type_1 of input i is 1 / |row i of P| for q' = P w; type_one 1 / hypot(1, |P|)
+    least = np.min(rows.type_1[good], axis=1)
+    slope = 1.0 / np.tan(np.arcsin(told.type_one))
+    count = len(made.inputs)
+    assert np.all(slope < np.sqrt(count) / least * (1.0 + 1e-9))
+    assert np.all(slope > 1.0 / least * (1.0 - 1e-9))
