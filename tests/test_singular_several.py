@@ -577,7 +577,6 @@ def test_a_surface_does_not_depend_on_how_many_vertices_are_made_at_once(monkeyp
     options = {"slices_of_each": 0, "side": 0.3, "halved": 1, "most": 120}
     many = singular_surface(made, "I", **options)
     monkeypatch.setattr("spherekit.singular.surface.AHEAD", 1)
-    monkeypatch.setattr("spherekit.singular.locus.PIECE", 7)
     one = singular_surface(made, "I", **options)
     assert np.array_equal(one.triangles, many.triangles)
     np.testing.assert_allclose(one.points.values, many.points.values, atol=1e-9)

@@ -37,8 +37,6 @@ ON_LOCUS = CLOSURE_TOLERANCE
 TINY = float(np.finfo(float).tiny)
 TRUST = 0.3
 """Largest change of a variable (rad) in one step."""
-PIECE = 512
-"""Points that are corrected at once: the others take no steps for the slowest of these."""
 
 
 @final
@@ -206,44 +204,41 @@ class Locus:
         most
             Steps that Newton's method may take.
         """
-        starts = (values, motions, borders, targets)
-        pieces = [slice(k, k + PIECE) for k in range(0, max(len(values), 1), PIECE)]
-        return LocusPoints.joined(
-            [
-                self._corrected(tuple(part[rows] for part in starts), like, most)
-                for rows in pieces
-            ]
-        )
-
-    def _corrected(
-        self, starts: tuple[Floats, ...], like: Floats | None, most: int
-    ) -> LocusPoints:
-        """Return the points that starts (values, motions, borders, targets) lead to."""
-        values, motions, borders, targets = starts
-        n = len(values)
-        steps = NewtonSteps(n, TRUST)
-        last = np.full(n, np.inf)
-        for step in range(most + 1):
-            space = self.space(values, like)
+        steps = NewtonSteps(len(values), TRUST)
+        values, motions = values.copy(), motions.copy()
+        active = np.arange(len(values))
+        for _ in range(most):
+            space = self.space(values[active], like)
             moving = self.moving(space, like)
-            motions, small, shift, equations = self._linearised(
-                space, moving, motions, borders
+            unit, small, shift, equations = self._linearised(
+                space, moving, motions[active], borders[active]
             )
-            off = np.einsum("nmv,nv->nm", small, motions)
-            residual = np.maximum(space.at.gap, np.max(np.abs(off), axis=1))
-            if step == most or not np.any(last > CORRECTED):
-                break
-            shifted = values + space.closing
-            miss = targets - np.einsum("nkv,nv->nk", borders, shifted)
-            right = np.concatenate([-off - shift, np.zeros((n, 1)), miss], axis=1)
-            change = np.einsum("nij,nj->ni", _inverse(equations), right)
+            off = np.einsum("nmv,nv->nm", small, unit)
+            shifted = values[active] + space.closing
+            miss = targets[active] - np.einsum("nkv,nv->nk", borders[active], shifted)
+            right = np.concatenate([-off - shift, np.zeros((len(off), 1)), miss], axis=1)
+            finite = np.all(np.isfinite(equations), axis=(1, 2))
+            change = np.zeros((len(off), equations.shape[2]))
+            inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT)
+            change[finite] = np.einsum("nij,nj->ni", inverse, right[finite])
             moved = space.closing + space.along(change[:, : self.freedoms])
-            ways = np.concatenate([change[:, : self.freedoms], np.ones((n, 1))], axis=1)
-            turned = np.einsum("ng,ngvw,nw->nv", ways, moving.bends, motions)
+            ways = np.concatenate(
+                [change[:, : self.freedoms], np.ones((len(off), 1))], axis=1
+            )
+            turned = np.einsum("ng,ngvw,nw->nv", ways, moving.bends, unit)
             turned += moving.along(change[:, self.freedoms :])
             size = np.maximum(np.max(np.abs(moved), axis=1), np.max(np.abs(turned), axis=1))
-            part, last = steps.part(size), size
-            values, motions = values + part * moved, motions + part * turned
+            part = steps.part(size, active)
+            values[active] += part * moved
+            motions[active] = unit + part * turned
+            active = active[size > CORRECTED]
+            if not len(active):
+                break
+        space = self.space(values, like)
+        moving = self.moving(space, like)
+        motions, small, _, equations = self._linearised(space, moving, motions, borders)
+        off = np.einsum("nmv,nv->nm", small, motions)
+        residual = np.maximum(space.at.gap, np.max(np.abs(off), axis=1))
         equations = equations[:, : self.rest.count + 1]
         tangents, turns, reciprocal_condition = self._tangents(
             space, moving, motions, equations
@@ -312,13 +307,6 @@ class Locus:
         conditioning = sizes[:, rank - 1] * lengths[:, -1]
         reciprocal_condition = conditioning / np.maximum(sizes[:, 0], TINY)
         return space.basis @ left, turns, np.where(finite, reciprocal_condition, 0.0)
-
-
-def _inverse(matrices: Floats) -> Floats:
-    """Return pseudo-inverses; zero where a matrix is not finite."""
-    finite = np.all(np.isfinite(matrices), axis=(1, 2))
-    clean = np.where(finite[:, None, None], matrices, 0.0)
-    return np.asarray(np.linalg.pinv(clean, rcond=REDUNDANT))
 
 
 def adjugate(matrices: Floats) -> Floats:
