@@ -8,7 +8,7 @@ import pytest
 from spherekit.conventions import Status
 from spherekit.files.read import load
 from spherekit.motion.continuation import Verification
-from spherekit.motion.curve_path import STEP_PARTS, CurvePath, taylor
+from spherekit.motion.curve_path import STEP_PARTS, CurvePath, run_each, taylor
 from spherekit.motion.follow import follow, follow_each
 from spherekit.motion.motion import Tracer
 
@@ -46,16 +46,22 @@ class Helix(CurvePath[OnHelix]):
 
     last: float = np.inf
 
-    def step_to(self, at, way):
+    @staticmethod
+    def steps_to(paths, ats, ways):
+        return [
+            path.one_step(at, way) for path, at, way in zip(paths, ats, ways, strict=True)
+        ]
+
+    def one_step(self, at, way):
         s = at.s
         for _ in range(20):
             there = OnHelix(s, at.pitch)
             speed = there.tangent * np.sqrt(1.0 + at.pitch**2)
             s -= (at.tangent @ (there.values - at.values) - way) / (at.tangent @ speed)
         there = OnHelix(s, at.pitch)
-        first = np.max(
-            np.abs(taylor(at, way * STEP_PARTS)[1] - there.values), keepdims=True
-        )
+        point = (part[None] for part in (at.values, at.tangent, at.bend))
+        guess = taylor(*point, way * STEP_PARTS[None])[1]
+        first = np.max(np.abs(guess - there.values), keepdims=True)
         if s > self.last or not np.all(self.verification.corrected(first, first, way)):
             return None
         return there, float(1.0 - at.tangent @ there.tangent)
@@ -83,6 +89,18 @@ def test_a_curve_closes_after_one_lap_of_its_periods(pitch):
     )
     assert np.max(np.linalg.norm(chords, axis=1)) < 0.45
     assert np.all(np.diff([node.s for node in path.nodes[:-1]]) > 0.0)
+
+
+def test_curves_of_several_lengths_are_followed_together_as_each_alone():
+    paths = [
+        Helix(OnHelix(0.3, 1.0), np.full(3, np.inf), longest, 0.4, last=last)
+        for longest, last in ((3.0, np.inf), (100.0, 2.0), (20.0, np.inf))
+    ]
+    run_each(paths, 0.1)
+    for path in paths:
+        alone = Helix(path.start, path.periods, path.longest, 0.4, last=path.last).run(0.1)
+        assert path.end == alone.end
+        assert [node.s for node in path.nodes] == [node.s for node in alone.nodes]
 
 
 def test_a_curve_ends_beside_what_no_step_passes():

@@ -196,7 +196,7 @@ class March:
                 return None
             if at.follows:
                 change = at.inverse @ (reached.near.system[0] - at.near.system[0])
-                if not VERIFIED.regular(np.abs(np.linalg.eigvals(change))):
+                if not np.all(VERIFIED.regular(np.abs(np.linalg.eigvals(change)))):
                     return None
             elif (
                 not min(reached.near.least_eigenvalue[0], reached.near.loop_conditioning[0])

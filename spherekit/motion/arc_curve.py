@@ -26,7 +26,8 @@ NEAR = 1e-7
 """Configurations (rad) nearer than this to the curve lie on it."""
 BESIDE = 0.3
 """A segment of the curve is nowhere farther from its chord than this part of it."""
-
+AT_ONCE = 64
+"""Configurations that are looked for on all of a curve at once."""
 AT_REST = 1e-7
 """A variable that changes by less (rad) along a whole curve stands still on it."""
 
@@ -175,27 +176,20 @@ class ArcCurve:
         segments = self.segments
         starts = self.nodes.values[:-1]
         half = 0.5 * segments.chords[:, None] * segments.directions
-        rows, numbers, ways = [], [], []
-        for row, given in enumerate(values):
-            away = self.wrapped(given - starts - half) + half
-            along = np.sum(away * segments.directions, axis=1)
-            beside = np.max(np.abs(away - along[:, None] * segments.directions), axis=1)
-            part = along / segments.chords
-            near = (beside < BESIDE * segments.chords + NEAR) & (np.abs(part - 0.5) < 0.51)
-            (which,) = np.nonzero(near)
-            rows.append(np.full(len(which), row))
-            numbers.append(which)
-            ways.append(away[which])
         lengths = np.full(len(values), np.nan)
-        if not rows:
-            return lengths
-        number, way = np.concatenate(numbers), np.concatenate(ways)
-        along = np.sum(way * segments.directions[number], axis=1)
-        along = np.clip(along, 0.0, segments.chords[number])
-        miss = segments.on(number, along).values - starts[number] - way
-        (hits,) = np.nonzero(np.max(np.abs(miss), axis=1) < NEAR)
-        places = self._lengths_at(number[hits], along[hits])
-        lengths[np.concatenate(rows)[hits]] = places
+        for first in range(0, len(values), AT_ONCE):
+            some = values[first : first + AT_ONCE]
+            away = self.wrapped(some[:, None] - starts - half) + half
+            along = np.sum(away * segments.directions, axis=2)
+            beside = np.max(np.abs(away - along[..., None] * segments.directions), axis=2)
+            near = beside < BESIDE * segments.chords + NEAR
+            near &= np.abs(along / segments.chords - 0.5) < 0.51
+            row, number = np.nonzero(near)
+            way = np.clip(along[row, number], 0.0, segments.chords[number])
+            there = segments.on(number, way).values - starts[number]
+            miss = np.max(np.abs(there - away[row, number]), axis=1)
+            (hits,) = np.nonzero(miss < NEAR)
+            lengths[first + row[hits]] = self._lengths_at(number[hits], way[hits])
         return lengths
 
     def wrapped(self, differences: Floats) -> Floats:

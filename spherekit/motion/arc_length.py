@@ -6,18 +6,26 @@ that pass each other closely have bordered Jacobians of opposite orientation the
 the test of their change keeps them apart.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status
 from spherekit.errors import SolveError
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.closure import Closure
-from spherekit.motion.continuation import Rows, Verification
-from spherekit.motion.curve_path import NEARLY_THERE, STEP_PARTS, CurvePath, taylor
+from spherekit.motion.continuation import Verification
+from spherekit.motion.curve_path import (
+    NEARLY_THERE,
+    STEP_PARTS,
+    CurvePath,
+    run_each,
+    taylor,
+)
 from spherekit.motion.limits import Limit, limits_of
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.segments import (
@@ -34,6 +42,8 @@ LONGEST = 500.0
 """Length (rad) after which a curve that does not close is ended."""
 LARGEST_STEP = 0.4
 """Longest step (rad of arc length)."""
+FIRST_STEP = 0.1
+"""The first step that is tried (rad)."""
 LARGEST_TURN = 0.4
 """Angle (rad) by which the tangent may turn in one step, by the curvature at its start."""
 SINGULAR = 1e-6
@@ -59,31 +69,43 @@ MOST_TEETH = 10_000
 @final
 @dataclass(frozen=True)
 class _Node:
-    """One point of the curve with its linearised equations, bordered by its tangent."""
+    """One of several points with their linearised equations, bordered by the tangents."""
 
-    point: CurvePoints
+    points: CurvePoints
     equations: Bordered
+    row: int = 0
 
     @property
     def values(self) -> Floats:
-        return np.asarray(self.point.values[0])
+        return np.asarray(self.points.values[self.row])
 
     @property
     def tangent(self) -> Floats:
-        return np.asarray(self.point.tangents[0])
+        return np.asarray(self.points.tangents[self.row])
 
     @property
     def bend(self) -> Floats:
-        return np.asarray(self.point.bends[0])
+        return np.asarray(self.points.bends[self.row])
 
     @property
     def reciprocal_condition(self) -> float:
-        return float(self.equations.reciprocal_condition[0])
+        return float(self.equations.reciprocal_condition[self.row])
 
     def margin(self, limit: Limit) -> tuple[float, Floats]:
         """Return how far the limit is, and the gradient (variables,) of that."""
         states = self.equations.at.states
-        return limit.margin(self.values, states.curvatures[0], states.curvature_rates[0])
+        k = self.row
+        return limit.margin(self.values, states.curvatures[k], states.curvature_rates[k])
+
+
+def _points(nodes: Sequence[_Node]) -> CurvePoints:
+    """Return nodes as points of a curve."""
+    return CurvePoints(
+        *(
+            np.stack([getattr(node.points, item.name)[node.row] for node in nodes])
+            for item in fields(CurvePoints)
+        )
+    )
 
 
 def follow_arc(
@@ -114,8 +136,36 @@ def follow_arc(
         If the configuration does not close, does not move, is beyond a limit, or is a
         singular one.
     """
+    paths = _begun(closure, values, stops or {}, longest, step)
+    _run_both([paths])
+    return _curve(*paths)
+
+
+def follow_arcs(
+    closures: Sequence[Closure], starts: Floats, longest: float = LONGEST
+) -> list[ArcCurve | None]:
+    """Return the curves through configurations (n, variables), side by side.
+
+    Closures are alike but for their leads. None where `follow_arc` raises an error.
+    """
+    begun: dict[int, tuple[_ArcPath, _ArcPath]] = {}
+    for number, (closure, values) in enumerate(zip(closures, starts, strict=True)):
+        with suppress(SolveError):
+            begun[number] = _begun(closure, values, {}, longest, LARGEST_STEP)
+    _run_both(list(begun.values()))
+    return [_curve(*begun[k]) if k in begun else None for k in range(len(starts))]
+
+
+def _begun(
+    closure: Closure,
+    values: Floats,
+    stops: Mapping[int, tuple[float, float]],
+    longest: float,
+    step: float,
+) -> "tuple[_ArcPath, _ArcPath]":
+    """Return the beginnings of a curve in both senses."""
     start = _started(closure, np.asarray(values, dtype=float))
-    limits = limits_of(closure, stops or {})
+    limits = limits_of(closure, stops)
     periods = periods_of(closure)
     for limit in limits:
         margin, _ = start.margin(limit)
@@ -124,29 +174,37 @@ def follow_arc(
                 f"the configuration to follow is {-margin:.3g} beyond {limit.words}; start "
                 "from one within its limits"
             )
-    ways: list[CurvePoints] = []
-    ends: list[Status] = []
-    for first in (start, _turned(start)):
-        path = _ArcPath(first, periods, longest, step, closure, limits).run(0.1)
-        points = CurvePoints.joined([node.point for node in [first, *path.nodes]])
-        if path.closed:
-            closed = (Status.OK, Status.OK)
-            segments = Segments(closure, points)
-            return ArcCurve(segments, periods, True, path.winding, closed, 0)
-        ways.append(points)
-        ends.append(path.end or Status.OK)
-    ahead, behind = ways
-    count = len(behind.values) - 1
-    if count == 0 and len(ahead.values) == 1:
+    ahead, behind = (
+        _ArcPath(first, periods, longest, step, closure, limits)
+        for first in (start, _turned(start))
+    )
+    return ahead, behind
+
+
+def _run_both(begun: "Sequence[tuple[_ArcPath, _ArcPath]]") -> None:
+    """Follow curves in one sense, and in the other where they do not close."""
+    run_each([ahead for ahead, _ in begun], FIRST_STEP)
+    run_each([behind for ahead, behind in begun if not ahead.closed], FIRST_STEP)
+
+
+def _curve(ahead: "_ArcPath", behind: "_ArcPath") -> ArcCurve:
+    """Return the curve that was followed in both senses."""
+    closure, periods = ahead.closure, ahead.periods
+    if ahead.closed:
+        segments = Segments(closure, _points([ahead.start, *ahead.nodes]))
+        return ArcCurve(segments, periods, True, ahead.winding, (Status.OK, Status.OK), 0)
+    count = len(behind.nodes)
+    if count == 0 and not ahead.nodes:
         raise SolveError(
             "the configuration to follow has its limits on both sides; widen the stops"
         )
-    points = CurvePoints.joined([behind.reversed, ahead.rows(slice(1, None))])
-    winding = np.zeros(len(periods), dtype=np.int64)
-    why_ahead, why_behind = ends
-    return ArcCurve(
-        Segments(closure, points), periods, False, winding, (why_behind, why_ahead), count
+    back = _points([behind.start, *behind.nodes]).reversed
+    points = CurvePoints.joined(
+        [back.rows(slice(-1)), _points([ahead.start, *ahead.nodes])]
     )
+    winding = np.zeros(len(periods), dtype=np.int64)
+    ends = (behind.end or Status.OK, ahead.end or Status.OK)
+    return ArcCurve(Segments(closure, points), periods, False, winding, ends, count)
 
 
 def periods_of(closure: Closure) -> Floats:
@@ -168,7 +226,7 @@ def _started(closure: Closure, values: Floats) -> _Node:
     target = np.array([border @ values])
     values, _ = correct(closure, values[None], border[None], target)
     point, equations = curve_points(closure, values, border[None])
-    node = _Node(point, equations.rebordered(0, point.tangents[0]))
+    node = _Node(point, equations.rebordered(slice(1), point.tangents))
     if not node.reciprocal_condition > SINGULAR:
         raise SolveError(SINGULAR_START)
     return node
@@ -190,8 +248,8 @@ def _motion(closure: Closure, values: Floats) -> Floats:
 
 def _turned(node: _Node) -> _Node:
     """Return the node with the curve run backwards."""
-    back = node.point.reversed
-    return _Node(back, node.equations.rebordered(0, back.tangents[0]))
+    back = node.points.reversed
+    return _Node(back, node.equations.rebordered(slice(1), back.tangents))
 
 
 @final
@@ -211,42 +269,53 @@ class _ArcPath(CurvePath[_Node]):
         """Return AT_SINGULARITY at a crossing of curves."""
         return Status.AT_SINGULARITY if self.at.reciprocal_condition < SINGULAR else None
 
-    def allowed(self, rows: Rows, step: Floats) -> Floats:
-        """Return the step that the curvature allows."""
+    @property
+    def allowed(self) -> float:
+        """The step that the curvature allows."""
         bend = float(np.linalg.norm(self.at.bend))
-        return np.minimum(step, min(self.largest, LARGEST_TURN / (bend + 1e-300)))
+        return min(self.largest, LARGEST_TURN / (bend + 1e-300))
 
-    def step_to(self, at: _Node, way: float) -> tuple[_Node, float] | None:
-        """Return the node at this projection on the tangent if it passes all tests."""
-        tests, parts = self.verification, way * STEP_PARTS
-        borders = np.stack([at.tangent, at.tangent])
-        targets = float(at.tangent @ at.values) + parts
-        values, steps = correct(self.closure, taylor(at, parts), borders, targets)
-        if not np.all(np.isfinite(values)):
-            return None
-        if not np.all(tests.corrected(steps.first, steps.ratio, way)):
-            return None
-        points, equations = curve_points(self.closure, values, borders)
-        if not np.all(points.residual < CLOSURE_TOLERANCE):
-            return None
-        change = equations.jacobian - at.equations.jacobian
-        moved = np.linalg.norm(at.equations.inverse @ change, axis=(1, 2))
-        if not tests.regular(moved, points.tangents @ at.tangent):
-            return None
-        last = points.rows(slice(1, 2))
-        chord = Segments(self.closure, CurvePoints.joined([at.point, last]))
-        along = (values[0] - at.values) @ chord.directions[0] / chord.chords
-        middle = chord.predict(np.zeros(1, dtype=np.intp), along)[0]
-        miss = float(np.max(np.abs(middle - values[0])))
-        if not tests.predicted(miss, way, 8.0 * EPS / at.reciprocal_condition):
-            return None
-        node = _Node(last, equations.rebordered(1, last.tangents[0]))
-        return node, float(np.max(moved))
+    @staticmethod
+    def steps_to(
+        paths: "Sequence[CurvePath[_Node]]", ats: Sequence[_Node], ways: Floats
+    ) -> list[tuple[_Node, float] | None]:
+        """Return the nodes at projections (n,) on the tangents that pass all tests."""
+        tests = _ArcPath.verification
+        closures = [path.closure for path in paths if isinstance(path, _ArcPath)]
+        closure = Closure.stacked(closures).take(np.repeat(np.arange(len(ats)), 2))
+        here = _points(ats)
+        parts = ways[:, None] * STEP_PARTS
+        guess = taylor(here.values, here.tangents, here.bends, parts)
+        borders = np.repeat(here.tangents, 2, axis=0)
+        targets = np.sum(here.tangents * here.values, axis=1)[:, None] + parts
+        values, steps = correct(closure, guess, borders, targets.ravel())
+        sizes = np.repeat(ways, 2)
+        good = np.all(np.isfinite(values), axis=1)
+        good &= tests.corrected(steps.first, steps.ratio, sizes)
+        values[~good] = np.repeat(here.values, 2, axis=0)[~good]
+        points, equations = curve_points(closure, values, borders)
+        good &= points.residual < CLOSURE_TOLERANCE
+        jacobian = np.stack([at.equations.jacobian[at.row] for at in ats])
+        inverse = np.stack([at.equations.inverse[at.row] for at in ats])
+        change = equations.jacobian - np.repeat(jacobian, 2, axis=0)
+        moved = np.linalg.norm(np.repeat(inverse, 2, axis=0) @ change, axis=(1, 2))
+        good &= tests.regular(moved, np.sum(points.tangents * borders, axis=1))
+        last = points.rows(slice(1, None, 2))
+        middles, holds = values[::2], np.all(good.reshape(-1, 2), axis=1)
+        miss = _misses(closure, here, last, middles, holds)
+        rounding = 8.0 * EPS / np.array([at.reciprocal_condition for at in ats])
+        holds &= tests.predicted(miss, ways, rounding)
+        ends = equations.rebordered(slice(1, None, 2), last.tangents)
+        most = np.max(moved.reshape(-1, 2), axis=1).tolist()
+        return [
+            (_Node(last, ends, row), most[row]) if held else None
+            for row, held in enumerate(holds.tolist())
+        ]
 
     def again(self, at: _Node, values: Floats) -> _Node:
         """Return the start at values whole periods on."""
         start = self.start
-        return _Node(replace(start.point, values=values[None]), start.equations)
+        return _Node(replace(start.points, values=values[None]), start.equations)
 
     def within(self, step: float, node: _Node | None) -> bool:
         """Return whether a node is within all limits; land on one that a step passes."""
@@ -275,7 +344,7 @@ class _ArcPath(CurvePath[_Node]):
                 return None
             if not way <= 1.5 * step:
                 continue
-            on = self._onto(limit, taylor(at, np.array([way])))
+            on = self._onto(limit, at.values + way * at.tangent + 0.5 * way**2 * at.bend)
             if on is None:
                 continue
             way = float(at.tangent @ (on - at.values))
@@ -286,8 +355,9 @@ class _ArcPath(CurvePath[_Node]):
                 best = made[0], limit, way
         return None if best is None else best[:2]
 
-    def _onto(self, limit: Limit, values: Floats) -> Floats | None:
+    def _onto(self, limit: Limit, start: Floats) -> Floats | None:
         """Return the closed configuration (variables,) on a limit, by Newton's method."""
+        values = start[None]
         for _ in range(12):
             at = self.closure.at(values)
             margin, gradient = limit.margin(
@@ -315,6 +385,28 @@ class _ArcPath(CurvePath[_Node]):
             if at.reciprocal_condition < NEARLY_FLAT
             else Status.MODE_LOST
         )
+
+
+def _misses(
+    closure: Closure,
+    start: CurvePoints,
+    stop: CurvePoints,
+    middles: Floats,
+    holds: NDArray[np.bool_],
+) -> Floats:
+    """Return by how much (n,) steps miss middles (n, variables), where they hold so far."""
+    miss = np.full(len(holds), np.inf)
+    (some,) = np.nonzero(holds)
+    count = len(some)
+    both = CurvePoints.joined([start.rows(some), stop.rows(some)])
+    order = np.arange(2 * count).reshape(2, count).T.ravel()
+    chord = Segments(closure, both.rows(order))
+    which = 2 * np.arange(count)
+    away = middles[some] - start.values[some]
+    along = np.sum(away * chord.directions[which], axis=1) / chord.chords[which]
+    wrong = chord.predict(which, along) - middles[some]
+    miss[some] = np.max(np.abs(wrong), axis=1, initial=0.0)
+    return miss
 
 
 def _first_root(a: float, b: float, c: float) -> float:

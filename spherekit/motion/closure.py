@@ -47,6 +47,15 @@ class Closure:
         first, second = self.leads
         return Closure(self.tree, self.joints, (first[rows], second[rows]))
 
+    @staticmethod
+    def stacked(parts: Sequence["Closure"]) -> "Closure":
+        """Return the closure of a sample of each part; they differ in their leads alone."""
+        leads = [part.leads for part in parts if part.leads is not None]
+        if not leads:
+            return parts[0]
+        first, second = (np.concatenate(side) for side in zip(*leads, strict=True))
+        return Closure(parts[0].tree, parts[0].joints, (first, second))
+
     def at(self, values: Floats) -> Linearisation:
         """Return the closure at configurations (n, variables)."""
         return Linearisation(self.tree, self.joints, values, self.leads)

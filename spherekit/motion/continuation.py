@@ -63,13 +63,15 @@ class Verification:
         near = first <= self.correction * size + self.slack
         return np.asarray(near & ((first <= self.settled) | (ratio <= CONTRACTION)))
 
-    def regular(self, change: Floats, cosine: Floats | float = 1.0) -> bool:
-        """Return whether equations and tangents changed little enough at all points."""
-        return bool(np.all((change < self.change) & (np.asarray(cosine) > self.turn)))
+    def regular(self, change: Floats, cosine: Floats | float = 1.0) -> NDArray[np.bool_]:
+        """Return (n,) whether equations and tangents changed little enough."""
+        return np.asarray((change < self.change) & (np.asarray(cosine) > self.turn))
 
-    def predicted(self, miss: float, size: float, rounding: float = 0.0) -> bool:
-        """Return whether the middle of a step lies where both ends predict it."""
-        return bool(miss <= self.middle * size + rounding)
+    def predicted(
+        self, miss: Floats | float, size: Floats | float, rounding: Floats | float = 0.0
+    ) -> NDArray[np.bool_]:
+        """Return (n,) whether the middles of steps lie where both ends predict them."""
+        return np.asarray(miss <= self.middle * size + rounding)
 
 
 class Paths(Protocol):

@@ -1,6 +1,7 @@
 """A curve followed in its own arc length, until it closes or ends."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Generic, Protocol, Self, TypeVar
 
@@ -39,10 +40,14 @@ class CurveNode(Protocol):
 Node = TypeVar("Node", bound=CurveNode)
 
 
-def taylor(node: CurveNode, way: Floats) -> Floats:
-    """Return the curve (n, variables) at arc lengths (n,) from a node, to second order."""
-    way = way[:, None]
-    return np.asarray(node.values + way * node.tangent + 0.5 * way**2 * node.bend)
+def taylor(values: Floats, tangents: Floats, bends: Floats, ways: Floats) -> Floats:
+    """Return curves at arc lengths (n, k) from points (n, variables), to second order.
+
+    Row after row, (n k, variables).
+    """
+    way = ways[:, :, None]
+    there = values[:, None] + way * tangents[:, None] + 0.5 * way**2 * bends[:, None]
+    return np.asarray(there.reshape(-1, values.shape[1]))
 
 
 @dataclass
@@ -89,15 +94,23 @@ class CurvePath(ABC, Generic[Node]):
 
     def run(self, first_step: float) -> Self:
         """Follow the curve to its end."""
-        follow_paths(self, np.array([first_step]))
+        run_each([self], first_step)
         return self
 
+    @staticmethod
     @abstractmethod
-    def step_to(self, at: Node, way: float) -> tuple[Node, float] | None:
-        """Return the node at this projection on the tangent, if it passes all tests.
+    def steps_to(
+        paths: "Sequence[CurvePath[Node]]", ats: Sequence[Node], ways: Floats
+    ) -> list[tuple[Node, float] | None]:
+        """Return the nodes at projections (n,) on the tangents where they pass all tests.
 
-        And the relative change of the equations.
+        And the relative changes of the equations. Paths are of one class, and alike but for
+        where they run.
         """
+
+    def step_to(self, at: Node, way: float) -> tuple[Node, float] | None:
+        """Return what `steps_to` does of this path."""
+        return self.steps_to([self], [at], np.array([way]))[0]
 
     @abstractmethod
     def again(self, at: Node, values: Floats) -> Node | None:
@@ -116,8 +129,8 @@ class CurvePath(ABC, Generic[Node]):
         return None
 
     @property
-    def going(self) -> Rows:
-        """Number 0, until the curve ends."""
+    def goes_on(self) -> bool:
+        """Whether the curve has not ended."""
         if self.end is None:
             if self.way >= self.longest:
                 self.end = Status.OK
@@ -125,24 +138,16 @@ class CurvePath(ABC, Generic[Node]):
                 self.end = Status.MODE_LOST
             else:
                 self.end = self.exhausted()
-        return np.arange(1 if self.end is None else 0)
+        return self.end is None
 
-    def allowed(self, rows: Rows, step: Floats) -> Floats:
-        """Return the step, no longer than the longest."""
-        return np.minimum(step, self.largest)
+    @property
+    def allowed(self) -> float:
+        """The longest step from here."""
+        return self.largest
 
-    def smallest(self, rows: Rows) -> Floats:
-        """Return the step at which the curve ends."""
-        return np.full(len(rows), self.smallest_step)
-
-    def stop(self, row: int) -> None:
-        """End the curve at its last node."""
-        self.end = self.beyond()
-
-    def advance(self, rows: Rows, step: Floats) -> Floats:
-        """Go on by a step."""
-        at, length = self.at, float(step[0])
-        made = self.step_to(at, length)
+    def take(self, length: float, made: tuple[Node, float] | None) -> float:
+        """Go on to what a step made; return how the next may grow, 0 if none holds."""
+        at = self.at
         if made is not None and self.way > 4.0 * NEARLY_THERE:
             end = self._closing(length, made[0])
             if end is not None:
@@ -150,15 +155,15 @@ class CurvePath(ABC, Generic[Node]):
                     self.nodes.pop()
                 self.nodes.append(end)
                 self.end, self.closed = Status.OK, True
-                return np.ones(1)
+                return 1.0
         if not self.within(length, None if made is None else made[0]):
-            return np.array([0.0 if self.end is None else 1.0])
+            return 0.0 if self.end is None else 1.0
         assert made is not None
         node, change = made
         self.nodes.append(node)
         self.way += float(np.linalg.norm(node.values - at.values))
         growth = AIMED * self.verification.change / (change + 1e-300)
-        return np.array([min(2.0, max(0.5, growth))])
+        return min(2.0, max(0.5, growth))
 
     def _closing(self, step: float, new: Node) -> Node | None:
         """Return the start, whole periods on, if a verified step runs through it."""
@@ -168,7 +173,8 @@ class CurvePath(ABC, Generic[Node]):
         way = float(at.tangent @ (values - at.values))
         if not -NEARLY_THERE < way <= step or start.tangent @ at.tangent < 0.8:
             return None
-        miss = np.max(np.abs(values - taylor(at, np.array([way]))[0]))
+        there = at.values + way * at.tangent + 0.5 * way**2 * at.bend
+        miss = np.max(np.abs(values - there))
         if miss > self.verification.correction * step:
             return None
         if abs(way) > NEARLY_THERE:
@@ -184,3 +190,43 @@ class CurvePath(ABC, Generic[Node]):
         """(variables,) whole periods of one lap of a closed curve."""
         laps = (self.nodes[-1].values - self.start.values) / self.periods
         return np.round(laps).astype(np.int64)
+
+
+class _SideBySide(Generic[Node]):
+    """Curves of one class that are followed together."""
+
+    def __init__(self, paths: Sequence[CurvePath[Node]]) -> None:
+        self.paths = paths
+        self._left = list(range(len(paths)))
+
+    @property
+    def going(self) -> Rows:
+        """The curves that have not ended."""
+        self._left = [k for k in self._left if self.paths[k].goes_on]
+        return np.array(self._left, dtype=np.intp)
+
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
+        """Return the steps (k,), no longer than the longest."""
+        return np.minimum(step, [self.paths[k].allowed for k in rows])
+
+    def smallest(self, rows: Rows) -> Floats:
+        """Return the steps (k,) at which curves end."""
+        return np.full(len(rows), self.paths[0].smallest_step)
+
+    def stop(self, row: int) -> None:
+        """End a curve at its last node."""
+        path = self.paths[row]
+        path.end = path.beyond()
+
+    def advance(self, rows: Rows, step: Floats) -> Floats:
+        """Go on by a step each."""
+        paths = [self.paths[k] for k in rows]
+        made = paths[0].steps_to(paths, [path.at for path in paths], step)
+        trials = zip(paths, step.tolist(), made, strict=True)
+        return np.array([path.take(length, new) for path, length, new in trials])
+
+
+def run_each(paths: Sequence[CurvePath[Node]], first_step: float) -> None:
+    """Follow curves of one class to their ends, all steps of a kind at once."""
+    if paths:
+        follow_paths(_SideBySide(paths), np.full(len(paths), first_step))

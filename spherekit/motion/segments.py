@@ -61,9 +61,9 @@ class Bordered:
     at: Linearisation
     borders: Floats
 
-    def rebordered(self, row: int, border: Floats) -> "Bordered":
-        """Return one point with another border (variables,)."""
-        return Bordered(self.at.take(slice(row, row + 1)), border[None])
+    def rebordered(self, rows: slice, borders: Floats) -> "Bordered":
+        """Return some points with other borders (k, variables)."""
+        return Bordered(self.at.take(rows), borders)
 
     @cached_property
     def jacobian(self) -> Floats:
@@ -75,7 +75,7 @@ class Bordered:
         """(n, variables, 3 loops + 1); NaN where singular."""
         return left_inverse(self.jacobian)
 
-    @property
+    @cached_property
     def reciprocal_condition(self) -> Floats:
         """(n,) reciprocal condition of the bordered equations; 0 where singular."""
         size = np.linalg.norm(self.jacobian, axis=(1, 2))
@@ -113,15 +113,18 @@ def correct(
     has a residual; the caller judges.
     """
     steps = NewtonSteps(len(values))
+    values = values.copy()
+    active = np.arange(len(values))
     for _ in range(MOST_CORRECTIONS):
-        at = closure.at(values)
-        inverse = left_inverse(bordered(at.jacobian, borders))
-        miss = targets - np.sum(borders * values, axis=1)
+        at = closure.take(active).at(values[active])
+        inverse = left_inverse(bordered(at.jacobian, borders[active]))
+        miss = targets[active] - np.sum(borders[active] * at.values, axis=1)
         change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
         change += inverse[:, :, -1] * miss[:, None]
         length = np.max(np.abs(change), axis=1)
-        values = values + change * steps.part(length)
-        if not np.any(length > CORRECTED):
+        values[active] += change * steps.part(length, active)
+        active = active[length > CORRECTED]
+        if not len(active):
             break
     return values, steps
 

@@ -92,19 +92,17 @@ class SingularCurve:
         Whole periods of the variables and signs of the motions do not matter.
         """
         on_curve = np.zeros(len(values), dtype=bool)
-        starts = self.nodes.values[:-1]
-        middles = starts + 0.5 * self.chords[:, None] * self.directions
-        for row, (given, motion) in enumerate(zip(values, motions, strict=True)):
-            away = less_periods(given - middles, self.periods)
-            along = np.sum(away * self.directions, axis=1)
-            beside = np.max(np.abs(away - along[:, None] * self.directions), axis=1)
-            near = np.abs(along) < 0.51 * self.chords
-            (which,) = np.nonzero(near & (beside < BESIDE * self.chords + NEAR))
-            parts = np.clip(along[which] / self.chords[which] + 0.5, 0.0, 1.0)
-            points = self.on(which, parts)
-            miss = np.max(np.abs(middles[which] + away[which] - points.values), axis=1)
-            same = np.abs(points.motions @ motion) > 1.0 - 1e-6
-            on_curve[row] = bool(np.any((miss < NEAR) & same))
+        middles = self.nodes.values[:-1] + 0.5 * self.chords[:, None] * self.directions
+        away = less_periods(values[:, None] - middles, self.periods)
+        along = np.sum(away * self.directions, axis=2)
+        beside = np.max(np.abs(away - along[..., None] * self.directions), axis=2)
+        near = np.abs(along) < 0.51 * self.chords
+        row, which = np.nonzero(near & (beside < BESIDE * self.chords + NEAR))
+        parts = np.clip(along[row, which] / self.chords[which] + 0.5, 0.0, 1.0)
+        points = self.on(which, parts)
+        miss = np.max(np.abs(middles[which] + away[row, which] - points.values), axis=1)
+        same = np.abs(np.sum(points.motions * motions[row], axis=1)) > 1.0 - 1e-6
+        on_curve[row[(miss < NEAR) & same]] = True
         return on_curve
 
     def zeros(self, function: Along) -> LocusPoints:

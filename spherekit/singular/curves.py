@@ -27,12 +27,15 @@ from spherekit.singular.points import (
 from spherekit.singular.slices import Cut, cut, solver_of
 from spherekit.singular.starts import PROBES, Seeding, everywhere
 from spherekit.singular.stationarity import output_of
-from spherekit.singular.trace import LARGEST_STEP, NEARLY_FLAT, trace_curve
+from spherekit.singular.trace import LARGEST_STEP, NEARLY_FLAT, trace_curves
 from spherekit.sphere.rotation import Floats
 
 EVERYWHERE = Claim(
     Guarantee.SAMPLED, f"all configurations that {PROBES} random starts led to are of it"
 )
+
+TOGETHER = 16
+"""Curves that are followed side by side, from different starts."""
 
 
 @final
@@ -195,15 +198,19 @@ def singular_curves(
         for curve in traced:
             left[left] &= ~curve.find(points.values[left], points.motions[left])
         while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
-            row = int(np.argmax(left))
-            left[row] = False
-            new_curve = trace_curve(locus, points.values[row], step=step, budget=budget)
-            if new_curve is None:
-                stray.append(points.values[row : row + 1])
-                continue
-            source.met(True)
-            traced.append(new_curve)
-            left[left] &= ~new_curve.find(points.values[left], points.motions[left])
+            (rows,) = np.nonzero(left)
+            rows = rows[:: -(-len(rows) // TOGETHER)]
+            curves = trace_curves(locus, points.values[rows], step=step, budget=budget)
+            for row, new_curve in zip(rows.tolist(), curves, strict=True):
+                if not left[row]:
+                    continue
+                left[row] = False
+                if new_curve is None:
+                    stray.append(points.values[row : row + 1])
+                    continue
+                source.met(True)
+                traced.append(new_curve)
+                left[left] &= ~new_curve.find(points.values[left], points.motions[left])
     return SingularCurves(
         kind,
         tuple(part for curve in traced for part in _parts(curve, view)),

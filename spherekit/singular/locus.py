@@ -149,7 +149,7 @@ class Locus:
 
     def space(self, values: Floats, like: Floats | None = None) -> TangentSpace:
         """Return the tangent spaces at configurations (n, V)."""
-        near = None if like is None else like[:, : self.freedoms]
+        near = None if like is None else like[..., : self.freedoms]
         return tangent_space(self.closure, values, self.freedoms, near)
 
     def moving(
@@ -158,7 +158,7 @@ class Locus:
         """Return the motions among which singular ones are looked for."""
         if self.part is None:
             return space
-        near = None if like is None else like[:, self.freedoms :]
+        near = None if like is None else like[..., self.freedoms :]
         return part_motions(space, self.part, near)
 
     def measure(self, space: TangentSpace) -> Measure:
@@ -200,7 +200,7 @@ class Locus:
             (n, k, V) and (n, k) linear equations that pick a point of the locus; with
             k = 0 the steps are the shortest ones.
         like
-            (V, g + k) bases that the equations' bases are turned to.
+            (n, V, g + k) bases that the equations' bases are turned to.
         most
             Steps that Newton's method may take.
         """
@@ -208,8 +208,9 @@ class Locus:
         values, motions = values.copy(), motions.copy()
         active = np.arange(len(values))
         for _ in range(most):
-            space = self.space(values[active], like)
-            moving = self.moving(space, like)
+            near = None if like is None else like[active]
+            space = self.space(values[active], near)
+            moving = self.moving(space, near)
             unit, small, shift, equations = self._linearised(
                 space, moving, motions[active], borders[active]
             )

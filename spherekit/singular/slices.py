@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.budget import Budget
-from spherekit.conventions import Status
-from spherekit.errors import CountError, SolveError
+from spherekit.conventions import Status, counted
+from spherekit.errors import CountError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
-from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.arc_length import follow_arcs
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.locked import Locked, lock
@@ -31,6 +31,8 @@ PROBED = 181
 PROBES = 7
 """The same for mechanisms with irreducible groups."""
 LONGEST = 200.0
+TOGETHER = 12
+"""Slices of dyads that are followed side by side."""
 
 
 @final
@@ -114,29 +116,38 @@ def slices(
         Time that the curves of all slices may take, unlimited by default.
     """
     budget = budget or Budget()
+    many = TOGETHER if solver.assembly.has_closed_form else 1
+    for first in range(0, len(held), many):
+        if not budget.goes_on(f"slice {first + 1} of {len(held)}"):
+            return
+        yield from _together(solver, free, held[first : first + many], budget)
+
+
+def _together(solver: Solver, free: int, held: Floats, budget: Budget) -> Iterator[Slice]:
+    """Yield the curves of some slices, a curve of each followed side by side."""
     probes = PROBED if solver.assembly.has_closed_form else PROBES
     turn = (np.arange(probes) + 0.5) * (2.0 * np.pi / probes) - np.pi
-    for number, row in enumerate(held):
-        if not budget.goes_on(f"slice {number + 1} of {len(held)}"):
+    q = np.repeat(held, probes, axis=0)
+    q[:, free] = np.tile(turn, len(held))
+    starts, row = configurations(solver, q)
+    others = [k for k in range(len(solver.driven)) if k != free]
+    locked = [
+        lock(solver.closure, {solver.driven[k]: float(values[k]) for k in others})
+        for values in held
+    ]
+    kept = list(locked[0].kept)
+    todo = {k: starts[row // probes == k][:, kept] for k in range(len(held))}
+    while left := [k for k, values in todo.items() if len(values)]:
+        if not budget.goes_on(f"curves of {counted(len(left), 'slice')}"):
             return
-        q = np.tile(row, (probes, 1))
-        q[:, free] = turn
-        fixed = {
-            variable: float(value)
-            for k, (variable, value) in enumerate(zip(solver.driven, row, strict=True))
-            if k != free
-        }
-        locked = lock(solver.closure, fixed)
-        starts, _ = configurations(solver, q)
-        todo = starts[:, list(locked.kept)]
-        while len(todo) and budget.goes_on(f"slice {number + 1} of {len(held)}"):
-            given, todo = todo[0], todo[1:]
-            try:
-                curve = follow_arc(locked.closure, given, longest=LONGEST)
-            except SolveError:
-                continue
-            yield Slice(locked, curve)
-            todo = todo[np.isnan(curve.find(todo))]
+        closures = [locked[k].closure for k in left]
+        first = np.stack([todo[k][0] for k in left])
+        curves = follow_arcs(closures, first, longest=LONGEST)
+        for k, curve in zip(left, curves, strict=True):
+            todo[k] = todo[k][1:]
+            if curve is not None:
+                todo[k] = todo[k][np.isnan(curve.find(todo[k]))]
+                yield Slice(locked[k], curve)
 
 
 @final

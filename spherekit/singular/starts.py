@@ -23,6 +23,8 @@ STARTS = 256
 """Random starts of one round."""
 PROBES = 64
 """Random starts by which it is told whether every configuration is singular."""
+SECTIONS = 16
+"""Curves on slices that are searched at once."""
 DRY = 3
 """Rounds in a row without news that end a search."""
 MOST_ROUNDS = 12
@@ -65,11 +67,13 @@ class Seeding:
         """Yield points of the locus, as long as that is worth the time."""
         if self.cut is not None:
             every = self.cut.slices
-            for number, section in enumerate(every):
-                if not self.budget.goes_on(f"slice curve {number + 1} of {len(every)}"):
+            for first in range(0, len(every), SECTIONS):
+                if not self.budget.goes_on(f"slice curve {first + 1} of {len(every)}"):
                     return
-                self.searched += 1
-                yield self._counted(seeds(section, self.locus))
+                some = every[first : first + SECTIONS]
+                self.searched += len(some)
+                found = [seeds(section, self.locus) for section in some]
+                yield self._counted(LocusPoints.joined(found))
             return
         random = np.random.default_rng(SEED)
         for number in range(MOST_ROUNDS):

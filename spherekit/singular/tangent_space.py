@@ -127,7 +127,7 @@ def tangent_space(
 ) -> TangentSpace:
     """Return the tangent spaces at configurations (n, V); NaN where values are.
 
-    `like` (V, g) is a basis that those found are turned to as nearly as possible.
+    `like` (n, V, g) are bases that those found are turned to as nearly as possible.
     """
     at = closure.at(values)
     return TangentSpace(at, *_kernel(at.jacobian, freedoms, like))
@@ -136,10 +136,10 @@ def tangent_space(
 def part_motions(
     space: TangentSpace, part: OutputPart, like: Floats | None = None
 ) -> PartMotions:
-    """Return the motions of a part; `like` (V, k) is a basis that they are turned to."""
+    """Return the motions of a part; `like` (n, V, k) are bases that they are turned to."""
     kept = list(part.variables)
     jacobian = part.tree.jacobian(space.at.vectors[:, kept])
-    near = None if like is None else like[kept]
+    near = None if like is None else like[:, kept]
     inner, inverse, _, oriented = _kernel(jacobian, len(part.driven), near)
     n, count, _ = space.at.vectors.shape
     basis = np.zeros((n, count, len(part.driven)))

@@ -3,7 +3,8 @@
 The path is a `spherekit.motion.curve_path.CurvePath`, its bend that of the last step.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import final
 
 import numpy as np
@@ -12,7 +13,7 @@ from spherekit.budget import Budget
 from spherekit.conventions import Status
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.continuation import Verification
-from spherekit.motion.curve_path import STEP_PARTS, CurvePath, taylor
+from spherekit.motion.curve_path import STEP_PARTS, CurvePath, run_each, taylor
 from spherekit.singular.curve import SingularCurve, predict
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.sphere.rotation import Floats
@@ -21,6 +22,8 @@ LARGEST_STEP = 0.3
 """Longest step (rad of arc length)."""
 FREEDOMS = 2
 """Loci of mechanisms with so many are curves."""
+FIRST_STEP = 0.05
+"""The first step that is tried (rad)."""
 NEARLY_FLAT = 1e-3
 """Equations of this reciprocal condition at a node that no step leaves are a crossing."""
 SAME_MOTION = 0.8
@@ -34,77 +37,121 @@ def trace_curve(
     step: float = LARGEST_STEP,
     budget: Budget | None = None,
 ) -> SingularCurve | None:
-    """Return the curve of a locus through a configuration (V,) near it.
+    """Return the curve of a locus through a configuration (V,), see `trace_curves`."""
+    return trace_curves(locus, values[None], longest, step, budget)[0]
+
+
+def trace_curves(
+    locus: Locus,
+    values: Floats,
+    longest: float = 200.0,
+    step: float = LARGEST_STEP,
+    budget: Budget | None = None,
+) -> list[SingularCurve | None]:
+    """Return the curves of a locus through configurations (n, V) near it, side by side.
 
     Parameters
     ----------
     locus
         Singular configurations of a mechanism with two freedoms.
     values
-        Where to start; Newton's method leads onto the curve.
+        Where to start; Newton's method leads onto the curves.
     longest, step
         Length (rad) after which a curve that does not close is ended in each sense, and
         the longest step.
     budget
-        Time after which the curve is ended, MODE_LOST, unlimited by default.
+        Time after which curves are ended, MODE_LOST, unlimited by default.
 
-    None if Newton's method does not arrive, or only at a crossing of curves.
+    None where Newton's method does not arrive, or only at a crossing of curves.
     """
-    start = locus.onto(values[None])
-    if not start.good[0] or start.reciprocal_condition[0] < NEARLY_FLAT:
-        return None
-    start = locus.correct(
-        start.values,
-        start.motions,
-        np.swapaxes(start.tangents, 1, 2),
-        np.einsum("nvk,nv->nk", start.tangents, start.values),
+    found = locus.onto(values)
+    (rows,) = np.nonzero(found.good & ~(found.reciprocal_condition < NEARLY_FLAT))
+    near = found.rows(rows)
+    starts = locus.correct(
+        near.values,
+        near.motions,
+        np.swapaxes(near.tangents, 1, 2),
+        np.einsum("nvk,nv->nk", near.tangents, near.values),
     )
     periods = periods_of(locus.closure)
-    ways: list[list[LocusPoints]] = []
-    ends: list[Status] = []
-    still = np.zeros_like(start.values[0])
-    for first in (start, _reversed(start)):
-        begin = _Node(first, still)
-        path = _LocusPath(begin, periods, longest, step, locus, budget or Budget())
-        nodes = [node.point for node in path.run(0.05).nodes]
-        if path.closed:
-            joined = LocusPoints.joined([first, *nodes])
-            return SingularCurve(locus, joined, periods, True, (Status.OK, Status.OK))
-        ways.append(nodes)
-        ends.append(path.end or Status.OK)
-    behind = [_reversed(node) for node in reversed(ways[1])]
-    joined = LocusPoints.joined([*behind, start, *ways[0]])
-    if len(joined) < 2:
+    budget = budget or Budget()
+    still = np.zeros(len(periods))
+    ahead, behind = (
+        [
+            _LocusPath(
+                _Node(starts, row, sense, still), periods, longest, step, locus, budget
+            )
+            for row in range(len(rows))
+        ]
+        for sense in (1.0, -1.0)
+    )
+    run_each(ahead, FIRST_STEP)
+    run_each([behind[k] for k, path in enumerate(ahead) if not path.closed], FIRST_STEP)
+    curves: list[SingularCurve | None] = [None] * len(values)
+    for row, one, other in zip(rows.tolist(), ahead, behind, strict=True):
+        curves[row] = _curve(one, other)
+    return curves
+
+
+def _curve(ahead: "_LocusPath", behind: "_LocusPath") -> SingularCurve | None:
+    """Return the curve that was followed in both senses; None where no step holds."""
+    locus, periods = ahead.locus, ahead.periods
+    forward = [ahead.start, *ahead.nodes]
+    if ahead.closed:
+        points = _points(forward)
+        return SingularCurve(locus, points, periods, True, (Status.OK, Status.OK))
+    back = [replace(node, sense=-node.sense) for node in reversed(behind.nodes)]
+    if len(back) + len(forward) < 2:
         return None
-    return SingularCurve(locus, joined, periods, False, (ends[1], ends[0]))
-
-
-def _reversed(node: LocusPoints) -> LocusPoints:
-    return replace(node, tangents=-node.tangents, turns=-node.turns)
-
-
-def _bordered(node: LocusPoints, tangent: Floats) -> Floats:
-    """Return the equations of one point with a border along a tangent (V,)."""
-    border = tangent @ node.basis[0]
-    border[FREEDOMS:] = 0.0
-    return np.concatenate([node.equations[0], border[None]])
+    ends = (behind.end or Status.OK, ahead.end or Status.OK)
+    return SingularCurve(locus, _points([*back, *forward]), periods, False, ends)
 
 
 @final
 @dataclass(frozen=True)
 class _Node:
-    """One point of the curve, and the bend of the last step."""
+    """One of several points, the sense in which it is passed, the bend of the last step."""
 
-    point: LocusPoints
+    points: LocusPoints
+    row: int
+    sense: float
     bend: Floats
+    inside: bool = True
 
     @property
     def values(self) -> Floats:
-        return np.asarray(self.point.values[0])
+        return np.asarray(self.points.values[self.row])
 
     @property
     def tangent(self) -> Floats:
-        return np.asarray(self.point.tangents[0, :, 0])
+        return np.asarray(self.sense * self.points.tangents[self.row, :, 0])
+
+
+def _points(nodes: Sequence[_Node]) -> LocusPoints:
+    """Return nodes as points, tangents in their senses."""
+    points = LocusPoints(
+        **{
+            item.name: np.stack(
+                [getattr(node.points, item.name)[node.row] for node in nodes]
+            )
+            for item in fields(LocusPoints)
+        }
+    )
+    _flip(points, np.array([node.sense for node in nodes]))
+    return points
+
+
+def _flip(points: LocusPoints, sense: Floats) -> None:
+    """Turn tangents round where the sense (n,) is -1."""
+    points.tangents[:] *= sense[:, None, None]
+    points.turns[:] *= sense[:, None, None]
+
+
+def _bordered(points: LocusPoints, tangents: Floats) -> Floats:
+    """Return the equations of points with borders along tangents (n, V)."""
+    border = np.einsum("nv,nvg->ng", tangents, points.basis)
+    border[:, FREEDOMS:] = 0.0
+    return np.concatenate([points.equations, border[:, None]], axis=1)
 
 
 @final
@@ -125,51 +172,63 @@ class _LocusPath(CurvePath[_Node]):
         goes_on = self.budget.goes_on("the rest of a singular curve")
         return None if goes_on else Status.MODE_LOST
 
-    def step_to(self, at: _Node, way: float) -> tuple[_Node, float] | None:
-        """Return the node at this projection on the tangent if it passes all tests."""
-        tests, parts, point = self.verification, way * STEP_PARTS, at.point
-        points = self.locus.correct(
-            taylor(at, parts),
-            point.motions + parts[:, None] * point.turns[0, :, 0],
-            np.stack([at.tangent, at.tangent])[:, None],
-            (float(at.tangent @ at.values) + parts)[:, None],
-            point.basis[0],
+    @staticmethod
+    def steps_to(
+        paths: "Sequence[CurvePath[_Node]]", ats: Sequence[_Node], ways: Floats
+    ) -> list[tuple[_Node, float] | None]:
+        """Return the nodes at projections (n,) on the tangents that pass all tests."""
+        tests = _LocusPath.verification
+        assert isinstance(paths[0], _LocusPath)
+        locus = paths[0].locus
+        here = _points(ats)
+        tangents = here.tangents[:, :, 0]
+        parts = ways[:, None] * STEP_PARTS
+        borders = np.repeat(tangents, 2, axis=0)
+        bends = np.array([at.bend for at in ats])
+        turns = here.turns[:, :, 0]
+        targets = np.sum(tangents * here.values, axis=1)[:, None] + parts
+        points = locus.correct(
+            taylor(here.values, tangents, bends, parts),
+            taylor(here.motions, turns, np.zeros_like(turns), parts),
+            borders[:, None],
+            targets.reshape(-1, 1),
+            np.repeat(here.basis, 2, axis=0),
         )
-        if not np.all(points.good):
-            return None
-        if not np.all(tests.corrected(points.first_step, points.ratio, way)):
-            return None
-        turned = np.einsum("nv,v->n", points.tangents[:, :, 0], at.tangent)
-        flip = np.sign(turned)[:, None, None]
-        points.tangents[:] *= flip
-        points.turns[:] *= flip
-        before = _bordered(point, at.tangent)
-        inverse = np.linalg.pinv(before)
-        moved = [
-            float(
-                np.linalg.norm(
-                    inverse @ (_bordered(points.rows(slice(k, k + 1)), at.tangent) - before)
-                )
-            )
-            for k in (0, 1)
+        # A step is one of the motion too, which turns fast where curves pass each other.
+        sizes = ways * np.hypot(1.0, np.linalg.norm(turns, axis=1))
+        good = points.good & tests.corrected(
+            points.first_step, points.ratio, np.repeat(sizes, 2)
+        )
+        along = np.sum(points.tangents[:, :, 0] * borders, axis=1)
+        _flip(points, np.sign(along))
+        before = np.repeat(_bordered(here, tangents), 2, axis=0)
+        change = np.linalg.pinv(before) @ (_bordered(points, borders) - before)
+        moved = np.linalg.norm(change, axis=(1, 2))
+        good &= tests.regular(moved, np.abs(along))
+        holds = np.all(good.reshape(-1, 2), axis=1)
+        last, middles = points.rows(slice(1, None, 2)), points.values[::2]
+        (some,) = np.nonzero(holds)
+        both = LocusPoints.joined([here.rows(some), last.rows(some)])
+        order = np.arange(2 * len(some)).reshape(2, -1).T.ravel()
+        chord = last.values - here.values
+        length = np.linalg.norm(chord, axis=1)
+        part = np.sum((middles - here.values) * chord, axis=1) / length**2
+        guess, _ = predict(both.rows(order), 2 * np.arange(len(some)), part[some])
+        wrong = np.max(np.abs(guess - middles[some]), axis=1, initial=0.0)
+        holds[some] = tests.predicted(wrong, ways[some], tests.slack)
+        bends = (last.tangents[:, :, 0] - tangents) / length[:, None]
+        inside = np.all(locus.closure.at(last.values[holds]).states.inside, axis=1)
+        within = dict(zip(np.flatnonzero(holds).tolist(), inside.tolist(), strict=True))
+        most = np.max(moved.reshape(-1, 2), axis=1).tolist()
+        return [
+            (_Node(last, row, 1.0, bends[row], within[row]), most[row]) if held else None
+            for row, held in enumerate(holds.tolist())
         ]
-        if not tests.regular(np.array(moved), np.abs(turned)):
-            return None
-        last = points.rows(slice(1, 2))
-        both = LocusPoints.joined([point, last])
-        chord = last.values[0] - at.values
-        part = (points.values[0] - at.values) @ chord / (chord @ chord)
-        middle, _ = predict(both, np.zeros(1, dtype=np.intp), np.array([part]))
-        miss = float(np.max(np.abs(middle[0] - points.values[0])))
-        if not tests.predicted(miss, way, tests.slack):
-            return None
-        bend = (last.tangents[0, :, 0] - at.tangent) / float(np.linalg.norm(chord))
-        return _Node(last, bend), max(moved)
 
     def again(self, at: _Node, values: Floats) -> _Node | None:
         """Return the start at values whole periods on, with the same singular motion."""
-        start = self.start.point
-        cosine = float(start.motions[0] @ at.point.motions[0])
+        start, here = _points([self.start]), at.points.motions[at.row]
+        cosine = float(start.motions[0] @ here)
         if abs(cosine) < SAME_MOTION:
             return None
         sense = float(np.sign(cosine))
@@ -179,18 +238,15 @@ class _LocusPath(CurvePath[_Node]):
             motions=sense * start.motions,
             turns=sense * start.turns,
         )
-        return _Node(point, self.start.bend)
+        return _Node(point, 0, 1.0, self.start.bend)
 
     def within(self, step: float, node: _Node | None) -> bool:
         """Return whether there is a node, and on the profiles; end the curve where not."""
-        if node is None:
-            return False
-        inside = bool(np.all(self.locus.closure.at(node.values[None]).states.inside))
-        if not inside:
+        if node is not None and not node.inside:
             self.end = Status.OFF_PROFILE
-        return inside
+        return node is not None and node.inside
 
     def beyond(self) -> Status:
         """Return AT_SINGULARITY beside a crossing of curves of the locus."""
-        flat = self.at.point.reciprocal_condition[0] < NEARLY_FLAT
+        flat = self.at.points.reciprocal_condition[self.at.row] < NEARLY_FLAT
         return Status.AT_SINGULARITY if flat else Status.MODE_LOST
