@@ -24,6 +24,7 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.mechanism import Mechanism
+from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.region.mesh import edges_of, hemisphere
 from spherekit.singular.curves import SingularCurves
 from spherekit.singular.points import LocusName, SingularPoints, View
@@ -35,8 +36,6 @@ SIDE = float(np.radians(4.0))
 """Longest side (rad) of the triangles, and the distance of points on circles."""
 ALONG = 1e-6
 """Elbows with a smaller sine lie along one line."""
-BISECTIONS = 60
-"""Halvings of a side on which a sign changes."""
 
 
 @final
@@ -170,14 +169,20 @@ class _Modes:
 
     def _roots(self, low: Floats, high: Floats, modes: NDArray[np.int64]) -> Floats:
         """Return where the determinant vanishes between normals (n, 3)."""
-        at_low = self._determinants(low, modes)
-        for _ in range(BISECTIONS):
-            middle = low + high
-            middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-            here = self._determinants(middle, modes)
-            left = ((here < 0.0) == (at_low < 0.0))[:, None]
-            low, high = np.where(left, middle, low), np.where(left, high, middle)
-        return low
+
+        def between(part: Floats, rows: NDArray[np.intp]) -> Floats:
+            normals = low[rows] + part[:, None] * (high - low)[rows]
+            return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+        every = np.arange(len(low))
+        part, _ = bracketed_zeros(
+            lambda x, rows: self._determinants(between(x, rows), modes),
+            np.zeros(len(low)),
+            np.ones(len(low)),
+            self._determinants(low, modes),
+            self._determinants(high, modes),
+        )
+        return between(part, every)
 
     def _values(self, normals: Floats, modes: NDArray[np.int64]) -> Floats:
         values, _ = self.form.values(self.form.place(normals, modes))

@@ -72,8 +72,8 @@ class Seeding:
                     return
                 some = every[first : first + SECTIONS]
                 self.searched += len(some)
-                found = [seeds(section, self.locus) for section in some]
-                yield self._counted(LocusPoints.joined(found))
+                parts = [seeds(section, self.locus) for section in some]
+                yield self._counted(LocusPoints.joined(parts))
             return
         random = np.random.default_rng(SEED)
         for number in range(MOST_ROUNDS):

@@ -64,9 +64,9 @@ def trace_curves(
 
     None where Newton's method does not arrive, or only at a crossing of curves.
     """
-    found = locus.onto(values)
-    (rows,) = np.nonzero(found.good & ~(found.reciprocal_condition < NEARLY_FLAT))
-    near = found.rows(rows)
+    near = locus.onto(values)
+    (rows,) = np.nonzero(near.good & ~(near.reciprocal_condition < NEARLY_FLAT))
+    near = near.rows(rows)
     starts = locus.correct(
         near.values,
         near.motions,
