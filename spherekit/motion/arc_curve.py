@@ -173,10 +173,22 @@ class ArcCurve:
 
         Whole periods of the variables do not matter.
         """
+        lengths = np.full(len(values), np.nan)
+        row, number, along = self._hits(values)
+        lengths[row] = self._lengths_at(number, along)
+        return lengths
+
+    def passes(self, values: Floats) -> NDArray[np.bool_]:
+        """Return which configurations (n, variables) are on this curve, as `find` does."""
+        row, _, _ = self._hits(values)
+        return np.isin(np.arange(len(values)), row)
+
+    def _hits(self, values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+        """Return which configurations are on which chords, and where along these."""
         segments = self.segments
         starts = self.nodes.values[:-1]
         half = 0.5 * segments.chords[:, None] * segments.directions
-        lengths = np.full(len(values), np.nan)
+        rows, numbers, ways = [], [], []
         for first in range(0, len(values), AT_ONCE):
             some = values[first : first + AT_ONCE]
             away = self.wrapped(some[:, None] - starts - half) + half
@@ -184,13 +196,19 @@ class ArcCurve:
             beside = np.max(np.abs(away - along[..., None] * segments.directions), axis=2)
             near = beside < BESIDE * segments.chords + NEAR
             near &= np.abs(along / segments.chords - 0.5) < 0.51
-            row, number = np.nonzero(near)
-            way = np.clip(along[row, number], 0.0, segments.chords[number])
-            there = segments.on(number, way).values - starts[number]
-            miss = np.max(np.abs(there - away[row, number]), axis=1)
-            (hits,) = np.nonzero(miss < NEAR)
-            lengths[first + row[hits]] = self._lengths_at(number[hits], way[hits])
-        return lengths
+            which, chord = np.nonzero(near)
+            rows.append(first + which)
+            numbers.append(chord)
+            ways.append(away[which, chord])
+        if not rows:
+            return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), np.zeros(0)
+        row, number = np.concatenate(rows), np.concatenate(numbers)
+        way = np.concatenate(ways)
+        along = np.sum(way * segments.directions[number], axis=1)
+        along = np.clip(along, 0.0, segments.chords[number])
+        miss = segments.on(number, along).values - starts[number] - way
+        hits = np.max(np.abs(miss), axis=1) < NEAR
+        return row[hits], number[hits], along[hits]
 
     def wrapped(self, differences: Floats) -> Floats:
         """Return differences of variables (..., variables) less whole periods."""

@@ -109,7 +109,7 @@ class CurveSearch:
             self.add(values)
             met = np.full(len(values), -1, dtype=np.intp)
             for number, curve in enumerate(self.curves):
-                met[~np.isnan(curve.find(values))] = number
+                met[curve.passes(values)] = number
             census.add(STARTS, met, len(self.curves))
             working.tell(lambda: census.words("curves"))
         return Claim(Guarantee.SAMPLED, census.words("curves"))
@@ -178,4 +178,4 @@ def _ends_at(curve: ArcCurve, values: Floats) -> bool:
 
 
 def _elsewhere(curve: ArcCurve, values: Floats) -> Floats:
-    return np.asarray(values[np.isnan(curve.find(values))])
+    return np.asarray(values[~curve.passes(values)])

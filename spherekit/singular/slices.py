@@ -146,7 +146,7 @@ def _together(solver: Solver, free: int, held: Floats, budget: Budget) -> Iterat
         for k, curve in zip(left, curves, strict=True):
             todo[k] = todo[k][1:]
             if curve is not None:
-                todo[k] = todo[k][np.isnan(curve.find(todo[k]))]
+                todo[k] = todo[k][~curve.passes(todo[k])]
                 yield Slice(locked[k], curve)
 
 

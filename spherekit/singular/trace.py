@@ -85,8 +85,9 @@ def trace_curves(
         ]
         for sense in (1.0, -1.0)
     )
-    run_each(ahead, FIRST_STEP)
-    run_each([behind[k] for k, path in enumerate(ahead) if not path.closed], FIRST_STEP)
+    for one, other in zip(ahead, behind, strict=True):
+        other.twin = one
+    run_each([*ahead, *behind], FIRST_STEP)
     curves: list[SingularCurve | None] = [None] * len(values)
     for row, one, other in zip(rows.tolist(), ahead, behind, strict=True):
         curves[row] = _curve(one, other)
@@ -166,9 +167,12 @@ class _LocusPath(CurvePath[_Node]):
 
     locus: Locus
     budget: Budget
+    twin: "_LocusPath | None" = None
 
     def exhausted(self) -> Status | None:
-        """Return MODE_LOST where the time is over."""
+        """Return MODE_LOST where the time is over, OK where the other sense has closed."""
+        if self.twin is not None and self.twin.closed:
+            return Status.OK
         goes_on = self.budget.goes_on("the rest of a singular curve")
         return None if goes_on else Status.MODE_LOST
 
