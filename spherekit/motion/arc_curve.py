@@ -190,7 +190,7 @@ class ArcCurve:
         half = 0.5 * segments.chords[:, None] * segments.directions
         rows, numbers, ways = [], [], []
         for first in range(0, len(values), AT_ONCE):
-            some = values[first : first + AT_ONCE]
+            some = np.asarray(values[first : first + AT_ONCE])
             away = self.wrapped(some[:, None] - starts - half) + half
             along = np.sum(away * segments.directions, axis=2)
             beside = np.max(np.abs(away - along[..., None] * segments.directions), axis=2)

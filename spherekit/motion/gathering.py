@@ -268,7 +268,7 @@ class Gathering:
             if not isinstance(guide, ModeCurve) or guide.ends == (Status.OK, Status.OK):
                 continue
             values = guide.values[len(guide.values) // 2]
-            if any(np.isfinite(curve.find(values[None])[0]) for curve in self._curves):
+            if any(curve.passes(values[None])[0] for curve in self._curves):
                 continue
             self._add_along(values, self.families[assembly_mode.number])
 
