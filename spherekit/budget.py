@@ -37,7 +37,7 @@ class Budget:
 
         `doing` is words such as ``"slice 3 of 12"``.
         """
-        self._working.tell(lambda: f"{doing}, {self.taken:.0f} s")
+        self.tell(doing)
         if self.taken < self.seconds:
             return True
         if self.seconds:
@@ -46,6 +46,10 @@ class Budget:
             ended = "no processor time was left"
         self._note = f"{ended} before {doing}"
         return False
+
+    def tell(self, doing: str) -> None:
+        """Tell what is being done now, if it is time for that."""
+        self._working.tell(lambda: f"{doing}, {self.taken:.0f} s")
 
     @property
     def note(self) -> str:

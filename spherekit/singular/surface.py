@@ -185,6 +185,7 @@ def singular_surface(
             source.met(front.grow(points.rows(slice(row, row + 1))))
     mesh = _bare(locus, front.points, front.triangles, front.component)
     for _ in range(halved):
+        budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
         mesh = mesh.split()
     if not whole_turn:
         for number, item in zip(solver.driven, mechanism.inputs, strict=True):
