@@ -190,9 +190,11 @@ def _run_both(begun: "Sequence[tuple[_ArcPath, _ArcPath]]") -> None:
 def _curve(ahead: "_ArcPath", behind: "_ArcPath") -> ArcCurve:
     """Return the curve that was followed in both senses."""
     closure, periods = ahead.closure, ahead.periods
-    if ahead.closed:
-        segments = Segments(closure, _points([ahead.start, *ahead.nodes]))
-        return ArcCurve(segments, periods, True, ahead.winding, (Status.OK, Status.OK), 0)
+    for path in (ahead, behind):
+        if path.closed:
+            segments = Segments(closure, _points([path.start, *path.nodes]))
+            ends = (Status.OK, Status.OK)
+            return ArcCurve(segments, periods, True, path.winding, ends, 0)
     count = len(behind.nodes)
     if count == 0 and not ahead.nodes:
         raise SolveError(

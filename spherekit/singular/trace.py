@@ -97,10 +97,11 @@ def trace_curves(
 def _curve(ahead: "_LocusPath", behind: "_LocusPath") -> SingularCurve | None:
     """Return the curve that was followed in both senses; None where no step holds."""
     locus, periods = ahead.locus, ahead.periods
+    for path in (ahead, behind):
+        if path.closed:
+            points = _points([path.start, *path.nodes])
+            return SingularCurve(locus, points, periods, True, (Status.OK, Status.OK))
     forward = [ahead.start, *ahead.nodes]
-    if ahead.closed:
-        points = _points(forward)
-        return SingularCurve(locus, points, periods, True, (Status.OK, Status.OK))
     back = [replace(node, sense=-node.sense) for node in reversed(behind.nodes)]
     if len(back) + len(forward) < 2:
         return None
