@@ -22,7 +22,7 @@ PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
     ("errors", "conventions", "guarantee", "version", "progress"),
-    ("boundary", "budget", "checked", "cores", "lazily", "markup"),
+    ("boundary", "budget", "checked", "lazily", "markup", "resources"),
     ("numeric",),
     ("sphere",),
     ("model", "region"),

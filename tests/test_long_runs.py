@@ -574,7 +574,7 @@ def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch, ca
     result = sk.run(sk.load("four_bar"), whole(), folder=tmp_path, unfinished="resume")
     assert result.summary["samples_in_a_block"] == 361
     assert len(result.frame("words")) == 722
-    monkeypatch.setattr(room, "physical_memory", lambda: 10**8)
+    monkeypatch.setattr(room, "usable_memory", lambda: 10**8)
     with pytest.raises(AnalysisError, match=r"words looks at all samples at once.* 100 MB"):
         sk.run(sk.load("four_bar"), whole(), samples=50_000)
     assert main(["explain", "four_bar", "-a", "singularities", "-a", "eksergian"]) == 0

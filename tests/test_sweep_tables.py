@@ -242,7 +242,7 @@ def test_what_the_disk_and_memory_do_not_hold_is_said(tmp_path, monkeypatch):
     )
     with pytest.raises(OutputError, match="the tables of 40 designs will take about"):
         swept(vary, tmp_path)
-    monkeypatch.setattr(sweep_parts, "physical_memory", lambda: 1000)
+    monkeypatch.setattr(sweep_parts, "usable_memory", lambda: 1000)
     with pytest.raises(DesignError, match="give a folder"):
         swept(vary)
 

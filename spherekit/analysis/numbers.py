@@ -1,6 +1,7 @@
 """Numbers from the columns of CSV and Parquet files, bad cells named by their place."""
 
 import csv
+import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -13,6 +14,7 @@ import numpy as np
 from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.tables import COLUMNS
 from spherekit.errors import FileError
+from spherekit.files.document import piped
 from spherekit.sphere.rotation import Floats
 
 PARQUET = ".parquet"
@@ -125,6 +127,10 @@ def _header(path: Path, rows: Iterator[list[str]]) -> list[str]:
 def _rows(path: Path) -> "Iterator[Any]":
     """Yield the reader of a CSV file."""
     try:
+        data = piped(path)
+        if data is not None:
+            yield csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))
+            return
         with path.open(newline="", encoding="utf-8-sig") as file:
             yield csv.reader(file)
     except OSError as problem:

@@ -74,7 +74,7 @@ def run(
     ------
     AnalysisError, ModelError, PlanError, SolveError
         Before any sample is computed, for unknown names, impossible mechanisms, times
-        that do not fit together, or a run at once that this machine has no memory for.
+        that do not fit together, or a run at once that there is no memory for.
     FileError
         With file and line of what a study file asks for wrongly.
     OutputError

@@ -141,10 +141,10 @@ def execute(options: argparse.Namespace) -> int:
     else:
         made = _over(written, options.range, options.clear_of)
     lines, certificate, complete = made
-    print("\n".join(lines))
     if options.out is not None:
         write_text(Path(options.out), json.dumps(certificate, indent=1) + "\n")
         print(f"spherekit: wrote {options.out}", file=sys.stderr)
+    print("\n".join(lines))
     return 0 if complete else INCOMPLETE
 
 

@@ -4,20 +4,56 @@ stdout carries data, stderr talk. Exit status: 0 fine, 1 bad input, 2 usage, 3 s
 samples failed under --strict, 4 an analysis failed, 128 and more stopped by a signal.
 """
 
+import errno
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from spherekit.cli.grammar import USAGE, fill, home_of, parser
-from spherekit.errors import SpherekitError
-from spherekit.progress import heard_by
+from spherekit.cli.stopping import signal_of, stoppable
 
-BAD_INPUT, FAILED_SAMPLES, FAILED_ANALYSIS = 1, 3, 4
+BAD_INPUT, FAILED_SAMPLES, FAILED_ANALYSIS, STOPPED = 1, 3, 4, 128
+"""Exit statuses; of a command that was stopped, the number of the signal is added."""
+
+LEAST_SPACE = 500_000_000
+"""Bytes of addresses below which numerical libraries end the process as they load."""
+
+NO_MEMORY = ("failed to map segment", "annot allocate memory", "can't start new thread")
+"""What loaders and systems say of it."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
+"""Why standard output takes no more. Faults of files have the file's name."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        with stoppable(to_the_end=arguments is None):
+            _open_streams()
+            try:
+                return _executed(list(sys.argv[1:] if arguments is None else arguments))
+            finally:
+                sys.stdout.flush()
+    except BrokenPipeError:
+        _drop_output()
+        return 0
+    except KeyboardInterrupt as stop:
+        _say("; ".join(["stopped", *getattr(stop, "__notes__", ())]))
+        return STOPPED + signal_of(stop)
+    except (MemoryError, ImportError, RuntimeError, OSError) as problem:
+        why = _reason(problem)
+        if not why:
+            raise
+        _say(why)
+        return BAD_INPUT
+
+
+def _executed(words: list[str]) -> int:
+    """Run a command line and return its exit status."""
+    from spherekit.cli.grammar import USAGE, fill, home_of, parser
+    from spherekit.errors import SpherekitError
+    from spherekit.progress import heard_by
+    from spherekit.resources import need_space
+
     grammar = parser()
     if "_ARGCOMPLETE" in os.environ:
         from argcomplete.finders import CompletionFinder
@@ -32,22 +68,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.traceback:
         _trace_plugins()
     try:
+        need_space(LEAST_SPACE, "numerical libraries need")
         with heard_by(None if options.quiet else _say):
-            status = int(home_of(options.command).execute(options))
-        sys.stdout.flush()
-        return status
+            return int(home_of(options.command).execute(options))
     except SpherekitError as problem:
         if options.traceback:
             raise
-        notes = getattr(problem, "__notes__", ())
-        print("; ".join([f"spherekit: {problem}", *notes]), file=sys.stderr)
+        _say("; ".join([str(problem), *getattr(problem, "__notes__", ())]))
         return BAD_INPUT
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except KeyboardInterrupt:
-        print("spherekit: stopped", file=sys.stderr)
-        return 130
+
+
+def _open_streams() -> None:
+    """Open standard streams that are closed: files of ours would get their numbers."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
+
+
+def _drop_output() -> None:
+    """Let what stdout still holds go nowhere, or Python would fail at it once more."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _reason(problem: Exception) -> str:
+    """Return why a command ended by the system's fault, empty if it is another one."""
+    for cause in _causes(problem):
+        memory = isinstance(cause, MemoryError) or any(x in str(cause) for x in NO_MEMORY)
+        if memory:
+            said = str(cause) or "no more is given"
+            return (
+                f"there is not enough memory ({said}); allow more (ulimit -v), or ask for "
+                "fewer samples"
+            )
+    if isinstance(problem, OSError) and problem.errno in FULL and not problem.filename:
+        _drop_output()
+        return f"standard output cannot be written: {problem.strerror}; let it go elsewhere"
+    return ""
+
+
+def _causes(problem: BaseException | None) -> Iterator[BaseException]:
+    while problem is not None:
+        yield problem
+        problem = problem.__cause__ or problem.__context__
 
 
 def _trace_plugins() -> None:

@@ -3,12 +3,10 @@
 import argparse
 import json
 import shlex
-import signal
 import sys
 import tempfile
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,9 +23,6 @@ if TYPE_CHECKING:
     from spherekit.analysis.result import RunResult
     from spherekit.analysis.tables import Format
     from spherekit.model.study import Study
-
-STOPPED = 128
-"""Added to the number of the signal that stopped a run, for the exit status."""
 
 FORMATS: dict[str, tuple["Format", ...]] = {
     "both": ("csv", "parquet"),
@@ -187,7 +182,7 @@ def execute(options: argparse.Namespace) -> int:
         made = not study.folder.exists()
         make_folder(study.folder)
     try:
-        with _stoppable(), _recorder(options, study) as recorder:
+        with _recorder(options, study) as recorder:
             drawer = _drawer(options, recorder)
             setting = _accuracy(study, analyses, options)
             result = run(
@@ -210,16 +205,10 @@ def execute(options: argparse.Namespace) -> int:
             exceeded = _prove(options, study, result) if options.prove else 0
             if options.serve is not None:
                 _keep_serving(options, recorder)
-    except SpherekitError as problem:
-        _leave_no_empty(study.folder if made else None)
-        _add_hint(problem, study, options)
-        raise
-    except KeyboardInterrupt as stop:
+    except (SpherekitError, KeyboardInterrupt) as stop:
         _leave_no_empty(study.folder if made else None)
         _add_hint(stop, study, options)
-        notes = getattr(stop, "__notes__", ())
-        print("; ".join(["spherekit: stopped", *notes]), file=sys.stderr)
-        return STOPPED + (stop.args[0] if stop.args else signal.SIGINT)
+        raise
     if study.recording is not None and not options.quiet:
         print(f"recording in {study.recording}", file=sys.stderr)
     if options.view and study.recording is not None:
@@ -352,23 +341,6 @@ def _add_hint(error: BaseException, study: "Study", options: argparse.Namespace)
         return
     words = [word for word in options.words if word not in ("--resume", "--restart")]
     error.add_note(f"go on with: {shlex.join(['spherekit', *words, '--resume'])}")
-
-
-@contextmanager
-def _stoppable() -> Iterator[None]:
-    """Let the signal to terminate stop a run as Ctrl-C does."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(number: int, frame: object) -> None:
-        raise KeyboardInterrupt(number)
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _accuracy(

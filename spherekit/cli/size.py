@@ -63,6 +63,8 @@ def execute(options: argparse.Namespace) -> int:
     sized = size_of(
         options.file, designs=options.designs, starts=options.starts, seed=options.seed
     )
+    if options.output is not None:
+        dump(sized.mechanism(), options.output)
     if not options.quiet:
         frame = sized.frame()
         units = frame.attrs["units"]
@@ -97,10 +99,8 @@ def execute(options: argparse.Namespace) -> int:
         if len(frame) > SHOWN:
             print(f"... {counted(len(frame) - SHOWN, 'more design')}")
     sys.stdout.flush()
-    if options.output is not None:
-        dump(sized.mechanism(), options.output)
-        if not options.quiet:
-            print(f"the best in {options.output}", file=sys.stderr)
+    if options.output is not None and not options.quiet:
+        print(f"the best in {options.output}", file=sys.stderr)
     elif not options.quiet:
         print("nothing was written: use -o FILE for the best mechanism", file=sys.stderr)
     return 0

@@ -73,15 +73,14 @@ def execute(options: argparse.Namespace) -> int:
             )
     _check_places(options)
     result = trade(study, analysis, rounds=options.rounds)
-    if options.json:
-        print(json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False))
-    else:
-        print(as_text(result, options.tol))
-    sys.stdout.flush()
     if options.output is not None:
         _write(result, options)
     if options.save is not None:
         _record(result, options)
+    if options.json:
+        print(json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False))
+    else:
+        print(as_text(result, options.tol))
     return 0
 
 

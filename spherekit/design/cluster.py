@@ -1,6 +1,6 @@
 """Parts of a sweep computed by the workers of a Dask cluster; dask's only home."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from importlib.util import find_spec
 from socket import gethostname
 from typing import final
@@ -27,7 +27,9 @@ class Cluster:
             )
         self.address = address
 
-    def __call__(self, sweep: Sweep, folder: str, numbers: Sequence[int]) -> Iterator[int]:
+    def __call__(
+        self, sweep: Sweep, folder: str, numbers: Sequence[int]
+    ) -> Generator[int, None, None]:
         """Yield the numbers of parts when they are written.
 
         Raises

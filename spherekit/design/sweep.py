@@ -28,7 +28,7 @@ from spherekit.design.table_figures import ASSEMBLY, TableFigures
 from spherekit.design.variables import DesignVariable, check_variables, design_variable
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.errors import DesignError
-from spherekit.files.atomic import make_folder
+from spherekit.files.atomic import make_folder, refused
 from spherekit.files.document import Document
 from spherekit.files.plain import as_json
 from spherekit.model.mechanism import Mechanism
@@ -358,19 +358,35 @@ class Sweep:
         return worth
 
     def write(self, folder: str, number: int) -> int:
-        """Write a part where it is not there yet, and return its number."""
-        if self.files_of(folder, number):
-            return number
+        """Write a part, and return its number."""
         path, notes = self.path_of(folder, number), {"units": self.units()}
+        make_folder(path.parent)
         if not self.tables:
             write_columns(path, self.part(number), notes)
             return number
         place = Path(folder) / TABLES
         with part_tables(place, part_name(number), self.degrees) as tables:
             columns = self.part(number, tables)
-        make_folder(path.parent)
         write_columns(path, columns, notes | {TABLES: dict(tables.rows)})
         return number
+
+    def settle(self, made: str, folder: Path, number: int) -> int:
+        """Move the files of a part from where they were made; return their bytes.
+
+        Raises
+        ------
+        OutputError
+            If they cannot be moved.
+        """
+        paths = self.files_of(made, number)
+        for path in reversed(paths):
+            target = folder / path.relative_to(made)
+            make_folder(target.parent)
+            try:
+                path.replace(target)
+            except OSError as error:
+                raise refused(target, "written", error) from None
+        return sum(path.stat().st_size for path in self.files_of(folder, number))
 
     def in_memory(self, number: int) -> tuple[Columns, Mapping[str, Any]]:
         """Return the rows of a part, and its tables by name."""

@@ -1,8 +1,12 @@
 """Which sweep a folder holds, and by which code its numbers were made."""
 
 import json
+import os
 import platform
-from collections.abc import Mapping
+import re
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -11,13 +15,17 @@ import numpy as np
 
 from spherekit.conventions import listing
 from spherekit.errors import OutputError
-from spherekit.files.atomic import write_text
+from spherekit.files.atomic import make_folder, write_text
 from spherekit.version import __version__
 
 DEFINITION = "_sweep.json"
 """What readers of a folder of Parquet pass over begins with _ or a point."""
 
 PARTS = ("part-*.parquet", "designs/part-*.parquet", "tables/*/part-*.parquet")
+
+WORK = ".sweep-work"
+MADE = re.compile(r"part-\d{6}\.parquet|\.part-\d{6}\.parquet\.\w{8}\.part")
+"""Where parts are made, and what the files there are called."""
 
 CODE = ("spherekit", "numpy", "heyoka", "machine")
 """What says by which code numbers were made."""
@@ -46,24 +54,47 @@ def other_code(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def claim(place: Path, definition: Mapping[str, Any], resume: bool) -> None:
-    """Write the definition of a sweep, or compare it with that of the parts there.
+@contextmanager
+def working_folder(
+    place: Path, definition: Mapping[str, Any], resume: bool
+) -> Iterator[str]:
+    """Claim a folder for a sweep, and give one within it in which parts are made.
+
+    Who holds the lock moves them to their places, so that nobody else changes these.
 
     Raises
     ------
     OutputError
-        If there are parts of another sweep, or parts made by other code.
+        If there are parts of another sweep, parts made by other code, or what no sweep
+        has made.
     """
-    path = place / DEFINITION
-    links = [
-        x
-        for x in (path, place / "designs", *place.glob("tables*"), *place.glob("tables/*"))
-        if x.is_symlink()
-    ]
+    work = place / WORK
+    _claim(place, definition, resume)
+    shutil.rmtree(work, ignore_errors=True)
+    try:
+        yield str(make_folder(work / os.urandom(4).hex()))
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def _claim(place: Path, definition: Mapping[str, Any], resume: bool) -> None:
+    """Write the definition of a sweep, or compare it with that of the parts there."""
+    path, work = place / DEFINITION, place / WORK
+    places = [path, work, *work.rglob("*")]
+    for pattern in ("designs", "tables", "tables/*", *PARTS):
+        places += place.glob(pattern)
+    links = [x for x in places if x.is_symlink()]
     if links:
         raise OutputError(
             f"{links[0]}: is a link, and sweeps make none; choose another folder, or "
             "remove it"
+        )
+    made = [x for x in (work, *work.rglob("*")) if not x.is_dir() and x.exists()]
+    others = [x.name for x in made if not MADE.fullmatch(x.name)]
+    if others:
+        raise OutputError(
+            f"{work}: sweeps keep unfinished parts there, and {listing(others, 4)} is "
+            "none; choose another folder, or move it away"
         )
     if not path.exists() and _has_parts(place):
         raise OutputError(

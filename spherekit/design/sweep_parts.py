@@ -2,27 +2,28 @@
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from spherekit.analysis.folder.resource_check import physical_memory, size_text
+from spherekit.analysis.folder.resource_check import size_text
 from spherekit.analysis.frames import columns_of_files, frame_of, frame_of_parts
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing, nearest
+from spherekit.design.processes import made_by
 from spherekit.design.sweep import DESIGNS, TABLES, Columns, Sweep
-from spherekit.design.sweep_identity import claim
+from spherekit.design.sweep_identity import working_folder
 from spherekit.errors import DesignError, OutputError
 from spherekit.files.atomic import make_folder
 from spherekit.files.lock import locked
 from spherekit.files.plain import as_json
 from spherekit.progress import Working
+from spherekit.resources import usable_memory
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -122,7 +123,7 @@ class SweepResult:
         )
 
 
-Workers = Callable[[Sweep, str, Sequence[int]], Iterator[int]]
+Workers = Callable[[Sweep, str, Sequence[int]], Generator[int, None, None]]
 """Computes parts somewhere, and yields the number of each when it is written."""
 
 
@@ -167,26 +168,31 @@ def run_sweep(
     lock = locked(place / LOCK)
     if isinstance(lock, str):
         raise OutputError(f"{place}: another sweep is at work in it ({lock})")
-    with lock:
-        there = str(place.resolve())
-        claim(place, as_json(sweep.definition()), resume)
-        files = [sweep.files_of(there, number) for number in range(sweep.parts)]
+    with lock, working_folder(place, as_json(sweep.definition()), resume) as work:
+        files = [sweep.files_of(place, number) for number in range(sweep.parts)]
         missing = [number for number, paths in enumerate(files) if not paths]
         size = sum(path.stat().st_size for paths in files for path in paths)
         done = sweep.parts - len(missing)
+        made: Generator[int, None, None] = (sweep.write(work, number) for number in missing)
         if elsewhere is not None:
-            finished = elsewhere(sweep, there, missing)
+            made = elsewhere(sweep, work, missing)
         elif workers > 1 and len(missing) > 1:
-            finished = _in_processes(sweep, there, missing, workers)
-        else:
-            finished = (sweep.write(there, number) for number in missing)
-        for number in finished:
-            done += 1
-            if sweep.tables:
-                paths = sweep.files_of(there, number)
-                size += sum(path.stat().st_size for path in paths)
-                _need_disk(sweep, place, size, done)
-            working.tell(_how_far(sweep, done))
+            made = _in_processes(sweep, work, missing, workers)
+        try:
+            for number in made:
+                size += sweep.settle(work, place, number)
+                done += 1
+                if sweep.tables:
+                    _need_disk(sweep, place, size, done)
+                working.tell(_how_far(sweep, done))
+        except KeyboardInterrupt as stop:
+            stop.add_note(
+                f"{done} of {counted(sweep.parts, 'part')} are in {place}, and the same "
+                "command goes on from there"
+            )
+            raise
+        finally:
+            made.close()
     return SweepResult(sweep, place, len(missing))
 
 
@@ -203,12 +209,12 @@ def _need_disk(sweep: Sweep, place: Path, size: int, done: int) -> None:
 
 def _need_memory(sweep: Sweep, size: int, done: int) -> None:
     """Raise `DesignError` if memory has no room for the tables of all parts."""
-    wanted, there = size * sweep.parts / done, physical_memory()
+    wanted, there = size * sweep.parts / done, usable_memory()
     if there is not None and wanted > there:
         raise DesignError(
             f"{sweep.mechanism.name}: the tables of "
             f"{counted(sweep.space.count, 'design')} take about {size_text(wanted)} of "
-            f"memory, and this machine has {size_text(there)}; give a folder, to which "
+            f"memory, and this process may use {size_text(there)}; give a folder, to which "
             "they go part by part"
         )
 
@@ -218,53 +224,30 @@ def _how_far(sweep: Sweep, parts: int) -> Callable[[], str]:
     return lambda: f"{done} of {counted(sweep.space.count, 'design')}"
 
 
-_here: dict[str, Sweep] = {}
-
-
-def _begin(sweep: Sweep) -> None:
-    """Keep the sweep of this process."""
-    _here["sweep"] = sweep
-
-
-def _part(folder: str, number: int) -> int:
-    return _here["sweep"].write(folder, number)
+def _part(sweep: Sweep, folder: str, number: int) -> int:
+    return sweep.write(folder, number)
 
 
 def _in_processes(
     sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
-) -> Iterator[int]:
+) -> Generator[int, None, None]:
     """Yield parts as processes finish them; those of processes that end are made again.
 
     Raises
     ------
     DesignError
-        If a process ends before any part is made.
+        If all processes end before any part is made.
     """
     left = set(numbers)
     while left:
         before = len(left)
-        try:
-            for number in _of_pool(sweep, folder, sorted(left), workers):
+        with closing(made_by(partial(_part, sweep, folder), sorted(left), workers)) as made:
+            for number in made:
                 left.discard(number)
                 yield number
-        except BrokenProcessPool:
-            if len(left) == before:
-                raise DesignError(
-                    f"{sweep.mechanism.name}: the system ended a process of the sweep, "
-                    "perhaps for want of memory; parts that are written stay, and the same "
-                    "command goes on, with --workers 1 in less memory"
-                ) from None
-
-
-def _of_pool(
-    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
-) -> Iterator[int]:
-    count = min(workers, len(numbers))
-    with ProcessPoolExecutor(count, get_context("spawn"), _begin, (sweep,)) as pool:
-        futures = [pool.submit(_part, folder, number) for number in numbers]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        if len(left) == before:
+            raise DesignError(
+                f"{sweep.mechanism.name}: the system ended a process of the sweep, "
+                "perhaps for want of memory; parts that are written stay, and the same "
+                "command goes on, with --workers 1 in less memory"
+            )

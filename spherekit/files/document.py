@@ -110,15 +110,40 @@ def spelt(path: KeyPath) -> str:
     return words
 
 
+_PIPED: dict[int, bytes] = {}
+
+
+def piped(path: Path, most: int = -1) -> bytes | None:
+    """Return what comes through a pipe that the shell has opened; None of other files.
+
+    It is kept, since a pipe gives it once: ``/dev/stdin``, ``/dev/fd/63``.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read.
+    """
+    status = path.stat()
+    if not stat.S_ISFIFO(status.st_mode) or path.parts[1:2] not in (("dev",), ("proc",)):
+        return None
+    with path.open("rb") as stream:
+        data = stream.read(most)
+    return _PIPED.setdefault(status.st_ino, data)
+
+
 def read_text(path: Path) -> str:
     """Return the text of a file, refusing what cannot be a mechanism file.
 
     Raises
     ------
     FileError
-        If it cannot be opened, is not a regular file, is too large, or is not UTF-8.
+        If it cannot be opened, is not a regular file or a pipe of the shell, is too
+        large, or is not UTF-8.
     """
     try:
+        data = piped(path, MAX_BYTES + 1)
+        if data is not None:
+            return _decoded(data, str(path))
         # A pipe would block here for ever; it is refused just below.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except (OSError, ValueError) as error:

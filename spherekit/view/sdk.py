@@ -1,6 +1,11 @@
 """The one place that imports rerun: mistakes raise, and nothing is reported home."""
+# ruff: noqa: E402
 
 import os
+
+from spherekit.resources import need_space
+
+need_space(3_000_000_000, "recordings need")
 
 os.environ.setdefault("CI", "true")  # the only switch that keeps its analytics off
 os.environ.setdefault("RUST_LOG", "error")

@@ -1,6 +1,5 @@
 """Whether memory and disk have room for a run, and sizes in words."""
 
-import os
 from collections.abc import Sequence
 
 from spherekit.analysis.folder.on_disk import OnDisk
@@ -8,17 +7,10 @@ from spherekit.analysis.tables import FILE_SIZE, Files, Format
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.model.mechanism import Mechanism
+from spherekit.resources import usable_memory
 
 FRAMES_HELD = 8
 """Frames held at once for each link and pair of a row: 5 to 7.6 were measured."""
-
-
-def physical_memory() -> int | None:
-    """Return the bytes of memory of this machine, None where the system does not say."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
 
 
 def size_text(count: float) -> str:
@@ -39,11 +31,11 @@ def memory_at_once(mechanism: Mechanism, rows: int) -> int:
 
 def need_memory(mechanism: Mechanism, rows: int, whole: Sequence[str]) -> None:
     """Raise `AnalysisError` if rows that analyses want at once need too much memory."""
-    wanted, there = memory_at_once(mechanism, rows), physical_memory()
+    wanted, there = memory_at_once(mechanism, rows), usable_memory()
     if there is not None and wanted > there:
         raise AnalysisError(
             f"{listing(whole)} looks at all samples at once: that takes about "
-            f"{size_text(wanted)} of memory for {rows} rows, and this machine has "
+            f"{size_text(wanted)} of memory for {rows} rows, and this process may use "
             f"{size_text(there)}; ask for {max(1, int(rows * there / wanted / 2))} rows "
             "(samples of all assembly modes) or fewer, or for one assembly mode"
         )

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
-from spherekit.cores import usable_cores
+from spherekit.resources import usable_cores
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")

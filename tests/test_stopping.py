@@ -1,0 +1,172 @@
+"""What the system does to a command: signals, streams that take nothing, little memory."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from spherekit import resources
+from spherekit.cli import main as command
+from spherekit.cli.main import main
+from spherekit.cli.stopping import signal_of, stoppable
+
+if os.name != "posix":
+    pytest.skip("needs signals and limits of posix", allow_module_level=True)
+import resource
+
+SPHEREKIT = [sys.executable, "-m", "spherekit"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_stop_waits_until_what_is_imported_is_whole(number, tmp_path, monkeypatch):
+    """One that falls into a finalizer, where Python drops exceptions, comes again."""
+    (tmp_path / "library_that_loads.py").write_text(
+        f"import os\nos.kill(os.getpid(), {int(number)})\n"
+        "for k in range(1000):\n    whole = k == 999\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "library_that_loads", raising=False)
+
+    class Finalized:
+        def __del__(self):
+            os.kill(os.getpid(), number)
+            time.sleep(0.0)
+
+    for stopped in (lambda: import_module("library_that_loads"), Finalized):
+        went_on = False
+        with pytest.raises(KeyboardInterrupt) as stop, stoppable(to_the_end=False):
+            stopped()
+            went_on = True
+        assert signal_of(stop.value) == number and not went_on
+    assert sys.modules["library_that_loads"].whole
+
+
+def children(process):
+    lists = Path(f"/proc/{process.pid}/task").glob("*/children")
+    return [int(pid) for path in lists for pid in path.read_text().split()]
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def files(folder):
+    return {x: x.stat().st_mtime_ns for x in folder.rglob("*") if x.is_file()}
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_processes_of_a_sweep_end_with_it(number, tmp_path):
+    """Ctrl-C goes to all of them, as from a terminal; the others to the first alone."""
+    words = ["sweep", "four_bar", "--vary", "links.2.arc=10:20:300", "--workers", "2"]
+    words += ["--vary", "links.3.arc=0:90:300", "--reduce", "max(rate_41)", "-q", "-o"]
+    running = subprocess.Popen(
+        [*SPHEREKIT, *words, tmp_path],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: [signal.signal(x, signal.SIG_DFL) for x in (2, 15)],
+    )
+    while len(children(running)) < 3:  # with the tracker of multiprocessing
+        assert running.poll() is None
+        time.sleep(0.02)
+    others = children(running)
+    (os.killpg if number == signal.SIGINT else os.kill)(running.pid, number)
+    said = running.communicate(timeout=60)[1]  # all that could say something have ended
+    left = files(tmp_path)
+    while any(map(alive, others)):
+        time.sleep(0.02)
+    assert files(tmp_path) == left
+    if number == signal.SIGKILL:
+        assert running.returncode == -number and said == ""
+    else:
+        assert running.returncode == 128 + number
+        assert said.startswith("spherekit: stopped; 0 of") and said.count("\n") == 1
+        assert {path.name for path in left} == {"_sweep.json", ".sweep.lock"}
+
+
+@pytest.mark.parametrize(
+    "words, redirected, status, says",
+    [
+        ("mechanisms", ">&-", 0, ""),
+        ("mechanisms", ">/dev/full", 1, "standard output cannot be written: No space"),
+        ("mechanisms", "| true", 0, ""),
+        ("mechanisms", "<&- >&- 2>&-", 0, ""),
+        ("run four_bar --samples 3 -o out", ">/dev/full", 1, "6 files in out"),
+        ("validate /dev/stdin", "<four_bar.toml >&-", 0, ""),
+        ("validate <(cat four_bar.toml)", ">&-", 0, ""),
+        ("validate /dev/stdin", "< <(yes)", 1, "at most 4194304"),
+    ],
+)
+def test_streams_that_take_nothing(words, redirected, status, says, tmp_path):
+    file = Path(__file__).parent.parent / "mechanisms" / "four_bar.toml"
+    (tmp_path / "four_bar.toml").write_bytes(file.read_bytes())
+    script = f"{' '.join(SPHEREKIT)} {words} {redirected}"
+    done = subprocess.run(
+        ["bash", "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode == status and done.stdout == ""
+    assert says in done.stderr and "Traceback" not in done.stderr
+    assert ("out" in words) == (tmp_path / "out" / "summary.json").exists()
+
+
+@pytest.mark.parametrize("limit", [200_000, 500_000])
+def test_little_memory_is_told(limit, tmp_path):
+    script = f"ulimit -v {limit}; {' '.join(SPHEREKIT)} run four_bar --save a.rrd"
+    done = subprocess.run(
+        ["bash", "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert "memory" in done.stderr or "addresses" in done.stderr
+    assert "allow more" in done.stderr and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        MemoryError(),
+        OSError(12, "Cannot allocate memory"),
+        ImportError("libx.so: failed to map segment from shared object"),
+        RuntimeError("can't start new thread"),
+    ],
+)
+def test_faults_of_memory_are_told(fault, capsys, monkeypatch):
+    def execute(_):
+        try:
+            raise fault
+        except type(fault):
+            raise ImportError("this install seems to be broken") from None
+
+    monkeypatch.setattr("spherekit.cli.mechanisms.execute", execute)
+    assert main(["mechanisms"]) == command.BAD_INPUT
+    assert "there is not enough memory" in capsys.readouterr().err
+
+
+def test_limits_of_memory_are_those_of_this_process(tmp_path, monkeypatch):
+    """Address space, and control groups of both versions with those around them."""
+    free = resources.usable_memory()
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (free // 2, hard))
+    try:
+        assert 0 < resources.usable_memory() < free // 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+    monkeypatch.setattr(resources, "GROUPS", tmp_path)
+    monkeypatch.setattr(resources, "MEMBERSHIP", tmp_path / "cgroup")
+    for line, name, inner in (
+        ("0::/a/b", "memory.max", "a/b"),
+        ("4:cpu,memory:/a/b", "memory.limit_in_bytes", "memory/a/b"),
+    ):
+        (tmp_path / "cgroup").write_text(f"7:pids:/x\n{line}\n")
+        (tmp_path / inner).mkdir(parents=True)
+        (tmp_path / inner / name).write_text("max\n")
+        (tmp_path / inner).parent.joinpath(name).write_text("70000\n")
+        assert resources.usable_memory() == 70000
