@@ -1,10 +1,15 @@
 """Folders of results: only what runs have made there is replaced or removed."""
 
+import argparse
 import json
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.analysis.frames import read_parquet
+from spherekit.cli.grammar import parser
 from spherekit.cli.main import main
 
 RUN = ["run", "four_bar", "--samples", "5", "-q"]
@@ -104,18 +109,131 @@ def test_a_run_replaces_what_a_run_has_made(tmp_path):
     assert main([*RUN, "-o", str(out), "-a", "eksergian"]) == 0
     names = {path.name for path in out.iterdir()}
     assert "notes.txt" in names and "eksergian.csv" in names and "poles.csv" not in names
-    # Ended while results were moved: they are still those of a run.
-    work = out / ".spherekit-run"
-    work.mkdir()
-    (work / "published.json").write_text(json.dumps(["eksergian.csv", "poles.csv"]))
-    summary = json.loads((out / "summary.json").read_text())
-    (out / "summary.json").unlink()
-    for name in summary["files"]:
-        if name != "eksergian.csv":
-            (out / name).unlink()
+
+
+def test_a_run_that_was_stopped_as_it_moved_its_results(tmp_path, monkeypatch):
+    out = tmp_path / "out"
     assert main([*RUN, "-o", str(out)]) == 0
-    assert not work.exists() and (out / "notes.txt").read_text() == "mine"
-    assert not (out / "eksergian.csv").exists()
+    (out / "notes.txt").write_text("mine")
+    replace, moved = Path.replace, []
+
+    def stopping(self, target):
+        if Path(target).parent == out:
+            moved.append(target)
+            if len(moved) == 5:
+                raise KeyboardInterrupt
+        return replace(self, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", stopping)
+        assert main([*RUN, "-o", str(out), "-a", "eksergian"]) == 130
+    assert not (out / "summary.json").exists() and (out / "eksergian.csv").exists()
+    assert main([*RUN, "-o", str(out), "--restart"]) == 0
+    names = {path.name for path in out.iterdir()}
+    assert names >= {"notes.txt", "poles.csv"}
+    assert not names & {".spherekit-run", "eksergian.csv"}
+
+
+def edited(base, out):
+    (out / "poles.csv").write_text((out / "poles.csv").read_text() + "mine")
+
+
+def in_place_of_a_table(base, out):
+    (base / "kept").write_bytes((out / "poles.csv").read_bytes())
+    (out / "poles.csv").unlink()
+    (out / "poles.csv").symlink_to(base / "kept")
+
+
+def copied_summary(base, out):
+    for path in out.iterdir():
+        if path.name != "summary.json":
+            path.write_text("mine")
+
+
+def changed_summary(base, out):
+    text = (out / "summary.json").read_text()
+    (out / "summary.json").write_text(text.replace('"samples": 5', '"samples": 6'))
+
+
+def forged_record(base, out):
+    (base / "kept").write_text("mine")
+    (out / ".spherekit-run").mkdir()
+    names = ["../kept", str(base / "kept"), "notes.txt"]
+    (out / "notes.txt").write_text("mine")
+    (out / ".spherekit-run" / "published.json").write_text(json.dumps(names))
+    (out / "poles.csv").write_text("mine")
+
+
+def things_in_what_is_made(base, out):
+    (out / ".spherekit-run" / "made" / "mine").mkdir(parents=True)
+    (out / ".spherekit-run" / "made" / "mine" / "poles.csv").write_text("mine")
+
+
+def folder_for_a_journal(base, out):
+    (out / ".spherekit-run" / "journal.json").mkdir(parents=True)
+    (out / ".spherekit-run" / "journal.json" / "mine").write_text("mine")
+
+
+@pytest.mark.parametrize(
+    "prepare",
+    [
+        edited,
+        in_place_of_a_table,
+        copied_summary,
+        changed_summary,
+        forged_record,
+        things_in_what_is_made,
+        folder_for_a_journal,
+    ],
+)
+def test_results_that_are_no_longer_those_of_a_run_stay(prepare, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main([*RUN, "-o", str(out)]) == 0
+    prepare(tmp_path, out)
+    before = everything(tmp_path)
+    assert main([*RUN, "-o", str(out), "--restart"]) == 1
+    assert "choose another folder" in capsys.readouterr().err
+    assert everything(tmp_path) == before
+
+
+def test_names_behind_which_there_is_another_name(tmp_path):
+    """A folder that is a link itself is the folder; hard links keep what they hold."""
+    (tmp_path / "there").mkdir()
+    out = tmp_path / "out"
+    out.symlink_to(tmp_path / "there")
+    assert main([*RUN, "-o", str(out)]) == 0
+    for name in ("poles.csv", "summary.json"):
+        (tmp_path / name).hardlink_to(out / name)
+    kept = {name: (tmp_path / name).read_bytes() for name in ("poles.csv", "summary.json")}
+    assert main([*RUN, "-o", str(out), "--samples", "7"]) == 0
+    assert all((tmp_path / name).read_bytes() == data for name, data in kept.items())
+    assert out.is_symlink() and (out / "poles.csv").read_bytes() != kept["poles.csv"]
+
+
+FIGURE = ["run", "four_bar", "--samples", "5", "-q", "-o", "out", "--figures"]
+TRADE = ["trade", "four_bar", "-a", "poles", "-q", "-o", "out"]
+RECORDING = [*RUN, "--save", "out/a.rrd"]
+
+
+@pytest.mark.parametrize("link", [True, False])
+@pytest.mark.parametrize(
+    "words, name",
+    [
+        (FIGURE, "figures/poles_velocity_coefficients.png"),
+        (RECORDING, "a.rrd.part"),
+        (TRADE, "trade.json"),
+        (TRADE, "trade.csv"),
+    ],
+)
+def test_names_that_a_command_chooses(words, name, link, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    place = tmp_path / "out" / name
+    place.parent.mkdir(parents=True)
+    (tmp_path / "kept").write_text("mine")
+    place.symlink_to(tmp_path / "kept") if link else place.write_text("mine")
+    assert main(words) == 1
+    assert "choose another folder" in capsys.readouterr().err
+    assert place.read_text() == "mine" and place.is_symlink() == link
 
 
 def linked_sweep_lock(base, out):
@@ -136,6 +254,21 @@ def linked_definition(base, out):
     (out / "_sweep.json").symlink_to(base / "kept")
 
 
+def linked_work_of_a_sweep(base, out):
+    (base / "kept").mkdir()
+    (base / "kept" / "part-000000.parquet").write_text("mine")
+    (out / ".sweep-work").symlink_to(base / "kept")
+
+
+def work_of_another_sweep(base, out):
+    (out / ".sweep-work").mkdir()
+    (out / ".sweep-work" / "notes").write_text("mine")
+
+
+def linked_part(base, out):
+    (out / "part-000000.parquet").symlink_to(base / "nowhere")
+
+
 def linked_designs(base, out):
     (base / "kept").mkdir()
     (out / "designs").symlink_to(base / "kept")
@@ -149,6 +282,9 @@ def linked_designs(base, out):
         broken_definition,
         linked_definition,
         linked_designs,
+        linked_work_of_a_sweep,
+        work_of_another_sweep,
+        linked_part,
     ],
 )
 def test_a_sweep_leaves_what_no_sweep_has_made(prepare, tmp_path, capsys):
@@ -163,31 +299,36 @@ def test_a_sweep_leaves_what_no_sweep_has_made(prepare, tmp_path, capsys):
     assert after == before
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        [*RUN, "-o", ""],
-        [*RUN, "--save", ""],
-        [*RUN, "--save="],
-        [*SWEEP, "-o", ""],
-        ["run", ""],
-        ["validate", "four_bar", ""],
-        ["export", "four_bar", "--to", "mjcf", "-o", ""],
-        ["trade", "four_bar", "-a", "poles", "-o", ""],
-        ["certify", "four_bar", "-o", ""],
-        ["certify", "five_bar", "--figure", ""],
-        ["view", ""],
-        ["view", "x.rrd", "--png", ""],
-        ["new", "mechanism", ""],
-        ["import", "x.urdf", "-o", ""],
-    ],
-)
-def test_an_empty_name_is_refused(words, tmp_path, monkeypatch, capsys):
+def words_with_values():
+    """Every place of every subcommand for a word, that empty."""
+    top = parser()
+    (commands,) = (x for x in top._actions if isinstance(x, argparse._SubParsersAction))
+    waiting = [([name], found) for name, found in commands.choices.items()]
+    while waiting:
+        words, found = waiting.pop()
+        found.fill()
+        for action in found._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                waiting += [([*words, name], x) for name, x in action.choices.items()]
+            elif action.option_strings and action.nargs != 0:
+                several = action.nargs if isinstance(action.nargs, int) else 1
+                yield [*words, action.option_strings[-1], *[""] * several]
+                if several == 1:
+                    yield [*words, f"{action.option_strings[-1]}="]
+            elif not action.option_strings:
+                yield [*words, ""]
+
+
+def test_an_empty_word_is_refused_everywhere(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as end:
-        main(words)
-    assert end.value.code == 2
-    assert "empty" in capsys.readouterr().err
+    asked = list(words_with_values())
+    assert len(asked) > 100
+    for words in asked:
+        with pytest.raises(SystemExit) as end:
+            main(words)
+        assert end.value.code == 2
+        said = capsys.readouterr().err
+        assert "found an empty text" in said and "argument" in said, words
     assert not list(tmp_path.iterdir())
 
 
@@ -204,3 +345,49 @@ def test_an_empty_name_is_refused_in_python(name, tmp_path, monkeypatch):
         with pytest.raises(sk.SpherekitError, match="empty"):
             write()
     assert not list(tmp_path.iterdir())
+
+
+def table_of_a_run(folder):
+    sk.run("four_bar", samples=9, folder=folder)
+    path = folder / "poles.parquet"
+    return path, lambda: read_parquet(path).to_csv()
+
+
+def part_of_a_sweep(folder):
+    def rows():
+        found = sk.sweep("four_bar", vary, "max(q)", samples=2, folder=folder, workers=1)
+        return found.frame().to_csv()
+
+    vary = {"links.2.arc": [10.0, 20.0]}
+    rows()
+    return folder / "part-000000.parquet", rows
+
+
+def stored_functions(folder):
+    path = folder / "model.npz"
+    sk.export("four_bar", path)
+    return path, lambda: repr(sk.load_reduced(path).torque(1.0, 2.0, 0.5))
+
+
+def coupling(folder):
+    path = folder / "table.npz"
+    sk.export("four_bar", path, to="coupling", tolerance=1e-2)
+    return path, lambda: repr(sk.load_coupling(path).at(1.0).angles)
+
+
+@pytest.mark.parametrize(
+    "stored", [table_of_a_run, part_of_a_sweep, stored_functions, coupling]
+)
+def test_a_bit_that_changes_is_told_or_changes_no_number(stored, tmp_path):
+    path, read = stored(tmp_path)
+    data, whole, told = path.read_bytes(), read(), 0
+    random = np.random.default_rng(7)
+    for place in random.integers(len(data), size=30):
+        changed = bytearray(data)
+        changed[place] ^= 1 << int(random.integers(8))
+        path.write_bytes(changed)
+        try:
+            assert read() == whole
+        except sk.SpherekitError:
+            told += 1
+    assert told > 15

@@ -78,6 +78,7 @@ def test_processes_of_a_sweep_end_with_it(number, tmp_path):
     while len(children(running)) < 3:  # with the tracker of multiprocessing
         assert running.poll() is None
         time.sleep(0.02)
+    time.sleep(0.2)  # the last of them is told what it is for
     others = children(running)
     (os.killpg if number == signal.SIGINT else os.kill)(running.pid, number)
     said = running.communicate(timeout=60)[1]  # all that could say something have ended

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import zlib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 NOTES = b"spherekit"
 """Where a Parquet file keeps the units of its columns and what it came from."""
+
+CHECKSUM = b"spherekit checksum"
+"""Where it keeps that of these and of the names of its columns."""
 
 SPECIAL = set(',"\r\n')
 
@@ -112,8 +116,6 @@ def write_table(
     OutputError
         If the disk is full; no file of this table is then left.
     """
-    import json
-
     import pyarrow as pa
     import pyarrow.csv as pc
     import pyarrow.parquet as pq
@@ -143,8 +145,7 @@ def write_table(
                         column.header(wanted.degrees): column.stated_unit(wanted.degrees)
                         for column in table.columns
                     }
-                    kept = json.dumps({"units": units, **notes}).encode()
-                    schema = whole.schema.with_metadata({NOTES: kept})
+                    schema = _noted(whole.schema, {"units": units, **notes})
                     if "parquet" in streams:
                         floats = [f.name for f in schema if pa.types.is_floating(f.type)]
                         texts = [f.name for f in schema if pa.types.is_dictionary(f.type)]
@@ -177,8 +178,23 @@ PAGES: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True}
 """How pages of Parquet are written."""
 
 
-def _read(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
-    """Return columns of a file, by default all, of which every page is what was written.
+def _noted(schema: "pa.Schema", notes: Mapping[str, Any]) -> "pa.Schema":
+    """Return a schema with notes, and a checksum of both: pages have theirs."""
+    import json
+
+    kept = json.dumps(notes).encode()
+    return schema.with_metadata({NOTES: kept, CHECKSUM: _checksum(schema.names, kept)})
+
+
+def _checksum(names: Sequence[str], notes: bytes) -> bytes:
+    return b"%d" % zlib.crc32(notes, zlib.crc32("\n".join(names).encode()))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Give a Parquet file of which headings and pages are what was written.
+
+    The headings are there twice, for Arrow and for all.
 
     Raises
     ------
@@ -189,14 +205,31 @@ def _read(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
     import pyarrow.parquet as pq
 
     try:
-        with path.open("rb") as file:
-            return pq.read_table(file, columns=columns, page_checksum_verification=True)
-    except (OSError, pa.ArrowException) as error:
-        reason = str(error).strip()
-        why = f"is not a Parquet file, or is damaged: {reason}; make it again"
+        with path.open("rb") as stream:
+            file = pq.ParquetFile(stream, page_checksum_verification=True)
+            for schema, metadata in (
+                (file.schema_arrow, file.schema_arrow.metadata),
+                (file.schema, file.metadata.metadata),
+            ):
+                kept = metadata or {}
+                checksum = _checksum(schema.names, kept.get(NOTES, b""))
+                if kept.get(CHECKSUM, checksum) != checksum:
+                    raise pa.ArrowInvalid("its headings have changed")
+            yield file
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+        said = str(error).strip()
+        why = f"is not a Parquet file, or is damaged: {said}; remove it and make it again"
         if isinstance(error, OSError) and error.strerror:
             why = f"cannot be read: {error.strerror}; give the path of a Parquet file"
         raise FileError(f"{path}: {why}") from None
+
+
+def _read(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
+    """Return columns of a file, by default all; `FileError` if it is damaged or none."""
+    with _opened(path) as file:
+        table = file.read(columns=columns)
+        table.validate(full=True)
+        return table
 
 
 def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
@@ -207,8 +240,6 @@ def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, An
     OutputError
         If it cannot be written; an older file is then unchanged.
     """
-    import json
-
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -218,7 +249,8 @@ def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, An
         else pa.array(values)
         for name, values in columns.items()
     }
-    table = pa.table(arrays).replace_schema_metadata({NOTES: json.dumps(notes).encode()})
+    table = pa.table(arrays)
+    table = table.cast(_noted(table.schema, notes))
     with writing(path) as stream:
         pq.write_table(table, stream, **PAGES)
 
@@ -257,8 +289,6 @@ class PartTables:
 
     def take(self, design: int, stem: str, table: Table, data: TableArrays) -> None:
         """Take the rows of a design in a table."""
-        import json
-
         import pyarrow as pa
 
         rows = RowsInMemory(table, data)
@@ -274,8 +304,7 @@ class PartTables:
                 column.header(self._degrees): column.stated_unit(self._degrees)
                 for column in table.columns
             }
-            notes = json.dumps({"units": units}).encode()
-            self._schemas[stem] = whole.schema.with_metadata({NOTES: notes})
+            self._schemas[stem] = _noted(whole.schema, {"units": units})
         waiting = self._waiting[stem]
         waiting.append(whole.cast(self._schemas[stem]))
         self.rows[stem] += rows.count
@@ -350,9 +379,8 @@ def notes_of(path: Path) -> dict[str, Any]:
     """Return the notes with which a Parquet file was written, {} without."""
     import json
 
-    import pyarrow.parquet as pq
-
-    kept = pq.read_metadata(path).metadata or {}
+    with _opened(path) as file:
+        kept = file.schema_arrow.metadata or {}
     notes: dict[str, Any] = json.loads(kept.get(NOTES, b"{}"))
     return notes
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
+    FILE_SIZE,
     SAMPLE,
     STATUS,
     Column,
@@ -20,6 +21,7 @@ from spherekit.analysis.tables import (
 )
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
+from spherekit.files.atomic import check_own
 from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.turns import wrap
 from spherekit.progress import Working
@@ -105,6 +107,8 @@ class ProvenPoles:
         """Write the table into a folder; return the names of the files."""
         from spherekit.analysis.frames import write_table
 
+        for kind in FILE_SIZE:
+            check_own(folder / f"{PROVEN.name}.{kind}", b"proven_u")
         notes = {"analysis": "poles", "mechanism_hash": mechanism_hash}
         rows = RowsInMemory(PROVEN, self.data)
         return write_table(folder, PROVEN.name, PROVEN, rows, notes, wanted)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, final, overload
 import numpy as np
 
 from spherekit.analysis.faults import failed, failed_rows
-from spherekit.analysis.folder.journal import MADE, SUMMARY, RunFolder, signed
+from spherekit.analysis.folder.journal import BYTES, MADE, SUMMARY, RunFolder, signed
 from spherekit.analysis.folder.on_disk import OnDisk, packed
 from spherekit.analysis.folder.resource_check import size_text
 from spherekit.analysis.folder.store import AbstractStore, InMemory
@@ -423,7 +423,9 @@ def write_results(
     write_bytes(made / COLUMNS, columns_text(stems, wanted.degrees))
     names.append(COLUMNS)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
-    written = signed({**summary, "units": units_of(stems, wanted.degrees), "files": names})
+    sizes = {name: (made / name).stat().st_size for name in names}
+    rest = {"units": units_of(stems, wanted.degrees), "files": names, BYTES: sizes}
+    written = signed({**summary, **rest})
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())
     return folder.publish(made, [*names, SUMMARY]), written

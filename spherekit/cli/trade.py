@@ -88,17 +88,21 @@ def _check_places(options: argparse.Namespace) -> None:
     """Refuse what cannot be written before minutes are spent on measuring it."""
     from pathlib import Path
 
-    from spherekit.files.atomic import check_folder
+    from spherekit.files.atomic import MARK, check_folder, check_own
     from spherekit.view.outputs import check_place
 
     if options.save is not None:
         check_place(Path(options.save))
     if options.output is not None:
         check_folder(options.output)
+        place = Path(options.output)
+        check_own(place / "trade.json", b"worst_column")
+        check_own(place / "trade.csv", b"worst_column")
+        check_own(place / "trade.png", MARK.encode())
 
 
 def _write(result: Any, options: argparse.Namespace) -> None:
-    from spherekit.files.atomic import make_folder, write_text
+    from spherekit.files.atomic import MARK, make_folder, write_text
     from spherekit.tradeoff.text import as_csv
 
     folder = make_folder(options.output)
@@ -110,7 +114,7 @@ def _write(result: Any, options: argparse.Namespace) -> None:
         note = '2 files, and no figure without matplotlib: pip install "{}[plot]",'
         note = note.format("spherekit-mechanisms")
     else:
-        result.plot(options.tol).savefig(folder / "trade.png")
+        result.plot(options.tol).savefig(folder / "trade.png", metadata={"Creator": MARK})
     if not options.quiet:
         print(f"{note} in {folder}", file=sys.stderr)
 

@@ -69,17 +69,28 @@ def _no_stop() -> Iterator[None]:
     """Put off what stops this process, and keep it from processes that are started.
 
     A terminal sends Ctrl-C to all of them, and one half started would speak of a fault.
+    Where any thread takes a signal, its handler is called in the main one.
     """
     if not hasattr(signal, "pthread_sigmask"):  # not on Windows
         yield
         return
-    resource_tracker.ensure_running()  # it would let go of the mask
+    came: list[int] = []
     stops = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    handlers = {x: signal.getsignal(x) for x in stops if callable(signal.getsignal(x))}
+    if threading.current_thread() is not threading.main_thread():
+        handlers = {}  # it handles none
+    resource_tracker.ensure_running()  # it would let go of the mask
+    for number in handlers:
+        signal.signal(number, lambda number, _: came.append(number))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, stops)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for put_off in came:
+            signal.raise_signal(put_off)
 
 
 def _serve(line: Connection) -> None:

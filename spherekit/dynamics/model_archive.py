@@ -3,6 +3,9 @@
 import io
 import json
 import os
+import struct
+import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,6 +19,12 @@ from spherekit.version import __version__
 
 FORMAT = "spherekit reduced model"
 VERSION = 1
+
+DAMAGED: tuple[type[Exception], ...] = (
+    *(ValueError, KeyError, TypeError, EOFError, RuntimeError, ArithmeticError),
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+)
+"""What NumPy and zipfile raise of archives in which a bit has changed."""
 
 
 def write_archive(

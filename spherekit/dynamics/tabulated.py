@@ -6,7 +6,6 @@ and the standard library only.
 """
 
 import os
-import zipfile
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import final, overload
@@ -18,6 +17,7 @@ from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
 from spherekit.dynamics.grid_model import GridModel
 from spherekit.dynamics.model_archive import (
+    DAMAGED,
     FORMAT,
     read_archive,
     stored_heading,
@@ -305,7 +305,7 @@ def load_reduced(path: str | os.PathLike[str]) -> TabulatedModel | GridModel:
         raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
     except SpherekitError:
         raise
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise FileError(
             f"{where}: is not a complete {FORMAT} ({error}); make it anew"
         ) from None

@@ -3,7 +3,6 @@
 import io
 import json
 import os
-import zipfile
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.checked import checked
+from spherekit.dynamics.model_archive import DAMAGED
 from spherekit.errors import FileError
 from spherekit.exchange.coupling import CouplingTable
 from spherekit.exchange.coupling_made import cells_of
@@ -81,7 +81,7 @@ def load_coupling(path: str | os.PathLike[str]) -> CouplingTable:
         return CouplingTable(**whole)
     except OSError as error:
         raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise FileError(f"{where}: is not a complete {FORMAT} ({error})") from None
 
 

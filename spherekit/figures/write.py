@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 from spherekit.errors import OutputError
 from spherekit.figures.sdk import Figure
-from spherekit.files.atomic import make_folder
+from spherekit.files.atomic import MARK, check_own, make_folder
 
 FigureFormat = Literal["png", "pdf", "svg"]
 FORMATS: tuple[FigureFormat, ...] = get_args(FigureFormat)
@@ -27,8 +27,9 @@ def write_figures(
     paths = []
     for name in figures:
         path = folder / f"{stem(name)}.{kind}"
+        check_own(path, MARK.encode())
         try:
-            figures[name].savefig(path)
+            figures[name].savefig(path, metadata={"Creator": MARK})
         except OSError as error:
             raise OutputError(
                 f"cannot write {path}: {error.strerror}; choose a folder you may write to, "

@@ -3,11 +3,17 @@
 import errno
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from spherekit.errors import OutputError
+
+MARK = "spherekit"
+"""What pictures say who has made them."""
+
+MOST = 1 << 24
+"""Bytes of a file in which its mark is looked for."""
 
 _REASONS = {
     errno.ENOSPC: "the disk is full; free some space or choose another folder",
@@ -89,6 +95,21 @@ def _replaceable(target: Path) -> None:
         raise IsADirectoryError(errno.EISDIR, "is a folder")
     if target.exists() and not target.is_file():
         raise ValueError("is a device or a pipe; give the name of a file")
+
+
+def check_own(path: Path, mark: bytes) -> None:
+    """Raise `OutputError` if a link, or a file without our mark, has a name of ours."""
+    with suppress(OSError):
+        if path.is_file() and not path.is_symlink():
+            with path.open("rb") as stream:
+                data = stream.read(MOST)
+            if not data or mark in data:
+                return
+    if os.path.lexists(path):
+        raise OutputError(
+            f"{path}: would be replaced, and no command of spherekit has made that, by "
+            "what is known; choose another folder, or move it away"
+        )
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

@@ -14,12 +14,15 @@ from typing import final
 from urllib.parse import urlsplit
 
 from spherekit.errors import OutputError
-from spherekit.files.atomic import check_file
+from spherekit.files.atomic import check_file, check_own
 from spherekit.view.sdk import RrdReader, rr
 from spherekit.view.sink import PipedFile
 
 LIVE_TIMEOUT = 30.0
 PROBE_TIMEOUT = 2.0
+
+RRD = b"RRF"
+"""What a recording has at its beginning."""
 
 HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
 HTTP2_SETTINGS = 4
@@ -69,8 +72,7 @@ class FileOutput(AbstractOutput):
     def open(self) -> None:
         """Start the part file beside the file."""
         check_place(self.path)
-        if self.part.is_symlink():
-            raise OutputError(f"{self.part}: is a link, and is left alone; remove it first")
+        check_own(self.part, RRD)
         try:
             self._file = PipedFile(self.stream, self.part)
         except OSError as error:

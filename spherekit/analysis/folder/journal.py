@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import shutil
+import stat
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -30,8 +31,12 @@ PUBLISHED = "published.json"
 SUMMARY = "summary.json"
 SIGNATURE = "signature"
 
+BYTES, OLDER = "bytes", "older"
+"""Keys of what a run signs: sizes of its files, and of those that these replace."""
+
 OWN = (LOCK, JOURNAL, MADE, PUBLISHED, "*.rows", ".*.part")
-"""What a run makes in the hidden folder."""
+FILES = ("*.csv", "*.parquet", SUMMARY, ".*.part")
+"""What a run makes in the hidden folder, and in the folder of finished files there."""
 
 EVERY = 2.0
 """Seconds of work that may be lost: a journal is written after a block when so many
@@ -140,12 +145,10 @@ class RunFolder:
             )
 
     def _owned(self) -> set[str]:
-        """Return the names of results that runs have made here."""
-        try:
-            moved = json.loads((self.work / PUBLISHED).read_bytes())
-        except (OSError, ValueError, RecursionError):
-            moved = []
-        return {*moved, *_listed(self.path / SUMMARY)}
+        """Return the names of the results here that runs have made, as they made them."""
+        sizes = [*_listed(self.path / SUMMARY), *_listed(self.work / PUBLISHED)]
+        made = {name for name, size in sizes if _size(self.path / name) == size}
+        return made | {SUMMARY} if _content(self.path / SUMMARY) else made
 
     def publish(self, made: Path, names: Iterable[str]) -> list[Path]:
         """Move finished files from a folder in the work folder to where they belong.
@@ -161,7 +164,11 @@ class RunFolder:
         names = list(names)
         self.claim(names)
         older, moved = self._owned(), self.work / PUBLISHED
-        write_bytes(moved, json.dumps(sorted(older.union(names))).encode())
+        sizes = {
+            BYTES: {name: _size(made / name) for name in names},
+            OLDER: {name: _size(self.path / name) for name in older},
+        }
+        write_bytes(moved, json.dumps(signed(sizes)).encode())
         target = self.path / SUMMARY
         try:
             target.unlink(missing_ok=True)
@@ -217,15 +224,30 @@ def signed(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {**summary, SIGNATURE: _digest(plain)}
 
 
-def _listed(summary: Path) -> list[str]:
-    """Return the summary that a run has signed and the files that it lists, or nothing."""
+def _content(record: Path) -> dict[str, Any]:
+    """Return what a run has signed, nothing if none has."""
     try:
-        content = json.loads(summary.read_bytes())
-        if content.pop(SIGNATURE) != _digest(content):
-            return []
-        return [SUMMARY, *(name for name in content["files"] if Path(name).name == name)]
+        content = json.loads(record.read_bytes())
+        whole = not record.is_symlink() and content.pop(SIGNATURE) == _digest(content)
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        return []
+        return {}
+    return content if whole else {}
+
+
+def _listed(record: Path) -> list[tuple[str, int]]:
+    """Return the files that a run has signed, and their bytes."""
+    content = _content(record)
+    listed = [*content.get(BYTES, {}).items(), *content.get(OLDER, {}).items()]
+    return [(name, size) for name, size in listed if Path(name).name == name]
+
+
+def _size(path: Path) -> int:
+    """Return the bytes of a file, -1 if there is none; a link is none."""
+    try:
+        status = path.lstat()
+    except OSError:
+        return -1
+    return status.st_size if stat.S_ISREG(status.st_mode) else -1
 
 
 def _check_work(work: Path) -> None:
@@ -234,11 +256,10 @@ def _check_work(work: Path) -> None:
     if work.is_symlink():
         why = "is a link"
     elif work.is_dir():
-        others = [
-            path.name
-            for path in work.iterdir()
-            if path.is_symlink() or not any(fnmatch.fnmatchcase(path.name, x) for x in OWN)
-        ]
+        others = [path.name for path in work.iterdir() if not _own(path, OWN)]
+        if not others and (work / MADE).is_dir():
+            within = (work / MADE).iterdir()
+            others = [f"{MADE}/{x.name}" for x in within if not _own(x, FILES)]
         why = f"holds {listing(others, 4)}" if others else ""
     elif os.path.lexists(work):
         why = "is no folder"
@@ -247,3 +268,10 @@ def _check_work(work: Path) -> None:
             f"{str(work)!r} {why}, and runs make no such thing: it stays as it is; choose "
             "another folder for the results, or move it away"
         )
+
+
+def _own(path: Path, patterns: Iterable[str]) -> bool:
+    """Return whether a run may have made this: a file called so, or what is made."""
+    if path.name == MADE and MADE in patterns:
+        return path.is_dir() and not path.is_symlink()
+    return _size(path) >= 0 and any(fnmatch.fnmatchcase(path.name, x) for x in patterns)
