@@ -1,6 +1,6 @@
 """The half of the analysis `singularities` for mechanisms with one input."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -127,7 +127,9 @@ class OneInput:
         warnings += coming_near(misses, points, names, self.near, pair)
         counts = _in_words(figures["singularities"]) or "no singularities"
         beyond = _in_words(figures["outside"])
-        if beyond:
+        if sampled.is_simulation:
+            counts += " passed" + f", {beyond} elsewhere" * bool(beyond)
+        elif beyond:
             counts += f" in the range of the input, {beyond} outside"
         count = len(sampled.curves)
         remarks = [
@@ -150,7 +152,11 @@ class OneInput:
         return batch.once(
             "found",
             lambda: SampledSingularities(
-                batch.tracer, self.outputs, batch.motion.values, batch.assembly_mode
+                batch.tracer,
+                self.outputs,
+                batch.motion.values,
+                batch.assembly_mode,
+                None if batch.motion.sense is None else batch.q,
             ),
         )
 
@@ -318,7 +324,7 @@ def _joined(numbers: Iterable[int], sign: str = "+") -> str:
 
 
 def _placed(
-    sampled: SampledSingularities, ends: Iterable[tuple[int, float]], q: float
+    sampled: SampledSingularities, ends: Sequence[tuple[int, float]], q: float
 ) -> Row:
     """Return the input of a singularity on curves, its modes, whether in the range."""
     assembly_modes = {
@@ -327,7 +333,7 @@ def _placed(
     return {
         "assembly_mode": _joined(sorted(assembly_modes)),
         "q": q,
-        "inside": "yes" if sampled.inside(q) else "no",
+        "inside": "yes" if sampled.inside(q, ends) else "no",
     }
 
 

@@ -416,3 +416,20 @@ def test_the_summary_answers_what_a_designer_asks_of_a_four_bar():
     for angle in dead:
         assert f"{angle:.6g}" in said
     assert not found.summary["warnings"]
+
+
+@pytest.mark.parametrize("rate", [6.0, -2.0])
+def test_a_simulation_has_the_places_that_it_passes_with_their_turn(rate):
+    """Type I of the rocker is where its rate changes sign, in whichever turn it is."""
+    made = replace(sk.load("four_bar"), loads=())
+    way = {"start": {"q": 0.3, "dq": rate}, "duration": 4.0, "samples": 41}
+    run = sk.run(made, "singularities", **way, engine="numpy")
+    rows = run.frame("singularities")
+    passed = np.sort(rows["q"][rows["inside"] == "yes"])
+    moved = sk.simulate(made, way["start"], 4.0, engine="numpy").at(np.linspace(0, 4, 4001))
+    column = made.angles["41"]
+    turned = np.flatnonzero(np.diff(np.sign(np.diff(moved.values[:, column]))))
+    assert np.ptp(moved.q) > 4.0 and len(turned) == len(passed) >= 2
+    assert np.allclose(np.sort(moved.q[turned + 1]), passed, atol=0.02)
+    elsewhere = rows[rows["inside"] == "no"]
+    assert set(elsewhere["curve"]) == {1} and len(elsewhere) == 2

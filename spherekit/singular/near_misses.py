@@ -136,13 +136,13 @@ def _met_at(
     sampled: SampledSingularities, curve: int, s: float, values: Floats
 ) -> list[tuple[float, tuple[int, ...]]]:
     """Return the inputs of the range with a configuration of a curve, and its modes."""
-    low, high = sampled.tracer.range
+    low, high = sampled.range
     met = []
     for q in sampled.inputs_of(curve, values).tolist():
         if high - q < SAME_INPUT and sampled.whole_range(curve):
             q = low
         modes = sampled.assembly_modes_at(curve, s, q)
-        if modes and sampled.inside(q):
+        if modes and sampled.inside(q, [(curve, s)]):
             met.append((q, modes))
     return met
 
@@ -178,7 +178,7 @@ def _ends(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
         within = INWARD * (piece.stop - piece.start)
         for end, way in ((piece.start, within), (piece.stop, -within)):
             q = float(curve.at(end).values[0, sampled.tracer.solver.single]) + piece.shift
-            at_end = min(abs(q - limit) for limit in sampled.tracer.range) < AT_END
+            at_end = min(abs(q - limit) for limit in sampled.range) < AT_END
             stops = Status.AT_SINGULARITY not in curve.ends and not curve.closed
             stops &= min(end, curve.length - end) < AT_END
             if stops or (at_end and not whole):

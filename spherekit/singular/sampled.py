@@ -84,6 +84,9 @@ class SampledSingularities:
     values, assembly mode
         Configurations (n, variables) of the rows in rad, NaN for none, and their assembly
         mode.
+    passed
+        The inputs (n,) rad of rows that are a simulation: then what lies between them, on
+        the curves where these rows do, is inside, and the range is what they pass.
 
     Attributes
     ----------
@@ -107,6 +110,7 @@ class SampledSingularities:
         outputs: Sequence[tuple[int, int]],
         values: Floats,
         assembly_mode: NDArray[np.int64],
+        passed: Floats | None = None,
     ) -> None:
         links = tracer.mechanism.links
         self.whole, self._values = tracer, values
@@ -131,6 +135,11 @@ class SampledSingularities:
                 crossed[lost[far < AT_CROSSING]] = True
         self.curve, self.s = self._curve[self._row], self._s[self._row]
         self.status, self.crossed = status[self._row], crossed[self._row]
+        self.range: tuple[float, float] = tracer.range
+        self._ways: dict[int, tuple[float, float]] | None = None
+        if passed is not None:
+            self.range = float(np.min(passed)), float(np.max(passed))
+            self._ways = self._passed(passed)
 
     def _place(self, values: Floats, assembly_mode: NDArray[np.int64]) -> None:
         """Find the place of each row on its curve; those alike in the part only once."""
@@ -180,7 +189,8 @@ class SampledSingularities:
                 if not touched:
                     continue
                 turns = round((there_again + piece.shift - q) / period)
-                if turns == 0 or (whole and turns % whole == 0):
+                met = turns == 0 or self._ways is not None
+                if met or (whole and turns % whole == 0):
                     touching.append(piece)
         return tuple(self.modes_of(touching))
 
@@ -194,20 +204,38 @@ class SampledSingularities:
         Only turns are left out after which the configuration is the same.
         """
         q = self.curves[curve].at(s).values[:, self.tracer.solver.single]
-        return into_range(q, *self.tracer.range, self._period(curve))
+        return into_range(q, *self.range, self._period(curve))
+
+    def _passed(self, q: Floats) -> dict[int, tuple[float, float]]:
+        """Return from where to where on curves the rows of a simulation lie."""
+        ways, driven = {}, self.tracer.solver.single
+        for number in np.unique(self.curve[self.curve >= 0]).tolist():
+            (rows,) = np.nonzero(self.curve == number)
+            curve, s = self.curves[number], self.s[rows]
+            if curve.closed:
+                rise = curve.rise[driven]
+                ahead = np.diff(q[rows]) / rise if rise else np.zeros(len(rows) - 1)
+                steps = np.diff(s) / curve.length
+                laps = np.cumsum(np.round(ahead - steps))
+                s = s + curve.length * np.concatenate([[0.0], laps])
+            ways[number] = float(np.min(s)), float(np.max(s))
+        return ways
 
     def inputs_of(self, curve: int, values: Floats) -> Floats:
         """Return the inputs (k,) of the range at which a configuration (V,) is met.
 
         It is one of a curve. One outside, as near to the range as turns allow, if there is
-        none.
+        none; one alone of a curve that a simulation does not pass.
         """
         q = values[[self.tracer.solver.single]]
-        return turns_in_range(q, *self.tracer.range, self._period(curve))[0]
+        every = turns_in_range(q, *self.range, self._period(curve))[0]
+        return every[:1] if self._ways is not None and curve not in self._ways else every
 
     def whole_range(self, curve: int) -> int:
         """Return of how many whole periods of a curve the range is, 0 if of no number."""
-        return whole_periods(*self.tracer.range, self._period(curve))
+        if self._ways is not None:
+            return 0
+        return whole_periods(*self.range, self._period(curve))
 
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
         """Return how far (n,), rad, an output is from type I or II at places of a curve.
@@ -233,9 +261,26 @@ class SampledSingularities:
         solver = self.tracer.solver
         return self.curves[curve].returns_after(solver.single, *solver.periods)
 
-    def inside(self, q: float) -> bool:
-        """Return whether an input is in the range."""
-        return bool(in_range(np.array(q), *self.tracer.range))
+    @property
+    def is_simulation(self) -> bool:
+        """Whether what is inside is what a simulation passes."""
+        return self._ways is not None
+
+    def inside(self, q: float, ends: Iterable[tuple[int, float]]) -> bool:
+        """Return whether an input is in the range, and one of places on curves passed."""
+        if not in_range(np.array(q), *self.range):
+            return False
+        return self._ways is None or any(self._is_passed(*end) for end in ends)
+
+    def _is_passed(self, number: int, s: float) -> bool:
+        assert self._ways is not None
+        if number not in self._ways:
+            return False
+        low, high = self._ways[number]
+        curve = self.curves[number]
+        if curve.closed:
+            s = low - TOUCHES + (s - low + TOUCHES) % curve.length
+        return low - TOUCHES <= s <= high + TOUCHES
 
     def measures(self) -> list[RelationMeasures]:
         """Return the measures of every output in each form."""
