@@ -140,7 +140,7 @@ class SensitivityAnalysis(AbstractAnalysis):
     deviation: float = 0.1
     deviations: str = ""
     distribution: Distribution = "normal"
-    draws: int = 256
+    draws: int = 64
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return configurations with their times; refuse what has no derivative."""

@@ -84,7 +84,7 @@ COMMANDS = {
     "run five_bar -a workspace:limits=21:40": ["workspace: limits", '"21:40"', "PAIR:LOW:HIGH"],
     "run five_bar -a workspace:near=95": ["near: 95 deg", "at least 0 and less than 90 deg"],
     "run five_bar -a workspace:pose=tilt=3": ["workspace: pose", '"tilt=3" is not a pose', "azimuth=..+tilt=.."],
-    "run five_bar -a inverse_kinematics": ["inverse_kinematics", "found no poses", "poses=x=10", "window=NAME:FROM:TO:COUNT"],
+    "run five_bar -a inverse_kinematics": ["inverse_kinematics", "found no poses", "poses=azimuth=", "window=NAME:FROM:TO:COUNT"],
     "run five_bar -a inverse_kinematics:poses=10:20": ["poses", '"10:20"', "is not name=number", "azimuth=10+tilt=20"],
     "run five_bar -a inverse_kinematics:file=nothing.csv": ["nothing.csv: cannot be read", "give the path of a CSV or Parquet file"],
     "run two_dof_spm -a equivalent_rotation:start=phi=75": ["equivalent_rotation", "parameters missing: end"],
@@ -138,12 +138,17 @@ CALLS = {
 }  # fmt: skip
 
 
+SHOWS_A_POSE = "run five_bar -a inverse_kinematics"
+"""Its message has a pose that the mechanism reaches, which takes a configuration."""
+
+
 @pytest.fixture(autouse=True)
-def nothing_is_computed(monkeypatch, tmp_path):
+def nothing_is_computed(request, monkeypatch, tmp_path):
     def refused(*_, **__):
         raise AssertionError("a configuration was computed before the mistake was told")
 
-    monkeypatch.setattr(Closure, "at", refused)
+    if SHOWS_A_POSE not in request.node.name:
+        monkeypatch.setattr(Closure, "at", refused)
     monkeypatch.chdir(tmp_path)
 
 

@@ -10,6 +10,7 @@ from spherekit.design.cutting_planes import least_greatest
 from spherekit.design.gradients import FigureGradients
 from spherekit.design.held_modes import SignedMode
 from spherekit.design.pareto import nondominated
+from spherekit.design.sizing import one_linkage
 from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.files.library import find
 from spherekit.front.size import sizing_of
@@ -44,6 +45,21 @@ def test_the_rocker_follows_the_function():
     assert np.sqrt(np.mean(missed**2)) == pytest.approx(found.objectives[0, 0], rel=2e-3)
     near = sk.run(made, "singularities", samples=73).frame("singularities", "relation")
     assert np.degrees(near["transmission"].min()) > 40.0
+
+
+def test_a_linkage_is_listed_once():
+    """Axes turned round, and the mirror image, are the same linkage, other arcs are not."""
+    found = sk.size_of(EXAMPLES / "function.toml", designs=2048, starts=4)
+    assert np.all(np.diff(found.objectives[:, 0]) > 1e-6)
+    made = sk.load("stephenson")
+    arcs = {"2": (np.pi - made.geometry.links["2"].arcs[0],)}
+    assert not one_linkage(made, made.with_sizes(arcs=arcs, angle_unit="rad"))
+    across = sk.load("four_bar")
+    sizes = across.geometry.links
+    turned = {name: np.pi - sizes[name].arcs[0] for name in ("2", "3")}  # 32 turned round
+    for other, same in ((turned, True), ({"2": turned["2"]}, False)):
+        other = across.with_sizes(arcs=other, angle_unit="rad")
+        assert one_linkage(across, other) == same == one_linkage(other, across)
 
 
 def test_the_peak_torque_is_less_than_that_of_random_designs():

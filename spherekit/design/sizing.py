@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -14,9 +15,10 @@ from spherekit.design.held_modes import HeldMode, HeldModes, SignedMode
 from spherekit.design.pareto import front_of, nondominated
 from spherekit.design.settling import BESIDE, End, Settling, unbeaten
 from spherekit.design.sweep import Columns
-from spherekit.design.variables import designed
+from spherekit.design.variables import ACTIONS, designed
 from spherekit.design.wanted import MATCH, Sizing
 from spherekit.errors import DesignError
+from spherekit.model.geometry import pair_frames
 from spherekit.model.mechanism import Mechanism
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
@@ -31,7 +33,7 @@ FRONT = 5
 AHEAD = 4
 """Rows for each descent of which modes are looked for together."""
 SAME = 1e-3
-"""Ends of descents nearer than this part of every range are one."""
+"""Ends of descents nearer than this part of every range, or of 1 rad in arcs, are one."""
 
 
 @final
@@ -40,7 +42,8 @@ class Sized:
     """Designs that a sizing found, the least of the first objective first.
 
     With one objective one design for each assembly mode and valley; with several the
-    Pareto front of each assembly mode: designs that none beats in all objectives.
+    Pareto front of each assembly mode: designs that none beats in all objectives. What is
+    one linkage, or its mirror image, with axes that point the other way is one design.
 
     Attributes
     ----------
@@ -169,11 +172,11 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     if held.are_followed:
         ends = _confirmed(held, settling, begun, ends)
     if len(sizing.minimise) > 1:
-        ends = unbeaten(_apart(ends), settling.tolerance)
+        ends = unbeaten(_apart(ends, settling), settling.tolerance)
         for k in range(len(ends)):
             ends[k] = settling.attacked(ends[k], ends)
             working.tell(lambda k=k: f"{k + 1} of {counted(len(ends), 'point')} attacked")  # type: ignore[misc]
-    kept = _apart(ends)
+    kept = _apart(ends, settling)
     if len(sizing.minimise) > 1:
         kept = unbeaten(kept, settling.tolerance)
     names = [merit.name for merit in sweep.merits] + [MATCH] * bool(sizing.matched)
@@ -251,13 +254,64 @@ def _confirmed(
     return made
 
 
-def _apart(ends: Sequence[End]) -> list[End]:
-    """Return ends of descents in order, those that came to the same place once."""
+def _apart(ends: Sequence[End], settling: Settling) -> list[End]:
+    """Return ends of descents in order, those that came to the same linkage once."""
     kept: list[End] = []
     for end in sorted(ends, key=lambda descent: tuple(descent.wanted)):
-        if not any(
-            np.max(np.abs(end.x - other.x)) < SAME and other.mode.goes_on_in(end.mode)
-            for other in kept
-        ):
+        if not any(_alike(other, end, settling) for other in kept):
             kept.append(end)
     return kept
+
+
+def _alike(one: End, other: End, settling: Settling) -> bool:
+    """Return whether ends are one place, or one linkage told otherwise and as good."""
+    off = np.abs(one.x - other.x)
+    if np.max(off) < SAME and one.mode.goes_on_in(other.mode):
+        return True
+    descent = settling.descent
+    sweep = descent.sizing.sweep
+    acting = [variable.path[0] in ACTIONS for variable in sweep.variables]
+    if np.any(np.abs(one.wanted - other.wanted) > settling.tolerance) or np.any(
+        off[acting] >= SAME
+    ):
+        return False
+    first, second = (
+        designed(sweep.document, sweep.variables, descent.low + descent.width * end.x)
+        for end in (one, other)
+    )
+    return one_linkage(first, second)
+
+
+def one_linkage(one: Mechanism, other: Mechanism) -> bool:
+    """Return whether two mechanisms of R pairs on one graph are one, or mirror images.
+
+    Axes may point the other way: where that of a pair is turned round, the arcs from it
+    become 180 deg less what they were.
+    """
+    if not all(pair.kind.has_axis for pair in one.pairs):
+        return False
+    signs = np.ones((2, len(one.pairs) + 1))
+    signs[1, -1] = -1.0  # the mirror image
+    told: set[int] = set()
+    frames = [pair_frames(mechanism) for mechanism in (one, other)]
+    for link in one.links:
+        numbered = enumerate(one.pairs)
+        places = [(k, p.links.index(link)) for k, p in numbered if link in p.links]
+        numbers = [k for k, _ in places]
+        for k in set(numbers) - told:
+            other_way = signs.copy()
+            other_way[:, k] = -1.0
+            signs = np.concatenate([signs, other_way])
+        told |= set(numbers)
+        axes, wanted = (
+            np.array([of_side[side][one.pairs[k].name][:, 2] for k, side in places])
+            for of_side in frames
+        )
+        turned = signs[:, numbers]
+        off = turned[:, :, None] * turned[:, None] * (axes @ axes.T) - wanted @ wanted.T
+        near = np.max(np.abs(off), axis=(1, 2)) < SAME
+        for three in map(list, combinations(range(len(places)), 3)):
+            volumes = np.prod(turned[:, three], axis=1) * np.linalg.det(axes[three])
+            near &= np.abs(signs[:, -1] * volumes - np.linalg.det(wanted[three])) < SAME
+        signs = signs[near]
+    return len(signs) > 0

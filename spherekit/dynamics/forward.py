@@ -119,7 +119,7 @@ def simulate(
     """
     mechanism = mechanism_of(mechanism)
     start = start if isinstance(start, PoseStart) else Start.of(start)
-    _need_allowed(mechanism, engine, tolerance)
+    need_allowed(mechanism, engine, tolerance)
     passes = _passes(mechanism, crossings, "compiled" if scheme == "paper" else engine)
     problem = prepare(
         mechanism, start, until, torque, input_pair, assembly_mode, switches, passes
@@ -150,9 +150,9 @@ def solving(
 ) -> Solving:
     """Return the motion piece by piece while it is solved, checked in the end.
 
-    See `simulate` for the parameters and errors.
+    See `simulate` for the parameters and errors; what is not allowed is refused before,
+    by `need_allowed`.
     """
-    _need_allowed(mechanism, engine, tolerance)
     passes = _passes(mechanism, crossings, engine)
     problem = prepare(mechanism, start, until, torque, None, assembly_mode, (), passes)
     pieces = _solving(problem, tolerance, engine, True)
@@ -170,7 +170,14 @@ def _passes(mechanism: Mechanism, crossings: Crossings, engine: str) -> bool:
     return passes
 
 
-def _need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
+def need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
+    """Refuse an engine that there is not, or a tolerance that it does not reach.
+
+    Raises
+    ------
+    SolveError
+        If so.
+    """
     if engine not in ENGINES:
         raise SolveError(
             f'{mechanism.name}: engine "{engine}" is not known; it is {listing(ENGINES)}'

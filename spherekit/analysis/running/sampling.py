@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
 from spherekit.conventions import TURN, Status
-from spherekit.dynamics.forward import solving
+from spherekit.dynamics.forward import need_allowed, solving
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.solved import Solving, with_whole
 from spherekit.dynamics.start import drives
@@ -256,6 +256,7 @@ def courses_of(
     assert isinstance(samples, int)
     t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
     if study.start is not None:
+        need_allowed(mechanism, engine, study.tolerance)
         inputs = _inputs(study)
         several = study.start.each(inputs)[0][None] if len(inputs) > 1 else None
         tracer = Tracer(mechanism, None, assembly_mode or 0, samples=2, path=several)
