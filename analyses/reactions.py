@@ -38,6 +38,8 @@ from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
 
 ROUNDING = 1e-13
 """Loads of bearings that are a smaller part of the couples beside them are zero."""
+SAME = 1e-9
+"""Figures less apart than this part are the same: the first is named."""
 
 
 @final
@@ -156,17 +158,18 @@ class ReactionAnalysis(AbstractAnalysis):
             across = result.across[:, k]
             lifted = int(np.count_nonzero(result.status[:, k] == Status.LIFT_OFF))
             pairs[pair.name] = {
-                "largest_across_Nm": _largest(across),
+                **_peaks(batch, largest_across_Nm=across),
                 "rows_that_lift_off": lifted,
                 "is_open": bool(np.any(result.is_open[:, k])),
                 "force_is_open": bool(np.any(result.open_forces[:, k])),
             }
         bearings: dict[str, Any] = {
-            label: {
-                "largest_couple_N": _largest(couple),
-                "largest_radial_N": _largest(radial),
-                "largest_axial_N": _largest(np.abs(axial)),
-            }
+            label: _peaks(
+                batch,
+                largest_couple_N=couple,
+                largest_radial_N=radial,
+                largest_axial_N=np.abs(axial),
+            )
             for label, couple, radial, axial in _bearing_loads(batch.mechanism, result)
         }
         more = result.lacking
@@ -264,12 +267,29 @@ def _largest(values: Floats) -> float | None:
     return float(np.max(finite)) if len(finite) else None
 
 
+def _peaks(batch: Batch, **values: Floats) -> dict[str, Any]:
+    """Return the largest of each, and at which sample and assembly mode it is."""
+    made: dict[str, Any] = {name: _largest(column) for name, column in values.items()}
+    at = {}
+    for name, column in values.items():
+        if made[name] is not None:
+            row = int(np.argmax(column >= made[name] * (1.0 - SAME)))
+            at[name] = [int(batch.sample[row]), int(batch.assembly_mode[row])]
+    return made | {"at": at}
+
+
 def _joined(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
     """Return the figures of two blocks of rows as those of both."""
-    return {key: _more(key, value, other[key]) for key, value in one.items()}
+    made = {key: _more(key, value, other[key]) for key, value in one.items()}
+    if "at" in one:
+        more = [key for key in one["at"] if made[key] == one[key]]
+        made["at"] = other["at"] | {key: one["at"][key] for key in more}
+    return made
 
 
 def _more(key: str, one: Any, other: Any) -> Any:
+    if key == "at":
+        return one
     if isinstance(one, Mapping):
         return _joined(one, other)
     if isinstance(one, bool):
@@ -291,17 +311,17 @@ def _said(figures: Mapping[str, Any]) -> Findings:
         for name, facts in pairs.items()
         if facts["rows_that_lift_off"]
     ]
+    remarks = []
     loose = [name for name, facts in pairs.items() if facts["is_open"]]
     if loose:
         meshes = [x for x in figures["forces_need"]["pressure_angles"] if x in loose]
         hint = f"; teeth at {listing(meshes)} would have a pressure_angle" if meshes else ""
-        warnings.append(
+        remarks.append(
             "redundant constraints leave open how reactions are shared among the pairs "
             f"{listing(loose)}; what is open is left empty{hint}"
         )
-    remarks = []
     for key, unit, what in (
-        ("largest_across_Nm", "N m", "moment across an axis"),
+        ("largest_across_Nm", "N m", "moment across an axis or a contact"),
         ("largest_radial_N", "N", "radial load of a bearing"),
         ("largest_axial_N", "N", "axial load of a bearing"),
     ):
@@ -315,7 +335,10 @@ def _said(figures: Mapping[str, Any]) -> Findings:
                 remarks.append(f"{what}: zero in every row, to rounding")
                 continue
             size = f"{given[name]:.6g} {unit}"
-            remarks.append(f"largest {what} of the samples: {size} {where}")
+            sample, mode = facts[name]["at"][key]
+            remarks.append(
+                f"largest {what}: {size} {where} at sample {sample} of assembly mode {mode}"
+            )
     told = _on_forces(figures)
     (warnings if figures["asks_for_forces"] else remarks).extend(told)
     return Findings(dict(figures), tuple(warnings), tuple(remarks))

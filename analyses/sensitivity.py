@@ -266,7 +266,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 if self.draws:
                     figures[name]["drawn"] = float(made.drawn_spread[k, row])
                     figures[name]["lost"] = float(made.lost[k, row])
-        said = self._said(figures)
+        said = self._said(figures, self._varied(sensitivity.keys))
         if not sensitivity.left_out or self.by:
             return said
         words = (
@@ -277,10 +277,19 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the largest spreads of all blocks."""
-        said = self._said(largest_of(before.figures, now.figures, "spread"))
+        largest = largest_of(before.figures, now.figures, "spread")
+        said = self._said(largest, now.remarks[-1])
         return replace(said, warnings=now.warnings)
 
-    def _said(self, figures: Mapping[str, Mapping[str, Any]]) -> Findings:
+    def _varied(self, keys: Sequence[str]) -> str:
+        singly = [f"{part.replace(':', ' by ')}" for part in _split(self.deviations)]
+        but = f", but {listing(singly)}" if singly else ""
+        return (
+            f"every size off by {self.deviation:g} deg{but} ({self.distribution}): "
+            f"{listing(keys, SHOWN)}"
+        )
+
+    def _said(self, figures: Mapping[str, Mapping[str, Any]], varied: str) -> Findings:
         least = ROUNDING * self.deviation * DEG
         still = [name for name in figures if figures[name]["spread"] <= least]
         remarks = [
@@ -292,13 +301,8 @@ class SensitivityAnalysis(AbstractAnalysis):
             if name not in still
         ]
         if still:
-            remarks.append(f"{listing(still)}: changed by no size")
-        singly = [f"{part.replace(':', ' by ')}" for part in _split(self.deviations)]
-        but = f", but {listing(singly)}" if singly else ""
-        remarks.append(
-            f"every size off by {self.deviation:g} deg{but} ({self.distribution})"
-        )
-        return Findings(figures=figures, remarks=tuple(remarks))
+            remarks.append(f"{listing(still)}: changed by none of the sizes varied")
+        return Findings(figures=figures, remarks=(*remarks, varied))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the spread of each quantity, and the derivatives that make most of it."""

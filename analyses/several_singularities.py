@@ -217,6 +217,7 @@ class SeveralInputs:
         figures: dict[str, Any] = {"slices": self.slices_of(batch)}
         warnings: list[str] = []
         remarks: list[str] = []
+        everywhere: set[str] = set()
         for output in self.outputs(batch.mechanism):
             name = named(batch.mechanism, output)
             of_output: dict[str, Any] = {}
@@ -228,6 +229,7 @@ class SeveralInputs:
                         f"output {name}: {of_type(locus.kind)} in every configuration"
                     )
             of_output["everywhere"] = sorted(always)
+            everywhere |= always
             for locus in self._curves(batch, output):
                 if locus.kind in always:
                     continue
@@ -280,7 +282,7 @@ class SeveralInputs:
             figures["aspects"] = [int(size) for size in parts.sizes]
             figures["aspects_guarantee"] = parts.guarantee
             figures["singular_on_lattice"] = parts.singular
-            if parts.note or not len(parts.sizes):
+            if parts.note or not (len(parts.sizes) or everywhere):
                 words = counted(len(parts.sizes), "aspect")
                 if parts.singular:
                     words += (

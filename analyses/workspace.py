@@ -404,9 +404,11 @@ class WorkspaceAnalysis(AbstractAnalysis):
 def _in_words(figures: Row) -> str:
     """Return what the findings of a mode say in a line."""
     if "volume" in figures:
+        if not figures["error"] and figures["fraction"] > 0.5:
+            return "the whole volume, all orientations"
         return (
-            f"volume {figures['volume']:.6g} +- {figures['error']:.1g} of 8 pi^2 for all "
-            "orientations"
+            f"volume {figures['volume']:.6g} +- {figures['error']:.1g}, "
+            f"{figures['fraction']:.1%} of all orientations (8 pi^2)"
         )
     return (
         f"area {figures['area_sr']:.8g} +- {figures['error_sr']:.1g} sr, parts "

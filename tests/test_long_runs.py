@@ -430,6 +430,9 @@ def test_csv_gives_every_number_back(tmp_path):
     for column in frame.select_dtypes(float):
         assert np.array_equal(frame[column], read[column], equal_nan=True)
     assert list(frame["link"]) == list(read["link"])
+    sk.run("bevel_pair", "statics", samples=3, folder=tmp_path / "statics")
+    rows = (tmp_path / "statics" / "statics_outputs.csv").read_text().splitlines()
+    assert len(rows) > 1 and not any("-0" in row.split(",") for row in rows)
 
 
 @final

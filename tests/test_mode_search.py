@@ -129,7 +129,7 @@ def test_a_search_that_finds_nothing_ends_and_says_so():
 def test_the_claim_of_a_searched_group_says_how_many_starts_it_rests_on():
     tracer = Tracer(sk.load("roller_cam"), samples=19)
     assert "random starts" in tracer.search
-    assert "is missed once in 100 times" in tracer.search
+    assert "would have been met with 99% probability" in tracer.search
 
 
 def test_the_terminal_says_how_modes_were_found(capsys):

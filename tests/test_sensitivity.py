@@ -382,7 +382,8 @@ outputs.pointer = { link = "3" }
     arguments = ["--samples", "5", "-a", "sensitivity:of=theta_right+theta_43,draws=0"]
     assert main(["run", str(path), *arguments]) == 0
     said = capsys.readouterr().out
-    assert "theta_right: changed by no size" in said
+    assert "theta_right: changed by none of the sizes varied" in said
+    assert "): links.1.arc" in said
     assert "theta_right: standard" not in said and "theta_43: standard" in said
 
 

@@ -441,6 +441,7 @@ def test_orientations_are_tabled():
     assert len(table) == 4000
     assert np.allclose(np.linalg.norm(table[["x", "y", "z", "w"]], axis=1), 1.0)
     assert len(findings["pose"]) == 1
+    assert "mode +++: the whole volume, all orientations" in result.summary["remarks"][0]
 
 
 class Watcher:

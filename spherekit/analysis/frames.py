@@ -91,7 +91,9 @@ def _arrow(
         elif column.kind == "text":
             made = dictionary(values, words[column.name])
         elif column.unit_in(degrees) != column.unit:
-            made = pa.array(np.degrees(values), from_pandas=True)
+            made = pa.array(np.degrees(values) + 0.0, from_pandas=True)
+        elif column.kind == "number":
+            made = pa.array(values + 0.0, from_pandas=True)  # -0 is 0
         else:
             made = pa.array(values, from_pandas=True)
         columns[column.header(degrees)] = made

@@ -109,7 +109,10 @@ class Census:
         return f"{made}further ones would close on another; {self._missed()}"
 
     def _missed(self) -> str:
-        return f"one that {self.share:.2%} of starts close on is missed once in 100 times"
+        return (
+            f"any that {self.share:.2%} of starts lead to would have been met with "
+            f"{1.0 - DOUBT:.0%} probability"
+        )
 
 
 def damped(

@@ -98,7 +98,7 @@ class OutputCoefficients:
         rests; 0 where inputs can move though it does. Self-motions do not count.
     determinant
         (n,) det N_a. Where the loops are independent equations its sign is that of one
-        smooth function, and changes only through type II.
+        smooth function, and changes only through type II; where not, it has none.
     triples, triplets
         (n, k) triple products of the u of three inputs, and which inputs those are.
     flatness
@@ -319,6 +319,8 @@ def by_motions(
     directions = transmission.pointed(space.at.placed)
     two = transmission.at(space.at.vectors, directions)
     determinant = np.linalg.det(inputs)
+    if not space.oriented:
+        determinant = np.abs(determinant)
     alone = adjugate(inputs)
     size = np.linalg.norm(alone, axis=1)
     scale = np.max(size, axis=1, keepdims=True)
