@@ -145,7 +145,8 @@ def configuration_columns(
     ]
     if solver.assembly.has_closed_form and part is None:
         modes = batch.motion.assembly_modes
-        of_modes = np.array([mode.signs for mode in modes]).reshape(-1, signs.shape[1])
+        shape = len(modes), signs.shape[1]
+        of_modes = np.array([mode.signs for mode in modes]).reshape(shape)
         alike = np.all((signs[:, None] == of_modes) | (signs[:, None] == 0), axis=2)
         numbers = np.array([str(mode.number) for mode in modes])
         columns["assembly_mode"] = ["+".join(numbers[row]) for row in alike]

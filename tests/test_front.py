@@ -39,7 +39,7 @@ WRONG = [
     (sk.run, (FOUR_BAR,), {"samples": 3.0}, "a whole number"),
     (sk.run, (FOUR_BAR,), {"samples": True}, "a whole number"),
     (sk.run, (FIVE_BAR,), {"samples": [3, 0]}, "sample"),
-    (sk.run, (FOUR_BAR,), {"assembly_mode": "0"}, "assembly_mode is '0'"),
+    (sk.run, (FOUR_BAR,), {"assembly_mode": 0.5}, "assembly_mode is 0.5"),
     (sk.run, (FOUR_BAR,), {"assembly_mode": 9}, "no assembly mode 9"),
     (sk.run, (5,), {}, "subject is 5"),
     (sk.run, ("four_bra",), {}, "four_bra"),
@@ -58,7 +58,7 @@ WRONG = [
     (sk.run, (FOUR_BAR,), {"laws": {"99": LAW}, "duration": 1.0}, "99"),
     (sk.run, (FOUR_BAR,), {"duration": -1.0}, "duration"),
     (sk.run, (FOUR_BAR,), {"duration": NAN}, "duration"),
-    (sk.run, (FOUR_BAR,), {"start": {"q": 1}, "duration": 1.0}, "it has to be Start"),
+    (sk.run, (FOUR_BAR,), {"start": 1.0, "duration": 1.0}, "it has to be Start"),
     (sk.run, (FOUR_BAR,), {"start": START, "duration": 1.0, "torque": [5]}, "torque is .5"),
     (
         sk.run,

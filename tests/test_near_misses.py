@@ -164,10 +164,14 @@ def test_minima_of_values_alone():
 
 
 SHIPPED = (p.stem for p in sorted(MECHANISMS.glob("*.toml")) if "." not in p.stem)
-SINGLE = [name for name in SHIPPED if len(sk.load(name).inputs) == 1]
+QUICK = ("four_bar", "stephenson")
+SINGLE = [
+    pytest.param(name, marks=[] if name in QUICK else pytest.mark.long)
+    for name in SHIPPED
+    if len(sk.load(name).inputs) == 1
+]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SINGLE)
 def test_near_misses_do_not_depend_on_samples(name):
     few, *more = (near_misses(name, samples) for samples in (181, 721, 1999))

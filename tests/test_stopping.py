@@ -26,7 +26,7 @@ SPHEREKIT = [sys.executable, "-m", "spherekit"]
 def test_a_stop_waits_until_what_is_imported_is_whole(number, tmp_path, monkeypatch):
     """One that falls into a finalizer, where Python drops exceptions, comes again."""
     (tmp_path / "library_that_loads.py").write_text(
-        f"import os\nos.kill(os.getpid(), {int(number)})\n"
+        f"import signal\nsignal.raise_signal({int(number)})\n"
         "for k in range(1000):\n    whole = k == 999\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
@@ -34,7 +34,7 @@ def test_a_stop_waits_until_what_is_imported_is_whole(number, tmp_path, monkeypa
 
     class Finalized:
         def __del__(self):
-            os.kill(os.getpid(), number)
+            signal.raise_signal(number)  # in this thread, also where there are others
             time.sleep(0.0)
 
     for stopped in (lambda: import_module("library_that_loads"), Finalized):

@@ -1,5 +1,7 @@
 """Pole axes and rates against differences of what they are the derivatives of."""
 
+import re
+
 import numpy as np
 import pandas as pd
 
@@ -63,6 +65,7 @@ def poles_and_pairs(evidence: Evidence, notes: Notes) -> None:
             if not (rows["status"] == "OK").all() or len(rows) != 9:
                 continue
             own = poles[(poles["assembly_mode"] == assembly_mode) & (poles["sample"] == 4)]
+            q = rows.filter(regex=rf"^q(_{re.escape(moved)})?$").iloc[4, 0]
             for pair in evidence.mechanism.pairs:
                 if pair.type != "R":
                     continue
@@ -80,7 +83,7 @@ def poles_and_pairs(evidence: Evidence, notes: Notes) -> None:
                 notes.contradiction(
                     not off <= LEAST * max(1.0, rate) + SPREAD * float(doubt),
                     f"{moved} moves, assembly mode {assembly_mode}, q = "
-                    f"{rows.iloc[4, 2]:.9f} rad: "
+                    f"{q:.9f} rad: "
                     f"the rate of "
                     f"{pair.name} is {rate:.9g}, its variable changes by "
                     f"{abs(float(slope)):.9g}",

@@ -21,6 +21,9 @@ STILL = 1e-9
 """Steps (rad) so short do not leap."""
 CLOSED = 1e-12
 """A configuration whose pairs miss each other by less (rad) is closed."""
+MISSED = 100.0
+"""Pairs that miss each other by more than so many of the steps do not close: steps of
+constraints that repeat each other come to rest where these contradict."""
 NOTHING = 1e-15
 """A next step (rad) that need not be made, and"""
 NEARLY = 1e-6
@@ -267,6 +270,7 @@ def _stepped(
             shrunk = np.where(goes_on & (length > STILL), length / before, 0.0)
             made.shrunk[left] = np.maximum(made.shrunk[left], shrunk)
             still = length * (length / before) ** 2 < enough[left]
+            still &= off <= (MISSED * length) ** 2
             ends = shrinks & (still | (off < CLOSED**2))
             there = left[ends & (np.sign(result[-2]) == side[left])]
             made.now[:, left[shrinks]] += step[:, shrinks]
