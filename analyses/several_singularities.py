@@ -257,12 +257,17 @@ class SeveralInputs:
                 remarks.append(f"output {name}: {words}; {mesh.guarantee}")
             figures[name] = of_output
             rows = self._coefficients(batch, output)
-            if not always:
-                remarks += _throughout(batch, rows, name)
+            throughout = {} if always else _throughout(batch, rows)
+            remarks += [
+                f"output {name}: {of_type(kind)} in every row of "
+                + numbered("assembly mode", numbers)
+                for kind, numbers in throughout.items()
+            ]
             for kind, sizes in (("I", rows.type_one), ("II", rows.type_two)):
                 if kind in always:
                     continue
-                angles = np.degrees(angle_of(sizes))
+                told = np.isin(batch.assembly_mode, throughout.get(kind, []))
+                angles = np.where(told, np.nan, np.degrees(angle_of(sizes)))
                 near = angles <= self.near
                 if np.any(near):
                     row = int(np.nanargmin(angles))
@@ -467,18 +472,14 @@ def _irregular(count: int, what: str) -> str:
     )
 
 
-def _throughout(batch: Batch, rows: OutputCoefficients, name: str) -> list[str]:
-    """Return in words which assembly modes are singular in every row that is known."""
-    modes: dict[int, list[int]] = {}
+def _throughout(batch: Batch, rows: OutputCoefficients) -> dict[str, list[int]]:
+    """Return by type which assembly modes are singular in every row that is known."""
+    modes: dict[str, list[int]] = {}
     for number, in_mode in batch.assembly_mode_rows().items():
         kinds = set(rows.type[in_mode].tolist()) - {int(RowType.UNKNOWN)}
         if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
-            modes.setdefault(kinds.pop(), []).append(number)
-    return [
-        f"output {name}: {of_type(types_of([kind])[0])} in every row of "
-        + numbered("assembly mode", numbers)
-        for kind, numbers in modes.items()
-    ]
+            modes.setdefault(types_of([kinds.pop()])[0], []).append(number)
+    return modes
 
 
 def _everywhere(

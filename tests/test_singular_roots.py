@@ -330,6 +330,8 @@ def test_a_search_without_time_says_so():
     for words in ("type II", "type I", "aspects"):
         ended = "no processor time was left"
         assert any(words in each and ended in each for each in remarks)
+    assert any("in every row of assembly modes 2, 3, 6, 7" in each for each in remarks)
+    assert "type I of" not in " ".join(result.summary["warnings"])
 
 
 def test_a_search_tells_what_it_does(monkeypatch):
