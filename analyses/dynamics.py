@@ -34,7 +34,16 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .of_rows import as_loads_see, curve, largest_of, plotted, repeated, row_columns
+from .of_rows import (
+    as_loads_see,
+    curve,
+    largest_of,
+    largest_torques,
+    plotted,
+    repeated,
+    row_columns,
+    said_of_torques,
+)
 
 RATES = Column("dq", "rad/s", "rate of the variable of", per_input=True)
 ACCELERATIONS = Column("ddq", "rad/s2", "acceleration of the variable of", per_input=True)
@@ -158,19 +167,8 @@ class Dynamics(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque at each input, and where that is."""
-        solution, figures = self._found(batch), {}
-        mechanism, torques = batch.mechanism, solution.sure_torques
-        for k, name in enumerate(batch.moving_inputs):
-            torque = np.abs(torques[:, k])
-            if not np.any(np.isfinite(torque)):
-                continue
-            row = int(np.nanargmax(torque))
-            figures[name] = {
-                "largest_torque_Nm": float(torques[row, k]),
-                "at_sample": int(batch.sample[row]),
-                "at_assembly_mode": int(batch.assembly_mode[row]),
-                "at_rad": [float(x) for x in batch.inputs[row]],
-            }
+        solution, mechanism = self._found(batch), batch.mechanism
+        figures = largest_torques(batch, solution.sure_torques, "largest_torque_Nm")
         lost = int(np.count_nonzero(solution.status == Status.AT_SINGULARITY))
         return _said(figures, lost, bool(mechanism.masses), bool(mechanism.loads))
 
@@ -200,13 +198,7 @@ class Dynamics(AbstractAnalysis):
 
 
 def _said(figures: Mapping[str, Any], lost: int, masses: bool, loads: bool) -> Findings:
-    remarks = [
-        f"largest driving torque at {name}: {largest['largest_torque_Nm']:.6g} N m at "
-        f"sample {largest['at_sample']} of assembly mode {largest['at_assembly_mode']}"
-        if largest["largest_torque_Nm"]
-        else f"driving torque at {name}: zero in every row, to rounding"
-        for name, largest in figures.items()
-    ]
+    remarks = said_of_torques(figures, "largest_torque_Nm", "driving torque")
     if not masses:
         remarks.append("the file has no masses: the torques are against loads alone")
     if not loads:

@@ -52,6 +52,33 @@ def plotted(batch: Batch, curves: Sequence[Series]) -> tuple[Scene, ...]:
     )
 
 
+def largest_torques(batch: Batch, torques: Floats, size: str) -> dict[str, Any]:
+    """Return by input the torque (n, inputs) farthest from 0 as `size`, and where it is."""
+    figures: dict[str, Any] = {}
+    for k, name in enumerate(batch.moving_inputs):
+        torque = np.abs(torques[:, k])
+        if np.any(np.isfinite(torque)):
+            row = int(np.nanargmax(torque))
+            figures[name] = {
+                size: float(torques[row, k]),
+                "at_sample": int(batch.sample[row]),
+                "at_assembly_mode": int(batch.assembly_mode[row]),
+                "at_rad": [float(x) for x in batch.inputs[row]],
+            }
+    return figures
+
+
+def said_of_torques(figures: Mapping[str, Any], size: str, what: str) -> list[str]:
+    """Return in words what `largest_torques` found."""
+    return [
+        f"largest {what} at {name}: {largest[size]:.6g} N m at sample "
+        f"{largest['at_sample']} of assembly mode {largest['at_assembly_mode']}"
+        if largest[size]
+        else f"{what} at {name}: zero in every row, to rounding"
+        for name, largest in figures.items()
+    ]
+
+
 def largest_of(
     before: Mapping[str, Any], now: Mapping[str, Any], size: str
 ) -> dict[str, Any]:

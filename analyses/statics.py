@@ -36,7 +36,18 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
+from .of_rows import (
+    as_loads_see,
+    curve,
+    largest_of,
+    largest_torques,
+    plotted,
+    repeated,
+    row_columns,
+    said_of_torques,
+)
+
+LARGEST = "largest_holding_torque_Nm"
 
 TORQUES = Column("tau", "N m", "torque that holds against all loads at", per_input=True)
 ADVANTAGES = Column(
@@ -180,25 +191,13 @@ class Statics(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest holding torque at each input."""
-        torques = np.abs(self._found(batch).sure_torques)
-        return _said(
-            {
-                name: float(np.max(finite))
-                for k, name in enumerate(batch.moving_inputs)
-                if batch.mechanism.loads
-                and len(finite := torques[np.isfinite(torques[:, k]), k])
-            },
-            bool(batch.mechanism.loads),
-        )
+        torques, loads = self._found(batch).sure_torques, bool(batch.mechanism.loads)
+        return _said(largest_torques(batch, torques, LARGEST) if loads else {}, loads)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
-        both = [item.figures["largest_holding_torque_Nm"] for item in (before, now)]
-        names = dict.fromkeys(name for torques in both for name in torques)
-        return _said(
-            {name: max(torques.get(name, 0.0) for torques in both) for name in names},
-            now.figures["loads"],
-        )
+        both = before.figures["inputs"], now.figures["inputs"]
+        return _said(largest_of(*both, LARGEST), now.figures["loads"])
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of holding torques, mechanical advantage and stiffness."""
@@ -219,17 +218,11 @@ class Statics(AbstractAnalysis):
         return plotted(batch, curves)
 
 
-def _said(largest: Mapping[str, float], loads: bool) -> Findings:
-    remarks = tuple(
-        f"largest holding torque of the samples at {name}: {torque:.6g} N m"
-        if torque
-        else f"holding torque at {name}: zero in every row, to rounding"
-        for name, torque in largest.items()
-    )
+def _said(largest: Mapping[str, Any], loads: bool) -> Findings:
+    remarks = said_of_torques(largest, LARGEST, "holding torque")
     if not loads:
-        remarks = ("the file has no loads, so there is nothing to hold; see [loads.NAME]",)
-    figures = {"largest_holding_torque_Nm": dict(largest), "loads": loads}
-    return Findings(figures, remarks=remarks)
+        remarks = ["the file has no loads, so there is nothing to hold; see [loads.NAME]"]
+    return Findings({"inputs": dict(largest), "loads": loads}, remarks=tuple(remarks))
 
 
 def _beside(parts: list[Floats], empty: tuple[int, ...]) -> Floats:

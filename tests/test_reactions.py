@@ -193,6 +193,13 @@ def test_redundant_constraints_are_named_and_left_open(capsys):
     there = at.loc[(place[0], int(place[1]), int(place[2]))]
     assert there == pytest.approx(at.max())
     assert float(size) == pytest.approx(there, rel=1e-4)
+    found = sk.run("four_bar", "statics", samples=9)
+    said = " ".join(found.summary["remarks"])
+    where = r"torque at 21: (\S+) N m at sample (\d+) of assembly mode (\d+)"
+    ((size, *place),) = re.findall(where, said)
+    at = found.frame("statics").set_index(["sample", "assembly_mode"])["tau"]
+    assert at.loc[tuple(map(int, place))] == pytest.approx(float(size), rel=1e-4)
+    assert abs(float(size)) == pytest.approx(at.abs().max(), rel=1e-4)
     found = sk.run("bevel_differential", "reactions", samples=3)
     table = found.frame("reactions")
     assert table["moment_x"].isna().any() and not table["moment_z"].isna().any()
