@@ -27,7 +27,7 @@ from spherekit.singular.several import RowType, coefficients, relations
 from spherekit.singular.slices import solver_of
 from spherekit.singular.stationarity import InputsLocked, output_of
 from spherekit.singular.surface import singular_surface
-from spherekit.singular.trace import trace_curve
+from spherekit.singular.trace import trace_curves
 
 LEGS = [(1, 2), (2, 3), (3, 8), (1, 4), (4, 5), (5, 8), (1, 6), (6, 7), (7, 8)]
 """Three legs of three pairs from link 1 to link 8, pair by pair."""
@@ -506,7 +506,7 @@ def test_cusps_of_a_three_rrr_with_one_input_locked():
     locked = lock(solver.closure, {three: values[three]})
     driven = (locked.kept.index(one), locked.kept.index(two))
     locus = Locus(locked.closure, 2, InputsLocked(driven))
-    curve = trace_curve(locus, values[list(locked.kept)], longest=20.0)
+    (curve,) = trace_curves(locus, values[None, list(locked.kept)], longest=20.0)
     assert curve is not None
     cusps = curve.cusps()
     assert len(cusps) >= 2

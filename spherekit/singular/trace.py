@@ -30,17 +30,6 @@ SAME_MOTION = 0.8
 """Least cosine between the singular motions where a lap ends and starts."""
 
 
-def trace_curve(
-    locus: Locus,
-    values: Floats,
-    longest: float = 200.0,
-    step: float = LARGEST_STEP,
-    budget: Budget | None = None,
-) -> SingularCurve | None:
-    """Return the curve of a locus through a configuration (V,), see `trace_curves`."""
-    return trace_curves(locus, values[None], longest, step, budget)[0]
-
-
 def trace_curves(
     locus: Locus,
     values: Floats,
