@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from strategies import MECHANISMS
 
 import spherekit as sk
 from benchmarks.sceptic.suspects import random_suspect
@@ -20,7 +21,6 @@ from spherekit.model.dynamics import Mass
 from spherekit.model.gears import pitch_angles
 from spherekit.model.laws import ConstantSpeed, Start
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
-from spherekit.motion.meshes import meshes_of
 from spherekit.motion.motion import Tracer
 from spherekit.output.forward import ForwardKinematics
 
@@ -48,6 +48,29 @@ type = "Cr"
 links = ["2", "5"]
 teeth = [{0}, {1}]
 axes = ["left", "right"]
+"""
+SECOND_PLANET = """
+[links.second]
+axes = ["opposite"]
+[pairs.opposite]
+type = "R"
+links = ["carrier", "second"]
+[pairs.sun_second]
+type = "Cr"
+links = ["sun", "second"]
+teeth = [36, 18]
+axes = ["carrier_pivot", "opposite"]
+[pairs.output_second]
+type = "Cr"
+links = ["output", "second"]
+[pairs.output_second.profiles.output]
+kind = "circle"
+centre_xyz = [0.0, 0.0, -1.0]
+radius = 63.43494882292201
+[pairs.output_second.profiles.second]
+kind = "circle"
+centre_xyz = [0.0, 0.0, 1.0]
+radius = 26.565051177077990
 """
 MASS = Mass("3", ((2.0, 0.1, 0.0), (0.1, 1.5, 0.2), (0.0, 0.2, 1.0)))
 
@@ -325,12 +348,36 @@ def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
 @pytest.mark.parametrize(
     "name", ["bevel_pair", "rolling_cones", "planetary_bevel", "bevel_differential"]
 )
-def test_lengths_of_a_train_are_those_whose_rates_are_the_same_everywhere(name):
-    """A train is read from the carriers, the other from closed configurations."""
-    solver = Tracer(sk.load(name), samples=3).solver
-    read = solver.meshes
-    seen = meshes_of(solver.closure, solver.driven, solver.geometry.reference, None)
-    assert seen.variables == read.variables and seen.all_known
-    assert np.max(np.abs(seen.ratios - read.ratios)) < 1e-9
-    assert np.max(np.abs(seen.lengths - read.lengths)) < 1e-9
-    assert np.array_equal(seen.periods, read.periods)
+def test_lengths_of_a_train_roll_at_the_rates_of_closed_configurations(name):
+    """A train is read from the carriers, rates are those of the closure equations."""
+    tracer = Tracer(sk.load(name), samples=5)
+    solver, motion = tracer.solver, tracer.motion()
+    driven, meshes = list(solver.driven), solver.meshes
+    at = solver.closure.at(motion.values)
+    free = [v for v in range(motion.values.shape[1]) if v not in driven]
+    jacobian = at.jacobian
+    rates = -np.linalg.pinv(jacobian[:, :, free]) @ jacobian[:, :, driven]
+    rolled = [free.index(v) for v in meshes.variables]
+    assert meshes.all_known and np.max(at.gap) < 1e-12
+    assert np.max(np.abs(rates[:, rolled] - meshes.ratios)) < 1e-9
+
+
+def test_a_second_planet_is_put_together_as_the_first_one_says(tmp_path):
+    """Its contacts repeat what those of the first say of the output; the motion is one."""
+    text = (MECHANISMS / "planetary_bevel.toml").read_text().partition("[mass.carrier]")[0]
+    text = text.replace(
+        'axes = ["carrier_pivot", "planet_axis"]\narcs = [90.0]',
+        'axes = ["carrier_pivot", "planet_axis", "opposite"]\narcs = [90.0, 90.0]\n'
+        "angles = [180.0]",
+    )
+    path = tmp_path / "two.toml"
+    path.write_text(text + SECOND_PLANET)
+    two, one = (
+        Tracer(item, samples=9) for item in (sk.load(path), sk.load("planetary_bevel"))
+    )
+    assert two.solver.meshes.all_known and len(two.assembly_modes) == 1
+    assert two.claim.guarantee is Guarantee.COMPLETE
+    here, there = two.motion(), one.motion()
+    assert np.all(here.status == Status.OK)
+    shared = [two.mechanism.links.index(link) for link in one.mechanism.links]
+    assert np.max(np.abs(here.rotations[:, shared] - there.rotations)) < 1e-12

@@ -110,7 +110,7 @@ class Solver:
 
     @cached_property
     def _train(self) -> WheelTrain | None:
-        return wheel_train(self.mechanism, self.assembly.inputs)
+        return wheel_train(self.mechanism, self.assembly.inputs, whole=False)
 
     @cached_property
     def meshes(self) -> Meshes | None:

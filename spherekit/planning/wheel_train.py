@@ -16,6 +16,7 @@ from spherekit.model.joints import Joint, Track, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.wheels import (
     ONE_LINE,
+    SAME_LENGTH,
     Mesh,
     Way,
     axes_of,
@@ -27,6 +28,8 @@ from spherekit.sphere.rotation import Floats, cross
 
 SINGULAR = 1e-9
 """Relations of a smaller relative singular value do not fix the angles."""
+MOST_TEETH = 64
+"""Whole turns by which wheels are tried whose contact repeats those of others."""
 
 
 @final
@@ -170,50 +173,96 @@ def on_carrier(
 
 
 def wheel_train(
-    mechanism: Mechanism, driven: Sequence[int], apart: float = ONE_LINE
+    mechanism: Mechanism,
+    driven: Sequence[int],
+    apart: float = ONE_LINE,
+    whole: bool = True,
 ) -> WheelTrain | None:
     """Return how wheels follow the inputs, pairs `driven`.
 
-    None without rolling contacts, if one of them has no common carrier, or if they do not
-    fix all the angles that they relate. Wheels are put together as the reference pose has
-    them, without one so that they have rolled least at inputs of zero. Circles that miss
-    each other by less than `apart` (rad) roll where they are nearest, as gears do.
+    None without rolling contacts; of a `whole` train also if one of them has no common
+    carrier, or if they do not just fix all the angles that they relate: else contacts are
+    left out that turn by more than the inputs. Wheels are put together as the reference
+    pose has them, without one so that they have rolled least at inputs of zero. Circles
+    that miss each other by less than `apart` (rad) roll where they are
+    nearest, as gears do.
     """
     geometry = geometry_of(mechanism)
     joints, contacts = geometry.joints, _rolling(geometry.joints)
     rolling = [on_carrier(mechanism, joints, number, apart) for number in contacts]
     made = [contact for contact in rolling if contact is not None]
-    if not contacts or len(made) < len(contacts):
+    if whole and len(made) < len(contacts):
         return None
-    rows, first = np.zeros((2, len(made), len(mechanism.pairs)))
-    for k, contact in enumerate(made):
-        for pair, factor in contact.mesh.relation(contact.sizes).items():
-            rows[k, pair] = factor
-        for pair in contact.mesh.turned[0]:
-            first[k, pair] = rows[k, pair]
-    related = set().union(*(contact.mesh.pairs for contact in made))
-    followers, inputs = sorted(related - set(driven)), list(driven)
-    square = rows[:, followers]
-    if len(followers) != len(made) or np.linalg.cond(square) > 1.0 / SINGULAR:
+    while made:
+        rows, first = np.zeros((2, len(made), len(mechanism.pairs)))
+        for k, contact in enumerate(made):
+            for pair, factor in contact.mesh.relation(contact.sizes).items():
+                rows[k, pair] = factor
+            for pair in contact.mesh.turned[0]:
+                first[k, pair] = rows[k, pair]
+        related = set().union(*(contact.mesh.pairs for contact in made))
+        followers = sorted(related - set(driven))
+        square = rows[:, followers]
+        _, sizes, right = np.linalg.svd(square)
+        rank = int(np.sum(sizes > SINGULAR * np.max(sizes, initial=0.0)))
+        loose = np.any(np.abs(right[rank:]) > SINGULAR, axis=0)
+        held = ~np.any(square[:, loose] != 0.0, axis=1)
+        if np.all(held) and (rank == len(made) or not whole):
+            return _fixed(mechanism, list(driven), made, followers, rows, first)
+        if whole or np.all(held):
+            return None
+        made = [contact for contact, fixed in zip(made, held, strict=True) if fixed]
+    return None
+
+
+def _fixed(
+    mechanism: Mechanism,
+    inputs: list[int],
+    made: Sequence[RollingOnCarrier],
+    followers: list[int],
+    rows: Floats,
+    first: Floats,
+) -> WheelTrain | None:
+    """Return the train of contacts whose relations `rows` (contacts, pairs) fix all angles.
+
+    `first` are the parts of the first wheels in these. Contacts that repeat others are
+    put together as those say; None where they cannot be.
+    """
+    geometry = geometry_of(mechanism)
+    basis: list[int] = []
+    for k in range(len(made)):
+        if np.linalg.matrix_rank(rows[[*basis, k]][:, followers]) > len(basis):
+            basis.append(k)
+    square, by_angles = rows[basis][:, followers], first[:, followers]
+    ratios = np.asarray(-np.linalg.solve(square, rows[basis][:, inputs]))
+    if np.max(np.abs(rows[:, followers] @ ratios + rows[:, inputs])) > SINGULAR:
         return None
-    ratios = np.asarray(-np.linalg.solve(square, rows[:, inputs]))
-    length_ratios = -(first[:, followers] @ ratios + first[:, inputs])
+    length_ratios = -(by_angles @ ratios + first[:, inputs])
+    contacts = [contact.mesh.contact for contact in made]
     if geometry.reference is not None:
-        pose = geometry.reference
         at, turned, rolled = (
-            pose[[mechanism.variables_of(pair)[0] for pair in pairs]]
+            geometry.reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
             for pairs in (inputs, followers, contacts)
         )
         offsets, lengths = turned - ratios @ at, rolled - length_ratios @ at
     else:
-        unrolled = np.array([contact.lengths(joints) for contact in made])
+        unrolled = np.array([contact.lengths(geometry.joints) for contact in made])
         laps = TURN * np.abs([contact.sizes for contact in made])
-        turns = least_rolled(unrolled, laps, first[:, followers], square)
+        turns = least_rolled(unrolled[basis], laps[basis], by_angles[basis], square)
         if turns is None:
             return None
-        unrolled += turns * laps
-        offsets = np.linalg.solve(square, unrolled[:, 0] - unrolled[:, 1])
-        lengths = unrolled[:, 0] - first[:, followers] @ offsets
+        unrolled[basis] += turns * laps[basis]
+        offsets = np.linalg.solve(square, unrolled[basis, 0] - unrolled[basis, 1])
+        counts = np.indices((2 * MOST_TEETH + 1,) * 2).reshape(2, -1).T - MOST_TEETH
+        for k in set(range(len(made))) - set(basis):
+            tried = unrolled[k] + counts * laps[k]
+            away = np.abs(tried[:, 0] - tried[:, 1] - rows[k, followers] @ offsets)
+            fits = tried[away < SAME_LENGTH]
+            if not len(fits):
+                return None
+            rolled = np.round(np.abs(fits[:, 0] - by_angles[k] @ offsets) / SAME_LENGTH)
+            unrolled[k] = fits[np.lexsort([-fits[:, 0], rolled])[0]]
+        lengths = unrolled[:, 0] - by_angles @ offsets
     return WheelTrain(
         tuple(followers), ratios, offsets, tuple(contacts), length_ratios, lengths
     )
