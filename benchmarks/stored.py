@@ -10,8 +10,7 @@ import numpy as np
 from benchmarks.report import Cell, Section
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_variables
-from spherekit.dynamics.tabulate import online_model
-from spherekit.dynamics.tabulate_grid import grid_model
+from spherekit.dynamics.tabulate import grid_model, online_model
 from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.files.read import load
 from spherekit.model.bearings import Bearings

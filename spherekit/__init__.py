@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from spherekit.dynamics.reference import reference_simulation as reference_simulation
     from spherekit.dynamics.simulation import Simulation as Simulation
     from spherekit.dynamics.start import PoseStart as PoseStart
+    from spherekit.dynamics.tabulate import grid_model as grid_model
     from spherekit.dynamics.tabulate import online_model as online_model
-    from spherekit.dynamics.tabulate_grid import grid_model as grid_model
     from spherekit.dynamics.tabulated import load_reduced as load_reduced
     from spherekit.dynamics.tabulated_motion import online_motion as online_motion
     from spherekit.errors import SpherekitError as SpherekitError

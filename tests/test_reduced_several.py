@@ -9,7 +9,7 @@ from newton_euler import loaded
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.conventions import Status
-from spherekit.dynamics.tabulate_grid import grid_model
+from spherekit.dynamics.tabulate import grid_model
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.parts import Input
 from spherekit.motion.motion import Tracer

@@ -1,104 +1,80 @@
 """A mechanism's stored functions, evaluated without the mechanism: once made, quick.
 
 `spherekit.dynamics.tabulate` computes everything that depends on the configuration alone
-(Di Gregorio 2024, section 4); this module evaluates it in control loops. It needs NumPy
-and the standard library only.
+(Di Gregorio 2024, section 4), along one curve or over a box of several inputs; this module
+evaluates it in control loops. It needs NumPy and the standard library only.
 """
 
 import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import final, overload
+from typing import Any, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import listing, nearest
-from spherekit.dynamics.grid_model import GridModel
-from spherekit.dynamics.model_archive import (
+from spherekit.conventions import Status, listing, nearest
+from spherekit.dynamics.model_metadata import (
     DAMAGED,
-    FORMAT,
-    read_archive,
-    stored_heading,
-    write_archive,
+    SLACK,
+    Archive,
+    GridMetadata,
+    ModelMetadata,
+    StoredFunction,
+    StoredLoad,
 )
-from spherekit.dynamics.model_metadata import SLACK, ModelMetadata, StoredFunction
-from spherekit.dynamics.scalar_evaluation import ScalarEvaluation, ScalarFunctions
-from spherekit.errors import FileError, ModelError, SolveError, SpherekitError
+from spherekit.dynamics.stored_model import NUMBER, Single, StoredModel
+from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.dynamics import DRIVE
+from spherekit.numeric.cells import TensorChebyshev
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.local import LocalPolynomials
 from spherekit.numeric.zeros import zeros
 
 Floats = NDArray[np.float64]
 
-_NUMBER = (float, int)
-"""What is one place; a tuple is tested in less time than a union."""
+ARCHIVE = Archive("spherekit reduced model", 1, "write one with `--to model`")
 
-LAYOUT = (
+CURVE_LAYOUT = (
     "groups[k] lists the functions in the columns of chebyshev_k, whose row c holds "
     "their Chebyshev series from edges_k[c] to edges_k[c + 1]; a periodic model repeats "
     "with the period high - low, in which the variables grow by rise"
 )
 
+BOX_LAYOUT = (
+    "column f of coefficients[c] holds the tensor Chebyshev series of function f between "
+    "bounds[c, 0] and bounds[c, 1]; splits are the halvings of the box, (direction, place, "
+    "next below, next above), where -1 - c is cell c and 0 is outside the domain"
+)
+
+_BOX = ("splits", "bounds", "coefficients")
+
 
 @final
 @dataclass(frozen=True)
-class TabulatedModel:
+class TabulatedModel(StoredModel):
     """Functions of one coordinate x, which is q or s: see `ModelMetadata`.
 
-    Every method takes numbers, in the least time, or arrays (n,). Lengths of x beyond a
-    period are laps; the range of a model that is not periodic must not be left.
+    Every method takes numbers, in the least time, or arrays of any shape. Lengths of x
+    beyond a period are laps; the range of a model that is not periodic must not be left.
     `groups` holds the functions of the heading's groups.
     """
 
+    alone = True
     heading: ModelMetadata
     groups: tuple[PiecewiseChebyshev, ...]
 
-    @property
-    def error(self) -> float:
-        """Largest measured error of all functions, relative to the largest of each."""
-        return max(function.error for function in self.heading.functions)
-
     @overload
-    def torque(self, x: float, dx: float, ddx: float, t: float = 0.0) -> float: ...
+    def value(self, name: str, x: float) -> float: ...
     @overload
-    def torque(
-        self, x: ArrayLike, dx: ArrayLike, ddx: ArrayLike, t: ArrayLike = 0.0
-    ) -> Floats: ...
+    def value(self, name: str, x: ArrayLike) -> Floats: ...
 
-    def torque(
-        self, x: ArrayLike, dx: ArrayLike, ddx: ArrayLike, t: ArrayLike = 0.0
-    ) -> float | Floats:
-        """Return the torque (N m) of the actuator for this motion, all loads acting.
-
-        B x'' + 1/2 dB/dx x'^2 - Q (Di Gregorio 2024, eq. (21)). With the coordinate q it
-        acts at the input; with s it is per unit arc length, and the torque at a pair is
-        that divided by the pair's rate along the curve.
-
-        Parameters
-        ----------
-        x, dx, ddx
-            Coordinate (rad) and its first and second rate by time.
-        t
-            Time (s) for loads that depend on it.
-        """
-        if isinstance(x, _NUMBER):
-            row = self.state.at(x)
-            force = self.state.force(row, dx, t)  # type: ignore[arg-type]
-            return row[0] * ddx + 0.5 * row[1] * dx * dx - force  # type: ignore[operator]
-        rows = self._rows(0, x)
-        dx, ddx = np.asarray(dx, dtype=float), np.asarray(ddx, dtype=float)
-        force = np.sum(self._forces(rows, dx, np.asarray(t, dtype=float)), axis=-1)
-        torque = self._column(rows, "B") * ddx
-        torque += 0.5 * self._column(rows, self.heading.derivative("B")) * dx**2
-        return np.asarray(torque - force)
-
-    def forces(self, x: ArrayLike, dx: ArrayLike, t: ArrayLike = 0.0) -> dict[str, Floats]:
-        """Return each load's generalised force Q (N m) by x, by its name."""
-        rows = self._rows(0, x)
-        parts = self._forces(rows, np.asarray(dx, dtype=float), np.asarray(t, dtype=float))
-        return self.heading.by_load(parts)
+    def value(self, name: str, x: ArrayLike) -> float | Floats:
+        """Return any stored function by its name in `heading.functions`."""
+        value: float | Floats = self._value(name, x)
+        return value
 
     @overload
     def inertia(self, x: float) -> float: ...
@@ -119,17 +95,20 @@ class TabulatedModel:
         return self.value(self.heading.derivative("B"), x)
 
     def pole(self, name: str, x: ArrayLike) -> Floats:
-        """Return the unit vector (3,) or (n, 3) of a pole axis, in ground axes.
+        """Return the unit vector (3,) or (..., 3) of a pole axis, in ground axes.
 
         `name` is LINK/RELATIVE_TO, as "3/1"; either order names the same axis.
         """
-        if isinstance(x, _NUMBER):
+        if self._is_one(x):
             if name not in self._poles:
-                names = tuple(f"pole {self._pole(name)} {axis}" for axis in "xyz")
-                self._poles[name] = ScalarFunctions(self.heading, self.groups, names)
-            return np.array(self._poles[name].at(x))
-        group, column = self.heading.place(f"pole {self._pole(name)} x")
-        return self._rows(group, x)[..., column : column + 3]
+                stored = self.heading.pole(name)[0]
+                self._poles[name] = self._named(
+                    *(f"pole {stored} {axis}" for axis in "xyz")
+                )
+            return np.array(self._poles[name](x))
+        group, column = self.heading.place(f"pole {self.heading.pole(name)[0]} x")
+        (q,), _, shape = self._together(x)
+        return self._rows(group, q)[:, column : column + 3].reshape(*shape, 3)
 
     @overload
     def rate(self, name: str, x: float) -> float: ...
@@ -142,7 +121,7 @@ class TabulatedModel:
         Times the pole's unit vector it is the angular velocity per unit rate of x of the
         first link, as `heading.poles` names it, relative to the second.
         """
-        return self.value(f"rate {self._pole(name)}", x)
+        return self.value(f"rate {self.heading.pole(name)[0]}", x)
 
     @overload
     def rate_derivative(self, name: str, x: float) -> float: ...
@@ -151,21 +130,8 @@ class TabulatedModel:
 
     def rate_derivative(self, name: str, x: ArrayLike) -> float | Floats:
         """Return the acceleration coefficient of a pole, the derivative of `rate` by x."""
-        return self.value(self.heading.derivative(f"rate {self._pole(name)}"), x)
-
-    @overload
-    def value(self, name: str, x: float) -> float: ...
-    @overload
-    def value(self, name: str, x: ArrayLike) -> Floats: ...
-
-    def value(self, name: str, x: ArrayLike) -> float | Floats:
-        """Return any stored function by its name in `heading.functions`."""
-        if isinstance(x, _NUMBER):
-            if name not in self._values:
-                self._values[name] = ScalarFunctions(self.heading, self.groups, (name,))
-            return self._values[name].at(x)[0]
-        group, column = self.heading.place(name)
-        return np.asarray(self._rows(group, x)[..., column])
+        heading = self.heading
+        return self.value(heading.derivative(f"rate {heading.pole(name)[0]}"), x)
 
     def places(self, variable: str, value: float) -> Floats:
         """Return where (k,) on the range a pair variable has a value, rising.
@@ -179,7 +145,7 @@ class TabulatedModel:
                 f"{nearest(variable, heading.variables) or ';'} Variables: "
                 f"{listing(heading.variables)}"
             )
-        columns = [heading.place(x)[1] for x in (variable, heading.derivative(variable))]
+        columns = self._columns((variable, heading.derivative(variable)))
         turns = variable in {f"theta_{pair}" for pair in heading.angles}
 
         def gap(x: Floats) -> tuple[Floats, Floats]:
@@ -207,17 +173,8 @@ class TabulatedModel:
         ModelError
             If the expression breaks the grammar, or there is such a torque already.
         """
-        heading = self.heading
-        if any(load.name == DRIVE for load in heading.loads):
-            raise ModelError(f"{heading.mechanism}: torque: the model has one already")
-        works_on = heading.derivative(f"theta_{heading.input}")
-        drive = heading.torque_load(DRIVE, works_on, torque)
-        return TabulatedModel(replace(heading, loads=(*heading.loads, drive)), self.groups)
-
-    @cached_property
-    def state(self) -> ScalarEvaluation:
-        """Inertia and generalised force in single states."""
-        return ScalarEvaluation(self.heading, self.groups)
+        loads = self._with_torques({DRIVE: (self.heading.input, torque)})
+        return TabulatedModel(replace(self.heading, loads=loads), self.groups)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model to a NumPy archive (.npz) that describes itself.
@@ -230,55 +187,207 @@ class TabulatedModel:
         arrays: dict[str, Floats] = {}
         for k, group in enumerate(self.groups):
             arrays |= {f"edges_{k}": group.edges, f"chebyshev_{k}": group.coefficients}
-        write_archive(path, {**asdict(self.heading), "layout": LAYOUT}, arrays)
+        ARCHIVE.write(path, {**asdict(self.heading), "layout": CURVE_LAYOUT}, arrays)
 
     @cached_property
-    def _poles(self) -> dict[str, ScalarFunctions]:
+    def _poles(self) -> dict[str, Single]:
         """Directions at single places, by the pole's name, once asked for."""
         return {}
 
-    @cached_property
-    def _values(self) -> dict[str, ScalarFunctions]:
-        """Functions at single places, by name, once asked for."""
-        return {}
+    def _is_one(self, x: Any) -> bool:
+        return isinstance(x, NUMBER)
 
-    def _column(self, rows: Floats, name: str) -> Floats:
-        return np.asarray(rows[..., self.heading.place(name)[1]])
+    def _together(
+        self, *given: ArrayLike, t: ArrayLike = 0.0
+    ) -> tuple[list[Floats], Floats, tuple[int, ...]]:
+        numbers = [np.asarray(x, dtype=float) for x in (*given, t)]
+        *parts, times = np.broadcast_arrays(*numbers)
+        return [part.reshape(-1, 1) for part in parts], times.ravel(), times.shape
 
-    def _pole(self, name: str) -> str:
-        return self.heading.pole(name)[0]
+    def _places(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        return shape
 
-    def _rows(self, number: int, x: ArrayLike) -> Floats:
-        """Return the functions of a group (..., m) at x of any shape."""
-        x = np.asarray(x, dtype=float)
-        heading = self.heading
-        low, high = heading.low, heading.high
-        slack = 0.0 if heading.periodic else SLACK * (high - low)
+    def _rows(self, group: int, q: Floats) -> Floats:
+        heading, x = self.heading, q[:, 0]
+        low, lap = heading.low, heading.high - heading.low
         good = np.isfinite(x)
         if not heading.periodic:
-            good &= (x >= low - slack) & (x <= high + slack)
+            good &= (x >= low - SLACK * lap) & (x <= heading.high + SLACK * lap)
         if not np.all(good):
-            raise heading.outside(float(x[~good][0]))
-        laps = np.floor((x - low) / (high - low)) if heading.periodic else np.zeros_like(x)
-        values = self.groups[number].at((x - laps * (high - low)).ravel())
-        values = values.reshape(*x.shape, -1)
-        if number == 0 and np.any(laps):
-            values[..., : len(heading.rise)] += laps[..., None] * np.array(heading.rise)
+            heading.within(float(x[~good][0]))
+        laps = np.floor((x - low) / lap) if heading.periodic else np.zeros_like(x)
+        values = self.groups[group].at(x - laps * lap)
+        if group == 0 and np.any(laps):
+            values[:, : len(heading.rise)] += laps[:, None] * np.array(heading.rise)
         return values
 
-    def _forces(self, rows: Floats, dx: Floats, t: Floats) -> Floats:
-        """Return the generalised force of each load component (..., components)."""
+    def _single(self, group: int, factors: Floats) -> Single:
+        heading, series = self.heading, self.groups[group]
+        size = np.array([function.largest for function in heading.groups[group]])
+        mixed = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
+        polynomials = LocalPolynomials.of(mixed, size @ np.abs(factors))
+        rise = np.zeros(len(factors))
+        if group == 0:
+            rise[: len(heading.rise)] = heading.rise
+        rises = [(k, x) for k, x in enumerate((rise @ factors).tolist()) if x]
+        low, high, inside, within = (
+            heading.low,
+            heading.high,
+            polynomials.at,
+            heading.within,
+        )
+
+        def at(x: float) -> list[float]:
+            if low <= x < high:
+                return inside(x)
+            place, laps = within(x)
+            row = inside(place)
+            for k, growth in rises:
+                row[k] += laps * growth
+            return row
+
+        return at
+
+
+@final
+@dataclass(frozen=True)
+class GridModel(StoredModel):
+    """Functions of the m inputs q (rad) of one assembly mode.
+
+    Every method takes one place (m,), in the least time, or places (n, m).
+    """
+
+    alone = False
+    heading: GridMetadata
+    series: TensorChebyshev
+
+    def value(self, name: str, q: ArrayLike) -> float | Floats:
+        """Return any stored function by its name in `heading.functions`."""
+        value: float | Floats = self._value(name, q)
+        return value
+
+    def status(self, q: ArrayLike) -> NDArray[np.int8]:
+        """Return (n,) of places (n, m): OK, or OUT_OF_REACH outside the domain."""
+        cells = self.series.cells(self._together([*np.atleast_2d(q)])[0][0])
+        return np.where(cells >= 0, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
+
+    def accelerations(
+        self, q: ArrayLike, dq: ArrayLike, torques: ArrayLike, t: float = 0.0
+    ) -> Floats:
+        """Return the accelerations (m,) of the inputs (rad/s2) under torques (m,) there."""
+        needed = self.torque(q, dq, np.zeros(len(self.heading.inputs)), t)
+        accelerations = np.linalg.solve(self.inertia(q), np.asarray(torques) - needed)
+        return np.asarray(accelerations, dtype=float)
+
+    def inertia(self, q: ArrayLike) -> Floats:
+        """Return the inertia matrix (m, m) or (n, m, m), kg m2."""
+        return self._shaped(q, self._inertia)
+
+    def velocity(self, pole: str, q: ArrayLike) -> Floats:
+        """Return angular velocities (m, 3) or (n, m, 3) per unit rate of each input.
+
+        `pole` is LINK/RELATIVE_TO, as "3/1": of the first link relative to the second, in
+        ground axes. Its direction is the pole axis while that input moves alone, its length
+        the coefficient.
+        """
+        name, sense = self.heading.pole(pole)
+        places = [
+            self._columns(f"velocity {name} {axis} by {pair}" for axis in "xyz")
+            for pair in self.heading.inputs
+        ]
+        return self._shaped(q, lambda rows: sense * rows[:, places])
+
+    def with_torque(self, torques: Mapping[str, str]) -> "GridModel":
+        """Return the model with torques (N m) at inputs, expressions as in a file.
+
+        Raises
+        ------
+        ModelError
+            If an expression breaks the grammar, or there is no such input, or one has a
+            torque already.
+        """
         heading = self.heading
-        names = {"t": t}
-        for name, (function, is_rate) in heading.read().items():
-            column = self._column(rows, function)
-            names[name] = column * dx if is_rate else column
-        sizes = heading.sizes(names, t)
-        shape = np.broadcast_shapes(rows.shape[:-1], dx.shape, t.shape)
-        forces = np.empty((*shape, len(sizes)))
-        for k, (size, name) in enumerate(zip(sizes, heading.works_on, strict=True)):
-            forces[..., k] = size * self._column(rows, name)
-        return forces
+        for pair in torques:
+            if pair not in heading.inputs:
+                raise ModelError(
+                    f'{heading.mechanism}: torque: "{pair}" is not an input'
+                    f"{nearest(pair, heading.inputs) or ';'} Inputs: "
+                    f"{listing(heading.inputs)}"
+                )
+        named = {f"{DRIVE}_{pair}": (pair, text) for pair, text in torques.items()}
+        return GridModel(replace(heading, loads=self._with_torques(named)), self.series)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the model to a NumPy archive (.npz) that describes itself.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written; an older file is then unchanged.
+        """
+        arrays = {name: getattr(self.series, name) for name in _BOX}
+        ARCHIVE.write(path, {**asdict(self.heading), "layout": BOX_LAYOUT}, arrays)
+
+    def _is_one(self, x: Any) -> bool:
+        return isinstance(x[0], NUMBER)
+
+    def _together(
+        self, *given: ArrayLike, t: ArrayLike = 0.0
+    ) -> tuple[list[Floats], Floats, tuple[int, ...]]:
+        first, inputs = np.asarray(given[0], dtype=float), self.heading.inputs
+        if first.ndim not in (1, 2) or first.shape[-1] != len(inputs):
+            raise SolveError(
+                f"{self.heading.mechanism}: places are arrays (n, {len(inputs)}) of the "
+                f"inputs {listing(inputs)}, not {first.shape}"
+            )
+        if first.ndim == 1:
+            self._cell(first.tolist())
+        numbers = [np.atleast_2d(np.asarray(x, dtype=float)) for x in given]
+        times = np.asarray(t, dtype=float).reshape(-1, 1)
+        *parts, every = np.broadcast_arrays(*numbers, times)
+        return parts, every[:, 0], parts[0].shape
+
+    def _places(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        return shape[:-1]
+
+    def _rows(self, group: int, q: Floats) -> Floats:
+        return self.series.at(q)
+
+    def _single(self, group: int, factors: Floats) -> Single:
+        cells, cell = self.series.mixed(factors), self._cell
+        return lambda q: cells.at(cell(q), q).tolist()  # type: ignore[no-any-return]
+
+    def _shaped(self, q: ArrayLike, function: Callable[[Floats], Floats]) -> Floats:
+        """Return a function of rows at one place, or at several."""
+        made = function(self._rows(0, self._together(q)[0][0]))
+        return made[0] if np.ndim(q) == 1 else made
+
+    def _cell(self, q: Sequence[float]) -> int:
+        heading = self.heading
+        for value, low, high in zip(q, heading.low, heading.high, strict=True):
+            if not low <= value <= high:
+                raise self._outside(q)
+        cell = self.series.cell(q)
+        if cell < 0:
+            raise self._outside(q)
+        return cell
+
+    def _outside(self, q: Sequence[float]) -> SolveError:
+        heading = self.heading
+        ends = zip(heading.inputs, q, heading.low, heading.high, strict=True)
+        asked, spans = zip(
+            *(
+                (f"{pair} = {float(value):.9g}", f"{pair} {low:.6g} to {high:.6g}")
+                for pair, value, low, high in ends
+            ),
+            strict=True,
+        )
+        return SolveError(
+            f"{heading.mechanism}: the model is asked for {listing(asked)} rad, which is "
+            f"not in its domain: {heading.covered:.3g} of the box {listing(spans)} rad. "
+            f"Elsewhere assembly mode {heading.assembly_mode} does not exist or is near a "
+            "singularity"
+        )
 
 
 @checked(FileError)
@@ -292,41 +401,39 @@ def load_reduced(path: str | os.PathLike[str]) -> TabulatedModel | GridModel:
         has numbers that are not finite.
     """
     where = repr(str(path))
+    header, arrays = ARCHIVE.read(path)
     try:
-        header, arrays = read_archive(path)
-        if "inputs" in header:
-            return GridModel.read(where, header, arrays)
-        groups = tuple(
-            tuple(StoredFunction(**item) for item in group) for group in header["groups"]
-        )
-        heading = stored_heading(ModelMetadata, header, {"groups": groups})
-        return TabulatedModel(heading, _groups(where, heading, arrays))
-    except OSError as error:
-        raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
-    except SpherekitError:
-        raise
+        loads = tuple(StoredLoad(**given) for given in header["loads"])
+        kind = GridMetadata if "inputs" in header else ModelMetadata
+        given = {name: header[name] for name in kind.__dataclass_fields__}
+        given["loads"] = loads
+        if kind is GridMetadata:
+            given["functions"] = _functions(header["functions"])
+            return _over_box(where, GridMetadata(**given), arrays)
+        given["groups"] = tuple(map(_functions, header["groups"]))
+        return _along_curve(where, ModelMetadata(**given), arrays)
     except DAMAGED as error:
-        raise FileError(
-            f"{where}: is not a complete {FORMAT} ({error}); make it anew"
-        ) from None
+        raise ARCHIVE.damaged(where, error) from None
 
 
-def _groups(
-    where: str, heading: ModelMetadata, arrays: dict[str, Floats]
-) -> tuple[PiecewiseChebyshev, ...]:
+def _functions(given: Sequence[Mapping[str, Any]]) -> tuple[StoredFunction, ...]:
+    return tuple(StoredFunction(**item) for item in given)
+
+
+def _along_curve(
+    where: str, heading: ModelMetadata, arrays: Mapping[str, Floats]
+) -> TabulatedModel:
     numbers = [heading.low, heading.high, *heading.rise]
-    numbers += [
-        x for function in heading.functions for x in (function.largest, function.error)
-    ]
+    numbers += [x for item in heading.functions for x in (item.largest, item.error)]
     if not (np.all(np.isfinite(numbers)) and heading.low < heading.high):
         raise FileError(
             f"{where}: the heading has numbers that are not finite; make it anew"
         )
-    interpolants = []
+    made = []
     for k, group in enumerate(heading.groups):
         edges, series = arrays[f"edges_{k}"], arrays[f"chebyshev_{k}"]
-        fits = edges.ndim == 1 and len(edges) > 1 and bool(np.all(np.diff(edges) > 0.0))
-        if not fits or series.ndim != 3 or len(series) != len(edges) - 1:
+        rising = edges.ndim == 1 and len(edges) > 1 and bool(np.all(np.diff(edges) > 0.0))
+        if not rising or series.ndim != 3 or len(series) != len(edges) - 1:
             raise FileError(f"{where}: the cells of group {k} do not rise; make it anew")
         if series.shape[2] != len(group):
             raise FileError(
@@ -339,5 +446,18 @@ def _groups(
                 f'{where}: "{group[bad[0][2]].name}" has coefficients that are not finite; '
                 "make it anew"
             )
-        interpolants.append(PiecewiseChebyshev(edges, series))
-    return tuple(interpolants)
+        made.append(PiecewiseChebyshev(edges, series))
+    return TabulatedModel(heading, tuple(made))
+
+
+def _over_box(where: str, heading: GridMetadata, arrays: Mapping[str, Floats]) -> GridModel:
+    splits, bounds, coefficients = (arrays[name] for name in _BOX)
+    low, high = np.array(heading.low), np.array(heading.high)
+    shape, m = coefficients.shape, len(heading.inputs)
+    fits = len(shape) == m + 2 and shape[-1] == len(heading.functions)
+    fits = fits and bounds.shape == (shape[0], 2, m)
+    if not (fits and splits.ndim == 2 and splits.shape[1] == 4):
+        raise FileError(f"{where}: its cells do not fit its functions; make it anew")
+    if not all(np.all(np.isfinite(x)) for x in (splits, bounds, coefficients)):
+        raise FileError(f"{where}: has numbers that are not finite; make it anew")
+    return GridModel(heading, TensorChebyshev(low, high, splits, bounds, coefficients))

@@ -85,18 +85,18 @@ def online_motion(
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if len(t) < 2 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
         raise SolveError(f"{name}: give two or more finite, increasing times")
-    at, force = model.state.at, model.state.force
-    low, high = heading.low, heading.high
+    at, low, high = model.dynamics.at, heading.low, heading.high
     inertia = at(x)[0]
     if not inertia > 0.0:
         raise SolveError(f"{name}: has no inertia, so loads would accelerate it endlessly")
 
     def right(time: float, state: Floats) -> tuple[float, float, float]:
         place, p, _ = state.tolist()
-        row = at(place if heading.periodic else min(max(place, low), high))
+        within = place if heading.periodic else min(max(place, low), high)
+        row = at(within)
         root = 1.0 / sqrt(row[0])
         speed = p * root
-        push = force(row, speed, time)
+        push = row[1] * speed * speed - model.torque_at(row, within, speed, 0.0, time)
         return speed, push * root, push * speed
 
     tighter = max(MARGIN * tolerance, 1e-14)
@@ -118,34 +118,28 @@ def online_motion(
     )
     if notes["message"] != "Integration successful.":
         raise SolveError(f"{name}: {notes['message']}")
-    return _motion(model, t, states, int(notes["nfe"][-1]))
-
-
-def _motion(
-    model: TabulatedModel, t: Floats, states: Floats, evaluations: int
-) -> TabulatedMotion:
-    heading, message = model.heading, ""
-    x, p, work = states.T
+    message, reached = "", states[:, 0]
     if not heading.periodic:
-        beyond = np.flatnonzero((x < heading.low) | (x > heading.high))
+        beyond = np.flatnonzero((reached < low) | (reached > high))
         if len(beyond):
             message = f"the curve ends before t = {t[beyond[0]]:.6g} s"
-            x, p, work = x.copy(), p.copy(), work.copy()
-            for array in (x, p, work):
-                array[beyond[0] :] = np.nan
-    finite = np.isfinite(x)
-    rows = np.full((len(x), 2 * len(heading.variables)), np.nan)
-    dx = np.full(len(x), np.nan)
-    names = [*heading.variables, *map(heading.derivative, heading.variables)]
-    for column, name in enumerate(names):
-        rows[finite, column] = model.value(name, x[finite])
-    dx[finite] = p[finite] / np.sqrt(model.inertia(x[finite]))
-    values, tangents = np.split(rows, 2, axis=1)
-    rates = tangents * dx[:, None]
+            states[beyond[0] :] = np.nan
+    places, p, work = states.T
+    finite = np.isfinite(places)
+    rows = np.full((2, len(heading.variables), len(t)), np.nan)
+    speeds = np.full(len(t), np.nan)
+    speeds[finite] = p[finite] / np.sqrt(model.inertia(places[finite]))
+    for k, variable in enumerate(heading.variables):
+        for row, function in zip(
+            rows, (variable, heading.derivative(variable)), strict=True
+        ):
+            row[k, finite] = model.value(function, places[finite])
+    values, rates = rows[0].T, rows[1].T * speeds[:, None]
     driven = heading.variables.index(f"theta_{heading.input}")
+    evaluations = int(notes["nfe"][-1])
     return TabulatedMotion(
         t,
-        x,
+        places,
         values,
         rates,
         values[:, driven],

@@ -1,24 +1,20 @@
 """Coupling tables as NumPy archives, CSV, and C headers."""
 
-import io
-import json
 import os
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.dynamics.model_archive import DAMAGED
+from spherekit.dynamics.model_metadata import DAMAGED, Archive
 from spherekit.errors import FileError
 from spherekit.exchange.coupling import CouplingTable
 from spherekit.exchange.coupling_made import cells_of
-from spherekit.files.atomic import write_bytes, write_text
+from spherekit.files.atomic import write_text
 from spherekit.sphere.rotation import Floats
 
-FORMAT = "spherekit coupling table"
-VERSION = 1
+ARCHIVE = Archive("spherekit coupling table", 1, "write one with `--to coupling`")
 
 WORDS = (
     "mechanism",
@@ -42,14 +38,9 @@ def write_npz(table: CouplingTable, path: str | os.PathLike[str]) -> None:
     OutputError
         If it cannot be written.
     """
-    heading = {"format": FORMAT, "version": VERSION}
-    arrays: dict[str, Any] = {}
-    for item in fields(table):
-        value = getattr(table, item.name)
-        (heading if item.name in WORDS else arrays)[item.name] = value
-    stream = io.BytesIO()
-    np.savez_compressed(stream, header=np.array(json.dumps(heading)), **arrays)
-    write_bytes(path, stream.getvalue())
+    given = {item.name: getattr(table, item.name) for item in fields(table)}
+    heading = {name: given.pop(name) for name in WORDS}
+    ARCHIVE.write(path, heading, given)
 
 
 @checked(FileError)
@@ -61,28 +52,12 @@ def load_coupling(path: str | os.PathLike[str]) -> CouplingTable:
     FileError
         If it cannot be read, or is no such table.
     """
-    where = repr(str(path))
+    heading, arrays = ARCHIVE.read(path)
     try:
-        with np.load(Path(path), allow_pickle=False) as archive:
-            if "header" not in archive:
-                raise FileError(f"{where}: is not a {FORMAT}")
-            heading = json.loads(str(archive["header"]))
-            if heading.get("format") != FORMAT or heading.get("version") != VERSION:
-                raise FileError(
-                    f"{where}: is not a {FORMAT} of version {VERSION}; write one with "
-                    "spherekit export --to coupling"
-                )
-            arrays = {name: archive[name] for name in archive.files if name != "header"}
-        words: dict[str, Any] = {
-            name: tuple(heading[name]) if isinstance(heading[name], list) else heading[name]
-            for name in WORDS
-        }
-        whole: dict[str, Any] = words | arrays
+        whole: dict[str, Any] = {name: heading[name] for name in WORDS} | arrays
         return CouplingTable(**whole)
-    except OSError as error:
-        raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
     except DAMAGED as error:
-        raise FileError(f"{where}: is not a complete {FORMAT} ({error})") from None
+        raise ARCHIVE.damaged(repr(str(path)), error) from None
 
 
 def columns(table: CouplingTable) -> dict[str, Floats]:

@@ -10,8 +10,7 @@ import numpy as np
 
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing
-from spherekit.dynamics.tabulate import online_model
-from spherekit.dynamics.tabulate_grid import grid_model
+from spherekit.dynamics.tabulate import grid_model, online_model
 from spherekit.errors import OutputError
 from spherekit.exchange.coupling import CouplingTable
 from spherekit.exchange.coupling_files import write_csv, write_npz

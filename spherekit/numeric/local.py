@@ -1,7 +1,6 @@
 """Functions of one variable at single places, in the least time that Python takes."""
 
 from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -31,23 +30,11 @@ class LocalPolynomials:
     rows: list[list[tuple[float, ...]]]
 
     @staticmethod
-    def of(
-        series: PiecewiseChebyshev, columns: Sequence[int], size: Floats
-    ) -> "LocalPolynomials":
-        """Return some columns of a series, to `TOLERANCE` of the size (m,) of each."""
-        chosen = PiecewiseChebyshev(
-            series.edges, np.ascontiguousarray(series.coefficients[:, :, list(columns)])
-        )
+    def of(series: PiecewiseChebyshev, size: Floats) -> "LocalPolynomials":
+        """Return the functions of a series, to `TOLERANCE` of the size (m,) of each."""
         low, high = float(series.edges[0]), float(series.edges[-1])
         fine = PiecewiseChebyshev.fit(
-            chosen.at,
-            low,
-            high,
-            TOLERANCE,
-            size,
-            FIRST_CELLS,
-            DEGREE,
-            rounding=ROUNDING,
+            series.at, low, high, TOLERANCE, size, FIRST_CELLS, DEGREE, rounding=ROUNDING
         )
         orders = np.arange(DEGREE + 1)
         powers = np.zeros((DEGREE + 1, DEGREE + 1))
