@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from spherekit.files.check import schema
+from spherekit.files.schema import schema
 
 PAGE = Path(__file__).parent / "reference.md"
 

@@ -65,7 +65,7 @@ HOME_OF = {
     "pandas": {"analysis/frames.py"},
     "pyarrow": {"analysis/frames.py", "view"},
     "networkx": {"model/graph.py"},
-    "jsonschema": {"files/check.py"},
+    "jsonschema": {"files/schema.py"},
     "filelock": {"files/lock.py"},
     "heyoka": {"engine/compiler.py"},
     "mpmath": {"exact/arithmetic.py"},

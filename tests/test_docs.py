@@ -200,7 +200,7 @@ def test_figures_of_benchmarks_name_their_commit():
 
 
 def sk_schema(kind):
-    from spherekit.files.check import schema
+    from spherekit.files.schema import schema
 
     return schema(kind)
 

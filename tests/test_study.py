@@ -16,8 +16,8 @@ from spherekit.analysis.registry import registered
 from spherekit.analysis.study import analyses_of
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, FileError
-from spherekit.files.check import schema
 from spherekit.files.library import shipped
+from spherekit.files.schema import schema
 from spherekit.files.study import load_study
 from spherekit.model.study import Study
 

@@ -19,10 +19,10 @@ from spherekit.design.space import DesignSpace, listed
 from spherekit.design.sweep_parts import run_sweep
 from spherekit.errors import DesignError, FileError, OutputError
 from spherekit.files.change import document_of, number_path, with_numbers
-from spherekit.files.check import check
 from spherekit.files.document import parse
 from spherekit.files.library import find
 from spherekit.files.read import read
+from spherekit.files.schema import check
 from spherekit.front.sweep import sweep_of
 
 CASES = [

@@ -14,7 +14,7 @@ from spherekit.analysis.registry import create, load
 from spherekit.analysis.unusable import Unusable
 from spherekit.conventions import listing, nearest
 from spherekit.errors import PluginError, SpherekitError
-from spherekit.files.check import mismatch, shown
+from spherekit.files.schema import mismatch, shown
 from spherekit.model.study import Study
 
 DEFAULT_ANALYSIS = "poles"

@@ -4,7 +4,7 @@ import numpy as np
 
 from spherekit.design.variables import DesignVariable
 from spherekit.engine.row_quantities import row_quantities
-from spherekit.files.limits import Limits
+from spherekit.files.schema import Limits
 from spherekit.model.geometry import COLLINEAR
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, SizeGeometry

@@ -1,7 +1,7 @@
 """What is varied: a number of a mechanism file, and where kernels take it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, final
 
 from spherekit.conventions import listing
@@ -9,12 +9,10 @@ from spherekit.engine.frames import DesignGeometry
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError
 from spherekit.files.change import number_at, number_path, with_numbers
-from spherekit.files.check import check
 from spherekit.files.document import Document
-from spherekit.files.limits import Limits, limits_of
 from spherekit.files.locate import KeyPath
-from spherekit.files.read import stated
-from spherekit.files.read_dynamics import DynamicsReader
+from spherekit.files.read import acted_on, stated
+from spherekit.files.schema import Limits, check, limits_of
 from spherekit.model.dynamics import LOADS, PairTorque
 from spherekit.model.mechanism import Mechanism
 
@@ -163,8 +161,7 @@ def with_actions(
     """
     chosen = [k for k, variable in enumerate(variables) if variable.path[0] in ACTIONS]
     numbers = {variables[k].path: float(values[k]) for k in chosen}
-    reader = DynamicsReader(with_numbers(document, numbers), mechanism)
-    return replace(mechanism, masses=reader.masses(), loads=reader.loads())
+    return acted_on(mechanism, with_numbers(document, numbers))
 
 
 def check_variables(document: Document, variables: Sequence[DesignVariable]) -> None:

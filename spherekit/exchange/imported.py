@@ -11,8 +11,8 @@ from spherekit.errors import FileError
 from spherekit.exchange.from_foreign import Tables, tables_of
 from spherekit.exchange.mujoco_file import read_foreign
 from spherekit.files.atomic import write_text
-from spherekit.files.check import FORMAT
 from spherekit.files.read import loads
+from spherekit.files.schema import FORMAT
 from spherekit.files.toml_text import assignment, tables
 from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism

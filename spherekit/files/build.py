@@ -9,10 +9,10 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import counted
 from spherekit.errors import ModelError
-from spherekit.files.check import FORMAT
 from spherekit.files.document import Document, spelt
 from spherekit.files.locate import KeyPath
 from spherekit.files.read import read
+from spherekit.files.schema import FORMAT
 from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism
 

@@ -1,25 +1,31 @@
 """A mechanism from a TOML file of format 1."""
 
+import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from functools import cache, cached_property
+from typing import Any, NoReturn, TypeVar, final
+
+import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import TURN
-from spherekit.errors import FileError, ModelError, SpherekitError
+from spherekit.conventions import TURN, listing, nearest
+from spherekit.errors import FileError, ModelError
 from spherekit.files.angles import Vector
-from spherekit.files.check import check
-from spherekit.files.contact import Contacts
 from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study
 from spherekit.files.locate import KeyPath
-from spherekit.files.read_dynamics import DynamicsReader
-from spherekit.files.values import DocumentValues, Table
+from spherekit.files.schema import check
+from spherekit.files.units import Table, converted, made
 from spherekit.model.changes import AngleUnit
-from spherekit.model.gears import start_of_phase
-from spherekit.model.geometry import arc_pole, given_axis
+from spherekit.model.dynamics import LOADS, Mass, PairTorque, Stop
+from spherekit.model.dynamics_checks import check_tensor
+from spherekit.model.gears import gear_axes, pitch_angles, start_of_phase, touching_angles
+from spherekit.model.geometry import arc_pole, given_axis, link_axes
+from spherekit.model.inertia import axes_frame, moved_to_sphere_centre, uniform_arc
+from spherekit.model.load import Load, vector_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
     Input,
@@ -28,15 +34,19 @@ from spherekit.model.parts import (
     Output,
     Pair,
     PoseGeometry,
+    Profile,
     SizeGeometry,
     Source,
 )
+from spherekit.sphere.rotation import Floats
+
+Given = TypeVar("Given")
 
 AnyMechanism = Mechanism | str | os.PathLike[str]
 """A mechanism, or where `load` finds it: its path, or the name of a shipped one."""
 
+_ACTIONS = ("mass", "loads", "stops")
 _SIZES_OF_LINK = ("axes", "arcs", "angles", "signed_arcs", "unpaired")
-_SIZES_OF_PAIR = ("zero",)
 _ARC_OF_PAIR = ("through_xyz", "through_lonlat")
 _AXIS_OF_PAIR = ("xyz", "lonlat", *_ARC_OF_PAIR)
 _POSE_OF_PAIR = (*_AXIS_OF_PAIR, "value")
@@ -120,73 +130,156 @@ def stated(document: Document) -> Mechanism:
     FileError
         With what makes no sense in it; of data without a text `ModelError`.
     """
-    name = document.data["name"]
     try:
-        mechanism = _Reader(document, document.data["angle_unit"]).mechanism()
-        reader = DynamicsReader(document, mechanism)
-        return replace(
-            mechanism,
-            masses=reader.masses(),
-            loads=reader.loads(),
-            stops=reader.stops(),
-        )
+        reader = _Reader(document, converted(document, document.data))
+        return reader.acted_on(reader.mechanism())
     except ModelError as error:
-        raise _relayed(document, name, error) from None
+        # The model's complaint, with the line of the key that it names.
+        message = str(error).removeprefix(f"{document.data['name']}: ")
+        keyed = _KEYED.fullmatch(message)
+        if keyed:
+            parts = _PART.findall(keyed[1])
+            path = tuple(int(number) if number else name for name, number in parts)
+            if path[0] in document.data:
+                raise document.fault(path, keyed[2]) from None
+        raise document.fault((), message) from None
+
+
+def acted_on(mechanism: Mechanism, document: Document) -> Mechanism:
+    """Return a mechanism with the masses, loads and stops that a document states.
+
+    Everything else of the document is as the mechanism has it.
+    """
+    given = {key: document.data[key] for key in _ACTIONS if key in document.data}
+    return _Reader(document, converted(document, given)).acted_on(mechanism)
 
 
 @final
 @dataclass(frozen=True)
-class _Reader(DocumentValues):
-    """Builds a mechanism without masses and loads from data that fits the schema."""
+class _Reader:
+    """Builds a mechanism from data that fits the schema, converted as the model has it."""
+
+    document: Document
+    data: Table
+
+    def fail(self, path: KeyPath, message: str) -> NoReturn:
+        """Raise the `FileError` about a key path."""
+        raise self.document.fault(path, message)
+
+    def at(self, path: KeyPath, ask: Callable[..., Given], *args: Any) -> Given:
+        """Return what the model answers; it complains about this key."""
+        try:
+            return ask(*args)
+        except ModelError as error:
+            self.fail(path, str(error))
 
     def mechanism(self) -> Mechanism:
-        data = self.document.data
-        ground = data["ground"]
-        source = data.get("source")
-        geometry = self.geometry()
-        made = Mechanism(
+        """Return the mechanism without masses, loads and stops."""
+        data = self.data
+        stated = Mechanism(
             name=data["name"],
-            ground=ground,
+            ground=data["ground"],
             links=tuple(data["links"]),
-            pairs=self.pairs(geometry),
-            geometry=geometry,
-            inputs=tuple(self.input(pair) for pair in data.get("inputs", {})),
-            outputs=tuple(
-                Output(
-                    name,
-                    item["link"],
-                    item.get("relative_to", ground),
-                    self.pointing(name, item, geometry),
-                )
-                for name, item in data.get("outputs", {}).items()
+            pairs=tuple(self.pair(name) for name in data["pairs"]),
+            geometry=self.geometry,
+            inputs=tuple(
+                made(Input, {"from": 0.0, "to": TURN, **item}, {"pair": pair})
+                for pair, item in data.get("inputs", {}).items()
             ),
-            modes=tuple(self.mode(name) for name in data.get("modes", {})),
-            source=Source(**source) if source else None,
+            outputs=tuple(
+                self.output(name, item) for name, item in data.get("outputs", {}).items()
+            ),
+            modes=tuple(NamedMode(*item) for item in data.get("modes", {}).items()),
+            source=made(Source, data["source"]) if "source" in data else None,
             user=_plain(data.get("user", {})),
         )
-        pairs = tuple(self.in_phase(made, pair) for pair in made.pairs)
-        return replace(made, pairs=pairs) if pairs != made.pairs else made
+        pairs = tuple(self.in_phase(stated, pair) for pair in stated.pairs)
+        return replace(stated, pairs=pairs) if pairs != stated.pairs else stated
 
-    def in_phase(self, made: Mechanism, pair: Pair) -> Pair:
+    def acted_on(self, mechanism: Mechanism) -> Mechanism:
+        """Return a mechanism with masses, loads and stops, tensors in link axes."""
+        masses, loads, stops = (self.data.get(key, {}).items() for key in _ACTIONS)
+
+        @cache
+        def axes() -> dict[str, dict[str, Floats]]:
+            return link_axes(mechanism)
+
+        for link, _ in masses:
+            if link not in mechanism.link_number:
+                self.fail(
+                    ("mass", link),
+                    f'no link is named "{link}"{nearest(link, mechanism.links) or ";"} '
+                    f"Links: {listing(mechanism.links)}",
+                )
+        return replace(
+            mechanism,
+            masses=tuple(self.mass(link, item, axes) for link, item in masses),
+            loads=tuple(self.load(name, item) for name, item in loads),
+            stops=tuple(made(Stop, item, {"pair": pair}) for pair, item in stops),
+        )
+
+    def load(self, name: str, item: Table) -> Load:
+        kind = LOADS[item.get("kind", PairTorque.kind)]
+        stated: Callable[..., Load] = kind
+        fields = {key: value for key, value in item.items() if key != "kind"}
+        return stated(name, **{**kind.absent, **fields})
+
+    def mass(
+        self, link: str, item: Table, axes: Callable[[], dict[str, dict[str, Floats]]]
+    ) -> Mass:
+        mass, centre = item.get("mass"), item.get("centre")
+
+        def framed(key: str, ask: Callable[..., Given], *args: Any) -> Given:
+            """Return what the model makes of the axes of two R pairs of the link."""
+            path, on_link = ("mass", link, key), axes()[link]
+            for number, pair in enumerate(item[key]):
+                if pair not in on_link:
+                    self.fail(
+                        (*path, number),
+                        f'link "{link}" has no R pair "{pair}"'
+                        f"{nearest(pair, on_link) or ';'} "
+                        f"R pairs on it: {listing(on_link)}",
+                    )
+            return self.at(path, ask, *(on_link[pair] for pair in item[key]), *args)
+
+        if "arc" in item:
+            if not item["radius"] > 0:
+                self.fail(
+                    ("mass", link, "radius"),
+                    f"found {item['radius']:g} m, needs more than 0",
+                )
+            tensor, centre = framed("arc", uniform_arc, mass, item["radius"])
+        else:
+            key = "tensor" if "tensor" in item else "tensor_at_centre"
+            tensor = np.array(item[key])
+            check_tensor(f"mass.{link}.{key}", tensor)
+            if key == "tensor_at_centre":
+                assert mass is not None
+                tensor = moved_to_sphere_centre(tensor, mass, np.array(centre))
+            if "frame" in item:
+                frame = framed("frame", axes_frame)
+                tensor = frame @ tensor @ frame.T
+                centre = None if centre is None else frame @ np.array(centre)
+        # The rounding of mirrored entries is made equal.
+        first, second, third = map(vector_of, (tensor + tensor.T) / 2)
+        whole = None if centre is None else vector_of(centre)
+        return Mass(link, (first, second, third), mass, whole)
+
+    def in_phase(self, stated: Mechanism, pair: Pair) -> Pair:
         """Return a pair, where the file says its phase with the start that this means."""
-        item, path = self.document.data["pairs"][pair.name], ("pairs", pair.name, "phase")
+        item, path = self.data["pairs"][pair.name], ("pairs", pair.name, "phase")
         if "phase" not in item:
             return pair
         if "start" in item:
             self.fail(path, "start says that already; give one of both")
-        angles = {
-            shaft: self.angle((*path, shaft), value)
-            for shaft, value in item["phase"].items()
-        }
-        try:
-            return replace(pair, start=start_of_phase(made, pair, angles))
-        except ModelError as error:
-            self.fail(path, str(error))
+        start = self.at(path, start_of_phase, stated, pair, item["phase"])
+        return replace(pair, start=start)
 
+    @cached_property
     def geometry(self) -> SizeGeometry | PoseGeometry:
-        data = self.document.data
-        sizes = self.given("links", _SIZES_OF_LINK)
-        sizes += self.given("pairs", _SIZES_OF_PAIR)
+        """Return the sizes of links, or the axes of all pairs in one pose."""
+        pairs, links = self.data["pairs"], self.data["links"]
+        sizes = self.given("links", _SIZES_OF_LINK) + self.given("pairs", ("zero",))
         pose = self.given("pairs", _POSE_OF_PAIR)
         if sizes and pose:
             first, second = sorted((sizes[0], pose[0]), key=self.document.line)
@@ -200,125 +293,151 @@ class _Reader(DocumentValues):
                 "pairs) or the reference pose (xyz or lonlat and value in pairs)",
             )
         if pose:
-            return PoseGeometry(
-                {
-                    pair: self.axis(pair)
-                    for pair, item in data["pairs"].items()
-                    if any(key in item for key in _AXIS_OF_PAIR)
-                },
-                self.angles_of_pairs("value"),
-            )
-        turning = self.joined()
+            posed = {name: self.axis(name, item) for name, item in pairs.items()}
+            axes = {name: axis for name, axis in posed.items() if axis is not None}
+            return PoseGeometry(axes, _numbers(pairs, "value"))
+        turning = self.joined
         if turning and not sizes:
             self.fail(
                 ("pairs", next(iter(turning))),
                 "no geometry: give axes and arcs in every link, or xyz or lonlat in "
                 "every R pair",
             )
-        links = {
-            link: self.sizes(link)
-            for link, item in data["links"].items()
-            if any(key in item for key in _SIZES_OF_LINK)
-        }
-        return SizeGeometry(links, self.angles_of_pairs("zero"))
+        sized = {link for _, link, _ in self.given("links", _SIZES_OF_LINK)}
+        for link in links:
+            if link in sized and "axes" not in links[link]:
+                self.fail(
+                    ("links", link),
+                    "the key axes is missing: the names of the R pairs on it",
+                )
+        return SizeGeometry(
+            {link: made(LinkSizes, item) for link, item in links.items() if link in sized},
+            _numbers(pairs, "zero"),
+        )
 
     def given(self, table: str, keys: Sequence[str]) -> list[KeyPath]:
         """Return the paths of those of these keys that any entry of a table has."""
         return [
             (table, name, key)
-            for name, item in self.document.data[table].items()
+            for name, item in self.data[table].items()
             for key in keys
             if key in item
         ]
 
-    def sizes(self, link: str) -> LinkSizes:
-        item, path = self.document.data["links"][link], ("links", link)
-        if "axes" not in item:
-            self.fail(path, "the key axes is missing: the names of the R pairs on it")
-        return LinkSizes(
-            tuple(item["axes"]),
-            self.angles((*path, "arcs"), item.get("arcs", [])),
-            self.angles((*path, "angles"), item.get("angles", [])),
-            unpaired=tuple(item.get("unpaired", ())),
-            signed=item.get("signed_arcs", False),
-        )
+    def axis(self, name: str, item: Table) -> Vector | None:
+        """Return the axis of a pair in the reference pose: of an arc, its pole."""
+        for key in _ARC_OF_PAIR:
+            if key in item:
+                return self.at(("pairs", name, key), arc_pole, *item[key])
+        return _vector(item)
 
-    def angles_of_pairs(self, key: str) -> dict[str, float]:
-        return {
-            pair: self.angle(("pairs", pair, key), item[key])
-            for pair, item in self.document.data["pairs"].items()
-            if key in item
-        }
-
-    def axis(self, pair: str) -> Vector:
-        """Read the axis of a pair in the reference pose: of an arc, its pole."""
-        item, path = self.document.data["pairs"][pair], ("pairs", pair)
-        ends = self.vectors(path, item, "through_lonlat", "through_xyz")
-        if not ends:
-            return self.vector(path, item)
-        try:
-            return arc_pole(ends[0], ends[1])
-        except ModelError as error:
-            key = next(key for key in _ARC_OF_PAIR if key in item)
-            self.fail((*path, key), str(error))
-
-    def pairs(self, geometry: SizeGeometry | PoseGeometry) -> tuple[Pair, ...]:
-        joined = self.joined()
-        contacts = Contacts(self.document, self.unit, geometry, joined)
-        return tuple(
-            Pair(name, "R", joined[name]) if name in joined else contacts.pair(name)
-            for name in self.document.data["pairs"]
-        )
-
+    @cached_property
     def joined(self) -> dict[str, tuple[str, str]]:
         """Return the two links of every pair with an axis: R, and P about its pole."""
-        return {
-            pair: (item["links"][0], item["links"][1])
-            for pair, item in self.document.data["pairs"].items()
-            if item["type"] in _TURNING
-        }
+        given = self.data["pairs"].items()
+        return {name: item["links"] for name, item in given if item["type"] in _TURNING}
 
-    def pointing(
-        self, output: str, item: Table, geometry: SizeGeometry | PoseGeometry
-    ) -> Vector | None:
-        """Read the direction of an output, in axes of its link."""
-        path: KeyPath = ("outputs", output)
+    def output(self, name: str, item: Table) -> Output:
+        """Return an output with its direction, in axes of its link."""
+        path: KeyPath = ("outputs", name)
         given = [key for key in ("axis", "xyz", "lonlat") if key in item]
         if len(given) > 1:
             self.fail((*path, given[1]), f"the direction is given by {given[0]} already")
+        direction = self.axis_or_vector((*path, "axis"), item)
+        relative_to = item.get("relative_to", self.data["ground"])
+        return Output(name, item["link"], relative_to, direction)
+
+    def axis_or_vector(self, path: KeyPath, item: Table, prefix: str = "") -> Vector | None:
+        """Return a direction in axes of a link, given by an R pair or by itself."""
         if "axis" not in item:
-            return self.vector(path, item) if given else None
-        try:
-            return given_axis(geometry, self.joined(), item["link"], item["axis"])
-        except ModelError as error:
-            self.fail((*path, "axis"), str(error))
+            return _vector(item, prefix)
+        link, axis = item["link"], item["axis"]
+        return self.at(path, given_axis, self.geometry, self.joined, link, axis)
 
-    def mode(self, name: str) -> NamedMode:
-        given = self.document.data["modes"][name].items()
-        at = {pair: self.angle(("modes", name, pair), x) for pair, x in given}
-        return NamedMode(name, at)
+    def pair(self, name: str) -> Pair:
+        """Return a pair, a contact with the curves of both its links."""
+        item, path = self.data["pairs"][name], ("pairs", name)
+        if name in self.joined:
+            return Pair(name, "R", self.joined[name])
+        if "teeth" in item or "half_angles" in item:
+            profiles = self.cones(path, item)
+        else:
+            profiles = self.profiles(path, item)
+        return made(Pair, item, {"name": name, "profiles": profiles})
 
-    def input(self, pair: str) -> Input:
-        item, path = self.document.data["inputs"][pair], ("inputs", pair)
-        start = self.angle((*path, "from"), item["from"]) if "from" in item else 0.0
-        stop = self.angle((*path, "to"), item["to"]) if "to" in item else TURN
-        return Input(pair, start, stop)
+    def cones(self, path: KeyPath, item: Table) -> tuple[Profile, Profile]:
+        """Return the circles in which two cones, or the pitch cones of gears, roll."""
+        contact = item.get("contact", "external")
+        given = self.geometry, self.joined, item["links"], item["axes"]
+        centres, shaft_angle = self.at((*path, "axes"), gear_axes, *given)
+        key, radii_of = "half_angles", touching_angles
+        if "teeth" in item:
+            key, radii_of = "teeth", pitch_angles  # type: ignore[assignment]
+        radii = self.at((*path, key), radii_of, item[key], shaft_angle, contact)
+        first, second = (
+            Profile("circle", centre, radius)
+            for centre, radius in zip(centres, radii, strict=True)
+        )
+        return first, second
+
+    def profiles(self, path: KeyPath, item: Table) -> tuple[Profile, Profile]:
+        """Return the curves given under profiles and follower, in the order of links."""
+        given = item["profiles"]
+        tables: dict[str, KeyPath] = {link: (*path, "profiles", link) for link in given}
+        curves = {link: made(Profile, given[link]) for link in given}
+        follower = item.get("follower")
+        if follower is not None:
+            link, place = follower["link"], (*path, "follower", "link")
+            if link in tables:
+                line = self.document.line(tables[link])
+                self.fail(
+                    place,
+                    f'the profile of "{link}" is given already (line {line}); profiles '
+                    "holds the curve of the other link only",
+                )
+            tables[link] = place
+            curves[link] = self.follower((*path, "follower"), follower)
+        first, second = item["links"]
+        for link, place in tables.items():
+            if link not in (first, second):
+                self.fail(
+                    place,
+                    f'the pair joins "{first}" and "{second}", not "{link}"'
+                    f"{nearest(link, (first, second))}",
+                )
+        for link in (first, second):
+            if link not in curves:
+                self.fail(
+                    (*path, "profiles"),
+                    f'the curve of link "{link}" is missing; give its profile, or the '
+                    "key follower for a roller or a flat face",
+                )
+        return curves[first], curves[second]
+
+    def follower(self, path: KeyPath, item: Table) -> Profile:
+        """Return the circle of a roller or the great circle of a flat face."""
+        if "flat" in item:
+            return Profile("great_circle", _vector(item, "pole_"))
+        radius = item["roller"]
+        if not 0.0 < radius < math.pi:
+            self.fail(
+                (*path, "roller"),
+                f"the angular radius is {math.degrees(radius):.6g} deg; it has to lie "
+                "between 0 and 180 deg, both excluded",
+            )
+        centre = self.axis_or_vector((*path, "axis"), item, "centre_")
+        return Profile("circle", centre, radius)
 
 
-def _relayed(document: Document, name: str, error: ModelError) -> SpherekitError:
-    """Return the model's complaint with the file and the line of the key it names."""
-    message = str(error).removeprefix(f"{name}: ")
-    keyed = _KEYED.fullmatch(message)
-    if keyed:
-        path = _path(keyed[1])
-        if path[0] in document.data:
-            return document.fault(path, keyed[2])
-    return document.fault((), message)
+def _vector(item: Table, prefix: str = "") -> Vector | None:
+    """Return the direction given by its components or by longitude and latitude."""
+    vector: Vector | None = item.get(f"{prefix}xyz", item.get(f"{prefix}lonlat"))
+    return vector
 
 
-def _path(key: str) -> KeyPath:
-    """Return the path of a key as `spelt` writes it."""
-    return tuple(int(number) if number else name for name, number in _PART.findall(key))
+def _numbers(tables: Table, key: str) -> dict[str, float]:
+    """Return the numbers that tables have under a key, by the names of the tables."""
+    return {name: item[key] for name, item in tables.items() if key in item}
 
 
 def _plain(value: Any) -> Any:

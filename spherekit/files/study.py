@@ -1,27 +1,39 @@
 """A study from a TOML file of format 1: a mechanism and what is to be run on it."""
 
 import os
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import final
 
 import numpy as np
 
 from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, listing, nearest
 from spherekit.errors import FileError, ModelError
-from spherekit.files.angles import angle_at
-from spherekit.files.check import check
 from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import STUDY_SUFFIX, find, is_study, shipped
+from spherekit.files.locate import KeyPath
 from spherekit.files.read import angle_unit_of, load
-from spherekit.files.read_laws import read_laws, read_start
+from spherekit.files.schema import check
+from spherekit.files.units import Table, converted, made
 from spherekit.model.changes import AngleUnit
+from spherekit.model.laws import ConstantSpeed, Cycloidal, Law, Polynomial, Start, Tabulated
 from spherekit.model.locking import lock
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input
-from spherekit.model.study import DEFAULT_TOLERANCE, Study
+from spherekit.model.study import Study
 from spherekit.sphere.rotation import Floats
+
+_FIELDS = ("assembly_mode", "search", "duration", "tolerance", "crossings", "verify")
+"""Keys that are fields of a study as they stand."""
+
+_LAWS: Mapping[str, Callable[..., Law]] = {
+    "constant_speed": ConstantSpeed,
+    "polynomial": Polynomial,
+    "cycloidal": Cycloidal,
+    "table": Tabulated,
+}
 
 
 @checked(FileError)
@@ -39,30 +51,7 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
         return Study(mechanism.name, mechanism)
     document = parse(read_text(path), str(path))
     check(document, "study")
-    data = document.data
-    output = data.get("output", {})
-    mechanism = _locked(document, _mechanism(document, path.parent))
-    mechanism = _driven(document, mechanism)
-    return Study(
-        name=path.name.removesuffix(STUDY_SUFFIX),
-        mechanism=mechanism,
-        samples=_samples(document, mechanism),
-        path=_input_path(document, mechanism),
-        assembly_mode=data.get("assembly_mode"),
-        search=data.get("search", True),
-        analyses=data.get("analyses", {}),
-        folder=_path(document, output, "folder"),
-        recording=_path(document, output, "recording"),
-        degrees=output.get("degrees", False),
-        laws=read_laws(document),
-        duration=float(data["duration"]) if "duration" in data else None,
-        start=read_start(document),
-        torque=data.get("start", {}).get("torque"),
-        tolerance=float(data.get("tolerance", DEFAULT_TOLERANCE)),
-        crossings=data.get("crossings", "end"),
-        verify=int(data["verify"]) if "verify" in data else None,
-        locate=document.fault,
-    )
+    return _Reader(document, converted(document, document.data, "study")).study(path)
 
 
 def angle_unit_of_mechanism(name_or_path: str | os.PathLike[str]) -> AngleUnit:
@@ -74,17 +63,6 @@ def angle_unit_of_mechanism(name_or_path: str | os.PathLike[str]) -> AngleUnit:
     return angle_unit_of(path)
 
 
-def _locked(document: Document, mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism with the pairs locked that a study locks."""
-    data = document.data
-    if not data.get("lock"):
-        return mechanism
-    try:
-        return lock(mechanism, data["lock"], angle_unit=data["angle_unit"])
-    except ModelError as error:
-        raise document.fault(("lock",), str(error)) from None
-
-
 def _where(document: Document, folder: Path) -> str | Path:
     """Return the name or the path of the mechanism of a study."""
     wanted = str(document.data["mechanism"])
@@ -92,110 +70,146 @@ def _where(document: Document, folder: Path) -> str | Path:
     return wanted if is_shipped else folder / wanted
 
 
-def _mechanism(document: Document, folder: Path) -> Mechanism:
-    wanted = document.data["mechanism"]
-    try:
-        path = find(_where(document, folder))
-    except FileError as error:
-        raise document.fault(("mechanism",), str(error)) from None
-    if is_study(path):
-        raise document.fault(
-            ("mechanism",), f'found "{wanted}", a study; needs a mechanism file'
+@final
+@dataclass(frozen=True)
+class _Reader:
+    """Builds a study from data that fits the schema, converted as the model has it."""
+
+    document: Document
+    data: Table
+
+    def study(self, path: Path) -> Study:
+        data, start = self.data, self.data.get("start", {})
+        mechanism = self.driven(self.locked(self.mechanism(path.parent)))
+        plain = {key: data[key] for key in _FIELDS if key in data}
+        return Study(
+            name=path.name.removesuffix(STUDY_SUFFIX),
+            mechanism=mechanism,
+            samples=self.samples(mechanism),
+            path=self.input_path(mechanism),
+            analyses=self.document.data.get("analyses", {}),
+            folder=self.path("folder"),
+            recording=self.path("recording"),
+            degrees=data.get("output", {}).get("degrees", False),
+            laws={
+                pair: self.law(("inputs", pair, "law"), item["law"])
+                for pair, item in data.get("inputs", {}).items()
+                if "law" in item
+            },
+            start=Start(start["q"], start.get("dq", 0.0)) if start else None,
+            torque=start.get("torque"),
+            locate=self.document.fault,
+            **plain,
         )
-    return load(path)
 
+    def mechanism(self, folder: Path) -> Mechanism:
+        try:
+            path = find(_where(self.document, folder))
+        except FileError as error:
+            raise self.document.fault(("mechanism",), str(error)) from None
+        if is_study(path):
+            why = f'found "{self.data["mechanism"]}", a study; needs a mechanism file'
+            raise self.document.fault(("mechanism",), why)
+        return load(path)
 
-def _driven(document: Document, mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism with the study's inputs and their ranges."""
-    given = document.data.get("inputs", {})
-    for pair in given:
-        if pair not in mechanism.pair_number:
-            hint = nearest(pair, mechanism.pair_number) or "."
-            raise document.fault(
-                ("inputs", pair),
-                f'{mechanism.name} has no pair "{pair}"{hint} Pairs: '
-                f"{listing(mechanism.pair_number)}",
-            )
-    if not {item.pair for item in mechanism.inputs}.issuperset(given):
-        mechanism = mechanism.with_inputs(*given)
-    ranged = (
-        _ranged(document, item) if item.pair in given else item for item in mechanism.inputs
-    )
-    return replace(mechanism, inputs=tuple(ranged))
+    def locked(self, mechanism: Mechanism) -> Mechanism:
+        """Return the mechanism with the pairs locked that the study locks."""
+        if not self.data.get("lock"):
+            return mechanism
+        try:
+            return lock(mechanism, self.data["lock"], angle_unit="rad")
+        except ModelError as error:
+            raise self.document.fault(("lock",), str(error)) from None
 
-
-def _ranged(document: Document, driven: Input) -> Input:
-    """Return an input over the range that the study gives it."""
-    path, item = ("inputs", driven.pair), document.data["inputs"][driven.pair]
-    start, stop = (
-        angle_at(document, (*path, key), item[key], document.data["angle_unit"])
-        if key in item
-        else default
-        for key, default in (("from", driven.start), ("to", driven.stop))
-    )
-    if start == stop:
-        raise document.fault(
-            path,
-            f"the range from `from` to `to` is empty, both are {start:.6g} rad; give "
-            "another `to`, greater or less",
-        )
-    return Input(driven.pair, start, stop)
-
-
-def _samples(document: Document, mechanism: Mechanism) -> int | tuple[int, ...]:
-    samples = document.data.get("samples", DEFAULT_SAMPLES)
-    if not isinstance(samples, list):
-        return int(samples)
-    if len(samples) != len(mechanism.inputs):
-        raise document.fault(
-            ("samples",),
-            f"has {len(samples)} numbers for {len(mechanism.inputs)} inputs "
-            f"({listing(item.pair for item in mechanism.inputs)})",
-        )
-    return tuple(int(count) for count in samples)
-
-
-def _input_path(document: Document, mechanism: Mechanism) -> Floats | None:
-    """Return the inputs' values (samples, inputs) in rad, if given."""
-    given = document.data.get("inputs", {})
-    if not any("values" in item for item in given.values()):
-        return None
-    columns = []
-    for item in mechanism.inputs:
-        path = ("inputs", item.pair)
-        table = given.get(item.pair, {})
-        if "values" not in table:
-            raise document.fault(
-                path if item.pair in given else ("inputs",),
-                f"input {item.pair} has no values, but another input has; give values "
-                "for every input",
-            )
-        for key in ("from", "to"):
-            if key in table:
-                raise document.fault(
-                    (*path, key), "excluded by values, which says every sample"
+    def driven(self, mechanism: Mechanism) -> Mechanism:
+        """Return the mechanism with the study's inputs and their ranges."""
+        given = self.data.get("inputs", {})
+        for pair in given:
+            if pair not in mechanism.pair_number:
+                hint = nearest(pair, mechanism.pair_number) or "."
+                raise self.document.fault(
+                    ("inputs", pair),
+                    f'{mechanism.name} has no pair "{pair}"{hint} Pairs: '
+                    f"{listing(mechanism.pair_number)}",
                 )
-        unit = document.data["angle_unit"]
-        columns.append(
-            tuple(
-                angle_at(document, (*path, "values", k), number, unit)
-                for k, number in enumerate(table["values"])
+        if not {item.pair for item in mechanism.inputs}.issuperset(given):
+            mechanism = mechanism.with_inputs(*given)
+        ranged = []
+        for item in mechanism.inputs:
+            stated = given.get(item.pair, {})
+            ends = Input(
+                item.pair, stated.get("from", item.start), stated.get("to", item.stop)
             )
-        )
-        if len(columns[-1]) != len(columns[0]):
-            raise document.fault(
-                (*path, "values"),
-                f"has {len(columns[-1])} values, input {mechanism.inputs[0].pair} has "
-                f"{len(columns[0])}; give equally many",
+            if item.pair in given and ends.start == ends.stop:
+                raise self.document.fault(
+                    ("inputs", item.pair),
+                    "the range from `from` to `to` is empty, both are "
+                    f"{ends.start:.6g} rad; give another `to`, greater or less",
+                )
+            ranged.append(ends)
+        return replace(mechanism, inputs=tuple(ranged))
+
+    def samples(self, mechanism: Mechanism) -> int | tuple[int, ...]:
+        samples: int | tuple[int, ...] = self.data.get("samples", DEFAULT_SAMPLES)
+        if isinstance(samples, tuple) and len(samples) != len(mechanism.inputs):
+            raise self.document.fault(
+                ("samples",),
+                f"has {len(samples)} numbers for {len(mechanism.inputs)} inputs "
+                f"({listing(item.pair for item in mechanism.inputs)})",
             )
-    if "samples" in document.data:
-        raise document.fault(("samples",), "excluded by the inputs' values")
-    return np.array(columns).T
+        return samples
 
+    def input_path(self, mechanism: Mechanism) -> Floats | None:
+        """Return the inputs' values (samples, inputs) in rad, if given."""
+        given, fault = self.data.get("inputs", {}), self.document.fault
+        if not any("values" in item for item in given.values()):
+            return None
+        columns: list[tuple[float, ...]] = []
+        for item in mechanism.inputs:
+            path, table = ("inputs", item.pair), given.get(item.pair, {})
+            if "values" not in table:
+                raise fault(
+                    path if item.pair in given else ("inputs",),
+                    f"input {item.pair} has no values, but another input has; give values "
+                    "for every input",
+                )
+            for key in ("from", "to"):
+                if key in table:
+                    raise fault((*path, key), "excluded by values, which says every sample")
+            columns.append(table["values"])
+            if len(columns[-1]) != len(columns[0]):
+                raise fault(
+                    (*path, "values"),
+                    f"has {len(columns[-1])} values, input {mechanism.inputs[0].pair} has "
+                    f"{len(columns[0])}; give equally many",
+                )
+        if "samples" in self.data:
+            raise fault(("samples",), "excluded by the inputs' values")
+        return np.array(columns).T
 
-def _path(document: Document, output: Mapping[str, str], key: str) -> Path | None:
-    if key not in output:
-        return None
-    if not output[key].isprintable():
-        raise document.fault(("output", key), f"{output[key]!a}: not a usable path")
-    return Path(output[key])
+    def law(self, path: KeyPath, item: Table) -> Law:
+        try:
+            law: Law = made(_LAWS[item["kind"]], item)
+        except ModelError as error:
+            key, _, message = str(error).partition(": ")
+            raise self.document.fault((*path, key), message) from None
+        duration = self.data.get("duration")
+        if isinstance(law, Tabulated) and duration is not None:
+            first, last = law.times[0], law.times[-1]
+            if first > 0 or last < duration:
+                raise self.document.fault(
+                    (*path, "times"),
+                    f"has {first:g} to {last:g} s, but the study lasts from 0 to "
+                    f"{duration:g} s; add rows, or change the duration",
+                )
+        return law
+
+    def path(self, key: str) -> Path | None:
+        output = self.data.get("output", {})
+        if key not in output:
+            return None
+        if not output[key].isprintable():
+            raise self.document.fault(
+                ("output", key), f"{output[key]!a}: not a usable path"
+            )
+        return Path(output[key])

@@ -7,15 +7,17 @@ from dataclasses import fields
 from typing import Any
 
 from spherekit.checked import checked
-from spherekit.errors import FileError, OutputError
+from spherekit.errors import EngineError, FileError, OutputError
 from spherekit.files.atomic import write_text
-from spherekit.files.check import FORMAT
 from spherekit.files.read import AnyMechanism, loads, mechanism_of
+from spherekit.files.schema import FORMAT
 from spherekit.files.toml_text import assignment, tables
-from spherekit.files.write_dynamics import angle_text, load_tables, mass_tables, stop_tables
+from spherekit.files.units import in_file, table_of
 from spherekit.model.changes import AngleUnit
+from spherekit.model.dynamics import PairTorque
+from spherekit.model.load import Load, not_written
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Output, Pair, PoseGeometry, Profile
+from spherekit.model.parts import Pair, PoseGeometry, Profile
 
 _Table = dict[str, Any]
 
@@ -86,101 +88,64 @@ def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:
     yield assignment("name", mechanism.name)
     yield assignment("angle_unit", unit)
     yield assignment("ground", mechanism.ground)
-    for name, content in _content(mechanism, unit).items():
+    for name, content in in_file(_content(mechanism), unit).items():
         yield from tables((name,), content)
 
 
-def _content(mechanism: Mechanism, unit: AngleUnit) -> Mapping[str, _Table]:
+def _content(mechanism: Mechanism) -> dict[str, _Table]:
     """Return the tables of the file; a table may be left out where it is empty."""
-    content: dict[str, _Table] = {}
-    if mechanism.source is not None:
-        content["source"] = {"citation": mechanism.source.citation}
-        if mechanism.source.assumed:
-            content["source"]["assumed"] = mechanism.source.assumed
-    content["links"] = {link: _link(mechanism, link, unit) for link in mechanism.links}
-    content["pairs"] = {item.name: _pair(mechanism, item, unit) for item in mechanism.pairs}
-    content["inputs"] = {
-        item.pair: {"from": angle_text(item.start, unit), "to": angle_text(item.stop, unit)}
-        for item in mechanism.inputs
+    source = mechanism.source
+    content: dict[str, _Table] = {
+        "source": {} if source is None else table_of(source),
+        "links": {link: _link(mechanism, link) for link in mechanism.links},
+        "pairs": {item.name: _pair(mechanism, item) for item in mechanism.pairs},
+        "inputs": {item.pair: table_of(item) for item in mechanism.inputs},
+        "outputs": {item.name: table_of(item) for item in mechanism.outputs},
+        "mass": {item.link: table_of(item) for item in mechanism.masses},
+        "loads": {item.name: _load(item) for item in mechanism.loads},
+        "stops": {item.pair: table_of(item) for item in mechanism.stops},
+        "modes": {mode.name: mode.values for mode in mechanism.modes},
+        "user": dict(mechanism.user),
     }
-    content["outputs"] = {item.name: _output(item) for item in mechanism.outputs}
-    content["mass"] = mass_tables(mechanism.masses)
-    content["loads"] = load_tables(mechanism.loads, unit)
-    content["stops"] = stop_tables(mechanism.stops, unit)
-    content["modes"] = {
-        mode.name: {pair: angle_text(x, unit) for pair, x in mode.values.items()}
-        for mode in mechanism.modes
-    }
-    content["user"] = dict(mechanism.user)
     return {name: table for name, table in content.items() if table}
 
 
-def _output(output: Output) -> _Table:
-    table: _Table = {"link": output.link, "relative_to": output.relative_to}
-    if output.direction is not None:
-        table["xyz"] = [float(x) for x in output.direction]
-    return table
-
-
-def _link(mechanism: Mechanism, link: str, unit: AngleUnit) -> _Table:
+def _link(mechanism: Mechanism, link: str) -> _Table:
     geometry = mechanism.geometry
     if isinstance(geometry, PoseGeometry) or link not in geometry.links:
         return {}
-    sizes = geometry.links[link]
-    table: _Table = {"axes": list(sizes.axes)}
-    if sizes.arcs:
-        table["arcs"] = [angle_text(arc, unit) for arc in sizes.arcs]
-    if sizes.angles:
-        table["angles"] = [angle_text(angle, unit) for angle in sizes.angles]
-    if sizes.signed:
-        table["signed_arcs"] = True
-    if sizes.unpaired:
-        table["unpaired"] = list(sizes.unpaired)
-    return table
+    return table_of(geometry.links[link])
 
 
-def _pair(mechanism: Mechanism, pair: Pair, unit: AngleUnit) -> _Table:
-    table: _Table = {"type": pair.type, "links": list(pair.links)}
+def _pair(mechanism: Mechanism, pair: Pair) -> _Table:
+    table: _Table = {"type": pair.type, "links": pair.links}
     geometry = mechanism.geometry
     if isinstance(geometry, PoseGeometry):
-        if pair.name in geometry.axes:
-            table["xyz"] = [float(x) for x in geometry.axes[pair.name]]
-        if pair.name in geometry.values:
-            table["value"] = angle_text(geometry.values[pair.name], unit)
-    elif pair.name in geometry.zeros:
-        table["zero"] = angle_text(geometry.zeros[pair.name], unit)
-    if pair.contact != "external":
-        table["contact"] = pair.contact
-    if any(pair.start):
-        table["start"] = [angle_text(angle, unit) for angle in pair.start]
-    if pair.one_sided:
-        table["one_sided"] = True
-    if pair.distance is not None:
-        table["distance"] = float(pair.distance)
-    if pair.pressure_angle is not None:
-        table["pressure_angle"] = angle_text(pair.pressure_angle, unit)
+        where: Mapping[str, Mapping[str, Any]]
+        where = {"xyz": geometry.axes, "value": geometry.values}
+    else:
+        where = {"zero": geometry.zeros}
+    table |= {key: given[pair.name] for key, given in where.items() if pair.name in given}
+    table |= table_of(pair)
     if pair.profiles is not None:
-        table["profiles"] = {
-            link: _profile(profile, unit)
-            for link, profile in zip(pair.links, pair.profiles, strict=True)
-        }
+        profiles = zip(pair.links, pair.profiles, strict=True)
+        table["profiles"] = {link: _profile(profile) for link, profile in profiles}
     return table
 
 
-def _profile(profile: Profile, unit: AngleUnit) -> _Table:
-    table: _Table = {"kind": profile.kind}
-    if profile.centre is not None:
-        table["centre_xyz"] = [float(x) for x in profile.centre]
-    if profile.radius is not None:
-        table["radius"] = angle_text(profile.radius, unit)
-    if profile.points:
-        table["points_xyz"] = [[float(x) for x in point] for point in profile.points]
-    if profile.points or not profile.closed:
-        table["closed"] = profile.closed
-    if profile.cosines:
-        table["cosines"] = [angle_text(value, unit) for value in profile.cosines]
-    if profile.sines:
-        table["sines"] = [angle_text(value, unit) for value in profile.sines]
+def _profile(profile: Profile) -> _Table:
+    table = table_of(profile)
+    return {**table, "closed": profile.closed} if profile.points else table
+
+
+def _load(load: Load) -> _Table:
+    table: _Table = {} if load.kind == PairTorque.kind else {"kind": load.kind}
+    for key in load.keys:
+        given = getattr(load, key)
+        if callable(given):
+            raise EngineError(not_written(getattr(load, "pair", "")))
+        if given is not None:
+            table[key] = given
     return table
 
 

@@ -13,9 +13,9 @@ from spherekit.design.space import DesignSpace, between
 from spherekit.design.wanted import Sizing
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
-from spherekit.files.check import check
 from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import shipped
+from spherekit.files.schema import check
 from spherekit.front.sweep import sweep_of
 
 SAMPLES, DESIGNS = 181, 16384

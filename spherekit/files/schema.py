@@ -1,12 +1,20 @@
-"""A parsed file against the schema, with faults that say what to write instead."""
+"""The schemas of files: what they allow, what they refuse, and what values they name.
+
+A JSON Schema is the one declaration of every key. From it follow the check of a file, with
+faults that say what to write instead, the limits of its numbers, and the conversion of
+angles, rates and directions between the unit of a file and the radians used inside.
+"""
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from itertools import islice
-from typing import Any, Literal
+from typing import Any, Literal, final
+
+import numpy as np
 
 from spherekit.conventions import MAX_NAME_LENGTH, listing, nearest
 from spherekit.errors import FileError
@@ -23,6 +31,9 @@ _SCHEMAS: Mapping[Kind, str] = {
     "sizing": f"sizing_{FORMAT}.schema.json",
 }
 
+_DEFS = "#/$defs/"
+_WORDS = frozenset({"title", "description", "$ref"})
+_NUMERIC = _WORDS | {"type", "minimum", "maximum", "exclusiveMinimum"}
 _INTEGER_BITS = 200
 _PLAIN = frozenset({"title", "description", "type", "minimum", "maximum"})
 _Fault = tuple[KeyPath, str]
@@ -96,7 +107,7 @@ def validator(kind: Kind = "mechanism") -> Any:
         if not isinstance(value, list) or len(value) > part.get("maxItems", math.inf):
             return
         limits = whole["$defs"].get(
-            item_schema.get("$ref", "").removeprefix("#/$defs/"), item_schema
+            item_schema.get("$ref", "").removeprefix(_DEFS), item_schema
         )
         if limits.get("type") != "number" or not _PLAIN.issuperset(limits):
             yield from rules["items"](validator, item_schema, value, part)
@@ -124,6 +135,123 @@ def validator(kind: Kind = "mechanism") -> Any:
         Draft202012Validator, {"items": items, **changed}
     )
     return validator(whole)
+
+
+Leaves = Mapping[str, Callable[[KeyPath, Any], Any]]
+"""What becomes of values, by the name or the type that the schema gives them."""
+
+
+def walked(data: Mapping[str, Any], leaves: Leaves, kind: Kind = "mechanism") -> Any:
+    """Return data that fit the format, with what leaves make of values at their paths.
+
+    Arrays become tuples; what the schema leaves free stays as it is.
+    """
+    return _walked(schema(kind), data, (), leaves, schema(kind)["$defs"])
+
+
+def _walked(part: Any, value: Any, path: KeyPath, leaves: Leaves, named: Any) -> Any:
+    name = part.get("$ref", "").removeprefix(_DEFS)
+    if name in leaves:
+        return leaves[name](path, value)
+    part = named.get(name, part)
+    if isinstance(value, Mapping):
+        for choice in part.get("allOf", ()):
+            if "$ref" in choice.get("then", ()) and _holds(choice["if"], value):
+                return _walked(choice["then"], value, path, leaves, named)
+        keys, other = part.get("properties", {}), part.get("additionalProperties")
+        if not (keys or other):
+            return value
+        return {
+            key: _walked(keys.get(key, other), item, (*path, key), leaves, named)
+            for key, item in value.items()
+        }
+    inner = part.get("items")
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+        items = enumerate(value)
+        return tuple(_walked(inner, x, (*path, k), leaves, named) for k, x in items)
+    if inner and "$ref" in inner and isinstance(value, int | float):
+        return _walked(inner, value, path, leaves, named)  # one where several may stand
+    if isinstance(value, bool | str):
+        return value
+    return float(value) if part.get("type") == "number" else int(value)
+
+
+def _holds(condition: Mapping[str, Any], value: Mapping[str, Any]) -> bool:
+    """Return whether keys have the words of which a condition of the schema consists."""
+    needed = condition.get("required", ())
+    return all(
+        value.get(key, None if key in needed else rule["const"]) == rule["const"]
+        for key, rule in condition["properties"].items()
+    )
+
+
+@final
+@dataclass(frozen=True)
+class Limits:
+    """Numbers allowed: from `low` to `high`, greater than `above`, if `whole` integers."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: float = -math.inf
+    whole: bool = False
+
+    def allow(self, number: float) -> bool:
+        """Return whether a number is allowed."""
+        inside = self.low <= number <= self.high and number > self.above
+        likely = inside and math.isfinite(number)
+        return likely and (not self.whole or float(number).is_integer())
+
+
+NONE = Limits(math.inf, -math.inf)
+"""Where rules say more than limits of numbers."""
+
+
+def limits_of(document: Document, path: KeyPath) -> Limits:
+    """Return which numbers the format allows at a path of a document that fits it.
+
+    What else the format asks depends on keys, names and kinds, never on a number beside
+    this one, so that with a number that is allowed the document fits the format as before.
+    """
+    made = Limits()
+    for part in _parts(schema(), document.data, path):
+        if not _NUMERIC.issuperset(part) or part.get("type") not in ("number", "integer"):
+            return NONE
+        made = Limits(
+            max(made.low, part.get("minimum", -math.inf)),
+            min(made.high, part.get("maximum", math.inf)),
+            max(made.above, part.get("exclusiveMinimum", -math.inf)),
+            made.whole or part["type"] == "integer",
+        )
+    return made
+
+
+def _parts(
+    part: Mapping[str, Any], value: Any, path: KeyPath
+) -> Iterator[Mapping[str, Any]]:
+    """Yield what the schema asks of the number at a path of a value."""
+    if "$ref" in part:
+        name = part["$ref"].removeprefix(_DEFS)
+        yield from _parts(schema()["$defs"][name], value, path)
+    for other in part.get("allOf", ()):
+        if "if" not in other:
+            yield from _parts(other, value, path)
+        elif validator().evolve(schema=other["if"]).is_valid(value):
+            yield from _parts(other["then"], value, path)
+    if not path:
+        if not _WORDS.issuperset(part):
+            yield part
+        return
+    step, rest = path[0], path[1:]
+    if isinstance(value, Mapping):
+        inner = part.get("properties", {}).get(step, part.get("additionalProperties"))
+        beneath = value.get(step)
+        if beneath is None:
+            yield {"required": [step]}
+            return
+    else:
+        inner, beneath = part.get("items"), value[step]
+    if isinstance(inner, Mapping):
+        yield from _parts(inner, beneath, rest)
 
 
 def _check_format(document: Document) -> None:
