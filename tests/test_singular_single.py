@@ -20,7 +20,7 @@ from spherekit.motion.segments import curve_points
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import all_poles, pole_of
 from spherekit.rates.core import driven_rates
-from spherekit.rates.lines import evaluate_lines
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.singular.record import Type
 from spherekit.singular.relation import FourLinks, SixPoles, form_i, form_ii
 from spherekit.singular.single import SingleFreedom
@@ -365,10 +365,10 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
     motion = Tracer(made, samples=7).motion()
     motion = motion.rows(motion.status == Status.OK)
     rates = driven_rates(motion, np.ones(len(motion), dtype=bool), 0)
-    lines = evaluate_lines(plan(made), motion)
+    planned = PlannedPoles(plan(made), motion)
 
     def direction(a, b):
-        return lines.unit[pole_of(a, b)].T
+        return planned.unit[pole_of(a, b)][0].T
 
     every = list(permutations(range(8), 4))
     quadruples = [every[k] for k in random.choice(len(every), 50, replace=False)]
@@ -377,7 +377,8 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
         links = FourLinks(*numbers)
         poles = SixPoles.of(links, direction)
         error = np.max(
-            [lines.error[pole_of(a, b)] for a in numbers for b in numbers if a != b], axis=0
+            [planned.error[pole_of(a, b)] for a in numbers for b in numbers if a != b],
+            axis=0,
         )
         for make in (form_i, form_ii):
             relation = make(links, poles)

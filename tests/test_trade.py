@@ -110,7 +110,7 @@ def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
 
 
 def settings(name):
-    own = [*FEW, Setting(route="equations"), Setting(route="gnomonic")]
+    own = [*FEW, Setting(route="equations")]
     own += [Setting(engine="extended"), Setting(representation="linear", nodes=64)]
     return own if name != "double_butterfly" else own[:2]
 

@@ -1,8 +1,4 @@
-"""Pole axes at the edge of the reference hemisphere, where gnomonic charts end.
-
-The lecture's formulas work in the plane that touches the sphere at an axis x; directions
-at right angles to x, the edge of the hemisphere, have no point in it.
-"""
+"""Pole axes at the edge of the reference hemisphere, where gnomonic charts end."""
 
 from collections.abc import Iterator, Sequence
 
@@ -15,12 +11,16 @@ from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
 from spherekit.rates.field import evaluate
-from spherekit.rates.gnomonic import REFERENCE
 from spherekit.rates.request import request
 
 FAMILY = "charts of the sphere"
 HEIGHT = "height over the edge, rad"
 HEIGHTS = (*down(1e-1, 1e-15), 0.0)
+REFERENCE = (
+    np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 2.0]])
+    / np.sqrt([3.0, 2.0, 6.0])[:, None]
+)
+"""The axes of the chart in ground axes, row by row."""
 SIX_BAR = "1-2 1-4 1-6 2-3 3-4 3-5 5-6"
 """The graph of the Stephenson mechanism."""
 
@@ -58,16 +58,8 @@ def primary_pole_at_the_edge(heights: Sequence[float]) -> Iterator[Row]:
 
 
 @case(FAMILY, HEIGHT, HEIGHTS, held=False)
-def gnomonic_formulas(heights: Sequence[float]) -> Iterator[Row]:
-    """The lecture's formulas on the first of these: its chart ends at the edge."""
-    for height in heights:
-        made = with_pole_at((0, 2), height)
-        yield from at_pose(made, height, route="gnomonic")
-
-
-@case(FAMILY, HEIGHT, HEIGHTS, held=False)
 def first_two_great_circles(heights: Sequence[float]) -> Iterator[Row]:
-    """The same intersections as vectors, without a choice and without equations."""
+    """The first of these without a choice of great circles and without equations."""
     for height in heights:
         yield from at_pose(with_pole_at((0, 2), height), height, route="first")
 

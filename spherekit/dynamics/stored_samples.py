@@ -37,7 +37,7 @@ from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import Motion, Tracer, motion_of
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import CoaxialPole, Pole, PrimaryPole
-from spherekit.rates.lines import evaluate_lines
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.sphere.rotation import Floats
 
 PROBED_INPUTS = 24
@@ -212,13 +212,13 @@ class AlongCurve(Sampler):
 
     def _lines(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return unit vectors along the pole axes, in either sense."""
-        lines = evaluate_lines(self.plan, self._as_motion(motion))
+        planned = PlannedPoles(self.plan, self._as_motion(motion))
         units: dict[Pole, Floats] = {}
         w = motion.w[:, 0]
         size = np.max(np.linalg.norm(w, axis=2), axis=1)
         for pole in self.poles:
-            unit = lines.unit[pole].T.copy()
-            error = np.nan_to_num(lines.error[pole], nan=np.inf)
+            unit = planned.unit[pole][0].T.copy()
+            error = np.nan_to_num(planned.error[pole], nan=np.inf)
             apart = w[:, pole[1]] - w[:, pole[0]]
             length = np.linalg.norm(apart, axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):

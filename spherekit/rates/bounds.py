@@ -11,7 +11,6 @@ from spherekit.conventions import EPS, USABLE_DIRECTION
 from spherekit.model.geometry import SAME_AXIS
 from spherekit.planning.poles import Pole
 from spherekit.rates.core import Equations
-from spherekit.rates.lines import Lines
 from spherekit.rates.vectors import dot, norm
 from spherekit.sphere.rotation import Floats
 
@@ -29,13 +28,15 @@ class Bounds:
 def mended_and_bounded(
     poles: Iterable[Pole],
     axes: tuple[Mapping[Pole, int], Collection[Pole]],
-    lines: Lines,
+    units: Mapping[Pole, Floats],
+    drawn_errors: Mapping[Pole, Floats],
     rates: tuple[Mapping[int, Floats], Mapping[int, Floats]],
     weak: NDArray[np.bool_],
     solved: Equations,
 ) -> Bounds:
     """Return what poles of bodies are off by, and mend the directions of `weak` rows.
 
+    Of unit vectors `units` (3, n) with the errors that they are `drawn_errors` (n,) by.
     Those come from the relative angular velocity where it is the better source. `axes` are
     the poles that are axes of pairs, and which of them are so but for the rounding of axes
     that links have in common; `rates` w and dw (3, n) of bodies, however found: what
@@ -61,8 +62,8 @@ def mended_and_bounded(
             v, off = _relative(pole, rows, rates[0], solved_w)
             dv, off_bent = _relative(pole, rows, rates[1], solved_dw)
             length = np.maximum(norm(v), EPS * EPS)
-            unit = lines.unit[pole][:, rows]
-            drawn = np.nan_to_num(lines.error[pole][rows], nan=1.0)
+            unit = units[pole][:, rows]
+            drawn = np.nan_to_num(drawn_errors[pole][rows], nan=1.0)
             given = drawn
             if pole not in pairs and np.any(weak[rows]):
                 slack = errors.slip * errors.turned_between(i, j) + norm(off) + EPS * size
@@ -70,7 +71,7 @@ def mended_and_bounded(
                 better = weak[rows] & (doubt < drawn)
                 unit[:, better] = v[:, better] / length[better]
                 given = np.where(better, doubt, drawn)
-                lines.unit[pole][:, rows], lines.error[pole][rows] = unit, given
+                units[pole][:, rows], drawn_errors[pole][rows] = unit, given
             rate, change, across = errors.along(i, j, unit)
             if pole in pairs:
                 direction = errors.of_axis(pairs[pole])

@@ -18,21 +18,13 @@ from spherekit.conventions import (
 )
 from spherekit.errors import SolveError
 from spherekit.motion.motion import Motion
-from spherekit.planning.poles import CoaxialPole, Pole, pole_of
+from spherekit.planning.poles import CoaxialPole, Pole
 from spherekit.rates.bounds import Bounds, mended_and_bounded
 from spherekit.rates.core import Equations, LinkRates, driven_rates, equations
-from spherekit.rates.gnomonic import Chart
-from spherekit.rates.lines import (
-    Lines,
-    decompose,
-    decompose_rate,
-    evaluate_line_rates,
-    evaluate_lines,
-    planes_through,
-)
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
 from spherekit.rates.routes import ROUTES, Route
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.rates.signs import SignMemory, signed
 from spherekit.rates.turning import axis_pairs
 from spherekit.rates.vectors import dot, norm
@@ -80,7 +72,7 @@ def evaluate(
         rates = driven_rates(motion, everywhere, wanted.plan.input)
         return field_of_rates(motion, wanted, rates, memory)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        return signed(by_lines(motion, wanted, route), motion, wanted, memory)
+        return signed(by_sequence(motion, wanted, route), motion, wanted, memory)
 
 
 def field_of_rates(
@@ -89,51 +81,42 @@ def field_of_rates(
     """Return the requested poles of a motion whose angular velocities are known.
 
     The pole of two links lies along their relative angular velocity; `by_equations` is
-    true throughout, and `angle` is the flatness that the rates were found with.
+    true throughout.
     """
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        lines = Lines.of_pairs(wanted.plan, motion, "equations")
         bodies = {b for pole in _body_poles(wanted) for b in pole} | set(wanted.bodies)
-        w = {body: rates.w[:, body].T.copy() for body in bodies}
-        dw = {body: rates.dw[:, body].T.copy() for body in bodies}
-        everywhere = np.ones(len(motion), dtype=bool)
-        for pole in _body_poles(wanted):
-            if pole not in lines.unit:
-                lines.unit[pole] = np.full_like(w[pole[0]], np.nan)
-                lines.error[pole] = np.ones(len(motion))
-                lines.angle[pole] = rates.reciprocal_condition
-        for pole in wanted.planes:
-            body_pole = wanted.plan.pole(*pole)
-            if body_pole is not None:
-                planes_through(wanted.plan, body_pole, lines)
+        w, dw = ({k: x[:, k].T.copy() for k in bodies} for x in (rates.w, rates.dw))
         solved = equations(motion, wanted.plan.input)
         flat = ~(rates.reciprocal_condition >= SINGULAR_RATIO) | np.isinf(solved.loss)
         status = motion.status.copy()
         status[flat & (status == Status.OK)] = Status.AT_SINGULARITY
-        field = _field(motion, wanted, lines, (w, dw), status, everywhere, solved)
+        everywhere = np.ones(len(motion), dtype=bool)
+        planned = PlannedPoles(wanted.plan, motion, "equations")
+        field = _field(motion, wanted, planned, (w, dw), status, everywhere, solved)
         return signed(field, motion, wanted, memory)
 
 
-def by_lines(motion: Motion, wanted: Request, route: Route) -> PoleField:
-    """Return the poles by the great circles of the plan, with any signs."""
-    chart = Chart(wanted.plan, motion) if route == "gnomonic" else None
-    kept = [pole for pole in (wanted.plan.pole(*pole) for pole in wanted.planes) if pole]
-    if chart is None:
-        lines = evaluate_lines(wanted.plan, motion, kept, route)
-    else:
-        lines = chart.lines
-        for pole in kept:
-            planes_through(wanted.plan, pole, lines)
-    w, doubt = _link_rates(wanted, lines, chart)
-    dw = {link: np.full_like(value, np.nan) for link, value in w.items()}
+def by_sequence(motion: Motion, wanted: Request, route: Route) -> PoleField:
+    """Return the poles by the sequence of the plan, with any signs."""
+    planned = PlannedPoles(wanted.plan, motion, route)
+    rates, doubt = planned.link_rates(wanted.bodies)
+    dw = {body: np.full_like(series[0], np.nan) for body, series in rates.items()}
     if wanted.derivatives:
-        _add_rates(wanted, lines, chart, motion, w, dw)
+        turning = np.full((2, len(motion), len(wanted.plan.ends), 3), np.nan)
+        for pair, bodies in enumerate(wanted.plan.ends):
+            for turned, body in zip(turning, bodies, strict=True):
+                if body in rates:
+                    turned[:, pair] = rates[body][0].T
+        planned = planned.moving(motion.linearisation.pair_rates(*turning))
+        rates, doubt = planned.link_rates(wanted.bodies)
+        dw = {body: series[1] for body, series in rates.items()}
+    w = {body: series[0] for body, series in rates.items()}
     status = motion.status.copy()
     solved = equations(motion, wanted.plan.input)
     weak = np.zeros(len(motion), dtype=bool)
     if route == "best":
         for pole in _body_poles(wanted):
-            doubt = np.maximum(doubt, np.nan_to_num(lines.error[pole], nan=1.0))
+            doubt = np.maximum(doubt, np.nan_to_num(planned.error[pole], nan=1.0))
         # Only the equations say whether redundant constraints agree with each other.
         redundant = any(group.redundant for group in motion.assembly.groups)
         # Groups that this input does not move may be loose all the same.
@@ -146,62 +129,47 @@ def by_lines(motion: Motion, wanted: Request, route: Route) -> PoleField:
         lost = ~(doubt < USABLE_DIRECTION) & (status == Status.OK)
         status[lost] = Status.ILL_CONDITIONED
     status[np.isinf(solved.loss) & (status == Status.OK)] = Status.AT_SINGULARITY
-    return _field(motion, wanted, lines, (w, dw), status, weak, solved)
+    return _field(motion, wanted, planned, (w, dw), status, weak, solved)
 
 
 def _field(
     motion: Motion,
     wanted: Request,
-    lines: Lines,
+    planned: PlannedPoles,
     rates: tuple[dict[int, Floats], dict[int, Floats]],
     status: NDArray[np.int8],
     by_equations: NDArray[np.bool_],
     solved: Equations,
 ) -> PoleField:
     """Return what was found by the poles that were asked for, with any signs."""
+    plan = wanted.plan
+    rounded = {
+        step.pole
+        for step in plan.steps
+        if isinstance(step, CoaxialPole) and step.pair in plan.rounded_axes
+    }
+    axes = axis_pairs(plan), rounded
+    units = {pole: unit[0] for pole, unit in planned.unit.items()}
     bounds = mended_and_bounded(
-        _body_poles(wanted),
-        (axis_pairs(wanted.plan), _rounded(wanted)),
-        lines,
-        rates,
-        by_equations,
-        solved,
+        _body_poles(wanted), axes, units, planned.error, rates, by_equations, solved
     )
-    w, dw = rates
     no_rate = status != Status.OK
     for vectors in rates:
         for value in vectors.values():
             value[:, no_rate] = np.nan
-    loss = np.where(no_rate, np.nan, solved.loss)
-    by_kernel = np.zeros(len(motion), dtype=bool)
     field = PoleField(
-        direction={},
-        velocity_coefficient={},
-        acceleration_coefficient={},
-        angle={},
-        error={},
-        velocity_coefficient_error={},
-        acceleration_coefficient_error={},
-        planes={},
-        w={},
-        dw={},
         status=status,
-        pole_status={},
         by_equations=by_equations,
-        by_kernel=by_kernel,
-        loss=loss,
+        by_kernel=np.zeros(len(motion), dtype=bool),
+        loss=np.where(no_rate, np.nan, solved.loss),
     )
     for pole in wanted.poles:
-        _add_pole(field, motion, wanted, lines, pole, w, dw, bounds)
-    nothing = np.full((len(motion), 2, 3), np.nan)
+        _add_pole(field, motion, wanted, planned, pole, rates, bounds)
     for pole in wanted.planes:
-        body_pole = wanted.plan.pole(*pole)
-        field.planes[pole] = (
-            nothing if body_pole is None else np.moveaxis(lines.planes[body_pole], -1, 0)
-        )
-    for link, body in enumerate(wanted.plan.body):
-        if body in w:
-            field.w[link], field.dw[link] = w[body].T, dw[body].T
+        field.planes[pole] = planned.circles(pole)
+    for link, body in enumerate(plan.body):
+        if body in rates[0]:
+            field.w[link], field.dw[link] = (part[body].T for part in rates)
     return field
 
 
@@ -211,144 +179,58 @@ def _body_poles(wanted: Request) -> list[Pole]:
     return list(dict.fromkeys(pole for pole in poles if pole is not None))
 
 
-def _link_rates(
-    wanted: Request, lines: Lines, chart: Chart | None
-) -> tuple[dict[int, Floats], Floats]:
-    """Return w relative to the ground of each body (3, n), and a bound of their error."""
-    a, b = wanted.plan.ends[wanted.plan.input]
-    driven = lines.unit[pole_of(a, b)]
-    w = {a: np.zeros_like(driven), b: driven.copy()}
-    doubt = np.zeros(driven.shape[1])
-    for body in wanted.bodies:
-        if body in (a, b):
-            continue
-        one, other = pole_of(a, body), pole_of(b, body)
-        if chart is None:
-            factor, sine = decompose(driven, lines.unit[one], lines.unit[other])
-        else:
-            factor, sine = chart.ratio(body)
-        w[body] = factor * lines.unit[one]
-        doubt = np.maximum(doubt, (lines.error[one] + lines.error[other]) / sine)
-    if 0 in w:
-        ground = w[0].copy()
-        w = {body: value - ground for body, value in w.items()}
-    return w, np.nan_to_num(doubt, nan=1.0, posinf=1.0)
-
-
-def _add_rates(
-    wanted: Request,
-    lines: Lines,
-    chart: Chart | None,
-    motion: Motion,
-    w: dict[int, Floats],
-    dw: dict[int, Floats],
-) -> None:
-    plan = wanted.plan
-    unknown = np.full((len(motion), 3), np.nan)
-
-    def of_ends(which: int) -> Floats:
-        ends = [pair[which] for pair in plan.ends]
-        return np.stack([w[k].T if k in w else unknown for k in ends], axis=1)
-
-    turned = motion.linearisation.pair_rates(of_ends(0), of_ends(1))
-    if chart is None:
-        evaluate_line_rates(plan, lines, motion, turned)
-    else:
-        chart.add_rates(turned)
-    a, b = plan.ends[plan.input]
-    pole = pole_of(a, b)
-    driven, driven_dq = lines.unit[pole], lines.rate[pole]
-    raw = {a: np.zeros_like(driven), b: driven_dq}
-    for body in wanted.bodies:
-        if body in (a, b):
-            continue
-        one, other = pole_of(a, body), pole_of(b, body)
-        unit, rate = lines.unit[one], lines.rate[one]
-        if chart is None:
-            factor, _ = decompose(driven, unit, lines.unit[other])
-            change = decompose_rate(
-                (driven, driven_dq), (unit, rate), (lines.unit[other], lines.rate[other])
-            )
-        else:
-            factor, _ = chart.ratio(body)
-            change = chart.ratio_rate(body)
-        raw[body] = change * unit + factor * rate
-    for body, value in raw.items():
-        dw[body] = value - raw[0]
-
-
 def _add_pole(
     field: PoleField,
     motion: Motion,
     wanted: Request,
-    lines: Lines,
+    planned: PlannedPoles,
     pole: Pole,
-    w: dict[int, Floats],
-    dw: dict[int, Floats],
+    rates: tuple[dict[int, Floats], dict[int, Floats]],
     bounds: Bounds,
 ) -> None:
     body_pole = wanted.plan.pole(*pole)
     if body_pole is None:
         add_locked(field, motion, pole)
         return
-    i, j = (wanted.plan.body[link] for link in pole)
-    unit, error = lines.unit[body_pole].copy(), bounds.direction[body_pole]
+    (i, j), (w, dw) = (wanted.plan.body[link] for link in pole), rates
+    unit, error = planned.unit[body_pole][0].copy(), bounds.direction[body_pole]
     # Nothing bounds what a singular configuration is off by; its status says so.
-    judged = np.where(field.status == Status.OK, error, lines.error[body_pole])
+    judged = np.where(field.status == Status.OK, error, planned.error[body_pole])
     bad = motion.failed | ~(judged < USABLE_DIRECTION)
     unit[:, bad] = np.nan
-    has_rates = i in w and j in w
-    nothing = np.full(unit.shape[1], np.nan)
-    rate = dot(w[j] - w[i], unit) if has_rates else nothing
-    acceleration_coefficient = dot(dw[j] - dw[i], unit) if has_rates else nothing.copy()
-    codes = field.status.copy()
-    unknown = bad & (codes == Status.OK)
-    codes[unknown] = Status.ILL_CONDITIONED
-    if has_rates:
-        still = unknown & (norm(w[j] - w[i]) < NO_MOTION * np.maximum(1.0, norm(w[j])))
-        codes[still] = Status.NO_POLE
-        rate[still] = 0.0
-        acceleration_coefficient[still & (norm(dw[j] - dw[i]) < NO_MOTION)] = 0.0
-    field.pole_status[pole] = codes
-    field.direction[pole] = unit.T
-    field.velocity_coefficient[pole], field.acceleration_coefficient[pole] = (
-        rate,
-        acceleration_coefficient,
+    codes, angle = field.status.copy(), np.nan_to_num(planned.angle[body_pole])
+    codes[bad & (codes == Status.OK)] = Status.ILL_CONDITIONED
+    rate = change = np.full(len(motion), np.nan)
+    if i in w and j in w:
+        v, dv = w[j] - w[i], dw[j] - dw[i]
+        rate, change, size = dot(v, unit), dot(dv, unit), norm(v)
+        still = bad & (field.status == Status.OK)
+        still &= size < NO_MOTION * np.maximum(1.0, norm(w[j]))
+        codes[still], rate[still] = Status.NO_POLE, 0.0
+        change[still & (norm(dv) < NO_MOTION)] = 0.0
+        if body_pole not in axis_pairs(wanted.plan):
+            both = norm(w[i]) + norm(w[j])
+            angle = size / np.where(both > 0.0, both, 1.0)
+    field.pole_status[pole], field.direction[pole] = codes, unit.T
+    field.velocity_coefficient[pole] = rate
+    field.acceleration_coefficient[pole] = change
+    field.angle[pole], field.error[pole] = np.where(bad, np.nan, [angle, error])
+    field.velocity_coefficient_error[pole], field.acceleration_coefficient_error[pole] = (
+        np.where(np.isnan(value), np.nan, bound[body_pole])
+        for value, bound in ((rate, bounds.rate), (change, bounds.acceleration_coefficient))
     )
-    field.error[pole] = np.where(bad, np.nan, error)
-    field.velocity_coefficient_error[pole] = np.where(
-        np.isnan(rate), np.nan, bounds.rate[body_pole]
-    )
-    field.acceleration_coefficient_error[pole] = np.where(
-        np.isnan(acceleration_coefficient),
-        np.nan,
-        bounds.acceleration_coefficient[body_pole],
-    )
-    angle = np.nan_to_num(lines.angle[body_pole])
-    if has_rates and body_pole not in axis_pairs(wanted.plan):
-        sizes = norm(w[i]) + norm(w[j])
-        angle = norm(w[j] - w[i]) / np.where(sizes > 0.0, sizes, 1.0)
-    field.angle[pole] = np.where(bad, np.nan, angle)
 
 
 def add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that inputs at rest hold together: there is none."""
-    n = len(motion)
-    good = field.status == Status.OK
+    good, n = field.status == Status.OK, len(motion)
     field.direction[pole] = np.full((n, 3), np.nan)
-    field.velocity_coefficient[pole] = np.where(good, 0.0, np.nan)
-    field.acceleration_coefficient[pole] = field.velocity_coefficient[pole].copy()
-    field.angle[pole] = np.full(n, np.nan)
-    field.error[pole] = np.full(n, np.nan)
-    field.velocity_coefficient_error[pole] = field.velocity_coefficient[pole].copy()
-    field.acceleration_coefficient_error[pole] = field.velocity_coefficient[pole].copy()
+    field.angle[pole], field.error[pole] = np.full((2, n), np.nan)
+    for rates in (
+        field.velocity_coefficient,
+        field.acceleration_coefficient,
+        field.velocity_coefficient_error,
+        field.acceleration_coefficient_error,
+    ):
+        rates[pole] = np.where(good, 0.0, np.nan)
     field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
-
-
-def _rounded(wanted: Request) -> set[Pole]:
-    """Return the poles of bodies whose pairs have one axis but for rounding."""
-    return {
-        step.pole
-        for step in wanted.plan.steps
-        if isinstance(step, CoaxialPole) and step.pair in wanted.plan.rounded_axes
-    }

@@ -11,10 +11,10 @@ from spherekit.conventions import Status
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
 from spherekit.rates.columns import RateColumns
-from spherekit.rates.field import add_locked, by_lines
-from spherekit.rates.lines import evaluate_lines
+from spherekit.rates.field import add_locked, by_sequence
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.rates.unread_columns import UnreadColumns
 from spherekit.sphere.rotation import Floats
 
@@ -36,7 +36,7 @@ class CarefulRows:
             return None
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             few = replace(wanted, planes=frozenset())
-            field = by_lines(motion.rows(rows), few, "best")
+            field = by_sequence(motion.rows(rows), few, "best")
             turned = {pole: field.turned(wanted.plan, pole) for pole in field.direction}
         return cls(rows, replace(field, direction_dq=turned))
 
@@ -157,11 +157,7 @@ class _PlanesWhenRead(dict[Pole, Floats]):
         self._wanted, self._motion = wanted, motion
 
     def __missing__(self, pole: Pole) -> Floats:
-        plan, motion = self._wanted.plan, self._motion
-        body_pole = plan.pole(*pole)
-        self[pole] = np.full((len(motion), 2, 3), np.nan)
-        if pole in self._wanted.planes and body_pole is not None:
-            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-                lines = evaluate_lines(plan, motion, [body_pole])
-            self[pole] = np.moveaxis(lines.planes[body_pole], -1, 0)
+        self[pole] = np.full((len(self._motion), 2, 3), np.nan)
+        if pole in self._wanted.planes:
+            self[pole] = PlannedPoles(self._wanted.plan, self._motion).circles(pole)
         return self[pole]

@@ -14,7 +14,7 @@ from spherekit.sphere.rotation import Floats
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PoleField(ArrayRows):
     """Requested poles of a motion in which one input moves; rows as in the motion.
 
@@ -40,18 +40,20 @@ class PoleField(ArrayRows):
     velocity equations instead; `by_kernel` (n,): rows that a kernel vouches for.
     """
 
-    direction: MutableMapping[Pole, Floats]
-    velocity_coefficient: MutableMapping[Pole, Floats]
-    acceleration_coefficient: MutableMapping[Pole, Floats]
-    angle: MutableMapping[Pole, Floats]
-    error: MutableMapping[Pole, Floats]
-    velocity_coefficient_error: MutableMapping[Pole, Floats]
-    acceleration_coefficient_error: MutableMapping[Pole, Floats]
-    planes: MutableMapping[Pole, Floats]
-    w: MutableMapping[int, Floats]
-    dw: MutableMapping[int, Floats]
+    direction: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    velocity_coefficient: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    acceleration_coefficient: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    angle: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    error: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    velocity_coefficient_error: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    acceleration_coefficient_error: MutableMapping[Pole, Floats] = field(
+        default_factory=dict
+    )
+    planes: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    w: MutableMapping[int, Floats] = field(default_factory=dict)
+    dw: MutableMapping[int, Floats] = field(default_factory=dict)
     status: NDArray[np.int8]
-    pole_status: MutableMapping[Pole, NDArray[np.int8]]
+    pole_status: MutableMapping[Pole, NDArray[np.int8]] = field(default_factory=dict)
     by_equations: NDArray[np.bool_]
     by_kernel: NDArray[np.bool_]
     loss: Floats

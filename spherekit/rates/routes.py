@@ -2,13 +2,12 @@
 
 from typing import Literal
 
-Route = Literal["best", "first", "conditioned", "equations", "gnomonic"]
+Route = Literal["best", "first", "conditioned", "equations"]
 
 ROUTES: dict[Route, str] = {
     "best": "two best great circles, velocity equations where these are doubtful",
     "first": "first two great circles of the plan",
     "conditioned": "two best great circles",
     "equations": "velocity equations of the whole mechanism",
-    "gnomonic": "first two great circles, as straight lines in the plane x = 1",
 }
 """Only ``best`` changes over to another source; the others give a status instead."""

@@ -28,8 +28,3 @@ def dot(a: Floats, b: Floats) -> Floats:
 def norm(a: Floats) -> Floats:
     """Return |a| (..., n) for arrays (..., 3, n)."""
     return np.sqrt(dot(a, a))
-
-
-def unit_rate(unit: Floats, length: Floats, rate: Floats) -> Floats:
-    """Return the derivative of v / |v| from the unit vector, |v| and the rate of v."""
-    return np.asarray((rate - unit * dot(unit, rate)[..., None, :]) / length[..., None, :])

@@ -21,7 +21,7 @@ from spherekit.numeric.zeros import Zeros, zeros
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.core import LinkRates
-from spherekit.rates.lines import evaluate_lines
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.sphere.rotation import Floats
 
 NEAR_REST = 1e-6
@@ -266,15 +266,13 @@ class AlongCurve:
 
     def _axes(self, moving: Moving, poles: tuple[Pole, ...]) -> dict[Pole, Axis]:
         planned = self._plan(poles)
-        lines = None
-        if planned is not None:
-            lines = evaluate_lines(planned, moving.motion)
+        sequence = None if planned is None else PlannedPoles(planned, moving.motion)
         out = {}
         for pole in poles:
             axis = _along_rate(moving.rates, *pole)
-            if lines is not None:
-                error = np.minimum(np.nan_to_num(lines.error[pole], nan=1.0), 1.0)
-                axis = _better(Axis(lines.unit[pole].T, error), axis)
+            if sequence is not None:
+                error = np.minimum(np.nan_to_num(sequence.error[pole], nan=1.0), 1.0)
+                axis = _better(Axis(sequence.unit[pole][0].T, error), axis)
             out[pole] = axis
         return out
 

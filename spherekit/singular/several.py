@@ -20,9 +20,9 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.rates.field import TRUSTED_ERROR, evaluate
-from spherekit.rates.lines import evaluate_lines
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request, request
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import Locus, adjugate
@@ -238,14 +238,14 @@ def relations(
     u = np.full((n, g, 3), np.nan)
     for k, (name, needed) in enumerate(needed_poles(motion, output).items()):
         wanted = request(motion.mechanism, name, needed, derivatives=False, by_rank=by_rank)
-        lines = evaluate_lines(wanted.plan, motion)
+        planned = PlannedPoles(wanted.plan, motion)
         directions = {}
         for pole in wanted.poles:
             body_pole = wanted.plan.pole(*pole)
             directions[pole] = np.full((n, 3), np.nan)
             if body_pole is not None:
-                sure = lines.error[body_pole] < TRUSTED_ERROR
-                directions[pole][sure] = lines.unit[body_pole][:, sure].T
+                sure = planned.error[body_pole] < TRUSTED_ERROR
+                directions[pole][sure] = planned.unit[body_pole][0][:, sure].T
         c[:, k], d[:, k], u[:, k] = _relation(wanted, directions, output)
     _without_plan(motion, output, c, d, u)
     return c, d, u
