@@ -9,7 +9,7 @@ from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 
-from benchmarks import extremes, sceptic
+from benchmarks import extremes
 from benchmarks.history import commit, comparison, entry_of, keep, kept
 from benchmarks.machine import describe
 from benchmarks.report import markdown
@@ -18,14 +18,12 @@ NAMES = (
     "planning",
     "motion",
     "configurations",
-    "modes",
     "inverse",
     "singularities",
     "proof",
     "startup",
     "accuracy",
     "bounds",
-    "routes",
     "tracking",
     "engine",
     "stored",
@@ -34,12 +32,10 @@ NAMES = (
     "planar_peer",
     "region",
     "long_run",
-    "fuzz",
     "pruning",
     "road",
     "extremes",
     "defaults",
-    "sceptic",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""
 
@@ -49,8 +45,7 @@ INTRODUCTION = """\
 Repeat with `python -m benchmarks > docs/benchmarks.md` in the root of the
 repository, after `pip install -e '.[test]'`; single ones by their names
 ({names}), a short run with `--quick`, the
-figures as JSON with `--json FILE`; `python -m benchmarks sceptic --help` says what that
-one takes alone. With `--keep` the ratios go to
+figures as JSON with `--json FILE`. With `--keep` the ratios go to
 `benchmarks/history.jsonl` with date, commit and machine, and
 `python -m benchmarks compare` says how they changed.
 
@@ -62,8 +57,6 @@ hold from machine to machine and under load, single times do not."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmarks asked for."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if words[:1] == ["sceptic"]:
-        return sceptic.main(words[1:])
     parser = argparse.ArgumentParser(prog="python -m benchmarks")
     parser.add_argument(
         "names",
@@ -76,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--count",
         type=int,
         metavar="N",
-        help="so many mechanisms of each kind in modes, proof and road",
+        help="so many mechanisms of each kind in proof",
     )
     parser.add_argument(
         "--first",
@@ -118,8 +111,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         started = time.perf_counter()
         module = import_module(f"benchmarks.{name}")
         wanted: dict[str, object] = {"only": only} if name == "extremes" else {}
-        if name in ("modes", "road"):
-            wanted = {"count": options.count}
         if name == "proof":
             wanted = {"count": options.count, "first": options.first, "only": only}
         sections = module.run(options.quick, **wanted)

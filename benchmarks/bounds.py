@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.own import own_mechanisms
-from benchmarks.random_mechanisms import random_mechanism
 from benchmarks.report import Cell, Section
+from benchmarks.samples import random_mechanism
 from benchmarks.special import AsWritten, special_mechanism
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.modes import ten_bar
 from benchmarks.report import Cell, Section
-from benchmarks.samples import EIGHT_BARS, Structure, mechanism, random_axes
+from benchmarks.samples import EIGHT_BARS, Structure, mechanism, random_axes, ten_bar
 from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, PoseGeometry

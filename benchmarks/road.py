@@ -1,20 +1,15 @@
 """A run of many samples against the kernel alone, and against every row with care."""
 
-import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Literal
+from typing import Literal
 from unittest.mock import patch
 
 import numpy as np
 
 import spherekit as sk
-from benchmarks.own import own_mechanisms
-from benchmarks.random_mechanisms import random_mechanism, shaped_mechanism
 from benchmarks.report import Cell, Section
-from benchmarks.same_rows import both_ways, differences
-from benchmarks.special import special_mechanism
 from benchmarks.timing import median, ratio, rounds
 from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.made_columns import SLICE
@@ -22,7 +17,7 @@ from spherekit.analysis.running.rows_at_once import REFERENCES
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.kernels import kernel
 from spherekit.engine.row_kernel import pole_kernel
-from spherekit.errors import EngineError, SpherekitError
+from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
@@ -32,98 +27,9 @@ from spherekit.sphere.rotation import Floats
 MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_bar")
 
 NEVER = 1 << 60
-GRIDS = {
-    "five_bar": (40, 30),
-    "two_dof_spm": (7, 5),
-    "bevel_differential": (5, 4),
-    "three_rrr": (4, 3, 3),
-    "agile_eye": (3, 3, 3),
-}
-"""Mechanisms with several inputs, and samples of each in a grid."""
 
-COUNT = 1000
-"""Random mechanisms whose rows are compared, unless told."""
-
-
-def run(quick: bool, count: int | None = None) -> list[Section]:
+def run(quick: bool) -> list[Section]:
     """Return the sections; compiled code runs on one thread."""
-    return [*_times(quick), _same_rows(count or (60 if quick else COUNT))]
-
-
-def _same_rows(count: int) -> Section:
-    """Return what differs between the two ways, over many mechanisms."""
-    every = ((name, sk.load(name), {"samples": 9}) for name in own_mechanisms())
-    grids = (
-        (name, sk.load(name), {"samples": samples, "grid": True})
-        for name, samples in GRIDS.items()
-    )
-    random = ((str(k), random_mechanism(k)[1], {"samples": 9}) for k in range(count))
-    shaped = ((str(k), shaped_mechanism(k), {"samples": 9}) for k in range(count))
-    special = (special_mechanism(k) for k in range(count))
-    special_ones = (
-        (str(k), made, {"path": path}) for k, (_, made, path) in enumerate(special)
-    )
-    return Section(
-        "The same rows with care",
-        "Every number of `poles` by the kernel of rows and as it is found with care, "
-        "without a kernel: shipped mechanisms, random ones of all topologies, half with "
-        "degenerate geometry, chains with rolling and sliding contacts whose profiles are "
-        "circles, Fourier series or run through points, and such that fold flat, at and "
-        "beside where they do. A difference is beyond its bounds where it is more than "
-        "both ways state together.",
-        (
-            "mechanisms",
-            "tried",
-            "with a kernel",
-            "rows",
-            "by the kernel",
-            "other statuses",
-            "beyond bounds",
-            "largest, of what is allowed",
-        ),
-        [
-            _compared("shipped", every),
-            _compared("random", random),
-            _compared("contacts of any profile", shaped),
-            _compared("folding flat", special_ones, same_signs=False),
-            _compared("shipped, input grids", grids),
-        ],
-        "Mechanisms without a kernel, and those that cannot move, have no rows to compare.",
-        keys=1,
-    )
-
-
-def _compared(
-    kind: str,
-    given: Iterable[tuple[str, Mechanism, Mapping[str, Any]]],
-    same_signs: bool = True,
-) -> tuple[Cell, ...]:
-    tried, found = 0, []
-    for name, made, options in given:
-        tried += 1
-        try:
-            ways = both_ways(made, **options)
-        except SpherekitError:
-            continue
-        if ways is None:
-            continue
-        found.append(differences(ways, same_signs))
-        if not found[-1].none:
-            print(f"{kind} {name}: {found[-1]}", file=sys.stderr)
-    rows = sum(each.rows for each in found)
-    return (
-        kind,
-        tried,
-        len(found),
-        rows,
-        sum(each.rows * each.share for each in found) / max(1, rows),
-        sum(each.statuses for each in found),
-        sum(len(each.beyond) for each in found),
-        max((each.largest for each in found), default=0.0),
-    )
-
-
-def _times(quick: bool) -> list[Section]:
     compiles = available()
     threads = heyoka().get_nthreads() if compiles else 0
     if compiles:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chains import with_contacts
 
 from benchmarks import configurations
 from benchmarks.history import comparison, entry_of, keep, kept
 from benchmarks.report import Section, markdown
-from benchmarks.samples import with_contacts
 from spherekit.model.graph import pieces
 from spherekit.planning.rigidity import graph_mobility
 

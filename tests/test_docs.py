@@ -406,7 +406,7 @@ def test_columns_and_keys_that_pages_name_are_declared(declared):
 def test_options_that_pages_name_are_those_of_commands(capsys):
     known = set(OF_OTHER_PROGRAMS)
     commands = [(main, command.split()) for command in ("", *COMMANDS)]
-    for run, words in (*commands, (benchmarks, []), (benchmarks, ["sceptic"])):
+    for run, words in (*commands, (benchmarks, [])):
         with pytest.raises(SystemExit):
             run([*words, "--help"])
         known |= set(re.findall(r"--[a-z][\w-]*", capsys.readouterr().out))
@@ -423,7 +423,7 @@ def test_options_that_pages_name_are_those_of_commands(capsys):
 def test_names_in_pages_are_known_to_the_code(declared):
     """What is quoted as a name is defined, or a text, somewhere in the sources."""
     known = declared | OTHERS | {path.name.split(".")[0] for path in MECHANISMS.iterdir()}
-    for folder in ("spherekit", "analyses", "benchmarks", "docs/site_pages", "examples"):
+    for folder in ("spherekit", "analyses", "benchmarks", "tests", "docs/site_pages"):
         for path in (ROOT / folder).rglob("*.py"):
             known |= {path.stem, *re.findall(r"\w+", path.read_text("utf-8"))}
     for text in PAGES.values():

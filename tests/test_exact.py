@@ -7,10 +7,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 from independent import arcs_of, closed_form
+from random_mechanisms import random_mechanism
 
 import spherekit as sk
 from benchmarks.bounds import KINDS, stated
-from benchmarks.random_mechanisms import random_mechanism
 from spherekit.conventions import EPS, Status
 from spherekit.errors import EngineError, SolveError, SpherekitError
 from spherekit.exact import arithmetic, rows

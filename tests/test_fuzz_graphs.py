@@ -7,13 +7,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from fuzz_judge import Tally, judge
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from mechanism_strategies import mechanisms, reordered, turned
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from benchmarks.fuzz import Tally, judge
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
 from spherekit.motion.closure import Closure

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from fuzz_judge import sweep
 from oracles import link_rates, locked_rates
+from random_mechanisms import FAMILIES, random_mechanism
 
-from benchmarks.fuzz import sweep
-from benchmarks.random_mechanisms import FAMILIES, random_mechanism
 from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError
 from spherekit.motion.motion import Tracer

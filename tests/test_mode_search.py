@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from chains import any_inputs, mechanism, random_axes, random_chain
+from mode_counts import Tally, cams, judge, ten_bar
 from mode_judge import Structure
 
 import spherekit as sk
-from benchmarks.modes import Tally, cams, judge, ten_bar
 from spherekit import progress
 from spherekit.cli.main import main
 from spherekit.motion.assemblies import assemblies

@@ -4,11 +4,11 @@ import pickle
 
 import numpy as np
 import pytest
+from random_mechanisms import random_mechanism, shaped_mechanism
+from same_rows import both_ways, differences
 
 import spherekit as sk
 from benchmarks.own import own_mechanisms
-from benchmarks.random_mechanisms import random_mechanism, shaped_mechanism
-from benchmarks.same_rows import both_ways, differences
 from benchmarks.special import special_mechanism
 from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.sampling import course_of
@@ -61,6 +61,22 @@ def test_random_mechanisms():
             shares.append(share)
     assert len(shares) >= 5
     assert np.mean(shares) > 0.2
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(22, 222))
+def test_more_random_mechanisms(seed):
+    """All topologies, contacts of any profile, and mechanisms that fold flat."""
+    _, folding, inputs = special_mechanism(seed)
+    for made, options in (
+        (random_mechanism(seed)[1], {"samples": 9}),
+        (shaped_mechanism(seed), {"samples": 9}),
+        (folding, {"path": inputs, "same_signs": False}),
+    ):
+        try:
+            compared(made, **options)
+        except SpherekitError:
+            continue
 
 
 @pytest.mark.parametrize("seed", [3, 11])

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sceptic.suspects import random_suspect
 from strategies import MECHANISMS
 
 import spherekit as sk
-from benchmarks.sceptic.suspects import random_suspect
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import prepare

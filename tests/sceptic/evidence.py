@@ -1,25 +1,22 @@
-"""What a mechanism's analyses say, each run once, by its command."""
+"""What a mechanism's analyses say, each run once by its command, and what is noted."""
 
 import io
 import json
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from typing import Any, final
 from zlib import crc32
 
 import numpy as np
-import pandas as pd
 
-from benchmarks.sceptic.suspects import Suspect
 from spherekit.analysis.frames import read_parquet
 from spherekit.cli.main import main
 from spherekit.conventions import DEFAULT_SAMPLES
 from spherekit.files.write import dump
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.configuration import Configurations
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Tracer
 
 ANALYSES = (
     "poles",
@@ -34,7 +31,56 @@ SECONDS = 8.0
 """Processor time for the singular curves and surfaces of a random mechanism."""
 
 
-@final
+class Kind(Enum):
+    """How bad a finding is."""
+
+    CONTRADICTION = "contradicts"
+    SILENT = "silent"
+    """A table is empty, a unit or a claim is missing, and nothing says so."""
+    FAULT = "faults"
+    SHORT = "not found"
+    """Something exists that a search missed, and its claim says that this may be."""
+
+
+@dataclass
+class Notes:
+    """What a check compares and what it finds wrong, of which a claim may cover some."""
+
+    compared: int = 0
+    findings: list = field(default_factory=list)
+
+    def judged(self, count=1):
+        self.compared += int(count)
+
+    def found(self, what, kind=Kind.CONTRADICTION):
+        self.findings.append((kind, what))
+
+    def contradiction(self, wrong, what):
+        self.judged()
+        if wrong:
+            self.found(what)
+
+    @property
+    def wrong(self):
+        """What no claim covers."""
+        return [each for each in self.findings if each[0] is not Kind.SHORT]
+
+
+CHECKS = {}
+"""All checks by name: what has to hold, and what asks it with evidence and notes."""
+
+
+def check(name, text):
+    """Register a function as a check."""
+
+    def register(ask):
+        assert name not in CHECKS, name
+        CHECKS[name] = ask
+        return ask
+
+    return register
+
+
 @dataclass(frozen=True)
 class Ran:
     """What a command left: exit status, what it printed, its tables and its summary."""
@@ -42,45 +88,44 @@ class Ran:
     status: int
     out: str
     err: str
-    tables: dict[str, pd.DataFrame]
-    summary: dict[str, Any]
+    tables: dict
+    summary: dict
 
     @property
-    def said(self) -> str:
+    def said(self):
         """All that it printed."""
         return f"{self.out}\n{self.err}"
 
     @property
-    def units(self) -> dict[str, dict[str, str]]:
+    def units(self):
         """The unit of each column of each table, as its Parquet file says it."""
         return {name: frame.attrs.get("units", {}) for name, frame in self.tables.items()}
 
 
-@final
 class Evidence:
     """A mechanism, and what its analyses say of it, each asked once."""
 
-    def __init__(self, suspect: Suspect, folder: Path) -> None:
+    def __init__(self, suspect, folder):
         self.suspect, self.folder = suspect, folder
         self.mechanism: Mechanism = suspect.mechanism
         self._ran: dict[tuple[str, ...], Ran] = {}
         self.begin("")
 
-    def numbers(self, what: str) -> np.random.Generator:
+    def numbers(self, what):
         """Return random numbers that are always the same for this mechanism and word."""
         return np.random.default_rng(crc32(f"{self.suspect.name} {what}".encode()))
 
-    def begin(self, check: str) -> None:
+    def begin(self, check):
         """Draw `random` anew for a check, so that it does not depend on those before."""
         self.random = self.numbers(check)
 
     @cached_property
-    def samples(self) -> int:
+    def samples(self):
         """How many samples its runs have."""
         return self.suspect.samples or DEFAULT_SAMPLES
 
     @cached_property
-    def path(self) -> Path:
+    def path(self):
         """The shipped mechanism's name, or a file of a random one."""
         if self.suspect.kind == "shipped":
             return Path(self.suspect.name)
@@ -89,26 +134,26 @@ class Evidence:
         return path
 
     @property
-    def single(self) -> bool:
+    def single(self):
         """Whether it has one input."""
         return len(self.mechanism.inputs) == 1
 
     @cached_property
-    def tracer(self) -> Tracer:
+    def tracer(self):
         """Its assembly modes at the samples of its runs."""
         return Tracer(self.mechanism, samples=self.samples)
 
     @cached_property
-    def motion(self) -> Motion:
+    def motion(self):
         """Its configurations at these samples."""
         return self.tracer.motion()
 
     @cached_property
-    def configurations(self) -> Configurations:
+    def configurations(self):
         """Its configuration curves, with one input."""
         return self.tracer.configurations
 
-    def ran(self, analysis: str, *words: str) -> Ran:
+    def ran(self, analysis, *words):
         """Return what `spherekit run FILE -a ANALYSIS WORDS` leaves.
 
         Those of random mechanisms have fewer samples, and less time for singular curves.
@@ -120,7 +165,7 @@ class Evidence:
             self._ran[key] = self._run(analysis, words)
         return self._ran[key]
 
-    def _run(self, analysis: str, words: tuple[str, ...]) -> Ran:
+    def _run(self, analysis, words):
         folder = self.folder / f"ran_{len(self._ran)}"
         command = ["run", str(self.path), "-a", analysis, "-o", str(folder), *words]
         if self.suspect.samples and "--samples" not in words:

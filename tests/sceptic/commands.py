@@ -1,11 +1,7 @@
 """Every analysis by its default command: whether it answers, and agrees with itself."""
 
 import numpy as np
-import pandas as pd
-
-from benchmarks.sceptic.check import check
-from benchmarks.sceptic.evidence import ANALYSES, Evidence, Ran
-from benchmarks.sceptic.finding import Kind, Notes
+from sceptic.evidence import ANALYSES, Kind, check
 
 OFF_RANGE = 1e-9
 """By how much (rad) a row may lie outside the range of an input: rounding."""
@@ -43,13 +39,13 @@ AT_REST = ("NO_POLE", "ILL_CONDITIONED")
 """Statuses of one pole alone: the rate of the links is known there."""
 
 
-def _asks(analysis: str) -> None:
+def _asks(analysis):
     @check(
         f"{analysis} by default",
         f"`run -a {analysis}` answers or says why not; rows in range, numbers exactly "
         "where the status is OK, no empty table without a word, counts as printed",
     )
-    def ask(evidence: Evidence, notes: Notes) -> None:
+    def ask(evidence, notes):
         ran = evidence.ran(analysis)
         if not answered(ran, analysis, notes):
             return
@@ -59,20 +55,19 @@ def _asks(analysis: str) -> None:
         judge_counts(ran, notes)
 
 
-def answered(ran: Ran, analysis: str, notes: Notes) -> bool:
+def answered(ran, analysis, notes):
     """Return whether there are tables; a refusal has to be one paragraph of words."""
     notes.judged()
     if ran.status == 0:
         return True
     words = ran.err.strip()
     if ran.status == 1 and words.startswith("spherekit: ") and "Traceback" not in words:
-        notes.refused.append(f"{analysis}: {words.split(': ', 2)[-1][:90]}")
         return False
     notes.found(f"exit status {ran.status}: {words[-200:]}", Kind.FAULT)
     return False
 
 
-def judge_rows(evidence: Evidence, name: str, frame: pd.DataFrame, notes: Notes) -> None:
+def judge_rows(evidence, name, frame, notes):
     """Note rows out of range, and numbers that are there or missing against the status."""
     _in_range(evidence, name, frame, notes)
     if "status" not in frame:
@@ -101,7 +96,7 @@ def judge_rows(evidence: Evidence, name: str, frame: pd.DataFrame, notes: Notes)
             )
 
 
-def _in_range(evidence: Evidence, name: str, frame: pd.DataFrame, notes: Notes) -> None:
+def _in_range(evidence, name, frame, notes):
     """Note rows outside the ranges of the inputs that do not say so.
 
     Tables that say `inside` have to say it rightly. Those of given poses have no range.
@@ -131,7 +126,7 @@ def _in_range(evidence: Evidence, name: str, frame: pd.DataFrame, notes: Notes) 
             )
 
 
-def judge_main(ran: Ran, analysis: str, notes: Notes) -> None:
+def judge_main(ran, analysis, notes):
     """Note a main table without rows of which nothing is said."""
     frame = ran.tables.get(analysis)
     notes.judged()
@@ -146,7 +141,7 @@ def judge_main(ran: Ran, analysis: str, notes: Notes) -> None:
         )
 
 
-def judge_counts(ran: Ran, notes: Notes) -> None:
+def judge_counts(ran, notes):
     """Note numbers in the summary that the tables do not have."""
     motion = ran.tables.get("motion")
     if motion is not None:

@@ -1,13 +1,9 @@
 """The mechanisms that are examined: all shipped ones, and random ones of every kind."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import final
 
 import numpy as np
-
-from benchmarks.random_mechanisms import random_mechanism
-from benchmarks.samples import (
+from chains import (
     EIGHT_BARS,
     grown,
     mechanism,
@@ -15,6 +11,8 @@ from benchmarks.samples import (
     vector,
     with_contacts,
 )
+from random_mechanisms import random_mechanism
+
 from spherekit.errors import SpherekitError
 from spherekit.files.build import build
 from spherekit.files.library import shipped
@@ -43,7 +41,6 @@ OFF = (0.0, 0.0, 1e-3, 1e-6, 1e-9, 1e-12)
 TEETH = ((20, 40), (30, 30), (18, 36), (17, 23), (40, 20))
 
 
-@final
 @dataclass(frozen=True)
 class Suspect:
     """A mechanism under its name, the kind it is of, and the samples it is run with."""
@@ -54,13 +51,13 @@ class Suspect:
     samples: int | None = None
 
 
-def shipped_suspects(names: Sequence[str] = ()) -> list[Suspect]:
+def shipped_suspects(names=()):
     """Return the shipped mechanisms of these names, by default all."""
     every = sorted(name for pack in shipped() for name in pack.files)
     return [Suspect(name, "shipped", driven_at(load(name))) for name in names or every]
 
 
-def random_suspects(count: int, seed: int) -> Iterator[Suspect]:
+def random_suspects(count, seed):
     """Yield random mechanisms, `count` from a seed on, kinds in turn.
 
     What cannot be assembled is drawn again, so all of them move.
@@ -68,7 +65,7 @@ def random_suspects(count: int, seed: int) -> Iterator[Suspect]:
     return (random_suspect(seed + k) for k in range(count))
 
 
-def random_suspect(seed: int) -> Suspect:
+def random_suspect(seed):
     """Return the mechanism of a seed."""
     kind = tuple(KINDS)[seed % len(KINDS)]
     random = np.random.default_rng([seed, 20])
@@ -82,7 +79,7 @@ def random_suspect(seed: int) -> Suspect:
         return Suspect(f"random_{seed}", kind, made, 91)
 
 
-def with_masses(random: np.random.Generator, made: Mechanism) -> Mechanism:
+def with_masses(random, made):
     """Return a mechanism some of whose links have inertia; the others have none."""
     masses = []
     for link in made.links[1:]:
@@ -95,7 +92,7 @@ def with_masses(random: np.random.Generator, made: Mechanism) -> Mechanism:
     return replace(made, masses=tuple(masses))
 
 
-def _special_arcs(random: np.random.Generator) -> list[float]:
+def _special_arcs(random):
     """Return four arcs (deg) of a loop: equal, right, a kite, a parallelogram, any."""
     a, b, c, d = (float(x) for x in random.choice(SPECIAL, 4))
     ways = ([a] * 4, [a, b, a, b], [a, b, b, a], [a, a, b, b], [a, b, c, d], [90.0] * 4)
@@ -105,11 +102,11 @@ def _special_arcs(random: np.random.Generator) -> list[float]:
     return arcs
 
 
-def _range(random: np.random.Generator) -> tuple[float, float]:
+def _range(random):
     return RANGES[random.integers(len(RANGES))]
 
 
-def _four_bar(random: np.random.Generator) -> Mechanism:
+def _four_bar(random):
     arcs = np.radians(_special_arcs(random))
     links = ("1", "2", "3", "4")
     names = ("21", "32", "43", "41")
@@ -130,7 +127,7 @@ def _four_bar(random: np.random.Generator) -> Mechanism:
     )
 
 
-def _six_bar(random: np.random.Generator) -> Mechanism:
+def _six_bar(random):
     """Return a four-bar with a dyad, all by sizes, many of them special."""
     base = _four_bar(random)
     assert isinstance(base.geometry, SizeGeometry)
@@ -158,7 +155,7 @@ def _six_bar(random: np.random.Generator) -> Mechanism:
     )
 
 
-def _geared(random: np.random.Generator) -> Mechanism:
+def _geared(random):
     """Return a five-bar whose cranks on the ground mesh, over several turns."""
     one, other = TEETH[random.integers(len(TEETH))]
     shafts = np.radians(random.uniform(40.0, 120.0))
@@ -196,7 +193,7 @@ def _geared(random: np.random.Generator) -> Mechanism:
     )
 
 
-def _wheels_by_a_cam(random: np.random.Generator) -> Mechanism:
+def _wheels_by_a_cam(random):
     """Return a cam whose roller swings a wheel, which turns the crank of a four-bar."""
     arcs = [
         float(x)
@@ -255,7 +252,7 @@ def _wheels_by_a_cam(random: np.random.Generator) -> Mechanism:
     return replace(made, inputs=(Input("cam", *_range(random)),))
 
 
-def _cams(random: np.random.Generator) -> Mechanism:
+def _cams(random):
     sliding = int(random.integers(1, 3))
     links = int(random.choice([3, 4, 5]))
     links += (links + sliding) % 2
@@ -263,7 +260,7 @@ def _cams(random: np.random.Generator) -> Mechanism:
     return _driven_anywhere(random, made)
 
 
-def _legs(random: np.random.Generator, count: int) -> Mechanism:
+def _legs(random, count):
     """Return a five-bar that points, or a 3-RRR, with random or special axes."""
     edges = [(1, 2), (2, 3), (3, 4), (4, 5), (1, 5)]
     if count == 3:
@@ -281,18 +278,18 @@ def _legs(random: np.random.Generator, count: int) -> Mechanism:
     return replace(made, inputs=inputs, outputs=(output,))
 
 
-def _driven_anywhere(random: np.random.Generator, made: Mechanism) -> Mechanism:
+def _driven_anywhere(random, made):
     turning = [pair.name for pair in made.pairs if pair.type == "R"]
     driven = str(random.choice(turning))
     return replace(made, inputs=(Input(driven, *_range(random)),))
 
 
-def _grown(random: np.random.Generator) -> Mechanism:
+def _grown(random):
     made = grown(random, int(random.choice([6, 6, 8])), bool(random.random() < 0.5))
     return _driven_anywhere(random, made)
 
 
-def _any(random: np.random.Generator) -> Mechanism:
+def _any(random):
     """Return what the fuzzing of poles draws from, with a range that is worth it."""
     _, made = random_mechanism(int(random.integers(1 << 30)))
     if len(made.links) > 8:
@@ -301,7 +298,7 @@ def _any(random: np.random.Generator) -> Mechanism:
     return replace(made, inputs=inputs)
 
 
-def _eight_bar(random: np.random.Generator) -> Mechanism:
+def _eight_bar(random):
     chain = EIGHT_BARS[int(random.integers(len(EIGHT_BARS)))]
     return _driven_anywhere(random, mechanism(chain, random_axes(random, 10)))
 

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import networkx as nx
 import numpy as np
+from chains import EIGHT_BARS, grown, mechanism, random_axes, with_contacts
 
-from benchmarks.samples import EIGHT_BARS, grown, mechanism, random_axes, with_contacts
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, PoseGeometry
 from spherekit.planning.assembly import plan_assembly
 
@@ -30,7 +29,7 @@ CORNERS = np.array(
 )
 
 
-def random_mechanism(seed: int) -> tuple[str, Mechanism]:
+def random_mechanism(seed):
     """Return the family and the mechanism of a seed; it need not be able to move."""
     random = np.random.default_rng(seed)
     family = str(random.choice(FAMILIES, p=ODDS))
@@ -43,7 +42,7 @@ def random_mechanism(seed: int) -> tuple[str, Mechanism]:
     return family, replace(made, inputs=ranges)
 
 
-def shaped_mechanism(seed: int) -> Mechanism:
+def shaped_mechanism(seed):
     """Return a mechanism with contacts, of profiles that need not be circles, of a seed."""
     random = np.random.default_rng(seed)
     sliding = int(random.integers(1, 3))
@@ -54,7 +53,7 @@ def shaped_mechanism(seed: int) -> Mechanism:
     return replace(made, inputs=(Input(made.inputs[0].pair, -half, half),))
 
 
-def _of_family(random: np.random.Generator, family: str) -> Mechanism:
+def _of_family(random, family):
     if family in ("dyads", "triads"):
         links = int(random.choice([4, 6, 8, 10, 12]))
         return grown(random, links, family == "triads")
@@ -76,7 +75,7 @@ def _of_family(random: np.random.Generator, family: str) -> Mechanism:
     return mechanism(graph, random_axes(random, len(graph)))
 
 
-def _graph(random: np.random.Generator, links: int, edges: int) -> list[tuple[int, int]]:
+def _graph(random, links, edges):
     """Return a random connected graph, for 100 tries one without links that hang on."""
     every = [(a, b) for a in range(1, links + 1) for b in range(a + 1, links + 1)]
     edges = min(edges, len(every))
@@ -95,7 +94,7 @@ def _graph(random: np.random.Generator, links: int, edges: int) -> list[tuple[in
             return [(numbers[a], numbers[b]) for a, b in found]
 
 
-def _inputs(random: np.random.Generator, made: Mechanism) -> list[str]:
+def _inputs(random, made):
     """Return R pairs that count as inputs, or any R pair if none does."""
     turning = [pair.name for pair in made.pairs if pair.type == "R"]
     for freedoms in (1, 1, 1, 2, 2, 2, 3):
@@ -108,7 +107,7 @@ def _inputs(random: np.random.Generator, made: Mechanism) -> list[str]:
     return turning[:1]
 
 
-def degenerate(random: np.random.Generator, made: Mechanism) -> Mechanism:
+def degenerate(random, made):
     """Return the mechanism with some axes made special, exactly or nearly."""
     assert isinstance(made.geometry, PoseGeometry)
     axes = {name: np.array(axis) for name, axis in made.geometry.axes.items()}

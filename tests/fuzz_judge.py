@@ -1,31 +1,20 @@
-"""Random mechanisms against the velocity equations: no wrong value without a status.
+"""Random mechanisms against the velocity equations: no wrong value without a status."""
 
-`python -m benchmarks.fuzz 0 100000` judges the mechanisms of these seeds and prints every
-wrong one, so that a sweep can be divided, stopped and gone on with.
-"""
-
-import argparse
-import sys
-import time
 import warnings
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
+from oracles import link_rates
+from random_mechanisms import random_mechanism
 
-from benchmarks.random_mechanisms import random_mechanism
-from benchmarks.report import Section
-from benchmarks.samples import link_rates
 from spherekit.conventions import EPS, Status
 from spherekit.errors import CountError, PlanError, SpherekitError
 from spherekit.model.joints import revolute
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import plan_assembly
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
-from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import request
 
 SAMPLES = 3
@@ -57,40 +46,12 @@ class Tally:
     wrong: list[str] = field(default_factory=list)
     worst: dict[str, float] = field(default_factory=dict)
 
-    def note(self, what: str, deviation: float) -> None:
+    def note(self, what, deviation):
         """Keep the largest deviation of a kind."""
         self.worst[what] = max(self.worst.get(what, 0.0), deviation)
 
 
-def run(quick: bool) -> list[Section]:
-    """Return what became of the mechanisms of the first seeds."""
-    count = 200 if quick else 3000
-    started = time.perf_counter()
-    tally = sweep(range(count))
-    seconds = time.perf_counter() - started
-    kinds = [("mechanisms", tally.mechanisms), ("rows", tally.rows), ("poles", tally.poles)]
-    rows = [
-        (what, name, number) for what, counted in kinds for name, number in counted.items()
-    ]
-    return [
-        Section(
-            "Random mechanisms against the velocity equations",
-            f"The mechanisms of the seeds 0 to {count - 1}, {SAMPLES} samples each: dyads, "
-            "triads, eight-bars, random chains, contacts and graphs of any kind, half of "
-            "them with axes made parallel, opposite, coplanar or special. Every pole, "
-            "coefficient and derivative is compared with the velocity equations and their "
-            f"derivative, solved by least squares; it is right within {TOLERANCE:g}, "
-            f"{BOUND:g} times its bound or {CONDITIONED:g} times roundoff times the "
-            "condition of the equations.",
-            ("of", "are", "number"),
-            rows,
-            f"{len(tally.wrong)} wrong values without a status, "
-            f"{1e3 * seconds / count:.0f} ms a mechanism.",
-        )
-    ]
-
-
-def sweep(seeds: Iterable[int]) -> Tally:
+def sweep(seeds):
     """Return what became of the mechanisms of these seeds."""
     tally = Tally()
     for seed in seeds:
@@ -102,7 +63,7 @@ def sweep(seeds: Iterable[int]) -> Tally:
     return tally
 
 
-def _judge_seed(seed: int, tally: Tally) -> None:
+def _judge_seed(seed, tally):
     _, made = random_mechanism(seed)
     try:
         if len(made.links) > MOST_LINKS_BY_RANK:
@@ -140,7 +101,7 @@ def _judge_seed(seed: int, tally: Tally) -> None:
         tally.wrong += [f"seed {seed}: input {made.pairs[pair].name}: {x}" for x in faults]
 
 
-def judge(motion: Motion, found: PoleField, moved: int, tally: Tally) -> list[str]:
+def judge(motion, found, moved, tally):
     """Return what is wrong with a field, in words, and count its rows and poles."""
     made = motion.mechanism
     faults = _not_nan(motion, found)
@@ -169,7 +130,7 @@ def judge(motion: Motion, found: PoleField, moved: int, tally: Tally) -> list[st
     return faults
 
 
-def _spread(motion: Motion, row: int, moved: int) -> tuple[float, float]:
+def _spread(motion, row, moved):
     """Return how much w and dw change while links turn as little as pairs miss.
 
     The configuration is known no better than that, whatever is computed from it.
@@ -184,7 +145,7 @@ def _spread(motion: Motion, row: int, moved: int) -> tuple[float, float]:
     return float(np.max(np.abs(w - w[0]))), float(np.max(np.abs(dw - dw[0])))
 
 
-def _not_nan(motion: Motion, found: PoleField) -> list[str]:
+def _not_nan(motion, found):
     """Return which failed rows hold a number."""
     faults = []
     failed, unknown = motion.failed, found.status != Status.OK
@@ -209,7 +170,7 @@ def _not_nan(motion: Motion, found: PoleField) -> list[str]:
     return faults
 
 
-def _inputs_differ(motion: Motion, rows: Any) -> list[str]:
+def _inputs_differ(motion, rows):
     """Return which rows are not at the input that they say."""
     faults = []
     for column, pair in enumerate(motion.assembly.inputs):
@@ -228,15 +189,15 @@ def _inputs_differ(motion: Motion, rows: Any) -> list[str]:
 
 
 def _judge_row(
-    found: PoleField,
-    row: int,
-    w: Any,
-    dw: Any,
-    values: Any,
-    over: float,
-    spread: tuple[float, float],
-    tally: Tally,
-) -> list[str]:
+    found,
+    row,
+    w,
+    dw,
+    values,
+    over,
+    spread,
+    tally,
+):
     flat = values[-1] / values[0]
     if flat < DETERMINED:
         return [f"row {row}: OK, but the motion is not determined ({flat:.1e})"]
@@ -249,7 +210,7 @@ def _judge_row(
     allowed = max(least, SPREAD * spread[0] / scale)
     allowed_rate = max(least, SPREAD * spread[1] / steep)
 
-    def compare(what: str, deviation: float, limit: float) -> None:
+    def compare(what, deviation, limit):
         if not deviation <= limit:
             faults.append(
                 f"row {row}: {what} off by {deviation:.1e}, allowed {limit:.1e}, flat "
@@ -292,7 +253,7 @@ def _judge_row(
     return faults
 
 
-def _judge_directions(found: PoleField, row: int, free: Any, tally: Tally) -> list[str]:
+def _judge_directions(found, row, free, tally):
     """Judge the directions at a dead centre, where only the motion's scale is unknown."""
     _, values, right = np.linalg.svd(free)
     full = len(values) == free.shape[1]
@@ -318,41 +279,5 @@ def _judge_directions(found: PoleField, row: int, free: Any, tally: Tally) -> li
     return faults
 
 
-def _length(vector: Any) -> float:
+def _length(vector):
     return float(np.linalg.norm(vector))
-
-
-def main() -> int:
-    """Judge the mechanisms of a range of seeds."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.fuzz")
-    parser.add_argument("first", type=int, help="the first seed")
-    parser.add_argument("last", type=int, help="the seed after the last one")
-    options = parser.parse_args()
-    started = time.process_time()
-    total = Tally()
-    for first in range(options.first, options.last, 500):
-        last = min(first + 500, options.last)
-        part = sweep(range(first, last))
-        for kept, new in (
-            (total.mechanisms, part.mechanisms),
-            (total.rows, part.rows),
-            (total.poles, part.poles),
-        ):
-            kept.update(new)
-        total.wrong += part.wrong
-        for what, deviation in part.worst.items():
-            total.note(what, deviation)
-        print(f"seeds {first} to {last - 1}: {len(part.wrong)} wrong", file=sys.stderr)
-        for fault in part.wrong:
-            print(fault, flush=True)
-    seconds = time.process_time() - started
-    print(f"{seconds:.0f} s of processor time")
-    for counted in (total.mechanisms, total.rows, total.poles):
-        print(", ".join(f"{name}: {count}" for name, count in sorted(counted.items())))
-    print(", ".join(f"{name}: {x:.1e}" for name, x in sorted(total.worst.items())))
-    print(f"{len(total.wrong)} wrong values without a status")
-    return 1 if total.wrong else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

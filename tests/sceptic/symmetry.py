@@ -4,20 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from chains import vector
 from mechanism_strategies import reordered, turned
+from sceptic.evidence import Kind, check
+from sceptic.modes import CLEAR
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from benchmarks.samples import vector
-from benchmarks.sceptic.ask_modes import CLEAR
-from benchmarks.sceptic.check import check
-from benchmarks.sceptic.evidence import Evidence
-from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.conventions import Status
 from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Tracer
 from spherekit.sphere.rotation import Floats
 
 SAMPLES = 7
@@ -28,7 +26,7 @@ AGREE = 1e-7
 """Part of the largest rate by which rates may differ, over the conditioning of rows."""
 
 
-def told_otherwise(evidence: Evidence) -> Mechanism | None:
+def told_otherwise(evidence):
     """Return the mechanism by its pose at some sample, turned, renamed and reordered.
 
     None where nothing of it closes. Masses, loads, stops and outputs are left out.
@@ -55,7 +53,7 @@ def told_otherwise(evidence: Evidence) -> Mechanism | None:
     return found
 
 
-def _angles(motion: Motion, sample: int) -> Floats:
+def _angles(motion, sample):
     """Return cosines between pair axes at a sample, and a volume of mixed ones, (n, k).
 
     By names of pairs: no naming, order or turn of the whole changes them, and mirror
@@ -74,7 +72,7 @@ def _angles(motion: Motion, sample: int) -> Floats:
 
 
 @check("told otherwise: modes", "by its pose, turned and renamed it has the same modes")
-def same_modes(evidence: Evidence, notes: Notes) -> None:
+def same_modes(evidence, notes):
     """Compare what does not depend on names and axes, at a few inputs."""
     other = told_otherwise(evidence)
     if other is None:
@@ -106,7 +104,7 @@ def same_modes(evidence: Evidence, notes: Notes) -> None:
 
 
 @check("told otherwise: rates", "by its pose, turned and renamed it has the same rates")
-def same_rates(evidence: Evidence, notes: Notes) -> None:
+def same_rates(evidence, notes):
     """Compare the rates of R pairs, in size, in the rows of both."""
     other = told_otherwise(evidence)
     if other is None:
@@ -145,7 +143,7 @@ def same_rates(evidence: Evidence, notes: Notes) -> None:
                 )
 
 
-def _rates(made: Mechanism) -> dict[tuple[int, str], tuple[Floats, Floats, Floats]]:
+def _rates(made):
     """Return by sample and moved input what rows are, and both coefficients of R pairs."""
     tracer = Tracer(made, samples=SAMPLES)
     motion = tracer.motion()
@@ -184,7 +182,7 @@ def _rates(made: Mechanism) -> dict[tuple[int, str], tuple[Floats, Floats, Float
     return found
 
 
-def _at(rows, key: tuple[int, int, str]) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+def _at(rows, key):  # type: ignore[no-untyped-def]
     if key not in rows.index:
         return np.nan, np.nan
     row = rows.loc[key]

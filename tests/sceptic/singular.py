@@ -3,17 +3,13 @@
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from sceptic.evidence import Kind, check
+from sceptic.modes import place_of
 
 import spherekit as sk
-from benchmarks.sceptic.ask_modes import place_of
-from benchmarks.sceptic.check import check
-from benchmarks.sceptic.evidence import Evidence
-from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.guarantee import Guarantee
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.turns import whole_periods
-from spherekit.sphere.rotation import Floats
 
 SINGULAR = 1e5
 """Least conditioning of the locked mechanism at a place that is said to be singular."""
@@ -34,11 +30,10 @@ FINER = 24
 """Parts of a step of samples in which signs are looked at once more."""
 
 
-def listed(evidence: Evidence, notes: Notes) -> dict[str, pd.DataFrame] | None:
+def listed(evidence, notes):
     """Return the tables of singularities by their default command, if there are any."""
     ran = evidence.ran("singularities")
     if ran.status:
-        notes.refused.append(f"singularities: {ran.err.strip()[:90]}")
         return None
     return ran.tables
 
@@ -48,7 +43,7 @@ INPUT_RESTS = ("II", "III", "self-motion")
 
 
 @check("places are singular", "where a locked input lets links move, rank is lost")
-def places_are_singular(evidence: Evidence, notes: Notes) -> None:
+def places_are_singular(evidence, notes):
     """Look at the conditioning of the mechanism with its inputs locked."""
     tables = listed(evidence, notes)
     if tables is None:
@@ -61,7 +56,7 @@ def places_are_singular(evidence: Evidence, notes: Notes) -> None:
         _at_inputs(evidence, points, notes)
 
 
-def _on_curves(evidence: Evidence, points: pd.DataFrame, notes: Notes) -> None:
+def _on_curves(evidence, points, notes):
     curves, tracer = evidence.configurations.curves, evidence.tracer
     points = points[points["s"].notna() & (points["decided"].astype(str) == "yes")]
     row: Any
@@ -85,7 +80,7 @@ def _on_curves(evidence: Evidence, points: pd.DataFrame, notes: Notes) -> None:
         )
 
 
-def _at_inputs(evidence: Evidence, points: pd.DataFrame, notes: Notes) -> None:
+def _at_inputs(evidence, points, notes):
     """Look at all configurations at inputs beside the place, where two of them meet."""
     tracer = evidence.tracer
     names = [f"q_{name}" for name in tracer.inputs]
@@ -109,7 +104,7 @@ def _at_inputs(evidence: Evidence, points: pd.DataFrame, notes: Notes) -> None:
     "assembly modes end at places",
     "where an assembly mode goes out of reach a type II is listed",
 )
-def assembly_modes_end_at_places(evidence: Evidence, notes: Notes) -> None:
+def assembly_modes_end_at_places(evidence, notes):
     """Compare samples between which an assembly mode ends with the places listed."""
     tables = listed(evidence, notes) if evidence.single else None
     if tables is None:
@@ -144,7 +139,7 @@ def assembly_modes_end_at_places(evidence: Evidence, notes: Notes) -> None:
                 )
 
 
-def both_ends(evidence: Evidence, at: Floats) -> Floats:
+def both_ends(evidence, at):
     """Return places (n,), those at one end of a range of whole turns at its other end too.
 
     They are listed once.
@@ -158,12 +153,12 @@ def both_ends(evidence: Evidence, at: Floats) -> Floats:
     return more[(more >= low - LEADS) & (more <= high + LEADS)]
 
 
-def _among(assembly_mode: int, text: object) -> bool:
+def _among(assembly_mode, text):
     return str(assembly_mode) in str(text).replace(",", " ").replace("+", " ").split()
 
 
 @check("singular rows are listed", "where rows are AT_SINGULARITY a place is listed")
-def singular_rows_are_listed(evidence: Evidence, notes: Notes) -> None:
+def singular_rows_are_listed(evidence, notes):
     """Compare rows at a singularity with the places listed."""
     tables = listed(evidence, notes)
     if tables is None:
@@ -191,7 +186,7 @@ def singular_rows_are_listed(evidence: Evidence, notes: Notes) -> None:
 
 
 @check("relation and poles", "y'/q' of the relation is the rate of the output's pole")
-def relation_and_poles(evidence: Evidence, notes: Notes) -> None:
+def relation_and_poles(evidence, notes):
     """Compare sizes of rates, which have a sign of their own in each table."""
     tables = listed(evidence, notes)
     poles = evidence.ran("poles")
@@ -235,7 +230,7 @@ def relation_and_poles(evidence: Evidence, notes: Notes) -> None:
 
 
 @check("signs change at places", "rates of an output change sign at places of type I")
-def signs_change_at_places(evidence: Evidence, notes: Notes) -> None:
+def signs_change_at_places(evidence, notes):
     """Compare signs at neighbouring samples with the places between them, by parity.
 
     Not across a crossing of curves: which of them an assembly mode goes on along is the
@@ -273,14 +268,14 @@ def signs_change_at_places(evidence: Evidence, notes: Notes) -> None:
 
 
 def _parities(
-    evidence: Evidence,
-    output: str,
-    assembly_mode: int,
-    rows: pd.DataFrame,
-    places: tuple[Floats, Floats],
-    sampled: bool,
-    notes: Notes,
-) -> None:
+    evidence,
+    output,
+    assembly_mode,
+    rows,
+    places,
+    sampled,
+    notes,
+):
     at, crossings = places
     q = rows["q"].to_numpy()
     w = (
@@ -317,9 +312,7 @@ def _parities(
         )
 
 
-def _reversals(
-    evidence: Evidence, output: str, assembly_mode: int, first: float, last: float
-) -> int | None:
+def _reversals(evidence, output, assembly_mode, first, last):
     """Return how often the angular velocity of an output reverses between inputs.
 
     None where it swings round too fast to tell.
@@ -357,7 +350,7 @@ def _reversals(
 
 
 @check("distances lead to places", "an input moved by to_I or to_II is at a place")
-def distances_lead_to_places(evidence: Evidence, notes: Notes) -> None:
+def distances_lead_to_places(evidence, notes):
     """Compare q +- to_II with the inputs of the places listed, and q +- to_I.
 
     Of distances to type I those are looked at on whose way the input does not turn.

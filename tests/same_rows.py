@@ -1,7 +1,6 @@
 """Rows that a kernel gives at once, and the same rows found one by one with care."""
 
 from dataclasses import dataclass
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from spherekit.analysis.running import rows_at_once
 from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import all_poles
@@ -46,12 +44,12 @@ class Differences:
     largest: float
 
     @property
-    def none(self) -> bool:
+    def none(self):
         """Whether nothing differs."""
         return not self.statuses and not self.beyond
 
 
-def both_ways(made: Mechanism, **options: Any) -> BothWays | None:
+def both_ways(made, **options):
     """Return all poles both ways, None where there is no kernel; see `Study`."""
     with patch.object(rows_at_once, "FEWEST", 0):
         course = course_of(Study(made.name, made, search=False, **options))
@@ -70,7 +68,7 @@ def both_ways(made: Mechanism, **options: Any) -> BothWays | None:
     return BothWays(motion, found, careful, tuple(evaluate(careful, x) for x in wanted))
 
 
-def differences(ways: BothWays, same_signs: bool = True) -> Differences:
+def differences(ways, same_signs=True):
     """Return what differs; senses of directions are not compared without `same_signs`."""
     quick, careful = ways.quick, ways.careful
     share = float(np.mean([np.mean(field.by_kernel) for field in ways.by_kernel]))
@@ -91,13 +89,13 @@ def differences(ways: BothWays, same_signs: bool = True) -> Differences:
 
 
 def _compare_pole(
-    found: Differences,
-    quick: PoleField,
-    careful: PoleField,
-    pole: tuple[int, int],
-    good: "np.ndarray[Any, np.dtype[np.bool_]]",
-    same_signs: bool,
-) -> None:
+    found,
+    quick,
+    careful,
+    pole,
+    good,
+    same_signs,
+):
     found.statuses += int(np.sum(quick.pole_status[pole] != careful.pole_status[pole]))
     bound = careful.velocity_coefficient_error[pole]
     # Of what stands still the sign is rounding.
@@ -121,11 +119,11 @@ def _compare_pole(
 
 
 def _judge(
-    found: Differences,
-    what: str,
-    size: "np.ndarray[Any, np.dtype[np.float64]]",
-    allowed: "np.ndarray[Any, np.dtype[np.float64]]",
-) -> None:
+    found,
+    what,
+    size,
+    allowed,
+):
     if not len(size):
         return
     with np.errstate(invalid="ignore", divide="ignore"):

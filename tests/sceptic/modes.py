@@ -3,15 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+from sceptic.evidence import Kind, check
 
-from benchmarks.sceptic.check import check
-from benchmarks.sceptic.evidence import Evidence
-from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.conventions import Status
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.motion import Tracer
-from spherekit.sphere.rotation import Floats
 
 SAME = 1e-6
 """Links whose orientations differ by less are in one configuration."""
@@ -23,7 +20,7 @@ CLEAR = 1e4
 """Configurations of worse conditioning may come and go with rounding."""
 
 
-def placed(tracer: Tracer, values: Floats) -> Floats:
+def placed(tracer, values):
     """Return the orientations (n, links, 3, 3) of configurations that are well clear.
 
     Those beside a dead centre of the inputs are left out: rounding decides on them.
@@ -32,7 +29,7 @@ def placed(tracer: Tracer, values: Floats) -> Floats:
     return np.asarray(motion.rotations[motion.conditioning < CLEAR])
 
 
-def lacking(some: Floats, others: Floats) -> int:
+def lacking(some, others):
     """Return how many of some configurations are not among others."""
     if not len(some):
         return 0
@@ -42,23 +39,21 @@ def lacking(some: Floats, others: Floats) -> int:
     return int(np.sum(np.min(gap, axis=1) > SAME))
 
 
-def asked_inputs(evidence: Evidence, count: int = INPUTS) -> list[int]:
+def asked_inputs(evidence, count=INPUTS):
     """Return numbers of samples at which to compare, the ends of the range left out."""
     every = np.arange(1, evidence.motion.samples - 1)
     chosen = evidence.random.permutation(every)[:count]
     return sorted(chosen.tolist())
 
 
-def at_sample(evidence: Evidence, sample: int) -> tuple[Floats, Floats]:
+def at_sample(evidence, sample):
     """Return the inputs of a sample, and the configurations (n, variables) of a run."""
     motion = evidence.motion
     here = motion.sample == sample
     return motion.inputs[here][0], motion.values[here & (motion.status == Status.OK)]
 
 
-def _lack(
-    notes: Notes, missing: int, who: str, claim: Claim, whom: str, where: str
-) -> None:
+def _lack(notes, missing, who, claim, whom, where):
     """Note configurations that one has and another lacks, by what the other claims."""
     notes.judged()
     if not missing:
@@ -71,13 +66,13 @@ def _lack(
     )
 
 
-def place_of(q: Floats) -> str:
+def place_of(q):
     """Return inputs in words, in degrees."""
     return "inputs " + ", ".join(f"{x:.6f}" for x in np.degrees(q)) + " deg"
 
 
 @check("run and curves", "a run and the configuration curves have the same modes")
-def run_and_curves(evidence: Evidence, notes: Notes) -> None:
+def run_and_curves(evidence, notes):
     """Compare the rows of samples with the points of curves at their inputs."""
     if not evidence.single:
         return
@@ -112,7 +107,7 @@ def run_and_curves(evidence: Evidence, notes: Notes) -> None:
 
 
 @check("run and narrow run", "the modes at an input do not depend on the range asked for")
-def run_and_narrow_run(evidence: Evidence, notes: Notes) -> None:
+def run_and_narrow_run(evidence, notes):
     """Compare the rows of samples with those of runs that have little else."""
     for sample in asked_inputs(evidence, 3):
         q, values = at_sample(evidence, sample)
@@ -138,7 +133,7 @@ def run_and_narrow_run(evidence: Evidence, notes: Notes) -> None:
 
 
 @check("run and forward", "forward kinematics finds the modes that a run has")
-def run_and_forward(evidence: Evidence, notes: Notes) -> None:
+def run_and_forward(evidence, notes):
     """Compare the rows of samples with all assemblies found at one input."""
     tracer = evidence.tracer
     for sample in asked_inputs(evidence, 3):
@@ -163,7 +158,7 @@ def run_and_forward(evidence: Evidence, notes: Notes) -> None:
 
 
 @check("whole turns", "a range a whole turn on has the same modes, without wheels in mesh")
-def whole_turns(evidence: Evidence, notes: Notes) -> None:
+def whole_turns(evidence, notes):
     """Compare the rows of samples with those of the range moved by a turn."""
     if any(pair.type == "Cr" for pair in evidence.mechanism.pairs):
         return

@@ -1,14 +1,11 @@
 """Simulations against inverse dynamics, and one engine against the other."""
 
 import numpy as np
+from sceptic.evidence import Kind, check
 
-from benchmarks.sceptic.check import check
-from benchmarks.sceptic.evidence import Evidence
-from benchmarks.sceptic.finding import Kind, Notes
 from spherekit.conventions import Status
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.simulation import Simulation
 from spherekit.errors import EngineError
 from spherekit.model.dynamics import DRIVE
 from spherekit.model.laws import Polynomial, Start
@@ -30,7 +27,7 @@ ALIKE = 1e3
 """How many times their tolerance engines may differ by."""
 
 
-def _started(evidence: Evidence) -> tuple[Start, int, str] | None:
+def _started(evidence):
     """Return a start at a sample well clear of singularities, its mode, and a torque."""
     if not evidence.single or not evidence.mechanism.masses:
         return None
@@ -46,7 +43,7 @@ def _started(evidence: Evidence) -> tuple[Start, int, str] | None:
     return start, int(motion.assembly_mode[row]), TORQUE.format(size=f"{1e3 * size:.6g}")
 
 
-def _simulated(evidence: Evidence, engine: str) -> Simulation | None:
+def _simulated(evidence, engine):
     started = _started(evidence)
     if started is None:
         return None
@@ -63,7 +60,7 @@ def _simulated(evidence: Evidence, engine: str) -> Simulation | None:
 
 
 @check("simulation and inverse", "inverse dynamics gives back the torque of a simulation")
-def simulation_and_inverse(evidence: Evidence, notes: Notes) -> None:
+def simulation_and_inverse(evidence, notes):
     """Compare the torque at the input with what the inverse problem asks for.
 
     Its law of the input is the parabola that has the simulated rates at one time.
@@ -95,7 +92,7 @@ def simulation_and_inverse(evidence: Evidence, notes: Notes) -> None:
 
 
 @check("energy", "a simulation's energy is what its loads have done")
-def energy(evidence: Evidence, notes: Notes) -> None:
+def energy(evidence, notes):
     """Look at the balance of energy that a simulation reports of itself."""
     found = _simulated(evidence, "numpy")
     if found is None:
@@ -110,17 +107,15 @@ def energy(evidence: Evidence, notes: Notes) -> None:
 
 
 @check("both engines", "the compiled engine and NumPy's end in the same place")
-def both_engines(evidence: Evidence, notes: Notes) -> None:
+def both_engines(evidence, notes):
     """Compare states of both engines at their tolerance."""
     one = _simulated(evidence, "numpy")
     if one is None:
         return
     try:
         other = _simulated(evidence, "compiled")
-    except EngineError as refusal:
-        notes.refused.append(f"both engines: {str(refusal)[:90]}")
+    except EngineError:
         return
-    assert other is not None
     last = min(one.end.t, other.end.t)
     t = np.linspace(0.0, last, ROWS)
     first, second = one.at(t), other.at(t)
