@@ -1,18 +1,15 @@
 """The same mechanism said otherwise: turned as a whole, or links of other names, order."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from spherekit.model.dynamics import Gravity, Moment, PointForce
 from spherekit.model.geometry import axes_from_sizes, reference_frame
-from spherekit.model.link_axes import turned_mass, turned_texts, turned_vector
-from spherekit.model.load import Load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
+from spherekit.model.restated import restated, turned_vector
+from spherekit.model.restated import turned as turned_profile
 from spherekit.sphere.rotation import Floats
 
 DATUM = ("datum_z", "datum_y")
@@ -34,29 +31,16 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
         If the origin of a profile's arc length follows from the axes.
     """
     given = mechanism.geometry
-    links = {mechanism.ground}
+    links: tuple[str, ...] = (mechanism.ground,)
     if isinstance(given, PoseGeometry):
-        links = set(mechanism.links)
+        links = mechanism.links
         axes = {name: turned_vector(rotation, axis) for name, axis in given.axes.items()}
         geometry: PoseGeometry | SizeGeometry = replace(given, axes=axes)
     else:
         geometry = _turned_ground(mechanism, given, rotation)
-    return replace(
-        mechanism,
-        geometry=geometry,
-        pairs=tuple(_pair(pair, links, rotation) for pair in mechanism.pairs),
-        masses=tuple(
-            turned_mass(mass, rotation) if mass.link in links else mass
-            for mass in mechanism.masses
-        ),
-        loads=tuple(_load(load, links, rotation) for load in mechanism.loads),
-        outputs=tuple(
-            replace(output, direction=turned_vector(rotation, output.direction))
-            if output.link in links and output.direction is not None
-            else output
-            for output in mechanism.outputs
-        ),
-    )
+    turns = dict.fromkeys(links, rotation)
+    parts = restated(mechanism, turns=turns, ground=rotation, turned_profile=_profile)
+    return replace(mechanism, geometry=geometry, **parts)
 
 
 def _turned_ground(
@@ -83,36 +67,10 @@ def _turned_ground(
     return SizeGeometry({**given.links, ground: made}, zeros)
 
 
-def _pair(pair: Pair, links: set[str], rotation: Floats) -> Pair:
-    if pair.profiles is None or not links & set(pair.links):
-        return pair
-    first, second = (
-        _profile(profile, rotation) if link in links else profile
-        for link, profile in zip(pair.links, pair.profiles, strict=True)
-    )
-    return replace(pair, profiles=(first, second))
-
-
-def _profile(profile: Profile, rotation: Floats) -> Profile:
+def _profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     if not profile.points:
         raise NotTurnedError(f"a {profile.kind} counts its arc length from the axes")
-    points = tuple(turned_vector(rotation, point) for point in profile.points)
-    return replace(profile, points=points)
-
-
-def _load(load: Load, links: set[str], rotation: Floats) -> Load:
-    match load:
-        case Gravity(acceleration=vector):
-            return replace(load, acceleration=turned_vector(rotation, vector))
-        case PointForce(link=link, force=texts, point=point):
-            if load.axes == "ground" or link in links:
-                texts = turned_texts(rotation, texts)
-            point = turned_vector(rotation, point) if link in links else point
-            return replace(load, force=texts, point=point)
-        case Moment(link=link, moment=texts):
-            if load.axes == "ground" or link in links:
-                return replace(load, moment=turned_texts(rotation, texts))
-    return load
+    return turned_profile(profile, rotation, pair)
 
 
 def renamed(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
@@ -121,42 +79,16 @@ def renamed(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     if isinstance(given, SizeGeometry):
         links = {names[link]: sizes for link, sizes in given.links.items()}
         given = replace(given, links=links)
-    contacts = [pair for pair in mechanism.pairs if pair.kind.freedoms > 1]
-    variables = {
+    words = {
         f"s_{pair.name}_{link}": f"s_{pair.name}_{names[link]}"
-        for pair in contacts
+        for pair in mechanism.pairs
+        if pair.kind.freedoms > 1
         for link in pair.links
     }
-
-    def of(item: Any) -> Any:
-        """Return a part with the names of its links, and of variables in expressions."""
-        changes = {
-            key: names[getattr(item, key)]
-            for key in ("link", "relative_to")
-            if hasattr(item, key)
-        }
-        for key in ("torque", "force", "moment"):
-            value = getattr(item, key, None)
-            if isinstance(value, str):
-                changes[key] = _put(value, variables)
-            elif isinstance(value, tuple):
-                changes[key] = tuple(_put(text, variables) for text in value)  # type: ignore[assignment]
-        return replace(item, **changes)
-
     return replace(
         mechanism,
         ground=names[mechanism.ground],
         links=tuple(names.values()),
-        pairs=tuple(
-            replace(pair, links=(names[pair.links[0]], names[pair.links[1]]))
-            for pair in mechanism.pairs
-        ),
         geometry=given,
-        outputs=tuple(map(of, mechanism.outputs)),
-        masses=tuple(map(of, mechanism.masses)),
-        loads=tuple(map(of, mechanism.loads)),
+        **restated(mechanism, names=names, words=words),
     )
-
-
-def _put(text: str, words: Mapping[str, str]) -> str:
-    return re.sub(r"\w+", lambda match: words.get(match[0], match[0]), text)

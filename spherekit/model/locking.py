@@ -1,8 +1,7 @@
 """A mechanism with pairs locked: the two links of each become one."""
 
 import math
-import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,13 +12,15 @@ from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.changes import AngleUnit, in_radians
 from spherekit.model.dynamics import Mass
-from spherekit.model.geometry import axes_from_sizes, frames_of_sizes
-from spherekit.model.link_axes import turned_vector, with_link_axes
-from spherekit.model.load import Load
+from spherekit.model.geometry import axes_from_sizes, frames_of_sizes, pair_frames
+from spherekit.model.load import vector_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, SizeGeometry
-from spherekit.model.sized import given_by_sizes, zeros_from
+from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
+from spherekit.model.restated import restated, turned
 from spherekit.sphere.rotation import Floats, about_z
+
+Frames = Mapping[str, Floats]
+"""Frames (3, 3) of R pairs in one of their links, by name."""
 
 SAME = 1e-12
 """Angles (rad) that differ by no more are that of the reference pose."""
@@ -89,102 +90,84 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
         posed = made.geometry.values.get(pair.name, 0.0)
         if abs(math.remainder(value - posed, 2.0 * math.pi)) > SAME:
             posed_at = f"has {posed:.6g} rad in the reference pose, not {value:.6g} rad"
-            made = given_by_sizes(made, f"{where} {posed_at}")
+            made = _by_sizes(made, f"{where} {posed_at}")
     touching = {x for other in made.pairs if not other.kind.has_axis for x in other.links}
     kept, gone = pair.links
     if gone == made.ground or (gone in touching and kept not in touching | {made.ground}):
         kept, gone = gone, kept
-    rest = tuple(other for other in made.pairs if other.name != pair.name)
+    rest = [other for other in made.pairs if other.name != pair.name]
     between = [other.name for other in rest if set(other.links) == {kept, gone}]
     if between:
         raise ModelError(
             f"{where} joins the same two links as pair {between[0]}, which could not move"
         )
-    geometry, turn = _geometry(made, pair, value, kept, gone, rest)
-    made = with_link_axes(made, {gone: turn}, where)
+    geometry, turn = _geometry(made, pair, value, kept, gone)
 
-    def on(link: str) -> str:
-        return kept if link == gone else link
+    def turned_profile(profile: Profile, turn: Floats, contact: Pair) -> Profile:
+        if contact.type == "Cr" or profile.kind == "fourier":
+            raise ModelError(
+                f"{where}: axes of a link with a profile of {contact.name} change with it, "
+                "so that where the profile begins would be lost; give it by points if it "
+                "slides, or lock another pair, or another value"
+            )
+        return turned(profile, turn, contact)
 
-    outputs = tuple(
-        replace(
-            output,
-            link=on(output.link),
-            relative_to=on(output.relative_to),
-        )
-        for output in made.outputs
-        if on(output.link) != on(output.relative_to)
+    parts = restated(
+        made,
+        names={gone: kept},
+        turns={gone: turn},
+        words={f"theta_{pair.name}": f"({value!r})", f"dtheta_{pair.name}": "(0)"},
+        turned_profile=turned_profile,
     )
-    still = {f"theta_{pair.name}": f"({value!r})", f"dtheta_{pair.name}": "(0)"}
-    return replace(
+    joined = replace(
         made,
         links=tuple(link for link in made.links if link != gone),
-        pairs=tuple(
-            replace(other, links=_ends(other, kept, gone))
-            for other in made.pairs
-            if other.name != pair.name
-        ),
+        pairs=tuple(other for other in parts["pairs"] if other.name != pair.name),
         geometry=geometry,
         inputs=tuple(item for item in made.inputs if item.pair != pair.name),
-        outputs=outputs,
-        masses=_masses(made, kept, gone),
-        loads=tuple(
-            _load(load, kept, gone, still)
-            for load in made.loads
-            if getattr(load, "pair", "") != pair.name
-        ),
+        outputs=tuple(item for item in parts["outputs"] if item.link != item.relative_to),
+        masses=_added(parts["masses"]),
+        loads=tuple(x for x in parts["loads"] if getattr(x, "pair", "") != pair.name),
         stops=tuple(stop for stop in made.stops if stop.pair != pair.name),
         modes=(),
     )
+    if isinstance(geometry, PoseGeometry):
+        return joined
+    into = {gone: turn}
+    first, second = (
+        {
+            other.name: into.get(other.links[end], np.eye(3)) @ frames[other.name]
+            for other in rest
+            if other.kind.has_axis and {kept, gone} & set(other.links)
+        }
+        for end, frames in enumerate(pair_frames(made))
+    )
+    zeros = {**geometry.zeros, **_zeros(joined, geometry.links, (first, second))}
+    return replace(joined, geometry=SizeGeometry(geometry.links, zeros))
 
 
 def _geometry(
-    made: Mechanism,
-    pair: Pair,
-    value: float,
-    kept: str,
-    gone: str,
-    rest: tuple[Pair, ...],
+    made: Mechanism, pair: Pair, value: float, kept: str, gone: str
 ) -> tuple[SizeGeometry | PoseGeometry, Floats]:
     """Return the new geometry, and the turn (3, 3) from axes of the link that goes."""
     geometry = made.geometry
     if isinstance(geometry, PoseGeometry):
-        axes = {name: axis for name, axis in geometry.axes.items() if name != pair.name}
-        values = {name: x for name, x in geometry.values.items() if name != pair.name}
-        return PoseGeometry(axes, values), np.eye(3)
-    first, second = frames_of_sizes(made, geometry)
+        return PoseGeometry(*(_but(x, pair) for x in (geometry.axes, geometry.values))), (
+            np.eye(3)
+        )
+    first, second = pair_frames(made)
     turn = first[pair.name] @ about_z(value) @ second[pair.name].T
     if kept != pair.links[0]:
         turn = turn.T
     links = dict(geometry.links)
     old = links.pop(gone, LinkSizes(()))
     links[kept] = _joined(links.get(kept, LinkSizes(())), old, pair.name, turn)
-    zeros = {name: x for name, x in geometry.zeros.items() if name != pair.name}
-    plain = replace(
-        made,
-        links=tuple(link for link in made.links if link != gone),
-        pairs=tuple(
-            replace(kept_pair, links=_ends(kept_pair, kept, gone)) for kept_pair in rest
-        ),
-        geometry=SizeGeometry(links, {}),
-        inputs=(),
-        outputs=(),
-        masses=(),
-        loads=(),
-        stops=(),
-        modes=(),
-    )
-    into = {gone: turn}
-    wanted = tuple(
-        {
-            other.name: into.get(other.links[end], np.eye(3)) @ frames[other.name]
-            for other in rest
-            if other.kind.has_axis and {kept, gone} & set(other.links)
-        }
-        for end, frames in enumerate((first, second))
-    )
-    zeros |= zeros_from(plain, links, (wanted[0], wanted[1]), wanted[0])
-    return SizeGeometry(links, zeros), turn
+    return SizeGeometry(links, _but(geometry.zeros, pair)), turn
+
+
+def _but(of_pairs: Mapping[str, Any], pair: Pair) -> dict[str, Any]:
+    """Return what pairs have, without one of them."""
+    return {name: x for name, x in of_pairs.items() if name != pair.name}
 
 
 def _joined(kept: LinkSizes, gone: LinkSizes, locked: str, turn: Floats) -> LinkSizes:
@@ -206,46 +189,85 @@ def _joined(kept: LinkSizes, gone: LinkSizes, locked: str, turn: Floats) -> Link
     return LinkSizes(tuple(axes), tuple(arcs), tuple(angles), tuple(unpaired), kept.signed)
 
 
-def _ends(pair: Pair, kept: str, gone: str) -> tuple[str, str]:
-    one, other = (kept if link == gone else link for link in pair.links)
-    return one, other
+def _added(masses: Iterable[Mass]) -> tuple[Mass, ...]:
+    """Return masses in which those of one link are one."""
+    whole: dict[str, Mass] = {}
+    for item in masses:
+        other = whole.get(item.link)
+        if other is None:
+            whole[item.link] = item
+            continue
+        mass, centre = None, None
+        placed = [
+            (part.mass, np.array(part.centre, dtype=float))
+            for part in (item, other)
+            if part.mass is not None and part.centre is not None
+        ]
+        if len(placed) == 2:
+            mass = sum(weight for weight, _ in placed)
+            moments = np.sum([weight * place for weight, place in placed], axis=0)
+            centre = vector_of(moments / mass if mass else moments)
+        tensor = np.array(item.tensor, dtype=float) + np.array(other.tensor, dtype=float)
+        first, second, third = map(vector_of, tensor)
+        whole[item.link] = Mass(item.link, (first, second, third), mass, centre)
+    return tuple(whole.values())
 
 
-def _masses(made: Mechanism, kept: str, gone: str) -> tuple[Mass, ...]:
-    masses = {mass.link: mass for mass in made.masses}
-    moved = masses.pop(gone, None)
-    if moved is None:
-        return tuple(masses.values())
-    mass, centre, tensor = moved.mass, moved.centre, np.array(moved.tensor, dtype=float)
-    if kept in masses:
-        other = masses[kept]
-        tensor = tensor + np.array(other.tensor, dtype=float)
-        if mass is None or other.mass is None or centre is None or other.centre is None:
-            mass, centre = None, None
-        else:
-            both = mass * np.array(centre) + other.mass * np.array(other.centre)
-            mass = mass + other.mass
-            centre = turned_vector(np.eye(3), both / mass if mass else 0.0 * both)
-    rows = tuple(map(tuple, tensor.tolist()))
-    masses[kept] = Mass(kept, rows, mass, centre)  # type: ignore[arg-type]
-    return tuple(masses.values())
+def _by_sizes(made: Mechanism, where: str) -> Mechanism:
+    """Return a mechanism of a reference pose by sizes, with its variables and link axes.
+
+    The z and y axes of each link stand first in its list, so that its frame stays. The pose
+    is one of the configurations and no longer named. `where` begins messages.
+
+    Raises
+    ------
+    ModelError
+        If a contact rolls: how far it has is said by the pose.
+    """
+    rolling = [pair.name for pair in made.pairs if pair.rolls]
+    if rolling:
+        raise ModelError(
+            f"{where}: without that pose it is not known how far {rolling[0]} has rolled; "
+            "lock the pair there, or give the mechanism by arcs and angles"
+        )
+    assert isinstance(made.geometry, PoseGeometry)
+    frames = pair_frames(made)
+    axes: dict[str, dict[str, Floats]] = {link: {} for link in made.links}
+    for name, frame in frames[0].items():
+        for link in made.pair(name).links:
+            axes[link][name] = frame[:, 2]
+    links = {link: _sizes(link, carried) for link, carried in axes.items()}
+    zeros = _zeros(made, links, frames)
+    return replace(made, geometry=SizeGeometry(links, zeros))
 
 
-def _load(load: Load, kept: str, gone: str, still: Mapping[str, str]) -> Load:
-    changes: dict[str, Any] = {}
-    for key, form in load.keys.items():
-        given = getattr(load, key)
-        if form == "text" and key != "axes" and isinstance(given, str):
-            changes[key] = _without(given, still)
-        elif form == "texts":
-            changes[key] = tuple(_without(text, still) for text in given)
-    if getattr(load, "link", "") == gone:
-        changes["link"] = kept
-    return replace(load, **changes) if changes else load  # type: ignore[type-var]
+def _zeros(
+    made: Mechanism, links: Mapping[str, LinkSizes], wanted: tuple[Frames, Frames]
+) -> dict[str, float]:
+    """Return the zeros (rad) of pairs with which their frames in sizes are those wanted.
+
+    Only the sum over both links of a pair counts: the frames may be turned alike.
+    """
+    have = frames_of_sizes(made, SizeGeometry(links, {}))
+    zeros = {}
+    for name in wanted[0]:
+        ahead, back = (
+            want[name].T @ frames[name] for want, frames in zip(wanted, have, strict=True)
+        )
+        zeros[name] = _about(back) - _about(ahead)
+    return zeros
 
 
-def _without(text: str, still: Mapping[str, str]) -> str:
-    """Return an expression in which names stand for what does not change."""
-    for name, number in still.items():
-        text = re.sub(rf"\b{re.escape(name)}\b", number, text)
-    return text
+def _sizes(link: str, axes: Mapping[str, Floats]) -> LinkSizes:
+    """Return a link by the axes (3,) that it carries."""
+    unpaired = (f"{link}_z", f"{link}_y")
+    arcs, angles = [0.5 * np.pi], []
+    for x, y, z in axes.values():
+        arcs.append(float(np.arctan2(np.hypot(x, y), z)))
+        angles.append(float(np.arctan2(-x, y)))
+    return LinkSizes((*unpaired, *axes), tuple(arcs), tuple(angles), unpaired)
+
+
+def _about(turn: Floats) -> float:
+    """Return the angle of a rotation about z."""
+    return float(np.arctan2(turn[1, 0], turn[0, 0]))
