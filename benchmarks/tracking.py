@@ -13,7 +13,7 @@ from benchmarks.timing import median, rounds
 from spherekit.files.read import load
 from spherekit.motion import closure as closures
 from spherekit.motion.closure import Closure
-from spherekit.motion.follow import ModeCurve, follow
+from spherekit.motion.guides import ModeCurve, follow
 from spherekit.motion.motion import Tracer
 from spherekit.motion.steps import LARGEST_STEP
 

@@ -11,10 +11,16 @@ from spherekit.guarantee import Guarantee
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.complex_modes import meetings_of
-from spherekit.motion.configuration import configuration_curves
-from spherekit.motion.driving_pair import easiest_drive
-from spherekit.motion.input_turning_points import InputTurningPoints, input_turning_points
-from spherekit.motion.monotone_segments import MonotoneSegments, turning_inputs
+from spherekit.motion.configuration import (
+    MonotoneSegments,
+    configuration_curves,
+    turning_inputs,
+)
+from spherekit.motion.input_turning_points import (
+    InputTurningPoints,
+    easiest_drive,
+    input_turning_points,
+)
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.assembly import plan_assembly

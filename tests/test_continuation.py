@@ -9,7 +9,7 @@ from spherekit.conventions import Status
 from spherekit.files.read import load
 from spherekit.motion.continuation import Verification
 from spherekit.motion.curve_path import STEP_PARTS, CurvePath, run_each, taylor
-from spherekit.motion.follow import follow, follow_each
+from spherekit.motion.guides import follow, follow_each
 from spherekit.motion.motion import Tracer
 
 
@@ -153,23 +153,3 @@ def test_curves_followed_side_by_side_are_those_of_each(name):
         alone = follow(closure, driven, one, *tracer.range)
         assert (curve.ends, curve.tried) == (alone.ends, alone.tried)
         assert np.max(np.abs(curve.values - alone.values)) < 1e-12
-
-
-@pytest.mark.parametrize("name", ["double_butterfly", "shaped_cam"])
-def test_modes_evaluated_side_by_side_are_those_of_each(name):
-    tracer = Tracer(load(name))
-    modes = tracer.assembly_modes
-    q = np.linspace(*tracer.range, 12)[:, None]
-    for mode in modes:
-        alone = tracer.solver.evaluate(mode, q)
-        which = np.full(len(q), modes.index(mode))
-        other = np.zeros(len(q), dtype=np.intp)
-        together = tracer.solver.evaluate_each(
-            modes,
-            np.concatenate([which, other]),
-            np.concatenate([q, q]),
-            np.zeros(2 * len(q), dtype=np.intp),
-        )
-        assert np.array_equal(together.status[: len(q)], alone.status)
-        gap = np.abs(together.rotations[: len(q)] - alone.rotations)
-        assert np.nanmax(gap, initial=0.0) < 1e-12

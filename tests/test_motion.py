@@ -15,7 +15,7 @@ from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, SizeGeometry
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.follow import follow
+from spherekit.motion.guides import follow
 from spherekit.motion.motion import Tracer
 from spherekit.planning.assembly import plan_assembly
 

@@ -306,7 +306,7 @@ def test_a_mode_spreads_around_what_it_cannot_reach():
     )
     tracer = Tracer(made, samples=[15, 15])
     motion = tracer.motion()
-    from spherekit.motion.mode_over_grid import spread_each
+    from spherekit.motion.guides import spread_each
 
     for assembly_mode in tracer.assembly_modes:
         rows = motion.assembly_mode == assembly_mode.number

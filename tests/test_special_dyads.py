@@ -13,7 +13,7 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Pair, SizeGeometry
-from spherekit.motion import gathering, steps
+from spherekit.motion import modes, steps
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.crossings import crossings
@@ -218,7 +218,7 @@ def test_steps_in_vain_end_the_search_of_modes(monkeypatch):
     """As the claim says, with the steps along its modes; others were followed beside."""
     made = sk.load("eight_bar_07")
     every = Tracer(made, samples=3)
-    monkeypatch.setattr(gathering, "MOST_IN_VAIN", 0)
+    monkeypatch.setattr(modes, "MOST_IN_VAIN", 0)
     tried = steps_counted(monkeypatch)
     few = Tracer(made, samples=3)
     assert 0 < len(few.assembly_modes) < len(every.assembly_modes)

@@ -6,7 +6,7 @@ a sheet for several) that predicts where Newton's method has to arrive and what 
 not leave.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -18,7 +18,6 @@ from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
-from spherekit.motion.follow import ModeCurve
 from spherekit.motion.groups import (
     State,
     group_variables,
@@ -26,10 +25,9 @@ from spherekit.motion.groups import (
     place_group,
     place_train,
 )
-from spherekit.motion.linearisation import Linearisation
+from spherekit.motion.guides import ModeCurve, ModeOverGrid
 from spherekit.motion.loops import DEPENDENT, left_inverse, rank_mobility
 from spherekit.motion.meshes import Meshes, meshes_of
-from spherekit.motion.mode_over_grid import ModeOverGrid
 from spherekit.motion.pairs import pair_states, penetrates
 from spherekit.motion.steps import determinant_sign
 from spherekit.motion.trains import Frames, WheelPlacement, train_of
@@ -184,9 +182,7 @@ class Solver:
             frames[pair] = states.first[:, 0], states.second[:, 0]
         return frames
 
-    def place(
-        self, state: State, number: int, q: Floats
-    ) -> tuple[NewtonResult, Linearisation]:
+    def place(self, state: State, number: int, q: Floats) -> NewtonResult:
         """Place a train of wheels, the group of a number, at inputs q (n, inputs)."""
         train, rolled = self.trains[number], self.rolled_values(q)
         frames = self.train_frames(train, rolled)
@@ -212,89 +208,57 @@ class Solver:
         An assembly mode guided by a sheet is known at the samples of its input grid only;
         `rows` (n,) says which ones they are.
         """
-        signs = [float(sign) for sign in assembly_mode.signs]
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            guidance = None
-            if assembly_mode.guide is not None:
-                guidance = _guided(assembly_mode.guide, q, rows)
-            wanted = _Wanted(signs, assembly_mode.determinants, guidance)
-            return self._evaluate(wanted, q)
+            state, status = self.start(q), np.zeros(len(q), dtype=np.int8)
+            for number, sign in enumerate(assembly_mode.signs):
+                if sign:
+                    group = self.assembly.groups[number]
+                    sine = place_dyad(state, group, self.mechanism.ends, sign)
+                    _mark(status, state.lost, Status.OUT_OF_REACH)
+                    _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
+                else:
+                    self._place(assembly_mode, number, q, rows, state, status)
+            return self._finish(assembly_mode, state, status)
 
-    def evaluate_each(
+    def _place(
         self,
-        assembly_modes: Sequence[AssemblyMode],
-        which: NDArray[np.intp],
+        assembly_mode: AssemblyMode,
+        number: int,
         q: Floats,
-        rows: NDArray[np.intp],
-    ) -> Evaluated:
-        """Return several guided modes side by side: at inputs q (n, inputs) one of them.
-
-        `which` (n,) are their places among those given; the rest is as in `evaluate`.
-        """
-        predicted = np.full((len(q), len(self.mechanism.variable_owners)), np.nan)
-        spread, why = np.zeros(len(q)), np.zeros(len(q), dtype=np.int8)
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            for number in np.unique(which):
-                guide, here = assembly_modes[number].guide, which == number
-                assert guide is not None
-                parts = _guided(guide, q[here], rows[here])
-                predicted[here], spread[here], why[here] = parts
-            signs, determinants = (
-                np.array(of_modes, dtype=float)[which].T
-                for of_modes in zip(
-                    *((mode.signs, mode.determinants) for mode in assembly_modes),
-                    strict=True,
-                )
-            )
-            wanted = _Wanted(signs, determinants, (predicted, spread, why))
-            return self._evaluate(wanted, q)
-
-    def _evaluate(self, wanted: "_Wanted", q: Floats) -> Evaluated:
-        ends = self.mechanism.ends
-        state = self.start(q)
-        status = np.zeros(len(q), dtype=np.int8)
-        for number, (group, sign) in enumerate(
-            zip(self.assembly.groups, wanted.signs, strict=True)
-        ):
-            if group.is_dyad:
-                sine = place_dyad(state, group, ends, sign)
-                _mark(status, state.lost, Status.OUT_OF_REACH)
-                _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
-                continue
-            if number in self.trains:
-                result, at = self.place(state, number, q)
-                _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
-            else:
-                assert wanted.guidance is not None
-                predicted, spread, why = wanted.guidance
-                for reason in Status:
-                    if reason != Status.OK:
-                        _mark(status, why == reason, reason)
-                start = predicted[:, group_variables(state, group)]
-                good = (status == Status.OK) | (status == Status.AT_SINGULARITY)
-                start = np.where(good[:, None], start, np.nan)
-                result, at = place_group(state, group, ends, start)
-                _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
-                distance = np.max(np.abs(result.values - start), axis=1)
-                _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
-            states = at.states
-            determinant, reciprocal_condition = determinant_signs(at.jacobian)
-            if len(wanted.determinants):
-                # of a flat group the sign is rounding
-                flipped = determinant != wanted.determinants[number]
-                flipped &= reciprocal_condition >= FLAT_GROUP
-                _mark(status, flipped, Status.MODE_LOST)
-            _mark(status, reciprocal_condition < FLAT_GROUP, Status.AT_SINGULARITY)
-            _mark(status, ~np.all(states.inside, axis=1), Status.OFF_PROFILE)
-            _mark(
-                status,
-                penetrates([self.joints[p] for p in group.pairs], states),
-                Status.CURVATURE,
-            )
-        return self._finish(wanted, state, status)
+        rows: NDArray[np.intp] | None,
+        state: State,
+        status: NDArray[np.int8],
+    ) -> None:
+        """Place a train of wheels or an irreducible group, and note in `status` how."""
+        group = self.assembly.groups[number]
+        if number in self.trains:
+            result = self.place(state, number, q)
+            _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
+        else:
+            assert assembly_mode.guide is not None
+            predicted, spread, why = assembly_mode.guide.at(q, rows)
+            for reason in set(Status) - {Status.OK}:
+                _mark(status, why == reason, reason)
+            start = predicted[:, group_variables(state, group)]
+            start = np.where(_good(status)[:, None], start, np.nan)
+            result = place_group(state, group, self.mechanism.ends, start)
+            _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
+            distance = np.max(np.abs(result.values - start), axis=1)
+            _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
+        states = result.at.states
+        determinant, reciprocal_condition = determinant_signs(result.at.jacobian)
+        if assembly_mode.determinants:
+            # of a flat group the sign is rounding
+            flipped = determinant != assembly_mode.determinants[number]
+            flipped &= reciprocal_condition >= FLAT_GROUP
+            _mark(status, flipped, Status.MODE_LOST)
+        _mark(status, reciprocal_condition < FLAT_GROUP, Status.AT_SINGULARITY)
+        _mark(status, ~np.all(states.inside, axis=1), Status.OFF_PROFILE)
+        joints = [self.joints[pair] for pair in group.pairs]
+        _mark(status, penetrates(joints, states), Status.CURVATURE)
 
     def _finish(
-        self, wanted: "_Wanted", state: State, status: NDArray[np.int8]
+        self, assembly_mode: AssemblyMode, state: State, status: NDArray[np.int8]
     ) -> Evaluated:
         values = state.values
         links = range(len(self.mechanism.links))
@@ -306,72 +270,29 @@ class Solver:
         apart = np.max(np.abs(at.placed - rotations), axis=(1, 2, 3)) > AGREEING
         rotations[apart] = at.placed[apart]
         residual = at.gap
-        open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED)
-        open_ &= (status == Status.OK) | (status == Status.AT_SINGULARITY)
+        open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED) & _good(status)
         if np.any(open_):
             result = self.closure.solve(values[open_], self.driven)
             values[open_], residual[open_] = result.values, result.residual
             rotations[open_] = result.at.placed
             flipped = np.zeros(len(values), dtype=bool)
-            flipped[open_] = self._flipped(wanted.signs, result.values, open_)
+            axes = self.closure.at(result.values).axes
+            for group, sign in zip(self.assembly.groups, assembly_mode.signs, strict=True):
+                if sign:
+                    triple = np.linalg.det(axes[:, list(group.pairs)])
+                    flipped[open_] |= np.sign(triple) * sign < 0.0
             _mark(status, flipped, Status.MODE_LOST)
         _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
-        failed = (status != Status.OK) & (status != Status.AT_SINGULARITY)
-        values = np.where(failed[:, None], np.nan, values)
-        rotations[failed] = np.nan
-        residual[failed] = np.nan
+        failed = ~_good(status)
+        values[failed], rotations[failed], residual[failed] = np.nan, np.nan, np.nan
         free = [v for v in self.angles if v not in self.driven]
         values[:, free] = wrap(values[:, free])
         return Evaluated(values, rotations, status, residual)
-
-    def _flipped(
-        self, signs: "Signs", values: Floats, rows: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
-        """Return whether a dyad of configurations, some rows, has not its mode's sign."""
-        axes = self.closure.at(values).axes
-        flipped = np.zeros(len(values), dtype=bool)
-        for group, sign in zip(self.assembly.groups, signs, strict=True):
-            if group.is_dyad:
-                triple = np.linalg.det(axes[:, list(group.pairs)])
-                wanted = np.broadcast_to(sign, rows.shape)[rows]
-                flipped |= np.sign(triple) * wanted < 0.0
-        return flipped
 
     @property
     def angles(self) -> list[int]:
         """Numbers of the variables that are angles of R pairs."""
         return list(self.mechanism.angles.values())
-
-
-Signs = Sequence[float] | Floats
-"""Of each group, one for all rows or (n,)."""
-
-
-@final
-@dataclass(frozen=True)
-class _Wanted:
-    """What rows are to be: `signs` of dyads and `determinants` of the other groups.
-
-    `guidance` is what guides say of the rows, see `_guided`; None where there are none.
-    """
-
-    signs: Signs
-    determinants: Signs
-    guidance: tuple[Floats, Floats, NDArray[np.int8]] | None
-
-
-def _guided(
-    guide: ModeCurve | ModeOverGrid, q: Floats, rows: NDArray[np.intp] | None
-) -> tuple[Floats, Floats, NDArray[np.int8]]:
-    """Return predicted variables, how far they may be off, and why samples have none."""
-    if isinstance(guide, ModeOverGrid):
-        assert rows is not None
-        return guide.values[rows], np.zeros(len(q)), guide.status[rows]
-    along = q[:, 0]
-    predicted, spread = guide.predict(along)
-    beyond = np.where(along < guide.inputs[0], *guide.ends)
-    why = np.where(guide.covers(along), Status.OK, beyond)
-    return predicted, spread, why.astype(np.int8)
 
 
 def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:
@@ -413,8 +334,10 @@ def label_of(signs: Iterable[float]) -> str:
     return "".join("~+-"[int(sign)] for sign in signs)
 
 
-def _mark(status: NDArray[np.int8], where: "NDArray[np.bool_]", code: Status) -> None:
-    free = (status == Status.OK) | (
-        (status == Status.AT_SINGULARITY) & (code != Status.AT_SINGULARITY)
-    )
+def _good(status: NDArray[np.int8]) -> NDArray[np.bool_]:
+    return np.asarray((status == Status.OK) | (status == Status.AT_SINGULARITY))
+
+
+def _mark(status: NDArray[np.int8], where: NDArray[np.bool_], code: Status) -> None:
+    free = (status == Status.OK) | (_good(status) & (code != Status.AT_SINGULARITY))
     status[where & free] = code

@@ -8,7 +8,7 @@ the pair whose modes, and the inputs at which these meet, are known with the lea
 what the given input says is an independent check.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -16,15 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import Status, counted
+from spherekit.conventions import TURN, Status, counted
 from spherekit.errors import SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.arc_length import follow_arc
+from spherekit.motion.assemblies import RANGE_ROUNDS, RangeSearch, assemblies
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
-from spherekit.motion.curve_search import CurveSearch
-from spherekit.motion.driving_pair import easiest_drive
-from spherekit.motion.input_turning_points import input_turning_points
-from spherekit.motion.monotone_segments import MonotoneSegments
+from spherekit.motion.crossing import ways_out
+from spherekit.motion.input_turning_points import (
+    InputTurningPoints,
+    easiest_drive,
+    input_turning_points,
+)
+from spherekit.motion.search import SEED, STARTS, Census
+from spherekit.motion.turns import in_range, turns_in_range
+from spherekit.numeric.turns import wrap
+from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
 PROBED = 181
@@ -35,6 +43,88 @@ LAP = 8.0
 """A lap of a curve is shorter than so many periods of the input."""
 STEP = np.radians(2.0)
 """Distance (rad) of inputs with all modes where those at which they meet are not known."""
+SHORTEST = 1e-6
+"""Cuts of a curve (rad) nearer to each other than this are one."""
+CHECKED = 12
+"""Inputs over the range at which modes are counted besides those they were sought at."""
+MOST_CURVES = 64
+"""Curves that are followed; a chain of many dyads can have more."""
+NEAR_DEAD = 1e-6
+"""Inputs (rad) nearer to a dead point than this are not counted at."""
+NEAR_CROSSING = 1e-3
+"""Configurations (rad) nearer to a crossing of curves than this are not start of one."""
+SAME_INPUT = 1e-5
+"""Dead points (rad) found in two ways may differ by this."""
+
+
+@final
+@dataclass(frozen=True)
+class MonotoneSegments:
+    """The k parts of a configuration curve on which the input only rises or only falls.
+
+    Those of a range of it, in order. Where the range is longer than what the curve returns
+    with, the same part is there again for each time that the input passes it.
+
+    `starts` and `stops` (k,) are s (rad), the last stop perhaps beyond the length of a
+    closed curve; `middles` (k, variables) their middle points, the input in the range;
+    `shifts` (k,) the whole periods by which it differs from the curve's (rad); `lowest`,
+    `highest` (k,) the input at their ends. A curve on which the input stands still is one
+    part.
+    """
+
+    starts: Floats
+    stops: Floats
+    middles: Floats
+    shifts: Floats
+    lowest: Floats
+    highest: Floats
+
+    @staticmethod
+    def of(
+        curve: ArcCurve, driven: int, low: float, high: float, period: float = TURN
+    ) -> "MonotoneSegments":
+        """Return those of a curve for the variable `driven` from `low` to `high` (rad).
+
+        `period` is the growth of the variable with which the same configurations return,
+        infinite where only the curve itself can say so.
+        """
+        period = curve.returns_after(driven, period)
+        ends = (curve.at_input(driven, end, period) for end in (low, high))
+        zeros = [cut.places for cut in (curve.dead_points(driven), *ends)]
+        cuts = np.unique(np.concatenate(zeros))
+        if curve.closed:
+            cuts = cuts if len(cuts) else np.zeros(1)
+            cuts = np.append(cuts, cuts[0] + curve.length)
+        else:
+            cuts = np.concatenate([[0.0], cuts, [curve.length]])
+        cuts = cuts[np.append(True, np.diff(cuts) > SHORTEST)]
+        middles = curve.at(0.5 * (cuts[:-1] + cuts[1:])).values
+        turned, which = turns_in_range(middles[:, driven], low, high, period)
+        inside = in_range(turned, low, high)
+        turned, which = turned[inside], which[inside]
+        starts, stops, middles = cuts[:-1][which], cuts[1:][which], middles[which]
+        shifts = turned - middles[:, driven]
+        middles[:, driven] = turned
+        inputs = [curve.at(cut).values[:, driven] + shifts for cut in (starts, stops)]
+        return MonotoneSegments(
+            starts, stops, middles, shifts, np.minimum(*inputs), np.maximum(*inputs)
+        )
+
+    def count(self, q: float) -> int:
+        """Return how many have the input q."""
+        return int(np.sum((self.lowest < q) & (q < self.highest)))
+
+
+def turning_inputs(
+    curve: ArcCurve, driven: int, low: float, period: float = TURN
+) -> Floats:
+    """Return the values (k,) from `low` on at which a variable turns back on a curve.
+
+    They are less whole periods; those that have none as they are.
+    """
+    dead_points = curve.dead_points(driven)
+    values = curve.at(dead_points.places[~dead_points.double]).values[:, driven]
+    return np.asarray(low + np.mod(values - low, period)) if np.isfinite(period) else values
 
 
 @final
@@ -126,7 +216,7 @@ def configuration_curves(
     (period,) = solver.periods
     if period <= 2.0 * longest:
         longest = max(longest, LAP * float(period))
-    search = CurveSearch(solver, low, high, longest)
+    search = _CurveSearch(solver, low, high, longest)
     inputs = np.linspace(low, high, PROBED)
     for assembly_mode in assembly_modes:
         there = solver.evaluate(assembly_mode, inputs[:, None])
@@ -142,12 +232,14 @@ def configuration_curves(
     complete = claim.guarantee is not Guarantee.SAMPLED
     if not complete:
         claim = search.search()
-    search.cross()
-    monotone_segments = [
-        MonotoneSegments.of(curve, solver.single, low, high, *solver.periods)
+    # On some curves that cross others the input may stand still: no input leads to them.
+    for end in _crossing_ends(search.curves):  # which grow on the way
+        search.add(ways_out(solver.closure, end))
+    segments = [
+        MonotoneSegments.of(curve, solver.single, low, high, period)
         for curve in search.curves
     ]
-    search.count(monotone_segments, complete)
+    search.count(segments, complete)
     if complete:
         search.compare(drive, dead)
     if search.problems:
@@ -155,7 +247,7 @@ def configuration_curves(
         words = f"{failed} failed, the first: {search.problems[0]}"
         claim = Claim(Guarantee.SAMPLED, words)
     inputs, counts = np.array(search.counted).reshape(-1, 2).T
-    pieces = _pieces(solver, assembly_modes, search.curves, monotone_segments)
+    pieces = _pieces(solver, assembly_modes, search.curves, segments)
     return Configurations(
         tuple(
             ConfigurationCurve(curve, parts)
@@ -175,26 +267,144 @@ def _pieces(
     assembly_modes: Sequence[AssemblyMode],
     curves: Sequence[ArcCurve],
     segments: Sequence[MonotoneSegments],
-) -> list[tuple[Piece, ...]]:
-    """Return the parts of curves within the input range, each with its assembly mode.
+) -> Iterator[tuple[Piece, ...]]:
+    """Yield the parts of curves within the input range, each with its assembly mode.
 
     That is the mode whose configuration at its middle is the curve's.
     """
-    if not curves:
-        return []
-    middles = np.concatenate([parts.middles for parts in segments])
-    numbers: NDArray[np.object_] = np.full(len(middles), None, dtype=object)
-    for assembly_mode in assembly_modes:
-        there = solver.evaluate(assembly_mode, middles[:, [solver.single]]).values
-        gap = np.max(np.abs(curves[0].wrapped(there - middles)), axis=1)
-        numbers[gap < SAME_CONFIGURATION] = assembly_mode.number
-    modes = iter(numbers.tolist())
-    return [
-        tuple(
-            Piece(next(modes), float(start), float(stop), float(shift))
-            for start, stop, shift in zip(
-                parts.starts, parts.stops, parts.shifts, strict=True
-            )
-        )
-        for parts in segments
-    ]
+    for curve, parts in zip(curves, segments, strict=True):
+        numbers: list[int | None] = [None] * len(parts.middles)
+        for assembly_mode in assembly_modes:
+            there = solver.evaluate(assembly_mode, parts.middles[:, [solver.single]]).values
+            gap = np.max(np.abs(curve.wrapped(there - parts.middles)), axis=1)
+            for row in np.flatnonzero(gap < SAME_CONFIGURATION):
+                numbers[row] = assembly_mode.number
+        places = (part.tolist() for part in (parts.starts, parts.stops, parts.shifts))
+        yield tuple(map(Piece, numbers, *places))
+
+
+@final
+class _CurveSearch:
+    """The curves found so far over a range of the input, and what went wrong on the way.
+
+    `counted` are inputs and the numbers of real modes that were found there without the
+    curves; `problems` says in words what does not agree.
+    """
+
+    def __init__(self, solver: Solver, low: float, high: float, longest: float) -> None:
+        self.solver, self.low, self.high = solver, low, high
+        self.longest = longest
+        self.curves: list[ArcCurve] = []
+        self.counted: list[tuple[float, int]] = []
+        self.problems: list[str] = []
+
+    def add(self, values: Floats) -> None:
+        """Follow new curves from configurations (n, variables)."""
+        failed: list[tuple[Floats, str]] = []
+        while len(values):
+            middle = len(values) // 2
+            given, values = values[middle], np.delete(values, middle, axis=0)
+            curve = next((c for c in self.curves if c.passes(given[None])[0]), None)
+            if curve is None:
+                try:
+                    curve = follow_arc(self.solver.closure, given, longest=self.longest)
+                except SolveError as problem:
+                    failed.append((given, str(problem)))
+                    continue
+                self.curves.append(curve)
+            values = values[~curve.passes(values)]
+        for given, words in failed:
+            # a curve that ends there may do so because others cross it
+            if not any(
+                np.max(np.abs(curve.wrapped(given - end))) < NEAR_CROSSING
+                for curve in self.curves
+                for end in _crossing_ends([curve])
+            ):
+                self.problems.append(words)
+
+    def sweep(self, drive: Solver, dead: InputTurningPoints, step: float) -> Claim:
+        """Follow the curves of all modes of `drive` between its dead inputs."""
+        for q in dead.probes(step):
+            values, complete = _modes(drive, float(q))
+            if not complete:
+                words = "no elimination finds all modes at an input"
+                return Claim(Guarantee.SAMPLED, words)
+            if drive is self.solver:
+                self.counted.append((float(q), len(values)))
+            self.add(values)
+        return dead.claim(step)
+
+    def search(self) -> Claim:
+        """Follow the curves that random starts over the range lead to.
+
+        The starts are others than those by which a run finds its assembly modes, so that
+        how often they met the curves known before says what both may have missed.
+        """
+        if self.solver.meshes is not None and not self.solver.meshes.all_known:
+            words = "wheels in mesh as in the assembly modes given"
+            return Claim(Guarantee.COMPONENT, words)
+        low, high = np.array([self.low]), np.array([self.high])
+        starts = RangeSearch(self.solver, low, high, seed=SEED + 1)
+        census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
+        working = Working("searching the configuration curves")
+        while census.goes_on and len(self.curves) < MOST_CURVES:
+            values, _ = starts.rounds()
+            self.add(values)
+            met = np.full(len(values), -1, dtype=np.intp)
+            for number, curve in enumerate(self.curves):
+                met[curve.passes(values)] = number
+            census.add(STARTS, met, len(self.curves))
+            working.tell(lambda: census.words("curves"))
+        return Claim(Guarantee.SAMPLED, census.words("curves"))
+
+    def count(self, segments: Sequence[MonotoneSegments], complete: bool) -> None:
+        """Compare the number of modes with that of the curves' crossings.
+
+        Where the modes at an input are complete, at inputs spread over the range too.
+        """
+        if complete:
+            parts = (np.arange(CHECKED) + 0.5) / CHECKED
+            for q in self.low + parts * (self.high - self.low):
+                values, all_there = _modes(self.solver, float(q))
+                if all_there:
+                    self.counted.append((float(q), len(values)))
+        ends = np.array([end for part in segments for end in (*part.lowest, *part.highest)])
+        crossed = np.array([end[self.solver.single] for end in _crossing_ends(self.curves)])
+        for q, modes in self.counted:
+            away = np.min(np.abs(ends - q), initial=np.inf)
+            past = np.min(np.abs(wrap(crossed - q)), initial=np.inf)
+            if away < NEAR_DEAD or past < NEAR_CROSSING:
+                continue
+            crossings = sum(part.count(q) for part in segments)
+            if crossings < modes or (complete and crossings != modes):
+                self.problems.append(
+                    f"at the input {np.degrees(q):.6g} deg there are {modes} modes, but "
+                    f"the curves have {crossings}"
+                )
+
+    def compare(self, drive: Solver, dead: InputTurningPoints) -> None:
+        """Check that curves turn back only where modes of `drive` meet."""
+        name = drive.mechanism.pairs[drive.assembly.input].name
+        for curve in self.curves:
+            for q in turning_inputs(curve, drive.single, dead.low, *drive.periods):
+                if not dead.has(q, SAME_INPUT):
+                    self.problems.append(
+                        f"{name} = {np.degrees(q):.6g} deg: a curve turns back, but no "
+                        "modes meet"
+                    )
+
+
+def _modes(solver: Solver, q: float) -> tuple[Floats, bool]:
+    """Return the variables (n, variables) of all modes at an input, and whether all."""
+    modes = assemblies(solver, np.array([q]))
+    count = len(solver.mechanism.variable_owners)
+    values = np.array([values for _, values in modes.modes]).reshape(-1, count)
+    return values, all(m is None or m.is_complete for m in modes.methods)
+
+
+def _crossing_ends(curves: Iterable[ArcCurve]) -> Iterator[Floats]:
+    """Yield the last nodes (variables,) of curves that end because others cross them."""
+    for curve in curves:
+        for why, end in zip(curve.ends, curve.nodes.values[[0, -1]], strict=True):
+            if why == Status.AT_SINGULARITY:
+                yield end

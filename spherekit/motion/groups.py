@@ -14,7 +14,6 @@ from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
-from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import pair_states
 from spherekit.motion.trains import Frames, WheelPlacement
@@ -159,15 +158,12 @@ def group_closure(state: State, group: Group, ends: tuple[tuple[int, int], ...])
 
 def place_group(
     state: State, group: Group, ends: tuple[tuple[int, int], ...], start: Floats
-) -> tuple[NewtonResult, Linearisation]:
-    """Close an irreducible group from starting values (n, its variables), and merge it.
-
-    Returns the solver's result, and the group there.
-    """
+) -> NewtonResult:
+    """Close an irreducible group from starting values (n, its variables), and merge it."""
     result = group_closure(state, group, ends).solve(start)
     state.merge(group, result.at.placed)
     state.values[:, group_variables(state, group)] = result.values
-    return result, result.at
+    return result
 
 
 def place_train(
@@ -176,11 +172,11 @@ def place_train(
     ends: tuple[tuple[int, int], ...],
     frames: Frames,
     rolled: Floats,
-) -> tuple[NewtonResult, Linearisation]:
+) -> NewtonResult:
     """Place a train of wheels from the lengths rolled, and merge it.
 
     `frames` are those of its contacts, `rolled` (n, variables) the variables they are of.
-    Returns what closing it finds, and the group there.
+    Returns what closing it finds.
     """
     group = train.group
     placed = state.copy()

@@ -1,83 +1,264 @@
-"""The guides of assembly modes through closed configurations, several side by side."""
+"""What guides the assembly modes of irreducible groups: verified configurations in order.
 
-from dataclasses import dataclass
+With one input it is a curve, followed step by safe step, from whose nodes any sample is
+predicted. With several it is a sheet over an input grid: from a known configuration the
+mode spreads from sample to neighbouring sample by straight ways of verified steps, wherever
+such a way leads: around a region that is out of reach, but never through a configuration at
+which the inputs do not determine the motion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import Status
-from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.follow import ModeCurve, follow_each
+from spherekit.motion.closure import Closure
+from spherekit.motion.crossing import ways_out
 from spherekit.motion.input_grid import InputGrid
-from spherekit.motion.mode_over_grid import ModeOverGrid, spread_each
-from spherekit.motion.steps import walk
+from spherekit.motion.steps import InputPaths, Nodes, nodes_at, walk
+from spherekit.numeric.hermite import cubic
 from spherekit.sphere.rotation import Floats
 
+AT_DEAD_CENTRE = 1e-9
+"""Nodes of a smaller relative singular value are dead centres of the input."""
+NEAR_DEAD_CENTRE = 1e-4
+"""A way into a dead centre ends no farther from it (rad)."""
 NEAREST = 8
 """Samples nearest to a configuration that straight ways are tried to."""
+
+Rows = NDArray[np.intp]
+Predicted = tuple[Floats, Floats, NDArray[np.int8]]
+"""Variables (n, variables), how far (n,) rad they may be off, (n,) why there are none."""
 
 
 @final
 @dataclass(frozen=True)
-class Guided:
-    """A closed configuration (variables,) with what guides its mode.
+class ModeCurve:
+    """Nodes of one assembly mode in rising input order, with exact slopes.
 
-    `freedoms` is the mobility by rank there, None where no constraint is redundant;
-    `guide` is None where the mode is out of range or has another number of freedoms than
-    there are inputs. `tried` counts the steps tried along a curve.
+    `inputs` (k,), `values` and `slopes` (k, variables) in rad and rad/rad. `ends` say why
+    the curve goes no further at both ends: OK where the range ends, else the status of
+    the samples beyond. `tried` counts the steps that it took to find it, also in vain.
+    """
+
+    inputs: Floats
+    values: Floats
+    slopes: Floats
+    ends: tuple[Status, Status]
+    tried: int = 0
+
+    def predict(self, q: Floats) -> tuple[Floats, Floats]:
+        """Return Hermite values (n, variables) at inputs q (n,), and the nodes' spread."""
+        k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, max(len(self.inputs) - 2, 0))
+        if len(self.inputs) == 1:
+            return np.repeat(self.values, len(q), axis=0), np.zeros(len(q))
+        h = (self.inputs[k + 1] - self.inputs[k])[:, None]
+        start, stop = ((self.values[end], self.slopes[end]) for end in (k, k + 1))
+        out = cubic(start, stop, h, (q - self.inputs[k])[:, None] / h)
+        return out, np.max(np.abs(stop[0] - start[0]), axis=1)
+
+    def at(self, q: Floats, rows: Rows | None) -> Predicted:
+        """Return what is predicted at inputs q (n, 1)."""
+        along = q[:, 0]
+        beyond = np.where(along < self.inputs[0], *self.ends)
+        why = np.where(self.covers(along), Status.OK, beyond).astype(np.int8)
+        return (*self.predict(along), why)
+
+    def covers(self, q: Floats) -> NDArray[np.bool_]:
+        """Return (n,) whether each input lies on the curve."""
+        slack = 1e-14 * np.maximum(1.0, np.abs(q))
+        inside = (q >= self.inputs[0] - slack) & (q <= self.inputs[-1] + slack)
+        return np.asarray(inside)
+
+    def ends_before(self, q: Floats) -> NDArray[np.bool_]:
+        """Return (n,) which inputs are beyond an end that the mode does not reach past."""
+        return np.asarray(self.at(q[:, None], None)[2] == Status.OUT_OF_REACH)
+
+
+@final
+@dataclass(frozen=True)
+class ModeOverGrid:
+    """Configurations of one mode at the samples of an input grid.
+
+    `values` (n, variables), NaN where the mode was not reached; `status` (n,): OK, or why
+    the last way tried towards a sample ended.
     """
 
     values: Floats
-    freedoms: int | None = None
-    guide: ModeCurve | ModeOverGrid | None = None
-    tried: int = 0
+    status: NDArray[np.int8]
+
+    def at(self, q: Floats, rows: Rows | None) -> Predicted:
+        """Return what is known of samples, rows (n,) of the grid."""
+        assert rows is not None
+        return self.values[rows], np.zeros(len(q)), self.status[rows]
 
 
-def guided(solver: Solver, input_grid: InputGrid, values: Floats) -> list[Guided]:
-    """Return the guides through nearly closed configurations (n, variables)."""
-    driven = list(solver.driven)
-    values = solver.closure.solve(values, driven).values
-    if not any(group.redundant for group in solver.assembly.groups):
-        return _guides(solver, input_grid, values, [None] * len(values))
-    freedoms = [solver.freedoms(one) for one in values]
-    moving = np.array([number == len(driven) for number in freedoms], dtype=bool)
-    there = iter(
-        _guides(solver, input_grid, values[moving], [len(driven)] * int(np.sum(moving)))
-    )
+def follow(
+    closure: Closure, driven: int, values: Floats, low: float, high: float
+) -> ModeCurve:
+    """Return the curve through one closed configuration over an input range.
+
+    Parameters
+    ----------
+    closure
+        Loop closure of the whole mechanism (constant pair frames).
+    driven
+        Number of the input's variable.
+    values
+        (variables,) a closed configuration with `values[driven]` in [low, high], rad.
+    """
+    (curve,) = follow_each(closure, driven, values[None], low, high)
+    return curve
+
+
+def follow_each(
+    closure: Closure, driven: int, values: Floats, low: float, high: float
+) -> list[ModeCurve]:
+    """Return the curves through closed configurations (n, variables), side by side.
+
+    Over an input range that is made so wide as to hold the input of each; see `follow`.
+    """
+    starts = nodes_at(closure.at(values), [driven], np.ones((len(values), 1)))
+    moving = starts.reciprocal_condition > AT_DEAD_CENTRE
+    moving &= np.all(np.isfinite(starts.slope), axis=1)
+    followed = iter(_through(closure, driven, starts.rows(moving), low, high))
     return [
-        next(there) if moves else Guided(one, number)
-        for one, number, moves in zip(values, freedoms, moving, strict=True)
+        next(followed) if moves else _from_dead_centre(closure, driven, one, low, high)
+        for one, moves in zip(values, moving, strict=True)
     ]
 
 
-def _guides(
-    solver: Solver, input_grid: InputGrid, values: Floats, freedoms: list[int | None]
-) -> list[Guided]:
-    driven = list(solver.driven)
-    if len(driven) == 1:
-        low, high = input_grid.range
-        curves = follow_each(solver.closure, driven[0], values, low, high)
-        inside = [c.inputs[0] <= high and c.inputs[-1] >= low for c in curves]
-        return [
-            Guided(one, number, curve if met else None, curve.tried)
-            for one, number, curve, met in zip(
-                values, freedoms, curves, inside, strict=True
+def _from_dead_centre(
+    closure: Closure, driven: int, values: Floats, low: float, high: float
+) -> ModeCurve:
+    """Return the curve through a dead centre (variables,), by a way that leaves it.
+
+    It has the dead centre for its end, unless no end is nearer to it than
+    `NEAR_DEAD_CENTRE`. Ways that leave are tried in a definite order.
+    """
+    around = ways_out(closure, values)
+    moved = around[np.abs(around[:, driven] - values[driven]) > AT_DEAD_CENTRE]
+    tried = 0
+    for beside in sorted(moved, key=lambda way: tuple(np.round(values - way, 6))):
+        curve = _from(closure, driven, beside, low, high)
+        tried += curve.tried
+        for end, place in ((0, 0), (-1, len(curve.inputs))):
+            away = curve.values[end] - values
+            step = away[driven]
+            if step and 0.0 < np.max(np.abs(away)) < NEAR_DEAD_CENTRE:
+                return ModeCurve(
+                    np.insert(curve.inputs, place, values[driven]),
+                    np.insert(curve.values, place, values, axis=0),
+                    np.insert(curve.slopes, place, away / step, axis=0),
+                    curve.ends,
+                    tried,
+                )
+    curve = _from(closure, driven, values, low, high)
+    return replace(curve, tried=tried + curve.tried)
+
+
+def _from(
+    closure: Closure, driven: int, values: Floats, low: float, high: float
+) -> ModeCurve:
+    start = nodes_at(closure.at(values[None]), [driven], np.ones((1, 1)))
+    return _through(closure, driven, start, low, high)[0]
+
+
+def _through(
+    closure: Closure, driven: int, starts: Nodes, low: float, high: float
+) -> list[ModeCurve]:
+    """Return the curves through nodes at which the input moves."""
+    here = starts.values[:, driven]
+    goals = np.concatenate([np.minimum(low, here), np.maximum(high, here)])
+    both = np.concatenate([starts.values, starts.values])
+    paths = InputPaths(closure, [driven], both, goals[:, None], keeps_trail=True)
+    count = len(here)
+    ways = paths.nodes_of(range(2 * count))
+    curves = []
+    for row in range(count):
+        back = ways[row].rows(slice(None, None, -1))
+        parts = [back, starts.rows(slice(row, row + 1)), ways[count + row]]
+        nodes, both_ways = Nodes.joined(parts), [row, count + row]
+        first, last = (Status(paths.status[way]) for way in both_ways)
+        curves.append(
+            ModeCurve(
+                nodes.values[:, driven].copy(),
+                nodes.values,
+                nodes.slope * nodes.direction,
+                (first, last),
+                int(np.sum(paths.tried[both_ways])),
             )
-        ]
-    made = [Guided(one, number) for one, number in zip(values, freedoms, strict=True)]
-    starts = []
+        )
+    return curves
+
+
+def sheets_through(
+    closure: Closure, driven: Sequence[int], input_grid: InputGrid, values: Floats
+) -> list[ModeOverGrid | None]:
+    """Return the sheets through closed configurations (k, variables), side by side.
+
+    They start at the nearest samples to which a straight way leads, None if there is none.
+    """
+    sheets: list[ModeOverGrid | None] = [None] * len(values)
+    starts: dict[int, tuple[int, Floats]] = {}
     for number, one in enumerate(values):
-        near = input_grid.nearest(one[driven], NEAREST)
+        near = input_grid.nearest(one[list(driven)], NEAREST)
         start = np.repeat(one[None], len(near), axis=0)
-        reached, status = walk(solver.closure, driven, start, input_grid.q[near])
+        reached, status = walk(closure, driven, start, input_grid.q[near])
         arrived = np.flatnonzero(status == Status.OK)
         if len(arrived):
-            starts.append((number, int(near[arrived[0]]), reached[arrived[0]]))
+            starts[number] = int(near[arrived[0]]), reached[arrived[0]]
     if starts:
-        numbers, rows, there = zip(*starts, strict=True)
-        sheets = spread_each(
-            solver.closure, driven, input_grid, np.array(rows), np.array(there)
-        )
-        for number, sheet in zip(numbers, sheets, strict=True):
-            made[number] = Guided(values[number], freedoms[number], sheet)
-    return made
+        rows, there = (np.array(part) for part in zip(*starts.values(), strict=True))
+        spread = spread_each(closure, driven, input_grid, rows, there)
+        for number, sheet in zip(starts, spread, strict=True):
+            sheets[number] = sheet
+    return sheets
+
+
+def spread_each(
+    closure: Closure,
+    driven: Sequence[int],
+    input_grid: InputGrid,
+    rows: Rows,
+    values: Floats,
+) -> list[ModeOverGrid]:
+    """Return the sheets through closed configurations (k, variables), side by side.
+
+    `rows` (k,) are the samples at which they are.
+    """
+    n, count = len(input_grid), len(rows)
+    sheets = np.full((count * n, values.shape[1]), np.nan)
+    status = np.full(count * n, Status.OUT_OF_REACH, dtype=np.int8)
+    front = np.arange(count) * n + rows
+    sheets[front], status[front] = values, Status.OK
+    beside = input_grid.neighbours()
+    while len(front):
+        sample = front % n
+        stop = beside[:, sample]
+        open_ways = stop.ravel() >= 0
+        start = np.tile(front, len(beside))[open_ways]
+        stop = (stop + front - sample).ravel()[open_ways]
+        new: list[Rows] = [np.zeros(0, dtype=np.intp)]
+        while len(stop):
+            wanted = status[stop] != Status.OK
+            start, stop = start[wanted], stop[wanted]
+            _, once = np.unique(stop, return_index=True)
+            if not len(once):
+                break
+            reached, why = walk(
+                closure, driven, sheets[start[once]], input_grid.q[stop[once] % n]
+            )
+            status[stop[once]] = why
+            arrived = stop[once][why == Status.OK]
+            sheets[arrived] = reached[why == Status.OK]
+            new.append(arrived)
+            start, stop = np.delete(start, once), np.delete(stop, once)
+        front = np.concatenate(new)
+    return [
+        ModeOverGrid(*part)
+        for part in zip(np.split(sheets, count), np.split(status, count), strict=True)
+    ]

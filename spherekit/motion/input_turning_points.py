@@ -11,10 +11,12 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import counted
+from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.complex_modes import meetings_of
 from spherekit.numeric.crossings import MOST_CELLS, crossings
+from spherekit.planning.assembly import plan_assembly
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
@@ -24,6 +26,8 @@ SMOOTH = 4.0 * np.pi
 """Width (rad), over the number of modes, of parts in which their function is smooth."""
 MOST_TIME = 40.0
 """Rough time (s) that the search for dead inputs may take."""
+CHEAP = 2e-3
+"""A pair whose functions of meeting modes take less than this (s) is good enough."""
 
 
 @final
@@ -125,3 +129,29 @@ def input_turning_points(
     places = np.sort(np.concatenate([part.places for part in per_group]))
     doubtful = np.concatenate([part.doubtful for part in per_group])
     return InputTurningPoints(low, high, places, doubtful[np.argsort(doubtful[:, 0])])
+
+
+def easiest_drive(solver: Solver) -> Solver:
+    """Return a mechanism driven where the inputs at which modes meet are found easily.
+
+    It is the given one where they are found easily too, or at no other pair.
+    """
+    if any(not group.revolute or group.redundant for group in solver.assembly.groups):
+        return solver
+    as_driven = meetings_of(solver, CHEAP)
+    if as_driven is not None and as_driven.cost < CHEAP:
+        return solver
+    others = []
+    for pair in solver.mechanism.pairs:
+        mechanism = solver.mechanism.with_inputs(pair.name)
+        try:
+            others.append(Solver(mechanism, plan_assembly(mechanism)))
+        except PlanError:
+            continue
+    costs = [np.inf if as_driven is None else as_driven.cost]
+    for other in others:
+        meetings = meetings_of(other, CHEAP)
+        costs.append(np.inf if meetings is None else meetings.cost)
+    if np.min(costs) < np.inf:
+        return (solver, *others)[int(np.argmin(costs))]
+    return next((way for way in (solver, *others) if meetings_of(way)), solver)

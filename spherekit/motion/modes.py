@@ -2,58 +2,100 @@
 
 With one input they are looked for between all inputs at which modes meet, where those
 are known, else at several and by a search over the range. All modes of dyads are
-enumerated, those of irreducible groups gathered (`gathering`).
+enumerated. Those of irreducible groups at some inputs are all found by elimination or some
+by a search; each new one is followed as far as it goes, and beyond where its curve goes on
+in the range.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, counted
-from spherekit.errors import SolveError
+from spherekit.conventions import CLOSURE_TOLERANCE, Status, counted
+from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.model.parts import PoseGeometry
-from spherekit.motion.assemblies import MOST_ASSEMBLY_MODES, signs_at
-from spherekit.motion.assembly_modes import AssemblyMode, Solver
-from spherekit.motion.gathering import MOST_COST, MOST_TIME, Gathering, other_rank
-from spherekit.motion.groups import State, place_dyad
+from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.arc_length import LONGEST, follow_arc
+from spherekit.motion.assemblies import (
+    MOST_ASSEMBLY_MODES,
+    RANGE_ROUNDS,
+    RangeSearch,
+    assemblies,
+    chains,
+    signs_at,
+)
+from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_signs
+from spherekit.motion.configuration import MonotoneSegments
+from spherekit.motion.elimination import has_elimination
+from spherekit.motion.groups import State, group_variables, place_dyad, place_group
+from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each, sheets_through
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.input_turning_points import input_turning_points
-from spherekit.motion.solutions import CLOSED_FORM, ONE_WAY, Method
+from spherekit.motion.search import SAME_MODE, STARTS, Census
+from spherekit.motion.solutions import CLOSED_FORM, ONE_WAY, Method, least_complete
+from spherekit.numeric.turns import wrap
+from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
+from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
+
+Rows = NDArray[np.intp]
 
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
 RANKED = 5
 """Configurations at which the mobility by rank is asked for: some may be singular."""
-
+MOST_FOLLOWED = 60000
+"""Nodes of all modes of irreducible groups, after which no further one is followed."""
+MOST_IN_VAIN = 12000
+"""The same for steps that led to none: a mode has some tens of nodes, and about three
+such steps; thousands where a configuration is singular in higher order."""
+PROBES = 5
+"""Inputs at which modes are looked for where those at which they meet are not known."""
+FINER = 3
+"""So many times more of them where elimination finds all modes at an input."""
+MOST_COST = 3e-3
+"""Time (s) that a value of the functions of meeting modes may take here."""
+MOST_TIME = 10.0
+"""Rough time (s) that looking for the inputs at which modes meet may take here."""
+LONGEST_ROLLED = 200.0
+"""Length (rad) after which a curve of wheels is ended whose rolled lengths do not follow
+from the input, and which need not ever close."""
+NEAR_GUIDE = 1e-3
+"""A mode is examined where its guide is nearer (rad) than this and its nodes' spread."""
+AHEAD = 16
+"""Configurations on different modes that are followed together."""
+GUESSED = 6
+"""The same of random starts, some of which are on one mode."""
 REFERENCE_ONLY = Claim(Guarantee.COMPONENT, "the mode of the reference pose")
+AS_ASSEMBLED = Claim(
+    Guarantee.COMPONENT,
+    "the mode of the reference pose, and where it ends those that go on; wheels put "
+    "together otherwise were not looked for",
+)
 
 
 @final
-@dataclass(frozen=True)
-class FoundModes:
-    """The assembly modes of a mechanism, and how they were found.
-
-    `probes` is the number of inputs at which modes were looked for, 0 if a reference
-    pose was enough; `methods[g]` the least complete way in which those of group g were
-    found at any of them, None if at none. `claim` says what holds of their number.
-    """
-
-    assembly_modes: tuple[AssemblyMode, ...]
-    probes: int
-    methods: tuple[Method | None, ...]
-    claim: Claim
-
-
-def find_assembly_modes(
-    solver: Solver, input_grid: InputGrid, search: bool = True
-) -> FoundModes:
-    """Return the assembly modes that have at least one configuration at the inputs given.
+class ModeSearch:
+    """The assembly modes that have at least one configuration at the inputs of a grid.
 
     The mode of a given reference pose comes first. For one input the range between the
     first and the last sample is what counts; for several the samples of the input grid.
+
+    Attributes
+    ----------
+    assembly_modes, families
+        The modes, and the numbers of their components, as far as is known: those that were
+        come to on one configuration curve have the same.
+    probes
+        Number of inputs at which modes were looked for, 0 if a reference pose was enough.
+    methods
+        Of each group the least complete way in which its modes were found at any of these,
+        None if at none.
+    claim
+        What holds of the number of modes.
 
     Raises
     ------
@@ -63,124 +105,378 @@ def find_assembly_modes(
         If the rank of a mechanism with redundant constraints leaves another number of
         freedoms than there are inputs.
     """
-    if solver.has_closed_form:
-        found_modes = _closed_assembly_modes(solver, input_grid, search)
-    else:
-        found_modes = _guided_assembly_modes(solver, input_grid, search)
-    if not found_modes.assembly_modes:
-        raise SolveError(_why_nothing_closes(solver, input_grid))
-    return found_modes
 
+    def __init__(self, solver: Solver, input_grid: InputGrid, search: bool = True) -> None:
+        self.solver, self.input_grid, self.claim = solver, input_grid, REFERENCE_ONLY
+        self.groups = solver.assembly.groups
+        self.assembly_modes: list[AssemblyMode] = []
+        self.families: list[int] = []
+        self.methods: list[Method | None] = [None] * len(self.groups)
+        self.probes = 0
+        self._freedoms: list[int] = []
+        self._nodes = self._in_vain = self._followed = 0
+        self._curves: list[ArcCurve] = []
+        self._working = Working("searching the assembly modes")
+        if solver.has_closed_form:
+            self._enumerate(search)
+        else:
+            self._gather(search)
+        if len(self.assembly_modes) >= MOST_ASSEMBLY_MODES:
+            words = f"stopped at {MOST_ASSEMBLY_MODES} modes; there may be more"
+            self.claim = Claim(Guarantee.SAMPLED, words)
+        if self._is_spent:
+            steps = self._nodes + self._in_vain
+            modes = counted(len(self.assembly_modes), "mode")
+            words = f"stopped after {steps} steps along {modes}; there may be more"
+            self.claim = Claim(Guarantee.SAMPLED, words)
+        if not self.assembly_modes:
+            raise SolveError(_why_nothing_closes(solver, input_grid))
 
-def _closed_assembly_modes(
-    solver: Solver, input_grid: InputGrid, search: bool
-) -> FoundModes:
-    ends = solver.mechanism.ends
-    groups = solver.assembly.groups
-    closing: list[tuple[int, ...]] = []
+    def _enumerate(self, search: bool) -> None:
+        """Find the modes of dyads and trains of wheels."""
+        solver, reference = self.solver, self.solver.geometry.reference
+        signs = [] if reference is None else [signs_at(solver, reference)]
+        if search or not signs:
+            q, self.claim = self._probed()
+            self.probes = len(q)
+            self.methods = [
+                ONE_WAY if number in solver.trains else CLOSED_FORM
+                for number in range(len(self.groups))
+            ]
+            for of_mode, state in chains(solver, q, MOST_ASSEMBLY_MODES):
+                self._check_rank(state)
+                signs.append(of_mode)
+        different = list(dict.fromkeys(signs))[:MOST_ASSEMBLY_MODES]
+        self.assembly_modes = [AssemblyMode(k, one) for k, one in enumerate(different)]
 
-    def extend(state: State, q: Floats, signs: tuple[int, ...]) -> None:
-        if len(closing) >= MOST_ASSEMBLY_MODES or np.all(state.lost):
-            return
-        number = len(signs)
-        if number == len(groups):
-            closing.append(signs)
-            _check_rank(solver, state)
-            return
-        if number in solver.trains:
-            grown = state.copy()
-            result, _ = solver.place(grown, number, q)
-            grown.lost |= ~(result.residual < CLOSURE_TOLERANCE)
-            extend(grown, q, (*signs, 0))
-            return
-        for sign in (1, -1):
-            grown = state.copy()
-            place_dyad(grown, groups[number], ends, sign)
-            extend(grown, q, (*signs, sign))
+    def _check_rank(self, state: State) -> None:
+        """Refuse redundant constraints that leave another mobility than there are inputs.
 
-    reference = solver.geometry.reference
-    of_reference: tuple[int, ...] | None = None
-    if reference is not None:
-        of_reference = signs_at(solver, reference)
-    probes, methods = 0, tuple[Method | None, ...]([None] * len(groups))
-    claim = REFERENCE_ONLY
-    if search or of_reference is None:
-        probed, claim = _probed(solver, input_grid)
-        probes = len(probed)
-        methods = tuple(
-            ONE_WAY if number in solver.trains else CLOSED_FORM
-            for number in range(len(groups))
+        The rank is the greatest of the configurations of a state that close.
+        """
+        if any(group.redundant for group in self.groups):
+            closed = state.values[~state.lost]
+            rows = np.linspace(0, len(closed) - 1, min(len(closed), RANKED)).astype(np.intp)
+            freedoms = min(self.solver.freedoms(values) for values in closed[rows])
+            if freedoms != len(self.solver.driven):
+                raise self._other_rank(freedoms)
+
+    def _other_rank(self, freedoms: int) -> PlanError:
+        """Return the error of a mechanism whose inputs are not its freedoms by rank."""
+        mechanism = self.solver.mechanism
+        return PlanError(
+            f"{mechanism.name}: mobility {freedoms} by rank with "
+            f"{graph_mobility(mechanism)} by the graph, but the number of inputs is "
+            f"{len(self.solver.driven)}; {inputs_to_declare(freedoms)}"
         )
-        with np.errstate(invalid="ignore", divide="ignore"):
-            extend(solver.start(probed), probed, ())
-    if of_reference is not None:
-        closing = [of_reference, *(signs for signs in closing if signs != of_reference)][
-            :MOST_ASSEMBLY_MODES
+
+    def _probed(self) -> tuple[Floats, Claim]:
+        """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
+        grid, trains = self.input_grid, self.solver.trains
+        if len(trains) == len(self.groups):
+            words = "wheels in mesh have one" if trains else "no loop has to close"
+            return grid.q[:1], Claim(Guarantee.COMPLETE, words)
+        if grid.q.shape[1] > 1:
+            q = grid.thinned(PROBED_INPUTS).q
+            return q, Claim(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
+        dead = input_turning_points(self.solver, *grid.range, MOST_COST, MOST_TIME)
+        step = float(np.ptp(grid.q)) / (PROBED_INPUTS - 1)
+        return dead.probes(step)[:, None], dead.claim(step)
+
+    def _gather(self, search: bool) -> None:
+        """Find the modes of irreducible groups."""
+        self._add_reference()
+        if search or not self.assembly_modes:
+            self.claim = self._all_modes()
+        freedoms = min(self._freedoms, default=len(self.solver.driven))
+        if not self.assembly_modes and freedoms != len(self.solver.driven):
+            raise self._other_rank(freedoms)
+
+    @property
+    def _is_spent(self) -> bool:
+        """Whether as many steps were made as may be; there is at least one mode then."""
+        in_vain = bool(self.assembly_modes) and self._in_vain > MOST_IN_VAIN
+        return self._nodes > MOST_FOLLOWED or in_vain
+
+    @property
+    def _is_full(self) -> bool:
+        """Whether no further assembly mode is to be followed."""
+        return len(self.assembly_modes) >= MOST_ASSEMBLY_MODES or self._is_spent
+
+    def _add_reference(self) -> None:
+        """Add the assembly mode of the reference pose, if there is one."""
+        solver, q = self.solver, self.input_grid.q
+        if (reference := solver.geometry.reference) is None:
+            return
+        driven, meshes = list(solver.driven), solver.meshes
+        values = reference.copy()
+        middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
+        outside = np.abs(reference[driven] - middle) > 0.5 * np.ptp(q, axis=0)
+        if np.any(outside) and meshes is not None:
+            values = meshes.moved(reference, driven, middle)
+        elif np.any(outside):
+            turns = np.round((middle - reference[driven]) / (2 * np.pi))
+            values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
+        self._add(*self._guided(values[None])[0])
+        if not self.assembly_modes and len(driven) == 1 and meshes is not None:
+            self._add_along(values)
+        if self._freedoms and self._freedoms[0] < len(driven):
+            # Where the pose given cannot move, a search of other modes takes long and is
+            # not what was asked.
+            raise self._other_rank(self._freedoms[0])
+
+    def _guided(
+        self, values: Floats
+    ) -> list[tuple[Floats, ModeCurve | ModeOverGrid | None]]:
+        """Return nearly closed configurations (n, variables), closed, with their guides.
+
+        None where the mode has another number of freedoms than there are inputs.
+        """
+        solver, driven = self.solver, list(self.solver.driven)
+        values = solver.closure.solve(values, driven).values
+        moving = np.ones(len(values), dtype=bool)
+        if any(group.redundant for group in self.groups):
+            freedoms = [solver.freedoms(one) for one in values]
+            self._freedoms += freedoms
+            moving = np.array(freedoms) == len(driven)
+        made: list[ModeCurve] | list[ModeOverGrid | None]
+        if len(driven) == 1:
+            given = values[moving], *self.input_grid.range
+            made = follow_each(solver.closure, driven[0], *given)
+        else:
+            made = sheets_through(solver.closure, driven, self.input_grid, values[moving])
+        guides = iter(made)
+        return [
+            (one, next(guides) if moves else None)
+            for one, moves in zip(values, moving, strict=True)
         ]
-    assembly_modes = tuple(
-        AssemblyMode(number, signs) for number, signs in enumerate(closing)
-    )
-    return FoundModes(assembly_modes, probes, methods, _limited(claim, len(assembly_modes)))
 
+    def _add(
+        self,
+        values: Floats,
+        guide: ModeCurve | ModeOverGrid | None,
+        family: int | None = None,
+    ) -> None:
+        """Add the mode through a configuration, if it is in the range."""
+        if isinstance(guide, ModeCurve):
+            self._in_vain += guide.tried
+            low, high = self.input_grid.range
+            if guide.inputs[0] > high or guide.inputs[-1] < low:
+                return
+            self._in_vain -= len(guide.values) - 1
+            values = guide.values[
+                len(guide.values) // 2
+            ]  # no dead centre, as a pose may be
+        if guide is not None:
+            number, signs = len(self.assembly_modes), signs_at(self.solver, values)
+            determinants = self._determinants(signs, values)
+            self.assembly_modes.append(AssemblyMode(number, signs, guide, determinants))
+            self._nodes += len(guide.values)
+            self._working.tell(lambda: f"{len(self.assembly_modes)} followed")
+            new = max(self.families, default=-1) + 1
+            self.families.append(new if family is None else family)
 
-def _check_rank(solver: Solver, state: State) -> None:
-    """Refuse redundant constraints that leave another mobility than there are inputs.
+    def _determinants(self, signs: tuple[int, ...], values: Floats) -> tuple[float, ...]:
+        """Return the signs of the determinants of groups at a configuration."""
+        solver, ends = self.solver, self.solver.mechanism.ends
+        state = solver.start(values[None, list(solver.driven)])
+        determinants = []
+        for group, sign in zip(self.groups, signs, strict=True):
+            if sign:
+                place_dyad(state, group, ends, sign)
+                determinants.append(float(sign))
+            else:
+                start = values[None, group_variables(state, group)]
+                at = place_group(state, group, ends, start).at
+                determinants.append(float(determinant_signs(at.jacobian)[0][0]))
+        return tuple(determinants)
 
-    The rank is the greatest of the configurations of a state that close.
-    """
-    if not any(group.redundant for group in solver.assembly.groups):
-        return
-    closed = state.values[~state.lost]
-    rows = np.linspace(0, len(closed) - 1, min(len(closed), RANKED)).astype(np.intp)
-    freedoms = min(solver.freedoms(values) for values in closed[rows])
-    if freedoms != len(solver.driven):
-        raise other_rank(solver, freedoms)
+    def _all_modes(self) -> Claim:
+        """Look for further modes in the whole range; return what is claimed then."""
+        solver, q = self.solver, self.input_grid.q
+        if solver.meshes is not None:
+            if not self.assembly_modes:
+                self._probe(q[:1])
+            if not solver.meshes.all_known:
+                return self._as_assembled()
+        if all(
+            group.is_dyad or number in solver.trains or has_elimination(group)
+            for number, group in enumerate(self.groups)
+        ):
+            claim = self._eliminated()
+            if claim is not None:
+                return claim
+        self.methods = [
+            CLOSED_FORM if group.is_dyad else method or Method(0)
+            for group, method in zip(self.groups, self.methods, strict=True)
+        ]
+        census = self._search()
+        if not self.assembly_modes:
+            # Random starts leave out what is next to a dead centre.
+            self._probe(q[len(q) // 2][None])
+        things = "components" if len(solver.driven) == 1 else "modes"
+        return Claim(Guarantee.SAMPLED, census.words(things))
 
+    def _as_assembled(self) -> Claim:
+        """Find the curve of wheels whose lengths rolled do not follow from the inputs."""
+        for q in self._scattered():
+            if not self.assembly_modes:
+                self._probe(q[None])
+        self._go_beyond()
+        words = f"modes found at {counted(self.probes, 'input')}"
+        return Claim(Guarantee.SAMPLED, words) if self.probes else AS_ASSEMBLED
 
-def _probed(solver: Solver, input_grid: InputGrid) -> tuple[Floats, Claim]:
-    """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
-    if not solver.assembly.groups:
-        return input_grid.q[:1], Claim(Guarantee.COMPLETE, "no loop has to close")
-    if len(solver.trains) == len(solver.assembly.groups):
-        return input_grid.q[:1], Claim(Guarantee.COMPLETE, "wheels in mesh have one")
-    if input_grid.q.shape[1] > 1:
-        q = input_grid.thinned(PROBED_INPUTS).q
-        return q, Claim(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
-    low, high = input_grid.range
-    dead = input_turning_points(solver, low, high, MOST_COST, MOST_TIME)
-    step = (high - low) / (PROBED_INPUTS - 1)
-    return dead.probes(step)[:, None], dead.claim(step)
+    def _scattered(self) -> Floats:
+        """Return samples (k, inputs) spread over the input grid, its middle first."""
+        parts = (np.arange(PROBES) + 0.5) / PROBES
+        order = np.argsort(np.abs(parts - 0.5), kind="stable")
+        rows = np.zeros(PROBES, dtype=np.intp)
+        for axis, count in enumerate(self.input_grid.shape):
+            step = np.roll(parts[order], axis * (PROBES // 2))
+            place = np.minimum((step * count).astype(np.intp), count - 1)
+            rows = rows * count + place
+        return self.input_grid.q[np.unique(rows)]
 
+    def _eliminated(self) -> Claim | None:
+        """Find all modes at some inputs; return None if some may be missing there."""
+        if len(self.solver.driven) > 1:
+            self._probe(self._scattered())
+            claim = Claim(Guarantee.SAMPLED, f"modes at {self.probes} of the samples")
+            return claim if self._is_complete else None
+        low, high = self.input_grid.range
+        dead = input_turning_points(self.solver, low, high, MOST_COST, MOST_TIME)
+        step = (high - low) / PROBES
+        done = dead.probes(step)
+        self._probe(done[:, None])
+        if self._is_complete and dead.gap(step):
+            step = step / FINER
+            finer = dead.probes(step)
+            apart = np.abs(finer[:, None] - done).min(axis=1) > 1e-9
+            self._probe(finer[apart, None])
+        if not self._is_complete:
+            return None
+        claim = dead.claim(step)
+        if not dead.gap(step):
+            return claim
+        self._go_beyond()
+        words = f"{claim.reason}; between them {self._search().words('components')}"
+        return replace(claim, reason=words)
 
-def _limited(claim: Claim, count: int) -> Claim:
-    """Return what is claimed of so many assembly modes."""
-    if count < MOST_ASSEMBLY_MODES:
-        return claim
-    return Claim(
-        Guarantee.SAMPLED, f"stopped at {MOST_ASSEMBLY_MODES} modes; there may be more"
-    )
+    @property
+    def _is_complete(self) -> bool:
+        return all(method is None or method.is_complete for method in self.methods)
 
+    def _probe(self, inputs: Floats) -> None:
+        """Add the assembly modes of all modes found at inputs (n, inputs)."""
+        for q in inputs:
+            if self._is_full:
+                break
+            here = assemblies(self.solver, q)
+            self.probes += 1
+            self.methods = list(map(least_complete, self.methods, here.methods))
+            if here.modes:
+                values = np.array([values for _, values in here.modes])
+                row = self.input_grid.nearest(q, 1)
+                self._add_new(values, np.repeat(row, len(values)))
 
-def _guided_assembly_modes(
-    solver: Solver, input_grid: InputGrid, search: bool
-) -> FoundModes:
-    gathering = Gathering(solver, input_grid)
-    gathering.add_reference()
-    claim = REFERENCE_ONLY
-    if search or not gathering.assembly_modes:
-        claim = gathering.all_modes()
-    assembly_modes, freedoms = gathering.assembly_modes, gathering.freedoms
-    if freedoms and not assembly_modes and min(freedoms) != len(solver.driven):
-        raise other_rank(solver, min(freedoms))
-    claim = _limited(claim, len(assembly_modes))
-    if gathering.is_spent:
-        steps = gathering.nodes + gathering.in_vain
-        modes = counted(len(assembly_modes), "mode")
-        words = f"stopped after {steps} steps along {modes}"
-        claim = Claim(Guarantee.SAMPLED, f"{words}; there may be more")
-    return FoundModes(
-        tuple(assembly_modes), gathering.probes, tuple(gathering.methods), claim
-    )
+    def _add_new(
+        self, values: Floats, rows: Rows, family: int | None = None, ahead: int = AHEAD
+    ) -> Rows:
+        """Add assembly modes of configurations (n, variables) that none of them has.
+
+        `rows` (n,) are the samples they belong to, read if assembly modes are known at
+        samples only. Returns the family (n,) of each, -1 if it is not in the range. With
+        `family` that of all new ones is known. So many are followed together as `ahead`
+        says, though one may turn out to be on the mode of another.
+        """
+        families = self._families_of(values, rows, 0)
+        followed: dict[int, tuple[Floats, ModeCurve | ModeOverGrid | None]] = {}
+        for number in map(int, np.flatnonzero(families < 0)):
+            before = len(self.assembly_modes)
+            if families[number] >= 0 or self._is_full:
+                continue
+            if number not in followed:
+                left = np.flatnonzero(families < 0)
+                some = left[left >= number][:ahead]
+                followed = dict(zip(some.tolist(), self._guided(values[some]), strict=True))
+            self._add(*followed[number], family)
+            if len(self.assembly_modes) == before:
+                continue
+            self._go_beyond()
+            families[number] = self.families[before]
+            left = np.flatnonzero(families < 0)
+            families[left] = self._families_of(values[left], rows[left], before)
+        return families
+
+    def _families_of(self, values: Floats, rows: Rows, first: int) -> Rows:
+        """Return the family (n,) of configurations on modes from `first` on, or -1.
+
+        A configuration is on a mode if Newton's method leads there from near the guide.
+        """
+        families, closure = np.full(len(values), -1, dtype=np.intp), self.solver.closure
+        driven = list(self.solver.driven)
+        turning = [v for v in self.solver.angles if v not in driven]
+        placed = closure.at(values).placed
+        for mode, family in zip(
+            self.assembly_modes[first:], self.families[first:], strict=True
+        ):
+            (left,) = np.nonzero(families < 0)
+            assert mode.guide is not None
+            q = values[left][:, driven]
+            predicted, spread, why = mode.guide.at(q, rows[left])
+            away = np.abs(wrap(predicted - values[left])[:, turning])
+            near = np.max(away, axis=1, initial=0.0) < spread + NEAR_GUIDE
+            near &= (why == Status.OK) & np.all(np.isfinite(predicted), axis=1)
+            left, start, spread = left[near], predicted[near], spread[near]
+            start[:, driven] = q[near]
+            there = closure.solve(start, driven)
+            moved = np.max(np.abs(there.values - start), axis=1, initial=0.0)
+            same = np.max(np.abs(there.at.placed - placed[left]), axis=(1, 2, 3), initial=0)
+            same_mode = (same < SAME_MODE) & (moved <= 0.25 * spread + 1e-6)
+            same_mode &= there.residual < CLOSURE_TOLERANCE
+            families[left[same_mode]] = family
+        return families
+
+    def _go_beyond(self) -> None:
+        """Follow the curves of modes that end within the range to further modes."""
+        if len(self.solver.driven) > 1:
+            return
+        for assembly_mode in self.assembly_modes[self._followed :]:
+            self._followed += 1
+            guide = assembly_mode.guide
+            if not isinstance(guide, ModeCurve) or guide.ends == (Status.OK, Status.OK):
+                continue
+            values = guide.values[len(guide.values) // 2]
+            if not any(curve.passes(values[None])[0] for curve in self._curves):
+                self._add_along(values, self.families[assembly_mode.number])
+
+    def _add_along(self, values: Floats, family: int | None = None) -> None:
+        """Add the modes in the range that lie on the curve through a configuration."""
+        meshes = self.solver.meshes
+        longest = LONGEST if meshes is None or meshes.all_known else LONGEST_ROLLED
+        try:
+            curve = follow_arc(self.solver.closure, values, longest=longest)
+        except SolveError:
+            return
+        self._curves.append(curve)
+        given = self.solver.single, *self.input_grid.range, *self.solver.periods
+        middles = MonotoneSegments.of(curve, *given).middles
+        self._add_new(middles, np.zeros(len(middles), dtype=np.intp), family)
+
+    def _search(self) -> Census:
+        """Add what random starts over the range meet, and return how often they did."""
+        q, several = self.input_grid.q, len(self.solver.driven) > 1
+        low, high = np.min(q, axis=0), np.max(q, axis=0)
+        starts = RangeSearch(self.solver, low, high, q if several else None)
+        census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
+        self._go_beyond()
+        while census.goes_on and not self._is_full:
+            count = 1 if census.starts else RANGE_ROUNDS
+            met = self._add_new(*starts.rounds(count), ahead=1 if several else GUESSED)
+            census.add(count * STARTS, met, max(self.families, default=-1) + 1)
+            self.probes += count * STARTS
+            self._working.tell(lambda: census.words("components"))
+        return census
 
 
 def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:

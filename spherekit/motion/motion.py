@@ -17,11 +17,11 @@ from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.configuration import Configurations, configuration_curves
+from spherekit.motion.guides import ModeOverGrid
 from spherekit.motion.input_grid import given_path, sampled
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree, condition, left_inverse
-from spherekit.motion.mode_over_grid import ModeOverGrid
-from spherekit.motion.modes import find_assembly_modes
+from spherekit.motion.modes import ModeSearch
 from spherekit.motion.named_modes import named
 from spherekit.motion.timing import Timing
 from spherekit.numeric.rows import ArrayRows
@@ -336,10 +336,9 @@ class Tracer:
         self.solver = Solver(self.mechanism, self.assembly)
         if not self._follow:
             return ()
-        found_modes = find_assembly_modes(self.solver, self.input_grid, search)
-        self.methods, self.claim = found_modes.methods, found_modes.claim
-        self._probes = found_modes.probes
-        return found_modes.assembly_modes
+        there = ModeSearch(self.solver, self.input_grid, search)
+        self.methods, self.claim, self._probes = there.methods, there.claim, there.probes
+        return tuple(there.assembly_modes)
 
     def _assembled_against(
         self, counted: CountError, search: bool

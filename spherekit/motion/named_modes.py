@@ -8,7 +8,7 @@ import numpy as np
 from spherekit.conventions import listing
 from spherekit.model.parts import NamedMode
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
-from spherekit.motion.mode_over_grid import ModeOverGrid
+from spherekit.motion.guides import ModeOverGrid
 from spherekit.numeric.turns import wrap
 from spherekit.sphere.rotation import Floats
 

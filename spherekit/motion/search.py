@@ -12,9 +12,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.closure import Closure
-from spherekit.motion.distinct import MOST_MODES, Distinct
+from spherekit.motion.pairs import penetrates, rolled_lengths
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
@@ -44,6 +44,19 @@ POLISHING_STEPS = 40
 """Newton steps at the end; a double solution halves its error in each."""
 FAR = 1e-3
 """Sum of squared gaps (rad^2) above which it does."""
+
+SAME_MODE = 1e-6
+"""Closed configurations whose rotation matrices differ by less are one."""
+SAME_DEAD_CENTRE = 1e-3
+"""The same where rounding is felt most: solutions that are multiple."""
+MOST_MODES = 64
+"""Configurations of one group that are kept; where it can move there is no end of them."""
+MOST_LOOSE = 4
+"""Of configurations in which the group can move, or nearly so, no more are kept."""
+LOOSE = 1e-9
+"""Smallest singular value, over the largest, of those."""
+SPREAD = 8.0
+"""Copies of one solution differ by less than this times their first-order error."""
 
 
 @final
@@ -119,8 +132,8 @@ def damped(
     closure: Closure,
     values: Floats,
     held: Sequence[int] = (),
-    low: Floats | None = None,
-    high: Floats | None = None,
+    low: Floats | float = -np.inf,
+    high: Floats | float = np.inf,
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Go down the sum of squared gaps from starts; return where that leads.
 
@@ -141,6 +154,7 @@ def damped(
     """
     n, count = values.shape
     free = [v for v in range(count) if v not in held]
+    least, most = (np.broadcast_to(limit, count) for limit in (low, high))
     values = values.copy()
     active, damping = np.arange(n), np.full(n, FIRST_DAMPING)
     start = closure.at(values)
@@ -151,26 +165,22 @@ def damped(
         across = np.swapaxes(jacobian, 1, 2)
         right = -(across @ gap[..., None])
         normal = across @ jacobian
-        if low is not None and high is not None:
-            here = values[active][:, free]
-            stopped = (here <= low[free]) & (right[..., 0] < 0.0)
-            stopped |= (here >= high[free]) & (right[..., 0] > 0.0)
-            normal[stopped] = 0.0
-            right[stopped] = 0.0
+        here = values[active][:, free]
+        stopped = (here <= least[free]) & (right[..., 0] < 0.0)
+        stopped |= (here >= most[free]) & (right[..., 0] > 0.0)
+        normal[stopped] = 0.0
+        right[stopped] = 0.0
         diagonal = np.arange(len(free))
         normal[:, diagonal, diagonal] += damping[active, None]
-        step = np.linalg.solve(normal, right)[..., 0]
         tried = values[active]
-        tried[:, free] += step
-        if low is not None and high is not None:
-            tried = np.clip(tried, low, high)
+        tried[:, free] += np.linalg.solve(normal, right)[..., 0]
+        tried = np.clip(tried, least, most)
         there = closure.take(active).at(tried)
-        tried_gap = there.residual
-        tried_size = np.sum(tried_gap**2, axis=1)
+        tried_size = np.sum(there.residual**2, axis=1)
         better = tried_size < size[active]
         rows = active[better]
         values[rows], size[rows] = tried[better], tried_size[better]
-        gap[better] = tried_gap[better]
+        gap[better] = there.residual[better]
         jacobian[better] = there.jacobian[better][:, :, free]
         changed = damping[active] * np.where(better, EASED, RAISED)
         damping[active] = np.maximum(changed, LEAST_DAMPING)
@@ -183,6 +193,85 @@ def damped(
         if not len(active):
             break
     return values, near
+
+
+@final
+class Distinct:
+    """Closed configurations of one group at one sample that are pairwise different.
+
+    `values` are the variables of each. Where the loops close to second order only, at a
+    dead centre, a small gap is far from the solution: what is left of the gap and the
+    smallest singular value say how far, and others within that distance are the same.
+    So are configurations that differ by whole turns of rolling wheels. The first 64 are
+    kept.
+    """
+
+    def __init__(self, closure: Closure) -> None:
+        self.closure = closure
+        self.values: list[Floats] = []
+        self._poses: list[tuple[Floats, float]] = []
+        self._loose = 0
+        self._rolling = rolled_lengths(closure.joints)
+
+    def add(self, values: Floats) -> NDArray[np.intp]:
+        """Add those of closed configurations (n, variables) that are new.
+
+        Those that have rolled least come first; those whose contacts do not exist are
+        left out. Returns the place (n,) in `values` of each, -1 for those left out.
+        """
+        places = np.full(len(values), -1, dtype=np.intp)
+        if not len(values):
+            return places
+        at = self.closure.at(values)
+        placed, states = at.placed, at.states
+        exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
+        sizes = np.linalg.svd(at.jacobian, compute_uv=False)
+        least, loose = sizes[:, -1], sizes[:, -1] < LOOSE * sizes[:, 0]
+        error = np.maximum(at.gap, EPS) / np.maximum(least, EPS)
+        tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
+        rolled = [variable for variable, _ in self._rolling]
+        order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
+        left = order[exists[order]]
+        for number, (pose, other) in enumerate(self._poses):
+            near = self._near(number, values[left], placed[left], pose)
+            same = near <= np.maximum(tolerance[left], other)
+            places[left[same]] = number
+            left = left[~same]
+        while len(left) and len(self.values) < MOST_MODES:
+            number, row = len(self.values), left[0]
+            if loose[row] and self._loose == MOST_LOOSE:
+                left = left[1:]
+                continue
+            self._loose += int(loose[row])
+            self.values.append(values[row])
+            self._poses.append((placed[row], tolerance[row]))
+            near = self._near(number, values[left], placed[left], placed[row])
+            same = near <= np.maximum(tolerance[left], tolerance[row])
+            same[0] = True
+            places[left[same]] = number
+            left = left[~same]
+        return places
+
+    def _near(self, number: int, values: Floats, placed: Floats, pose: Floats) -> Floats:
+        """Return how far (n,) configurations are from that of a number, 0 a turn later."""
+        away = np.max(np.abs(placed - pose), axis=(1, 2, 3), initial=0.0)
+        if self._rolling:
+            mode = self.values[number]
+            again = [self._meshes_again(one, mode) for one in values]
+            away[np.array(again, dtype=bool)] = 0.0
+        return np.asarray(away)
+
+    def _meshes_again(self, one: Floats, other: Floats) -> bool:
+        """Return whether two configurations differ by whole turns of rolling wheels."""
+        shifted = False
+        for variable, joint in self._rolling:
+            way = one[variable] - other[variable]
+            turns = [way / lap for lap in joint.laps]
+            least = min((abs(turn - round(turn)) for turn in turns), default=abs(way))
+            if least > SAME_MODE:
+                return False
+            shifted |= abs(way) > SAME_MODE
+        return shifted
 
 
 def search(closure: Closure, distinct: Distinct, given: Floats | None = None) -> Census:

@@ -7,9 +7,8 @@ import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.closure import Closure
-from spherekit.motion.distinct import Distinct
 from spherekit.motion.elimination import candidates
-from spherekit.motion.search import POLISHING_STEPS, Census, search
+from spherekit.motion.search import POLISHING_STEPS, Census, Distinct, search
 from spherekit.numeric.turns import wrap
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats

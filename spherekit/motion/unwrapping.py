@@ -14,7 +14,7 @@ import numpy as np
 
 from spherekit.conventions import TURN, Status
 from spherekit.motion.closure import Closure
-from spherekit.motion.follow import ModeCurve, follow
+from spherekit.motion.guides import ModeCurve, follow
 from spherekit.motion.meshes import Meshes
 from spherekit.motion.steps import walk
 from spherekit.motion.turns import into_range, whole_laps

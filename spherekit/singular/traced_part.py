@@ -12,8 +12,8 @@ import numpy as np
 
 from spherekit.conventions import Status
 from spherekit.motion.configuration import SAME_CONFIGURATION
-from spherekit.motion.gathering import MOST_COST, MOST_TIME
 from spherekit.motion.input_turning_points import input_turning_points
+from spherekit.motion.modes import MOST_COST, MOST_TIME
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.turns import wrap
 from spherekit.planning.part import part_for

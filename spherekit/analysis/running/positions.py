@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from spherekit.engine.closed_positions import ClosedPositions, closed_positions
 from spherekit.engine.row_kernel import RowKernel
-from spherekit.motion.follow import ModeCurve
+from spherekit.motion.guides import ModeCurve
 from spherekit.motion.motion import Tracer
 from spherekit.motion.predicted import Predictor
 from spherekit.sphere.rotation import Floats
