@@ -12,7 +12,7 @@ import numpy as np
 
 from spherekit.dynamics.collocation import Step
 from spherekit.dynamics.inertia import inertia
-from spherekit.dynamics.kinematics import by_arc_length, continued
+from spherekit.dynamics.kinematics import by_variables
 from spherekit.dynamics.path import CollocationPath, Travelled
 from spherekit.dynamics.simulation import (
     EngineReport,
@@ -49,55 +49,45 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     need_no_rubbing(problem.equation.mechanism, "the scheme of the source does not know")
     (driven,), closure = problem.driven, problem.equation.closure
     variables = problem.equation.variables
-    values, tangent, first = problem.values, problem.frame[0], float(problem.speed[0])
-    before = values[driven] - first * tangent[driven] * step
+    values, equation = problem.values, problem.equation
+    first = float(problem.speed[0] * problem.frame[0, driven])
+    before = values[driven] - first * step
     end = SimulationEnd("time", problem.until, "the time asked for is over")
     states: list[Floats] = []
-    tangents: list[Floats] = []
-    work = np.zeros(len(problem.equation.loads.names))
+    frames: list[Floats] = []
+    work = np.zeros(len(equation.loads.names))
     for number in range(count + 1):
-        t = number * step
-        q = float(values[driven])
-        motion = by_arc_length(closure, values[None])
-        motion = motion.turned(continued(motion.rates[:, 0], tangent))
-        tangent = motion.rates[0, 0]
-        along, bend = float(tangent[driven]), float(motion.second[0, 0, 0, driven])
-        speed = (q - before) / step / along
-        masses = inertia(problem.equation.mechanism, motion)
+        t, q = number * step, float(values[driven])
+        motion = by_variables(closure, values[None], [driven])
+        speed = (q - before) / step
+        masses = inertia(equation.mechanism, motion)
         B, dB = float(masses.B[0]), float(masses.dB[0])
-        loads = problem.equation.loads
         seen = replace(motion, values=motion.values + problem.whole)
-        forces = loads.parts(seen, np.array([[speed]]), np.array([t]))[0, 0]
+        forces = equation.loads.parts(seen, np.array([[speed]]), np.array([t]))[0, 0]
         states.append(np.concatenate([values, [np.sqrt(B) * speed], work]))
-        tangents.append(tangent)
+        frames.append(motion.rates / np.linalg.norm(motion.rates))
         if number == count:
             break
         work = work + step * forces * speed
-        inertia_q = B / along**2
-        change = dB / along**3 - 2.0 * inertia_q * bend / along**2
-        force = float(np.sum(forces)) / along
-        after = 2.0 * q - before
-        if number == 0:
-            after = q + first * along * step
-        else:
-            after += (step**2 * force - 0.5 * change * (q - before) ** 2) / inertia_q
-        guess = values + tangent / along * (after - q)
+        after = q + first * step
+        if number:
+            push = step**2 * float(np.sum(forces)) - 0.5 * dB * (q - before) ** 2
+            after = push / B + 2.0 * q - before
+        guess = values + motion.rates[0, 0] * (after - q)
         guess[driven] = after
-        closed = (
-            closure.solve(guess[None], [driven]) if np.all(np.isfinite(guess)) else None
-        )
-        if closed is None or not closed.residual[0] < 1e-12 or abs(along) < STANDSTILL:
+        closed = None
+        if np.all(np.isfinite(guess)) and frames[-1][0, 0, driven] > STANDSTILL:
+            closed = closure.solve(guess[None], [driven])
+        if closed is None or not closed.residual[0] < 1e-12:
             end = SimulationEnd(
                 "singularity", t, "the input is at a dead centre, where q' is endless"
             )
             break
         before, values = q, closed.values[0]
-    path = []
-    for number, (one, other) in enumerate(pairwise(states)):
-        rate = (other - one)[None] / step
-        path.append(
-            Travelled(Step(number * step, step, one, rate), tangents[number][None, None])
-        )
+    path = [
+        Travelled(Step(k * step, step, one, (other - one)[None] / step), frames[k])
+        for k, (one, other) in enumerate(pairwise(states))
+    ]
     if not path:
         raise cannot_leave(problem, end.message)
     gap = closure.at(np.array(states)[:, :variables]).residual
@@ -106,4 +96,4 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     )
     seconds = time.perf_counter() - started
     report = EngineReport("numpy", REASON, 0.0, seconds, len(path))
-    return Simulation(problem.equation, problem.driven, traced, (), end, report)
+    return Simulation(equation, problem.driven, traced, (), end, report)

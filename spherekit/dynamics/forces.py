@@ -1,6 +1,6 @@
 """Generalised forces of the loads on a mechanism, load by load, at rows of a motion."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import final
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.model.actions import steep
 from spherekit.model.bearings import sliding_rate
-from spherekit.model.load import Called, Component, LinkMoment, Vector
+from spherekit.model.load import Called, Component
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.torque_table import TorqueTable
 from spherekit.sphere.rotation import Floats, cross
@@ -39,21 +39,39 @@ class Loads:
             if part.rubs is not None and part.rubs.grip > 0.0
         ]
         self.watched = bool(self.steep) or any(functions)
-        self._first = np.array(
-            [self.owners.index(k) for k in range(len(by_load))], dtype=np.intp
-        )
+        self._first = np.unique(self.owners, return_index=True)[1]
         self._angles = mechanism.angles
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
         """Return what each component works on (n, m, components), per unit rates."""
         velocities = np.zeros((*motion.rates.shape[:2], len(self.components)))
-        on_links = _OnLinks(self.mechanism, motion)
         for column, part in enumerate(self.components):
             if part.pair:
                 velocities[..., column] = self._rate(motion.rates, part.pair)
-            for moment in part.moments:
-                velocities[..., column] += on_links.power(moment)
+            for link, moment, _ in self.on_links(part, motion.rotations):
+                velocities[..., column] += (motion.w[:, :, link] @ moment[..., None])[
+                    ..., 0
+                ]
         return velocities
+
+    def on_links(
+        self, part: Component, rotations: Floats
+    ) -> Iterator[tuple[int, Floats, Floats | None]]:
+        """Yield the links on which a component acts, per unit of its magnitude.
+
+        With its moment about the centre (n, 3), and the force (n, 3) that it is the moment
+        of, in ground axes, `rotations` (n, links, 3, 3) being those of the links.
+        """
+        for given in part.moments:
+            link = self.mechanism.link_number[given.link]
+            turn, vector = rotations[:, link], np.array(given.direction)
+            along = (
+                turn @ vector if given.axes == "link" else np.tile(vector, (len(turn), 1))
+            )
+            if given.arm is None:
+                yield link, along, None
+            else:
+                yield link, cross(turn @ np.array(given.arm), along), along
 
     def rubbing_velocities(self, motion: CoordinateMotion) -> Floats:
         """Return those of the `rubbing` (n, k, m)."""
@@ -77,12 +95,8 @@ class Loads:
         time, `t` (n,) is in s; `carried` (n, k) what each of the `rubbing` carries, N on
         bearings and N m of contacts, without which these do not rub.
         """
-        names = self._known(values, value_rates, t)
-        sizes = np.empty((len(t), len(self.components)))
-        for column, part in enumerate(self.components):
-            sizes[:, column] = _magnitude(part, names)
-        for number, column in enumerate(self.rubbing):
-            sizes[:, column] *= 0.0 if carried is None else carried[:, number]
+        sizes = self._sizes(range(len(self.components)), values, value_rates, t)
+        sizes[:, self.rubbing] *= 0.0 if carried is None else carried
         return sizes
 
     def friction(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
@@ -90,11 +104,24 @@ class Loads:
 
         For the same as `magnitudes`.
         """
+        return self._sizes(self.rubbing, values, value_rates, t)
+
+    def _sizes(
+        self, chosen: Sequence[int], values: Floats, value_rates: Floats, t: Floats
+    ) -> Floats:
+        """Return the magnitudes of some components, of what rubs per unit it carries."""
         names = self._known(values, value_rates, t)
-        friction = np.empty((len(t), len(self.rubbing)))
-        for column, number in enumerate(self.rubbing):
-            friction[:, column] = _magnitude(self.components[number], names)
-        return friction
+        sizes = np.empty((len(t), len(chosen)))
+        for column, number in enumerate(chosen):
+            part = self.components[number]
+            law = part.magnitude
+            if isinstance(law, TorqueTable):
+                sizes[:, column] = law.at(t)
+                continue
+            sizes[:, column] = law.evaluate({name: names[name] for name in law.names})
+            if part.rubs is not None:
+                sizes[:, column] *= part.rubs.grip
+        return sizes
 
     def arguments(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
         """Return `steep` (n, arguments), for the same as `magnitudes`."""
@@ -140,40 +167,6 @@ class Loads:
         return np.asarray(np.add.reduceat(by_component, self._first, axis=2))
 
 
-def _magnitude(part: Component, names: Mapping[str, Floats]) -> Floats:
-    """Return the magnitude of a component (n,), of what rubs per unit it carries."""
-    law = part.magnitude
-    if isinstance(law, TorqueTable):
-        return law.at(names["t"])
-    size = law.evaluate({name: names[name] for name in law.names})
-    return size if part.rubs is None else part.rubs.grip * size
-
-
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
     """Return the rates by time (n, variables), given those (n, m) of coordinates."""
     return np.asarray((speed[:, None] @ motion.rates)[:, 0])
-
-
-@final
-class _OnLinks:
-    """The velocities on which moments on links work, at the rows of a motion."""
-
-    def __init__(self, mechanism: Mechanism, motion: CoordinateMotion) -> None:
-        self.mechanism = mechanism
-        self.motion = motion
-        self._known: dict[tuple[str, str, Sequence[float] | None], Floats] = {}
-
-    def power(self, moment: LinkMoment) -> Floats:
-        """Return the power (n, m) of a moment per unit rate of each coordinate."""
-        key = moment.link, moment.axes, moment.arm
-        if key not in self._known:
-            self._known[key] = self._velocity(*key)
-        return np.asarray(self._known[key] @ np.array(moment.direction))
-
-    def _velocity(self, link: str, axes: str, arm: Vector | None) -> Floats:
-        """Return w (n, m, 3), or the velocity w x arm of a point of the link."""
-        number = self.mechanism.link_number[link]
-        w, turn = self.motion.w[:, :, number], self.motion.rotations[:, number]
-        if arm is not None:
-            w = cross(w, (turn @ np.array(arm))[:, None])
-        return w @ turn if axes == "link" else w

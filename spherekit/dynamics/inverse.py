@@ -1,6 +1,6 @@
 """The inverse problem: the torques that drive a mechanism through a given motion."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -14,13 +14,12 @@ from spherekit.dynamics.forces import Loads
 from spherekit.dynamics.inertia import Inertia, inertia
 from spherekit.dynamics.input_motion import InputMotion, single
 from spherekit.dynamics.kinematics import CoordinateMotion, by_variables, determined
-from spherekit.dynamics.rubbing import Rubbed, rubbed
+from spherekit.dynamics.rubbing import rubbed
 from spherekit.dynamics.start import into_range, reaching
 from spherekit.dynamics.transmitted import Driven
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.schedule import Schedule
-from spherekit.model.joints import Joint
 from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
@@ -326,7 +325,6 @@ def needed_torques(motion: Motion) -> InverseSolution:
     coordinates = by_variables(closure, motion.values, numbers)
     loads = Loads(mechanism)
     status = motion.status.copy()
-    at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
     carried: Floats | None = None
     rounds, locked = 0, np.zeros(len(motion), dtype=bool)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -341,8 +339,13 @@ def needed_torques(motion: Motion) -> InverseSolution:
         forces, torques = needed(None)
         good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
         if loads.rubbing and np.any(good):
-            driven = Driven(mechanism, at, coordinates, timing, torques, None).rows(good)
-            rub = _rubbed(driven, motion.joints, loads)
+            at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
+            every = Driven(
+                mechanism, motion.joints, at.frames, coordinates, timing, torques
+            )
+            driven = every.rows(good)
+            drives = -loads.rubbing_velocities(driven.motion)
+            rub = rubbed(driven, loads, np.zeros_like(drives), drives)
             carried, rounds = np.zeros((len(motion), len(loads.rubbing))), rub.rounds
             carried[good] = rub.carried
             forces, torques = needed(carried)
@@ -380,12 +383,6 @@ def needed_torques(motion: Motion) -> InverseSolution:
         carried,
         rounds,
     )
-
-
-def _rubbed(driven: Driven, joints: Sequence[Joint], loads: Loads) -> Rubbed:
-    """Return what rubs while drives at the inputs balance its friction."""
-    drives = -loads.rubbing_velocities(driven.motion)
-    return rubbed(driven, joints, loads, np.zeros_like(drives), drives)
 
 
 def need_terms(mechanism: Mechanism) -> None:

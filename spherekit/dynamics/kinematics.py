@@ -6,7 +6,7 @@ the pair variables, where every dead centre is an ordinary point.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, final
 
 import numpy as np
@@ -17,6 +17,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.pairs import penetrates
+from spherekit.numeric.rows import ArrayRows
 from spherekit.rates.core import null_motion
 from spherekit.sphere.rotation import Floats
 
@@ -25,7 +26,7 @@ Order = Literal[1, 2]
 
 @final
 @dataclass(frozen=True)
-class CoordinateMotion:
+class CoordinateMotion(ArrayRows):
     """Configurations in rows, and how they change with m coordinates.
 
     `values` (n, variables): the pair variables; `rates` (n, m, variables) and `second`
@@ -47,15 +48,8 @@ class CoordinateMotion:
 
     def turned(self, signs: Floats) -> "CoordinateMotion":
         """Return the same with the coordinates' sense reversed where signs (n,) are -1."""
-        return CoordinateMotion(
-            self.values,
-            self.rates * signs[:, None, None],
-            self.second,
-            self.rotations,
-            self.w * signs[:, None, None, None],
-            self.dw,
-            self.status,
-        )
+        rates, w = self.rates * signs[:, None, None], self.w * signs[:, None, None, None]
+        return replace(self, rates=rates, w=w)
 
 
 def by_arc_length(closure: Closure, values: Floats, order: Order = 2) -> CoordinateMotion:

@@ -138,7 +138,15 @@ def reactions(motion: Motion) -> Reactions:
     mechanism, timing = motion.mechanism, motion.timing
     assert timing is not None
     at = Linearisation(motion.linearisation.tree, motion.joints, torques.values)
-    driven = Driven(mechanism, at, torques.motion, timing, torques.torques, torques.carried)
+    driven = Driven(
+        mechanism,
+        motion.joints,
+        at.frames,
+        torques.motion,
+        timing,
+        torques.torques,
+        torques.carried,
+    )
     good = torques.status == Status.OK
     shape = len(motion), len(mechanism.pairs)
     wrenches = np.full((*shape, 6), np.nan)
@@ -147,7 +155,7 @@ def reactions(motion: Motion) -> Reactions:
     unbalanced = np.full(len(motion), np.nan)
     missing = Lacking()
     if np.any(good):
-        carried = transmitted(driven.rows(good), motion.joints, forces=True)
+        carried = transmitted(driven.rows(good), forces=True)
         wrenches[good], is_open[good] = carried.wrenches, carried.is_open
         unbalanced[good], slides[good] = carried.unbalanced, carried.slides
         count = np.count_nonzero(carried.is_open, axis=(1, 2))

@@ -11,7 +11,6 @@ friction, and iteration leads to it. From 1 on there may be several or none, as 
 that lock. Newton's step is taken where it leaves less than iteration does.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -21,10 +20,8 @@ from numpy.typing import NDArray
 from spherekit.conventions import listing
 from spherekit.dynamics.forces import Loads, rates_by_time
 from spherekit.dynamics.lacking import lacking
-from spherekit.dynamics.link_wrenches import accelerating
-from spherekit.dynamics.transmitted import Driven, balanced
+from spherekit.dynamics.transmitted import Driven, accelerating, balanced
 from spherekit.errors import SolveError
-from spherekit.model.joints import Joint
 from spherekit.sphere.rotation import Floats
 
 SETTLED = 1e-14
@@ -47,9 +44,7 @@ class Rubbed:
     rounds: int
 
 
-def rubbed(
-    driven: Driven, joints: Sequence[Joint], loads: Loads, faster: Floats, drives: Floats
-) -> Rubbed:
+def rubbed(driven: Driven, loads: Loads, faster: Floats, drives: Floats) -> Rubbed:
     """Return what the pairs of a mechanism that rub carry, given how it moves without.
 
     Parameters
@@ -69,7 +64,7 @@ def rubbed(
     parts = [loads.components[k] for k in loads.rubbing]
     bearings = [part.rubs for part in parts if part.rubs is not None]
     whole = any(one.asks_forces for one in bearings)
-    solved = balanced(driven, joints, whole)
+    solved = balanced(driven, whole)
     balance = solved.balance
     pairs = [mechanism.pair_number[one.pair] for one in bearings]
     is_open = balance.on_pairs(balance.is_open.astype(float)) != 0.0
@@ -81,7 +76,7 @@ def rubbed(
                 "it; take a load of kind friction, or give gears their pressure_angle"
             )
         if one.asks_forces and (np.any(is_open[:, pair]) or np.any(balance.slides)):
-            wanted = lacking(mechanism, joints, driven.at.frames[0]).wanted
+            wanted = lacking(mechanism, driven.joints, driven.frames[0]).wanted
             more = f"; a file that says {listing(wanted)} determines it" if wanted else ""
             raise SolveError(
                 f"{mechanism.name}: loads.{one.name}: the force through the centre in pair "

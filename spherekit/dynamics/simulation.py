@@ -331,8 +331,10 @@ class Simulation:
         at = self.equation.closure.at(traced.states[:, : self.equation.variables])
         none = np.zeros((len(t), len(self.driven)))
         timing = Timing(np.asarray(t, dtype=float), dynamics.speed, change)
-        driven = Driven(self.mechanism, at, motion, timing, none, dynamics.carried)
-        return transmitted(driven, self.equation.closure.joints)
+        closed = self.equation.closure.joints, at.frames
+        return transmitted(
+            Driven(self.mechanism, *closed, motion, timing, none, dynamics.carried)
+        )
 
     def _accelerated(
         self, traced: Traced, dynamics: Dynamics

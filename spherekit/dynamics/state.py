@@ -266,13 +266,13 @@ class EquationOfMotion:
             return carried, locked
         none = np.zeros((n, len(self.mechanism.inputs)))
         timing = Timing(t, speed, change)
-        at = self.closure.at(values)
-        driven = Driven(self.mechanism, at, seen, timing, none, None).rows(good)
+        frames = self.closure.at(values).frames
+        driven = Driven(self.mechanism, joints, frames, seen, timing, none).rows(good)
         turned = np.moveaxis(self.loads.rubbing_velocities(driven.motion), 1, 0)
         some = Roots(roots.vectors[good], roots.sizes[good])
         faster = np.stack([some.solved(some.solved(column)) for column in turned], axis=1)
         drives = np.zeros((*faster.shape[:2], none.shape[1]))
-        rub = rubbed(driven, joints, self.loads, faster, drives)
+        rub = rubbed(driven, self.loads, faster, drives)
         carried[good], locked[good] = rub.carried, ~rub.settled
         return carried, locked
 

@@ -4,6 +4,13 @@ Newton's and Euler's equations of all moving links about the centre O are solved
 parts of the pairs' moments about the directions that their variables do not turn about, and
 with `forces` those of their forces through O for the forces as well. The force of a contact
 acts at its point, so that its moment says it where its distance from O is known.
+
+O is at rest, so a body with the tensor I about O, the mass m and its centre of mass at c
+needs
+
+    I a + w x I w    and    m (a x c + w x (w x c)),
+
+two sums of one form: a linear map of a, and w times that of w.
 """
 
 from collections.abc import Sequence
@@ -13,15 +20,15 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.dynamics.forces import Loads, rates_by_time
 from spherekit.dynamics.kinematics import CoordinateMotion
-from spherekit.dynamics.link_wrenches import accelerating, applied, gyroscopic
 from spherekit.model.bearings import Bearings, ContactFriction
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
-from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.timing import Timing
-from spherekit.sphere.rotation import Floats, transpose
+from spherekit.numeric.rows import ArrayRows
+from spherekit.sphere.rotation import Floats, cross, transpose
 
 DEPENDENT = 1e-9
 """Reactions whose relative singular value is below this balance each other."""
@@ -35,41 +42,21 @@ DETERMINED = 1e-7
 
 @final
 @dataclass(frozen=True)
-class Driven:
+class Driven(ArrayRows):
     """n rows of a mechanism that moves, with the torques (n, inputs) that drive it.
 
-    `at` are its configurations, `motion` how it moves by its inputs, `timing` how these
-    move in time; `carried` as of `spherekit.dynamics.forces.Loads.magnitudes`.
+    `joints` are those of its pairs with their `frames` (n, pairs, 3, 3) in ground axes,
+    `motion` how it moves by its inputs, `timing` how these move in time; `carried` as of
+    `spherekit.dynamics.forces.Loads.magnitudes`.
     """
 
     mechanism: Mechanism
-    at: Linearisation
+    joints: tuple[Joint, ...]
+    frames: Floats
     motion: CoordinateMotion
     timing: Timing
     torques: Floats
-    carried: Floats | None
-
-    def rows(self, good: NDArray[np.bool_] | NDArray[np.intp]) -> "Driven":
-        """Return some of the rows."""
-        motion = self.motion
-        part = CoordinateMotion(
-            motion.values[good],
-            motion.rates[good],
-            motion.second[good],
-            motion.rotations[good],
-            motion.w[good],
-            motion.dw[good],
-            motion.status[good],
-        )
-        timing = self.timing
-        return Driven(
-            self.mechanism,
-            Linearisation(self.at.tree, self.at.joints, self.at.values[good]),
-            part,
-            Timing(timing.t[good], timing.dq[good], timing.ddq[good]),
-            self.torques[good],
-            None if self.carried is None else self.carried[good],
-        )
+    carried: Floats | None = None
 
 
 @final
@@ -138,11 +125,11 @@ class Balance:
             distances = [x.distance for x in mechanism.pairs if x.distance is not None]
         # A length makes forces comparable with moments where contacts tie them.
         self.length = float(np.mean(distances)) if distances else 1.0
-        n, links = len(frames), len(mechanism.links)
         self.working = np.stack([_working(pair) for pair in mechanism.pairs])
         self.wrenches = self._wrenches(
             np.ones(frames.shape[:2]) if sides is None else sides
         )
+        n, links = len(frames), len(mechanism.links)
         matrix = np.zeros((n, links, 6, len(self.columns)))
         for k, (pair, _) in enumerate(self.columns):
             first, second = mechanism.ends[pair]
@@ -157,15 +144,21 @@ class Balance:
             for link in without_centre(mechanism):
                 self._rows[mechanism.link_number[link], 3:] = False
         self.matrix = matrix[:, self._rows]
-        self._inverse = np.zeros((n, len(self.columns), self.matrix.shape[1]))
-        self.is_open = np.zeros((n, len(self.columns)), dtype=bool)
-        unheld = np.zeros(self.matrix.shape[:2], dtype=bool)
+        self._invert(bool(distances))
+
+    def _invert(self, tied: bool) -> None:
+        """Solve the equations, and note what they leave open and who slides."""
+        n, equations_of_all, columns_of_all = self.matrix.shape
+        self._inverse = np.zeros((n, columns_of_all, equations_of_all))
+        self.is_open = np.zeros((n, columns_of_all), dtype=bool)
+        unheld = np.zeros((n, equations_of_all), dtype=bool)
         # Moments and forces are two systems unless the places of contacts tie them.
         of_row = np.nonzero(self._rows)[1] < 3
         of_column = np.array([component < 3 for _, component in self.columns], dtype=bool)
         halves = [(of_row, of_column), (~of_row, ~of_column)]
-        everything = [(np.full_like(of_row, True), np.full_like(of_column, True))]
-        for equations, columns in everything if distances else halves:
+        if tied:
+            halves = [(np.full_like(of_row, True), np.full_like(of_column, True))]
+        for equations, columns in halves:
             part = self.matrix[:, equations][:, :, columns]
             if not part.size:
                 unheld[:, equations] = True
@@ -180,7 +173,7 @@ class Balance:
             self._inverse[places] = inverse
             self.is_open[:, columns] = 1.0 - _share(kept, back) > DETERMINED
             unheld[:, equations] = 1.0 - _share(kept, transpose(left)) > DETERMINED
-        by_link = np.zeros((n, links, 6), dtype=bool)
+        by_link = np.zeros((n, len(self.mechanism.links), 6), dtype=bool)
         by_link[:, self._rows] = unheld
         self.slides = np.any(by_link[..., 3:], axis=2)
 
@@ -282,15 +275,13 @@ def _share(kept: NDArray[np.bool_], vectors: Floats) -> Floats:
     return np.asarray(np.sum(np.where(kept[..., None], vectors, 0.0) ** 2, axis=1))
 
 
-def transmitted(
-    driven: Driven, joints: Sequence[Joint], *, forces: bool = False
-) -> Transmitted:
+def transmitted(driven: Driven, *, forces: bool = False) -> Transmitted:
     """Return what every pair transmits; open components are NaN.
 
     Where links slide, forces are not determined, for the loads would move the links.
     """
     mechanism = driven.mechanism
-    n, pairs = len(driven.at.frames), len(mechanism.pairs)
+    n, pairs = len(driven.frames), len(mechanism.pairs)
     wrenches = np.full((n, pairs, 6), np.nan)
     is_open = np.zeros((n, pairs, 6), dtype=bool)
     unbalanced = np.zeros(n)
@@ -299,7 +290,7 @@ def transmitted(
     for whole in (True, False) if forces else (False,):
         if not len(rest):
             break
-        solved = balanced(driven if len(rest) == n else driven.rows(rest), joints, whole)
+        solved = balanced(driven if len(rest) == n else driven.rows(rest), whole)
         balance = solved.balance
         if whole:
             slides = balance.slides
@@ -334,18 +325,23 @@ class Balanced:
     settled: NDArray[np.bool_]
 
 
-def balanced(driven: Driven, joints: Sequence[Joint], forces: bool) -> Balanced:
+def balanced(driven: Driven, forces: bool) -> Balanced:
     """Return the equations of all links solved for what moves and drives them.
 
     Teeth press on the side on which they turn the wheels, and that follows from the
     solution: so it is solved again where they were taken to press on the other.
     """
-    mechanism, frames = driven.mechanism, driven.at.frames
+    mechanism, motion, timing = driven.mechanism, driven.motion, driven.timing
+    loads, about = applied(driven)
+    needed = accelerating(mechanism, motion, timing.ddq)
+    needed += gyroscopic(mechanism, motion, timing.dq)
     toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
-    sides = np.ones(frames.shape[:2])
+    sides = np.ones(driven.frames.shape[:2])
     for _ in range(SIDES):
-        balance = Balance(mechanism, joints, frames, forces=forces, sides=sides)
-        left, about = left_over(driven, balance)
+        balance = Balance(
+            mechanism, driven.joints, driven.frames, forces=forces, sides=sides
+        )
+        left = balance.left_by(needed - loads, about)
         reactions, missed = balance.held(left)
         turned = (balance.on_pairs(reactions)[..., 1] * sides < 0.0) & toothed
         if not np.any(turned):
@@ -354,10 +350,60 @@ def balanced(driven: Driven, joints: Sequence[Joint], forces: bool) -> Balanced:
     return Balanced(balance, left, about, reactions, missed, ~np.any(turned, axis=1))
 
 
-def left_over(driven: Driven, balance: Balance) -> tuple[Floats, Floats]:
-    """Return what reactions have to do on links (n, links, 6), and torques (n, pairs)."""
+# What links need and what loads give: wrenches (6,), a moment about the centre O (N m) and
+# then a force (N), in ground axes.
+
+
+def accelerating(mechanism: Mechanism, motion: CoordinateMotion, change: Floats) -> Floats:
+    """Return the wrenches (n, links, 6) that the coordinates' accelerations (n, m) need.
+
+    Forces of links whose centre of mass is not known are left out.
+    """
+    return _of_inertia(mechanism, motion, np.einsum("ni,nila->nla", change, motion.w))
+
+
+def gyroscopic(mechanism: Mechanism, motion: CoordinateMotion, speed: Floats) -> Floats:
+    """Return those (n, links, 6) that rates (n, m) need while these stay as they are."""
+    w = np.einsum("ni,nila->nla", speed, motion.w)
+    bend = np.einsum("ni,nk,nikla->nla", speed, speed, motion.dw)
+    wrenches = _of_inertia(mechanism, motion, bend)
+    momenta = _of_inertia(mechanism, motion, w)
+    for half in (slice(0, 3), slice(3, 6)):
+        wrenches[..., half] += cross(w, momenta[..., half])
+    return wrenches
+
+
+def _of_inertia(mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats) -> Floats:
+    """Return I v and m v x c of the links' vectors v (n, links, 3), in ground axes."""
+    wrenches = np.zeros((*vectors.shape[:2], 6))
+    for mass in mechanism.masses:
+        link = mechanism.link_number[mass.link]
+        turn, vector = motion.rotations[:, link], vectors[:, link]
+        tensor = turn @ np.array(mass.tensor) @ transpose(turn)
+        wrenches[:, link, :3] = (tensor @ vector[..., None])[..., 0]
+        if mass.mass is not None and mass.centre is not None:
+            wrenches[:, link, 3:] = mass.mass * cross(vector, turn @ np.array(mass.centre))
+    return wrenches
+
+
+def applied(driven: Driven) -> tuple[Floats, Floats]:
+    """Return the wrenches of loads on links (n, links, 6), and torques at pairs (n, pairs).
+
+    These with the torques of the drives.
+    """
     mechanism, motion, timing = driven.mechanism, driven.motion, driven.timing
-    loads, about = applied(mechanism, motion, timing, driven.torques, driven.carried)
-    needed = accelerating(mechanism, motion, timing.ddq)
-    needed += gyroscopic(mechanism, motion, timing.dq)
-    return balance.left_by(needed - loads, about), about
+    loads = Loads(mechanism)
+    rates = rates_by_time(motion, timing.dq)
+    magnitudes = loads.magnitudes(motion.values, rates, timing.t, driven.carried)
+    wrenches = np.zeros((len(timing.t), len(mechanism.links), 6))
+    about = np.zeros((len(timing.t), len(mechanism.pairs)))
+    for size, part in zip(magnitudes.T, loads.components, strict=True):
+        if part.pair:
+            about[:, mechanism.pair_number[part.pair]] += size
+        for link, moment, force in loads.on_links(part, motion.rotations):
+            wrenches[:, link, :3] += size[:, None] * moment
+            if force is not None:
+                wrenches[:, link, 3:] += size[:, None] * force
+    for k, item in enumerate(mechanism.inputs):
+        about[:, mechanism.pair_number[item.pair]] += driven.torques[:, k]
+    return wrenches, about
