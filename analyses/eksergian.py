@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     ASSEMBLY_MODE,
@@ -32,16 +31,14 @@ from spherekit.plugin import (
 from spherekit.plugin.designs import Merit
 from spherekit.plugin.dynamics import (
     CoordinateMotion,
-    Inertia,
+    InverseSolution,
     Loads,
+    Timing,
     acting_links,
-    driving_torques,
-    inertia,
-    judged,
+    balancing,
     need_terms,
     needed_torques,
     of_parts,
-    total,
     used_links,
     used_pairs,
 )
@@ -50,25 +47,6 @@ from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
 
 USABLE_RATES = 1e-6
 """Inertia and torque are not given where more than this part of the rates is in doubt."""
-ROUNDING = 1e-13
-"""Torques below this part of the terms they are sums of are zero."""
-
-
-@final
-@dataclass(frozen=True)
-class Torque:
-    """The inverse problem at n rows: inertia, loads and the torque `tau` (n,), N m.
-
-    `rate_status` (n,) is the motion's, with ILL_CONDITIONED where the rates of links are
-    not known well enough; `status` also has NOT_CONVERGED where bearings lock, and
-    OVERFLOW where the torque is not finite.
-    """
-
-    inertia: Inertia
-    forces: Floats
-    tau: Floats
-    status: NDArray[np.int8]
-    rate_status: NDArray[np.int8]
 
 
 @final
@@ -177,69 +155,50 @@ class Eksergian(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torque, of the links' inertia and of the loads."""
-        torque = self._torque(batch)
-        mechanism = batch.mechanism
+        solution, mechanism = self._found(batch), batch.mechanism
         links = [mass.link for mass in mechanism.masses]
         loads = [load.name for load in mechanism.loads]
         timed = row_columns(batch, timed=True)
+        inertia, forces = solution.B_parts, solution.Q_parts[:, 0]
         return {
             "eksergian": {
                 **timed,
                 "dq": batch.dq,
                 "ddq": batch.ddq,
-                "B": total(torque.inertia.B_parts, torque.rate_status),
-                "dB_dq": total(torque.inertia.dB_parts, torque.rate_status),
-                "Q": total(torque.forces, torque.status),
-                "tau": torque.tau,
+                "B": solution.B,
+                "dB_dq": solution.dB_dq,
+                "Q": solution.Q,
+                "tau": self._at(batch, solution.tau),
                 "residual": batch.residual,
-                "status": torque.status,
+                "status": solution.status,
             },
             "inertia": {
                 **repeated(row_columns(batch), links, "link"),
-                "B": torque.inertia.B_parts.ravel(),
-                "dB_dq": torque.inertia.dB_parts.ravel(),
-                "status": of_parts(torque.inertia.B_parts, torque.status).ravel(),
+                "B": inertia.ravel(),
+                "dB_dq": solution.dB_parts.ravel(),
+                "status": of_parts(inertia, solution.status).ravel(),
             },
             "loads": {
                 **repeated(timed, loads, "load"),
-                "Q": torque.forces.ravel(),
-                "power": (torque.forces * batch.dq[:, None]).ravel(),
-                "status": of_parts(torque.forces, torque.status).ravel(),
+                "Q": forces.ravel(),
+                "power": solution.power.ravel(),
+                "status": of_parts(forces, solution.status).ravel(),
             },
         }
 
-    def _torque(self, batch: Batch) -> Torque:
-        return batch.once("torque", lambda: self._found(batch))
+    def _at(self, batch: Batch, torque: Floats) -> Floats:
+        """Return what does the same as a torque (n,) at the input where it acts."""
+        if not self.at:
+            return torque
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return torque / batch.pair_rate(self.at)
 
-    def _found(self, batch: Batch) -> Torque:
-        """Return inertia, generalised forces and driving torque of a batch."""
-        mechanism = batch.mechanism
-        motion = _motion(batch)
-        with np.errstate(over="ignore", invalid="ignore"):
-            masses = inertia(mechanism, motion)
-            rates, faster = batch.input_rates, batch.input_accelerations
-            loads = Loads(mechanism)
-            locked = np.zeros(len(batch), dtype=bool)
-            if loads.rubbing:
-                rubbed = needed_torques(as_loads_see(batch))
-                per_load, locked = rubbed.Q_parts, rubbed.status == Status.NOT_CONVERGED
-            else:
-                per_load = loads.parts(motion, rates, batch.t)
-            Q = np.sum(per_load, axis=2)
-            torques = driving_torques(masses.M, masses.dM, Q, rates, faster)
-        rate_status = batch.status.copy()
-        lost = ~(batch.rates_loss() < USABLE_RATES)
-        rate_status[(rate_status == Status.OK) & lost] = Status.ILL_CONDITIONED
-        status = judged(rate_status, masses, per_load, torques, rates, locked)
-        tau = torques[:, 0]
-        if self.at:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                tau = tau / batch.pair_rate(self.at)
-        return Torque(masses, per_load[:, 0], tau, status, rate_status)
+    def _found(self, batch: Batch) -> InverseSolution:
+        return batch.once("torque", lambda: _solution(batch))
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque and the worst conditioning, and where they are."""
-        torque = self._sure_torque(batch)
+        torque = np.abs(self._at(batch, self._found(batch).sure_torques[:, 0]))
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
         worst = int(np.nanargmax(batch.closure_conditioning))
@@ -258,18 +217,6 @@ class Eksergian(AbstractAnalysis):
             }
         return _said(figures)
 
-    def _sure_torque(self, batch: Batch) -> Floats:
-        """Return the size (n,) of the torque, zero where rounding leaves no more."""
-        torque = self._torque(batch)
-        with np.errstate(all="ignore"):
-            terms = np.sum(np.abs(torque.forces), axis=1)
-            moved = np.abs(batch.ddq) + batch.dq**2
-            terms += np.sum(np.abs(torque.inertia.B_parts), axis=1) * moved
-            if self.at:
-                terms /= np.abs(batch.pair_rate(self.at))
-            size = np.abs(torque.tau)
-            return np.where(size <= ROUNDING * terms, 0.0, size)
-
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the worse of both."""
         both = [item.figures for item in (before, now) if item.figures]
@@ -286,30 +233,29 @@ class Eksergian(AbstractAnalysis):
 
         With the phase portrait, where the samples are times.
         """
-        torque = self._torque(batch)
-        masses = torque.inertia
+        solution = self._found(batch)
         names = [mass.link for mass in batch.mechanism.masses]
-        loads = [load.name for load in batch.mechanism.loads]
-        swing = 0.5 * masses.dB * batch.dq**2
+        B, dB = (np.sum(x, axis=1) for x in (solution.B_parts, solution.dB_parts))
         numbers = batch.mechanism.link_number
-        torques = {"tau": torque.tau}
+        torques = {"tau": self._at(batch, solution.tau)}
         if batch.timed:
-            torques["B ddq"] = masses.B * batch.ddq
-        torques["dB/dq dq²/2"] = swing
-        torques |= {f"against {load}": -torque.forces[:, k] for k, load in enumerate(loads)}
+            torques["B ddq"] = B * batch.ddq
+        torques["dB/dq dq²/2"] = 0.5 * dB * batch.dq**2
+        for k, load in enumerate(batch.mechanism.loads):
+            torques[f"against {load.name}"] = -solution.Q_parts[:, 0, k]
         curves = [
             curve("torque", label, "driving torque", values, "N m")
             for label, values in torques.items()
         ]
         for group, letter, title, unit, whole, parts in (
-            ("inertia", "B", "equivalent inertia", "kg m2", masses.B, masses.B_parts),
+            ("inertia", "B", "equivalent inertia", "kg m2", B, solution.B_parts),
             (
                 "derivative",
                 "dB/dq",
                 "derivative of the inertia",
                 "kg m2/rad",
-                masses.dB,
-                masses.dB_parts,
+                dB,
+                solution.dB_parts,
             ),
         ):
             curves.append(curve(group, letter, title, whole, unit, 0))
@@ -355,6 +301,27 @@ def _said(figures: Mapping[str, Any]) -> Findings:
         else f"driving torque at {largest['pair']}: zero in every row, to rounding"
     )
     return Findings(figures, remarks=(words,))
+
+
+def _solution(batch: Batch) -> InverseSolution:
+    """Return the torque of a batch, from what it has of a motion by the input.
+
+    The motion's status, with ILL_CONDITIONED where the rates of links are not known well
+    enough.
+    """
+    mechanism, status = batch.mechanism, batch.status.copy()
+    lost = ~(batch.rates_loss() < USABLE_RATES)
+    status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
+    carried, locked = None, np.zeros(len(batch), dtype=bool)
+    if Loads(mechanism).rubbing:
+        rubbed = needed_torques(as_loads_see(batch))
+        locked = rubbed.status == Status.NOT_CONVERGED
+        if rubbed.carried is not None:
+            known = (rubbed.status == Status.OK)[:, None]
+            carried = np.where(known, rubbed.carried, np.nan)
+    rows = batch.sample, batch.assembly_mode, batch.inputs, batch.residual
+    timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
+    return balancing(mechanism, rows, timing, _motion(batch), status, carried, locked)
 
 
 def _motion(batch: Batch) -> CoordinateMotion:

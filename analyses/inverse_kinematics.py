@@ -345,9 +345,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         sets = "the inputs given" if count == 1 else f"{count} sets of inputs"
         remark = f"{counted(int(np.sum(solved)), 'configuration')} at {sets}"
         told = _posed(mechanism, table, solved) if count <= MOST_TOLD else []
-        return Findings(
-            figures, tuple(warnings), (remark + _rest(result.solver), *told)
-        )
+        return Findings(figures, tuple(warnings), (remark + _rest(result.solver), *told))
 
     def _words(self, result: FoundPoses, solutions: NDArray[np.int64]) -> str:
         lines = [
@@ -400,9 +398,7 @@ def _posed(mechanism: Mechanism, table: Row, solved: NDArray[np.bool_]) -> list[
         mode = str(table[kind.replace(" ", "_")][row])
         posed = f"inputs {table['pose'][row]}: {', '.join(told)}"
         lines.setdefault((posed, kind), []).append(mode)
-    return [
-        f"{posed}, {numbered(kind, modes)}" for (posed, kind), modes in lines.items()
-    ]
+    return [f"{posed}, {numbered(kind, modes)}" for (posed, kind), modes in lines.items()]
 
 
 def _degrees(angle: float) -> str:

@@ -134,9 +134,7 @@ def configuration_columns(
         for group in solver.assembly.groups
     ]
     places = [
-        placed_groups.index(set(group.pairs))
-        if set(group.pairs) in placed_groups
-        else None
+        placed_groups.index(set(group.pairs)) if set(group.pairs) in placed_groups else None
         for group in batch.tracer.assembly.groups
     ]
     columns["signs"] = [

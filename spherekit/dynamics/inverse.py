@@ -40,9 +40,11 @@ ROUNDING = 1e-13
 
 
 def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
-    """Return sums (n,) of parts (n, k), NaN in rows that failed, also where k is 0."""
+    """Return sums (n, ...) of parts (n, k, ...), NaN in rows that failed, also of none."""
     with np.errstate(over="ignore"):
-        return np.where(status == Status.OK, np.sum(parts, axis=1), np.nan)
+        sums = np.array(np.sum(parts, axis=1))
+    sums[status != Status.OK] = np.nan
+    return sums
 
 
 def of_parts(parts: Floats, status: NDArray[np.int8]) -> NDArray[np.int8]:
@@ -124,21 +126,17 @@ class InverseSolution(InputMotion):
     @property
     def M(self) -> Floats:
         """(n, inputs, inputs) inertia matrix, kg m2."""
-        held = self.rate_status == Status.OK
-        return np.where(held[:, None, None], np.sum(self.M_parts, axis=1), np.nan)
+        return total(self.M_parts, self.rate_status)
 
     @property
     def dM(self) -> Floats:
         """(n, inputs, inputs, inputs) its derivatives by the inputs, the last axis."""
-        held = self.rate_status == Status.OK
-        return np.where(held[:, None, None, None], np.sum(self.dM_parts, axis=1), np.nan)
+        return total(self.dM_parts, self.rate_status)
 
     @property
     def Q_all(self) -> Floats:
         """(n, inputs) generalised forces of all loads, N m."""
-        held = self.status == Status.OK
-        with np.errstate(over="ignore"):
-            return np.where(held[:, None], np.sum(self.Q_parts, axis=2), np.nan)
+        return total(np.moveaxis(self.Q_parts, 2, 1), self.status)
 
     @property
     def sure_torques(self) -> Floats:
@@ -319,37 +317,10 @@ def needed_torques(motion: Motion) -> InverseSolution:
         Of all inputs, with its timing; its angles are those that loads see.
     """
     assert motion.timing is not None
-    mechanism, timing = motion.mechanism, motion.timing
+    mechanism, timing, status = motion.mechanism, motion.timing, motion.status.copy()
     numbers = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     closure = Closure.of(mechanism, motion.joints)
     coordinates = by_variables(closure, motion.values, numbers)
-    loads = Loads(mechanism)
-    status = motion.status.copy()
-    carried: Floats | None = None
-    rounds, locked = 0, np.zeros(len(motion), dtype=bool)
-    with np.errstate(over="ignore", invalid="ignore"):
-        masses = inertia(mechanism, coordinates)
-
-        def needed(carried: Floats | None) -> tuple[Floats, Floats]:
-            forces = loads.parts(coordinates, timing.dq, timing.t, carried)
-            Q = np.sum(forces, axis=2)
-            moved = timing.dq, timing.ddq
-            return forces, driving_torques(masses.M, masses.dM, Q, *moved)
-
-        forces, torques = needed(None)
-        good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
-        if loads.rubbing and np.any(good):
-            at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
-            every = Driven(
-                mechanism, motion.joints, at.frames, coordinates, timing, torques
-            )
-            driven = every.rows(good)
-            drives = -loads.rubbing_velocities(driven.motion)
-            rub = rubbed(driven, loads, np.zeros_like(drives), drives)
-            carried, rounds = np.zeros((len(motion), len(loads.rubbing))), rub.rounds
-            carried[good] = rub.carried
-            forces, torques = needed(carried)
-            locked[good] = ~rub.settled
     flat = ~(determined(coordinates.rates) >= DEAD_CENTRE)
     held = ~motion.failed
     # Where assembly modes nearly cross, rounding of the configuration decides the
@@ -358,30 +329,93 @@ def needed_torques(motion: Motion) -> InverseSolution:
         kept = driven_rates(motion, held, pair).reciprocal_condition
         flat[held] |= ~(kept >= SINGULAR_RATIO)
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
-    rate_status = status
-    status = judged(rate_status, masses, forces, torques, timing.dq, locked)
-    values = motion.values.copy()
-    for array in (values, coordinates.rates):
-        array[rate_status != Status.OK] = np.nan
+    rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
+    with np.errstate(over="ignore", invalid="ignore"):
+        carried, locked, rounds = _rubbed(motion, coordinates)
+    found = balancing(mechanism, rows, timing, coordinates, status, carried, locked)
+    for array in (found.values, coordinates.rates):
+        array[status != Status.OK] = np.nan
+    return replace(found, rounds=rounds)
+
+
+def _rubbed(
+    motion: Motion, coordinates: CoordinateMotion
+) -> tuple[Floats | None, NDArray[np.bool_], int]:
+    """Return what bearings that rub carry, the rows they lock, and rounds of iteration."""
+    assert motion.timing is not None
+    mechanism, timing, loads = motion.mechanism, motion.timing, Loads(motion.mechanism)
+    locked = np.zeros(len(motion), dtype=bool)
+    if not loads.rubbing:
+        return None, locked, 0
+    torques = _torques(inertia(mechanism, coordinates), loads, coordinates, timing, None)[1]
+    good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
+    if not np.any(good):
+        return None, locked, 0
+    at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
+    every = Driven(mechanism, motion.joints, at.frames, coordinates, timing, torques)
+    driven = every.rows(good)
+    drives = -loads.rubbing_velocities(driven.motion)
+    rub = rubbed(driven, loads, np.zeros_like(drives), drives)
+    carried = np.zeros((len(motion), len(loads.rubbing)))
+    carried[good], locked[good] = rub.carried, ~rub.settled
+    return carried, locked, rub.rounds
+
+
+def _torques(
+    masses: Inertia,
+    loads: Loads,
+    coordinates: CoordinateMotion,
+    timing: Timing,
+    carried: Floats | None,
+) -> tuple[Floats, Floats]:
+    """Return the loads' generalised forces (n, m, loads), and torques (n, m) they need."""
+    forces = loads.parts(coordinates, timing.dq, timing.t, carried)
+    Q = np.sum(forces, axis=2)
+    return forces, driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
+
+
+def balancing(
+    mechanism: Mechanism,
+    rows: tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats],
+    timing: Timing,
+    coordinates: CoordinateMotion,
+    rate_status: NDArray[np.int8],
+    carried: Floats | None,
+    locked: NDArray[np.bool_],
+) -> InverseSolution:
+    """Return the torques that balance inertia and loads, given how all moves by the inputs.
+
+    Parameters
+    ----------
+    rows
+        The samples, assembly modes, inputs (n, inputs) and residuals of the rows.
+    rate_status
+        (n,) the status of what does not depend on loads.
+    carried, locked
+        What bearings that rub carry, see `InverseSolution`, and where (n,) they lock.
+    """
+    sample, assembly_mode, inputs, residual = rows
+    with np.errstate(over="ignore", invalid="ignore"):
+        masses = inertia(mechanism, coordinates)
+        forces, torques = _torques(masses, Loads(mechanism), coordinates, timing, carried)
     return InverseSolution(
         mechanism,
-        motion.sample,
-        motion.assembly_mode,
+        sample,
+        assembly_mode,
         timing.t,
-        motion.inputs,
+        inputs,
         timing.dq,
         timing.ddq,
         masses.M_parts,
         masses.dM_parts,
         forces,
         torques,
-        values,
+        coordinates.values.copy(),
         coordinates,
-        motion.residual,
-        status,
+        residual,
+        judged(rate_status, masses, forces, torques, timing.dq, locked),
         rate_status,
         carried,
-        rounds,
     )
 
 

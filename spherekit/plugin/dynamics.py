@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from spherekit.dynamics.inertia import Inertia as Inertia
     from spherekit.dynamics.inertia import inertia as inertia
     from spherekit.dynamics.inverse import InverseSolution as InverseSolution
+    from spherekit.dynamics.inverse import balancing as balancing
     from spherekit.dynamics.inverse import judged as judged
     from spherekit.dynamics.inverse import need_terms as need_terms
     from spherekit.dynamics.inverse import needed_torques as needed_torques
@@ -26,5 +27,6 @@ if TYPE_CHECKING:
     from spherekit.model.actions import used_links as used_links
     from spherekit.model.actions import used_pairs as used_pairs
     from spherekit.model.bearings import Bearings as Bearings
+    from spherekit.motion.timing import Timing as Timing
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)
