@@ -317,8 +317,8 @@ def _solution(batch: Batch) -> InverseSolution:
         rubbed = needed_torques(as_loads_see(batch))
         locked = rubbed.status == Status.NOT_CONVERGED
         if rubbed.carried is not None:
-            known = (rubbed.status == Status.OK)[:, None]
-            carried = np.where(known, rubbed.carried, np.nan)
+            settled = (rubbed.status == Status.OK)[:, None]
+            carried = np.where(settled, rubbed.carried, np.nan)
     rows = batch.sample, batch.assembly_mode, batch.inputs, batch.residual
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
     return balancing(mechanism, rows, timing, _motion(batch), status, carried, locked)

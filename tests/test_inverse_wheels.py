@@ -122,8 +122,12 @@ def test_the_closed_form_is_that_of_the_graph(made, wrist):
     mechanism = wrist if made == "differential" else gimbal(made == "pan_tilt_roll")
     closed, graph = output_kinematics(mechanism), output_kinematics(mechanism, graph=True)
     assert (closed.solved_by, graph.solved_by) == ("dyads", "graph")
-    poses = spread(6) if closed.points else from_tilt_torsion(
-        np.random.default_rng(7).uniform([-3.0, 0.2, -3.0], [3.0, 2.9, 3.0], (4, 3))
+    poses = (
+        spread(6)
+        if closed.points
+        else from_tilt_torsion(
+            np.random.default_rng(7).uniform([-3.0, 0.2, -3.0], [3.0, 2.9, 3.0], (4, 3))
+        )
     )
     one = closed.inverse(poses, closed.labels, range(len(mechanism.pairs)))
     other = graph.inverse(poses, graph.labels, range(len(mechanism.pairs)))

@@ -187,7 +187,7 @@ def test_redundant_constraints_are_named_and_left_open(capsys):
     assert "warning" not in said.out + said.err
     found = sk.run("roller_cam", "reactions", samples=9)
     where = r"([\d.]+) N m in pair (\w+) at sample (\d+) of assembly mode (\d+)"
-    (size, *place), = re.findall(where, " ".join(found.summary["remarks"]))
+    ((size, *place),) = re.findall(where, " ".join(found.summary["remarks"]))
     table = found.frame("reactions").astype({"pair": str})
     at = table.set_index(["pair", "sample", "assembly_mode"])["across"]
     there = at.loc[(place[0], int(place[1]), int(place[2]))]

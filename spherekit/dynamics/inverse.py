@@ -332,10 +332,10 @@ def needed_torques(motion: Motion) -> InverseSolution:
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     with np.errstate(over="ignore", invalid="ignore"):
         carried, locked, rounds = _rubbed(motion, coordinates)
-    found = balancing(mechanism, rows, timing, coordinates, status, carried, locked)
-    for array in (found.values, coordinates.rates):
+    solution = balancing(mechanism, rows, timing, coordinates, status, carried, locked)
+    for array in (solution.values, coordinates.rates):
         array[status != Status.OK] = np.nan
-    return replace(found, rounds=rounds)
+    return replace(solution, rounds=rounds)
 
 
 def _rubbed(

@@ -1,8 +1,9 @@
 """Another program's model as a spherical mechanism: what turns about one point."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
@@ -10,8 +11,8 @@ import numpy as np
 from spherekit.conventions import MAX_NAME_LENGTH, listing, numbered
 from spherekit.errors import FileError
 from spherekit.exchange.common_point import Line, common_point
-from spherekit.exchange.foreign import ForeignHinge, ForeignHold, ForeignLoad, ForeignModel
 from spherekit.exchange.gears import Turning, gears_of
+from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
 from spherekit.exchange.plain_numbers import Units, plain
 from spherekit.model.changes import AngleUnit
 from spherekit.model.inertia import moved_to_sphere_centre
@@ -43,11 +44,13 @@ class Tables:
 @final
 @dataclass(frozen=True)
 class _Pair:
+    """A pair of two links about an axis; `joint` is the number of its joint, or -1."""
+
     name: str
     links: tuple[int, int]
     axis: Floats
     value: float
-    hinge: ForeignHinge | None
+    joint: int = -1
 
 
 def tables_of(
@@ -79,48 +82,57 @@ class _Import:
         self, where: str, model: ForeignModel, units: Units, within: float | None
     ) -> None:
         self.where, self.model, self.units = where, model, units
-        self.notes: list[str] = list(model.notes)
+        self.m, self.d = model.m, model.d
+        self.notes: list[str] = []
         self.comments: dict[tuple[str, str], str] = {}
-        self.node = list(range(len(model.bodies)))
+        self.node = list(range(self.m.nbody))
         self.names: dict[int, str] = {}
-        self.rigid = list(self._rigid_holds())
+        self.turning = [k for k in range(self.m.njnt) if k not in model.locked]
+        self.holds = list(model.holds(self.notes))
         self._join()
         self.centre, self.miss = self._meet(within)
         self.pairs = self._pairs()
         self.contacts = dict(self._contacts())
 
     def tables(self) -> Tables:
-        model = self.model
-        links: Table = {link: {} for link in self._links()}
         content: dict[str, Table] = {
-            "source": {"citation": f"imported from the {model.source}"},
-            "links": links,
+            "source": {"citation": f"imported from the {self.model.source}"},
+            "links": {link: {} for link in self._links()},
             "pairs": {pair.name: self._pair(pair) for pair in self.pairs} | self.contacts,
             "inputs": self._inputs(),
             "mass": self._masses(),
         }
         content["loads"] = self._loads(content["mass"])
         content["stops"] = {
-            pair.name: {
-                "from": self.units.angle(pair.hinge.limits[0]),
-                "to": self.units.angle(pair.hinge.limits[1]),
-            }
+            pair.name: self._ends(*limits)
             for pair in self.pairs
-            if pair.hinge is not None and pair.hinge.limits is not None
+            if (limits := self._limits(pair)) is not None
         }
         x, y, z = (plain(coordinate, 1.0) for coordinate in self.centre)
+        self.notes += self.model.notes
         heading = (
-            f"Imported from the {model.source}.",
+            f"Imported from the {self.model.source}.",
             f"The centre of the sphere is at {x}, {y}, {z} m in its world axes, which are "
             f"the ground's here; axes pass it within {self.miss:.2g} m.",
             *(f"Note: {note}." for note in self.notes),
         )
-        return Tables(
-            {name: table for name, table in content.items() if table},
-            heading,
-            self.comments,
-            tuple(self.notes),
-        )
+        filled = {name: table for name, table in content.items() if table}
+        return Tables(filled, heading, self.comments, tuple(self.notes))
+
+    def _ends(self, low: float, high: float) -> Table:
+        return {"from": self.units.angle(low), "to": self.units.angle(high)}
+
+    def _limits(self, pair: _Pair) -> tuple[float, float] | None:
+        if pair.joint < 0 or not self.m.jnt_limited[pair.joint]:
+            return None
+        low, high = map(float, self.m.jnt_range[pair.joint])
+        return low, high
+
+    def _joint(self, k: int) -> str:
+        return str(self.m.joint(k).name)
+
+    def _body(self, k: int) -> str:
+        return named(self.m.body(k), "body", k)
 
     # Bodies that are one link
 
@@ -135,36 +147,31 @@ class _Import:
             kept, other = other, kept
         self.node[other] = kept
 
-    def _rigid_holds(self) -> Iterator[ForeignHold]:
-        yield from (hold for hold in self.model.holds if hold.point is None)
-
     def _join(self) -> None:
         """Make one link of bodies that are welded, or hinged by locked joints alone."""
-        model = self.model
-        turning = {hinge.body for hinge in model.hinges if not hinge.locked}
-        for number, body in enumerate(model.bodies):
-            if number and number not in turning:
-                self._merge(body.parent, number)
-        for hold in self.rigid:
-            self._merge(hold.first, hold.second)
-        for hinge in model.hinges:
-            if hinge.locked:
-                self.notes.append(f"joint {hinge.name} is locked, so it is no pair")
+        moved = {int(self.m.jnt_bodyid[k]) for k in self.turning}
+        for k in range(1, self.m.nbody):
+            if k not in moved:
+                self._merge(int(self.m.body_parentid[k]), k)
+        for hold in self.holds:
+            if hold.point is None:
+                self._merge(hold.first, hold.second)
+        for k in sorted(self.model.locked):
+            self.notes.append(f"joint {self._joint(k)} is locked, so it is no pair")
 
     def members(self, link: int) -> list[int]:
         return [k for k in range(len(self.node)) if self.find(k) == link]
 
     def _name(self, node: int) -> str:
         """Return the name of a link: its body's, or of the ground its only body's."""
-        if node in self.names:
-            return self.names[node]
-        text = self.model.bodies[node].name
-        if node == self.find(0):
-            children = [
-                k for k in self.members(node) if k and self.model.bodies[k].parent == 0
-            ]
-            text = self.model.bodies[children[0]].name if len(children) == 1 else "ground"
-        self.names[node] = self._unique(text, self.names.values())
+        if node not in self.names:
+            text = self._body(node)
+            if node == self.find(0):
+                children = [
+                    k for k in self.members(node) if k and not self.m.body_parentid[k]
+                ]
+                text = self._body(children[0]) if len(children) == 1 else "ground"
+            self.names[node] = self._unique(text, self.names.values())
         return self.names[node]
 
     def _unique(self, text: str, used: Iterable[str]) -> str:
@@ -178,47 +185,39 @@ class _Import:
         return name
 
     def _links(self) -> list[str]:
-        used = dict.fromkeys(
-            [self.find(0), *(link for pair in self.pairs for link in pair.links)]
-        )
-        return [self._name(link) for link in used]
+        used = [self.find(0), *(link for pair in self.pairs for link in pair.links)]
+        return [self._name(link) for link in dict.fromkeys(used)]
 
     # The centre
 
     def _lines(self) -> list[Line]:
         lines = [
-            Line(f"joint {hinge.name}", hinge.point, hinge.axis)
-            for hinge in self.model.hinges
-            if not hinge.locked
+            Line(f"joint {self._joint(k)}", self.d.xanchor[k], self.d.xaxis[k])
+            for k in self.turning
         ]
-        for holds in self._held().values():
-            for other in holds[1:]:
-                along = other.point - holds[0].point
+        for (first, place), *others in self._held().values():
+            for other, point in others:
+                along = point - place
                 length = float(np.linalg.norm(along))
                 if length > 0.0:
-                    words = f"loop {holds[0].name}"
-                    words += f" through {other.name}" * (other.name != holds[0].name)
-                    lines.append(Line(words, holds[0].point, along / length))
+                    words = f"loop {first}" + f" through {other}" * (other != first)
+                    lines.append(Line(words, place, along / length))
         return lines
 
-    def _held(self) -> dict[tuple[int, int], list[Any]]:
-        """Return the points that hold bodies, by the two links."""
-        holds: dict[tuple[int, int], list[Any]] = {}
-        for hold in self.model.holds:
-            if hold.point is not None:
-                ends = self.find(hold.first), self.find(hold.second)
-                if ends[0] != ends[1]:
-                    holds.setdefault(
-                        ends if ends in holds or ends[::-1] not in holds else ends[::-1], []
-                    ).append(hold)
-        return holds
+    def _held(self) -> dict[tuple[int, int], list[tuple[str, Floats]]]:
+        """Return the named points that hold bodies, by the two links."""
+        held: dict[tuple[int, int], list[tuple[str, Floats]]] = {}
+        for hold in self.holds:
+            ends = self.find(hold.first), self.find(hold.second)
+            if hold.point is not None and ends[0] != ends[1]:
+                order = ends if ends in held or ends[::-1] not in held else ends[::-1]
+                held.setdefault(order, []).append((hold.name, hold.point))
+        return held
 
     def _meet(self, within: float | None) -> tuple[Floats, float]:
-        lines = self._lines()
-        model = self.model
-        places = [body.centre for body in model.bodies if body.mass is not None]
-        places += [hold.point for hold in model.holds if hold.point is not None]
-        places += [hinge.point for hinge in model.hinges]
+        lines, heavy = self._lines(), self.m.body_mass > MASSLESS
+        places = [*self.d.xipos[heavy], *self.d.xanchor]
+        places += [hold.point for hold in self.holds if hold.point is not None]
         middle = np.mean(places, axis=0)
         size = max(float(np.linalg.norm(place - middle)) for place in places) or 1.0
         allowed = WITHIN * size if within is None else within
@@ -250,76 +249,75 @@ class _Import:
     # Pairs
 
     def _pairs(self) -> list[_Pair]:
-        model, pairs = self.model, []
+        pairs: list[_Pair] = []
         names: list[str] = []
 
-        def named(text: str) -> str:
+        def told(text: str) -> str:
             names.append(self._unique(text, names))
             return names[-1]
 
-        by_body: dict[int, list[ForeignHinge]] = {}
-        for hinge in model.hinges:
-            if not hinge.locked:
-                by_body.setdefault(hinge.body, []).append(hinge)
-        for body, hinges in by_body.items():
-            below, last = self.find(model.bodies[body].parent), self.find(body)
+        by_body: dict[int, list[int]] = {}
+        for k in self.turning:
+            by_body.setdefault(int(self.m.jnt_bodyid[k]), []).append(k)
+        for body, joints in by_body.items():
+            below, last = self.find(int(self.m.body_parentid[body])), self.find(body)
             if below == last:
-                told = listing(hinge.name for hinge in hinges)
-                self.notes.append(f"joint {told} cannot turn: its bodies are welded")
+                them = listing(map(self._joint, joints))
+                self.notes.append(f"joint {them} cannot turn: its bodies are welded")
                 continue
-            for k, hinge in enumerate(hinges):
+            for k in joints:
                 above = last
-                if k < len(hinges) - 1:
+                if k != joints[-1]:
                     above = len(self.node)
                     self.node.append(above)
-                    self.names[above] = self._unique(
-                        f"{model.bodies[body].name}_{hinge.name}", self.names.values()
-                    )
-                pairs.append(
-                    _Pair(named(hinge.name), (below, above), hinge.axis, hinge.value, hinge)
-                )
+                    text = f"{self._body(body)}_{self._joint(k)}"
+                    self.names[above] = self._unique(text, self.names.values())
+                value = float(self.d.qpos[self.m.jnt_qposadr[k]])
+                ends, axis = (below, above), self.d.xaxis[k].copy()
+                pairs.append(_Pair(told(self._joint(k)), ends, axis, value, k))
                 below = above
-        for ends, holds in self._held().items():
-            pairs += self._closing(ends, holds, named)
+        for ends, points in self._held().items():
+            pairs += self._closing(ends, points, told)
         if not pairs:
             raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
         self._need_pieces(pairs)
         return pairs
 
     def _closing(
-        self, ends: tuple[int, int], holds: Sequence[Any], named: Any
+        self,
+        ends: tuple[int, int],
+        points: Sequence[tuple[str, Floats]],
+        told: Callable[[str], str],
     ) -> list[_Pair]:
         """Return the pair that points which hold two links make."""
-        hold = max(
-            holds,
-            key=lambda candidate: float(np.linalg.norm(candidate.point - self.centre)),
-        )
-        arm = hold.point - self.centre
-        length = float(np.linalg.norm(arm))
-        if length <= self.miss or length == 0.0:
+        arms = [point - self.centre for _, point in points]
+        lengths = [float(np.linalg.norm(arm)) for arm in arms]
+        far = int(np.argmax(lengths))
+        if lengths[far] <= self.miss or lengths[far] == 0.0:
             self.notes.append(
-                f"loop {hold.name} left out: it holds the centre, which does not move"
+                f"loop {points[far][0]} left out: it holds the centre, which does not move"
             )
             return []
-        name = named(holds[0].name)
+        first = points[0][0]
+        name = told(first)
         one, other = (self._name(end) for end in ends)
         self.comments["pairs", name] = f"Closes a loop: holds {one} and {other} at a point."
-        value = self.model.values.get(holds[0].name, 0.0)
-        return [_Pair(name, ends, arm / length, value, None)]
+        value = self.model.values.get(first, 0.0)
+        return [_Pair(name, ends, arms[far] / lengths[far], value)]
 
     def _contacts(self) -> Iterator[tuple[str, Table]]:
         """Yield a rolling contact for each coupling of hinges."""
-        turning = [Turning(p.hinge.name, p.links, p.axis) for p in self.pairs if p.hinge]
+        turning = [Turning(p.joint, p.links, p.axis) for p in self.pairs if p.joint >= 0]
         names = [pair.name for pair in self.pairs]
-        for coupling in self.model.couplings:
-            gears = gears_of(turning, coupling.factors)
+        for coupling, factors in self.model.couplings():
+            gears = gears_of(turning, factors)
             if isinstance(gears, str):
                 raise FileError(
-                    f"{self.where}: {coupling.name} couples joints "
-                    f"{listing(coupling.factors)}, but no two gears do: {gears}. Take it "
-                    "out of a copy of the file"
+                    f"{self.where}: {coupling} couples joints "
+                    f"{listing(map(self._joint, factors))}, but no two gears do: {gears}. "
+                    "Take it out of a copy of the file"
                 )
-            names.append(self._unique(coupling.name, names))
+            names.append(self._unique(coupling, names))
             links = [self._name(link) for link in gears.links]
             table: Table = {"type": "Cr", "links": links}
             if gears.contact != "external":
@@ -357,14 +355,14 @@ class _Import:
 
     def _inputs(self) -> Table:
         """Return the actuated pairs, with as many others as there are freedoms left."""
-        numbers = {pair.hinge.name: k for k, pair in enumerate(self.pairs) if pair.hinge}
-        driven = [numbers[name] for name in self.model.driven if name in numbers]
+        numbers = {pair.joint: k for k, pair in enumerate(self.pairs) if pair.joint >= 0}
+        driven = [numbers[joint] for joint in self.model.drives if joint in numbers]
         ground = self.find(0)
         rest = sorted(
             (k for k in range(len(self.pairs)) if k not in driven),
-            key=lambda k: (self.pairs[k].hinge is None, ground not in self.pairs[k].links),
+            key=lambda k: (self.pairs[k].joint < 0, ground not in self.pairs[k].links),
         )
-        rows = self._velocity_equations()
+        rows = self._velocity_equations(numbers)
         rank = _rank(rows)
         chosen: list[int] = []
         for k in [*driven, *rest]:
@@ -387,141 +385,174 @@ class _Import:
         return {self.pairs[k].name: self._range(self.pairs[k]) for k in chosen}
 
     def _range(self, pair: _Pair) -> Table:
-        given = self.model.driven.get(pair.hinge.name) if pair.hinge is not None else None
-        if given is None and pair.hinge is not None:
-            given = pair.hinge.limits
-        low, high = given or (pair.value - np.pi, pair.value + np.pi)
-        return {"from": self.units.angle(low), "to": self.units.angle(high)}
+        given = self.model.drives.get(pair.joint) or self._limits(pair)
+        return self._ends(*(given or (pair.value - np.pi, pair.value + np.pi)))
 
-    def _velocity_equations(self) -> Floats:
+    def _velocity_equations(self, numbers: Mapping[int, int]) -> Floats:
         """Return what loops say of the rates of all pairs, (3 links, pairs + 3 links).
 
         Every link has an angular velocity, the ground's is zero; a pair's rate is along its
-        axis. Angular velocities are eliminated.
+        axis. Angular velocities are eliminated. `numbers` are the pairs of joints.
         """
-        links = list(dict.fromkeys(k for pair in self.pairs for k in pair.links))
-        links = [self.find(0), *(k for k in links if k != self.find(0))]
-        spread = np.zeros((3 * len(self.pairs), 3 * (len(links) - 1)))
+        links = dict.fromkeys(k for pair in self.pairs for k in pair.links)
+        links.pop(self.find(0), None)
+        column = {link: 3 * k for k, link in enumerate(links)}
+        spread = np.zeros((3 * len(self.pairs), 3 * len(links)))
         along = np.zeros((3 * len(self.pairs), len(self.pairs)))
         for k, pair in enumerate(self.pairs):
             rows = slice(3 * k, 3 * k + 3)
             along[rows, k] = pair.axis
             for link, sign in zip(pair.links, (-1.0, 1.0), strict=True):
-                if (at := links.index(link)) > 0:
-                    spread[rows, 3 * at - 3 : 3 * at] = sign * np.eye(3)
+                if link in column:
+                    spread[rows, column[link] : column[link] + 3] = sign * np.eye(3)
         left, sizes, _ = np.linalg.svd(spread)
         rank = int(np.sum(sizes > 1e-9 * sizes[0]))
-        numbers = {pair.hinge.name: k for k, pair in enumerate(self.pairs) if pair.hinge}
-        ratios = np.zeros((len(self.model.couplings), len(self.pairs)))
-        for row, coupling in zip(ratios, self.model.couplings, strict=True):
-            for name, factor in coupling.factors.items():
-                row[numbers[name]] = factor
-        return np.concatenate([left[:, rank:].T @ along, ratios])
+        ratios = [np.zeros((0, len(self.pairs)))]
+        for _, factors in self.model.couplings():
+            ratio = np.zeros((1, len(self.pairs)))
+            ratio[0, [numbers[joint] for joint in factors]] = list(factors.values())
+            ratios.append(ratio)
+        return np.concatenate([left[:, rank:].T @ along, *ratios])
 
     # Inertia and loads
 
     def _masses(self) -> Table:
-        model, masses = self.model, {}
-        if model.made_up:
+        m, masses = self.m, {}
+        if self.model.made_up:
             self.notes.append(
                 "the masses, which the file says are made up, and its servos were left out"
             )
             return {}
-        used = [link for pair in self.pairs for link in pair.links]
-        for link in dict.fromkeys(used):
-            bodies = (
-                [model.bodies[k] for k in self.members(link)]
-                if link < len(model.bodies)
-                else []
-            )
-            heavy = [body for body in bodies if body.mass is not None]
+        for link in dict.fromkeys(link for pair in self.pairs for link in pair.links):
+            heavy = [
+                k for k in self.members(link) if k < m.nbody and m.body_mass[k] > MASSLESS
+            ]
             if link == self.find(0) or not heavy:
                 continue
             mass, moment, tensor = 0.0, np.zeros(3), np.zeros((3, 3))
-            for body in heavy:
-                assert body.mass is not None
-                arm = body.centre - self.centre
-                tensor += moved_to_sphere_centre(body.tensor, body.mass, arm)
-                mass += body.mass
-                moment += (0.0 if body.weightless else body.mass) * arm
-            table: Table = {
-                "tensor": [
-                    [plain(x, float(np.max(np.abs(tensor))), THIN) for x in row]
-                    for row in tensor
-                ]
-            }
-            if not all(body.weightless for body in heavy) or model.gravity is not None:
+            for k in heavy:
+                one, arm = float(m.body_mass[k]), self.d.xipos[k] - self.centre
+                turn = self.d.ximat[k].reshape(3, 3)
+                about = turn @ np.diag(m.body_inertia[k]) @ turn.T
+                tensor += moved_to_sphere_centre(about, one, arm)
+                mass += one
+                moment += (0.0 if m.body_gravcomp[k] == 1.0 else one) * arm
+            most = float(np.max(np.abs(tensor)))
+            table: Table = {"tensor": [[plain(x, most, THIN) for x in r] for r in tensor]}
+            weightless = m.body_gravcomp[heavy] == 1.0
+            if not np.all(weightless) or self.gravity is not None:
                 radius = float(np.sqrt(np.trace(tensor) / mass))
                 table["mass"] = plain(mass, mass)
                 table["centre"] = [plain(x, radius) for x in moment / mass]
-                if any(body.weightless for body in heavy):
+                if np.any(weightless):
                     self.comments["mass", self._name(link)] = (
                         "Its weight is compensated: its centre counts as the sphere's."
                     )
             masses[self._name(link)] = table
         return masses
 
+    @cached_property
+    def gravity(self) -> Floats | None:
+        return self.model.gravity(self.notes)
+
     def _loads(self, masses: Table) -> Table:
-        model, loads = self.model, {}
+        m, loads = self.m, {}
         names: list[str] = []
 
         def put(name: str, table: Table) -> None:
             names.append(self._unique(name, names))
             loads[names[-1]] = table
 
-        if model.gravity is not None and masses:
-            put(
-                "gravity",
-                {"kind": "gravity", "acceleration": [plain(x, 1.0) for x in model.gravity]},
-            )
+        if self.gravity is not None and masses:
+            acceleration = [plain(x, 1.0) for x in self.gravity]
+            put("gravity", {"kind": "gravity", "acceleration": acceleration})
         for pair in self.pairs:
-            hinge = pair.hinge
-            if hinge is None:
+            k, on = pair.joint, {"pair": pair.name}
+            if k < 0:
                 continue
-            if hinge.stiffness:
-                spring = {
-                    "stiffness": plain(hinge.stiffness, hinge.stiffness),
-                    "rest": self.units.angle(hinge.rest),
-                }
-                put(f"spring_{pair.name}", {"kind": "spring", "pair": pair.name, **spring})
-            damping = {"damping": plain(hinge.damping, hinge.damping)}
-            if hinge.dry:
-                dry = {
-                    "torque": plain(hinge.dry, hinge.dry),
-                    "speed": self.units.angle(SLOW),
-                }
-                if hinge.damping:
-                    dry["viscous"] = damping["damping"]
-                put(f"friction_{pair.name}", {"kind": "friction", "pair": pair.name, **dry})
+            dof, place = int(m.jnt_dofadr[k]), int(m.jnt_qposadr[k])
+            stiffness, damping = float(m.jnt_stiffness[k]), float(m.dof_damping[dof])
+            dry = float(m.dof_frictionloss[dof])
+            if stiffness:
+                rest = self.units.angle(float(m.qpos_spring[place]))
+                spring = {"stiffness": plain(stiffness, stiffness), "rest": rest}
+                put(f"spring_{pair.name}", {"kind": "spring", **on, **spring})
+            viscous = plain(damping, damping)
+            if dry:
+                rubs = {"torque": plain(dry, dry), "speed": self.units.angle(SLOW)}
+                if damping:
+                    rubs["viscous"] = viscous
+                put(f"friction_{pair.name}", {"kind": "friction", **on, **rubs})
                 self.notes.append(
                     f"dry friction of {pair.name} is smoothed below {SLOW:g} rad/s"
                 )
-            elif hinge.damping:
-                put(f"damper_{pair.name}", {"kind": "damper", "pair": pair.name, **damping})
-        for load in model.loads:
-            put(load.name, self._load(load))
+            elif damping:
+                put(f"damper_{pair.name}", {"kind": "damper", **on, "damping": viscous})
+        for name, table in self._actuators():
+            put(name, table)
+        self._left_out()
         return loads
 
-    def _load(self, load: ForeignLoad) -> Table:
-        parts = [plain(x, float(np.max(np.abs(load.vector)))) for x in load.vector]
-        if load.kind == "torque":
-            pair = next(
-                p.name for p in self.pairs if p.hinge and p.hinge.name == load.hinge
-            )
-            factors = (
-                f"({parts[0]})",
-                f"({parts[1]})*theta_{pair}",
-                f"({parts[2]})*dtheta_{pair}",
-            )
-            used = [text for text, part in zip(factors, parts, strict=True) if part]
-            return {"pair": pair, "torque": " + ".join(used) or "0"}
-        table: Table = {"kind": load.kind, "link": self._name(self.find(load.body))}
-        if load.point is not None:
-            arm = load.point - self.centre
-            table["point"] = [plain(x, float(np.max(np.abs(arm)))) for x in arm]
-        table[load.kind] = [str(part) for part in parts]
-        table["axes"] = "link" if load.turns else "ground"
-        return table
+    def _left_out(self) -> None:
+        """Note what joints have that no load is."""
+        m = self.m
+        for k in range(m.njnt):
+            dof, name = int(m.jnt_dofadr[k]), self._joint(k)
+            if m.dof_armature[dof]:
+                self.notes.append(
+                    f"armature of joint {name} left out, {m.dof_armature[dof]:g} kg m2"
+                )
+            if np.any(m.jnt_stiffnesspoly[k]) or np.any(m.dof_dampingpoly[dof]):
+                self.notes.append(
+                    f"joint {name}: spring or damper left out where not linear"
+                )
+
+    def _actuators(self) -> Iterator[tuple[str, Table]]:
+        """Yield actuators without control as loads; note others that drive no hinge."""
+        m, kinds = self.m, self.model.kinds
+        for k in range(m.nu):
+            name, transmission = named(m.actuator(k), "actuator", k), m.actuator_trntype[k]
+            gear, bias = m.actuator_gear[k], m.actuator_biasprm[k][:3]
+            first, second = (int(number) for number in m.actuator_trnid[k])
+            at_joint = transmission == kinds.mjTRN_JOINT
+            if np.any(m.actuator_gainprm[k]):
+                if not at_joint:
+                    self.notes.append(f"actuator {name} left out: it drives no hinge")
+                elif np.any(bias) and not self.model.made_up:
+                    self.notes.append(f"feedback of actuator {name} left out")
+            elif at_joint:
+                pair = next(pair.name for pair in self.pairs if pair.joint == first)
+                factors = gear[0] * bias * [1.0, gear[0], gear[0]]
+                parts = [plain(x, float(np.max(np.abs(factors)))) for x in factors]
+                names = ("", f"*theta_{pair}", f"*dtheta_{pair}")
+                terms = zip(parts, names, strict=True)
+                told = " + ".join(f"({part}){name}" for part, name in terms if part)
+                yield name, {"pair": pair, "torque": told or "0"}
+            elif transmission == kinds.mjTRN_SITE and not np.any(bias[1:]):
+                for table in self._on_site(name, gear * bias[0], first, second):
+                    yield name, table
+            else:
+                self.notes.append(f"actuator {name} left out: it is no constant load")
+
+    def _on_site(self, name: str, wrench: Floats, site: int, seen: int) -> Iterator[Table]:
+        """Yield the force and the moment that an actuator at a site is."""
+        m, d = self.m, self.d
+        if seen >= 0 and m.body_weldid[m.site_bodyid[seen]] != 0:
+            self.notes.append(f"actuator {name} left out: its axes move with another body")
+            return
+        turn = d.site_xmat[site if seen < 0 else seen].reshape(3, 3)
+        link = self._name(self.find(int(m.site_bodyid[site])))
+        arm = d.site_xpos[site] - self.centre
+        for kind, part in (("force", wrench[:3]), ("moment", wrench[3:])):
+            vector = turn @ part
+            if np.any(part):
+                table: Table = {"kind": kind, "link": link}
+                if kind == "force":
+                    table["point"] = [plain(x, float(np.max(np.abs(arm)))) for x in arm]
+                most = float(np.max(np.abs(vector)))
+                table[kind] = [str(plain(x, most)) for x in vector]
+                table["axes"] = "link" if seen < 0 else "ground"
+                yield table
 
 
 def _rank(rows: Floats) -> int:

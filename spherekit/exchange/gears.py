@@ -20,7 +20,7 @@ SAME = 1e-9
 class Turning:
     """A hinge as far as gears are concerned: the links it joins, and its axis (3,)."""
 
-    name: str
+    joint: int
     links: tuple[int, int]
     axis: Floats
 
@@ -36,7 +36,7 @@ class Gears:
     contact: str
 
 
-def gears_of(hinges: Sequence[Turning], factors: Mapping[str, float]) -> Gears | str:
+def gears_of(hinges: Sequence[Turning], factors: Mapping[int, float]) -> Gears | str:
     """Return the circles that say the same as a sum of rates that is zero.
 
     Parameters
@@ -58,7 +58,7 @@ def gears_of(hinges: Sequence[Turning], factors: Mapping[str, float]) -> Gears |
     angular velocity w_b - w_a is x A + y B, and the sum u x + v y. It is zero where that is
     along v A - u B, the direction in which the circles touch.
     """
-    used = [hinge for hinge in hinges if factors.get(hinge.name)]
+    used = [hinge for hinge in hinges if factors.get(hinge.joint)]
     way = _way(used)
     if way is None:
         return "its joints do not follow each other from one link to another"
@@ -71,8 +71,8 @@ def gears_of(hinges: Sequence[Turning], factors: Mapping[str, float]) -> Gears |
     for hinge, sense in way:
         if not lines or np.linalg.norm(np.cross(hinge.axis, lines[-1])) > ONE_LINE:
             lines.append(hinge.axis)
-            shares.append(sense * factors[hinge.name])
-        share = sense * factors[hinge.name] * float(np.sign(hinge.axis @ lines[-1]))
+            shares.append(sense * factors[hinge.joint])
+        share = sense * factors[hinge.joint] * float(np.sign(hinge.axis @ lines[-1]))
         if abs(share - shares[-1]) > SAME * abs(share):
             return "its joints about one axis do not add up"
     if len(lines) != 2:

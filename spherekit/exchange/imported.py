@@ -9,7 +9,7 @@ from typing import final
 from spherekit.checked import checked
 from spherekit.errors import FileError
 from spherekit.exchange.from_foreign import Tables, tables_of
-from spherekit.exchange.mujoco_file import read_foreign
+from spherekit.exchange.mujoco_file import ForeignModel
 from spherekit.files.atomic import write_text
 from spherekit.files.read import loads
 from spherekit.files.schema import FORMAT
@@ -77,7 +77,7 @@ def import_mechanism(
     where = Path(path)
     if within is not None and not within >= 0.0:
         raise FileError(f"{where}: within is {within}; it has to be a distance in m")
-    model = read_foreign(where)
+    model = ForeignModel(where)
     name = _name(model.name, where)
     units: tuple[AngleUnit, ...] = ("deg", "rad")
     both = [(unit, tables_of(str(where), model, unit, within)) for unit in units]
