@@ -12,9 +12,11 @@ from types import NoneType, UnionType
 from typing import (
     Any,
     Literal,
+    NamedTuple,
     ParamSpec,
     TypeVar,
     Union,
+    final,
     get_args,
     get_origin,
     get_type_hints,
@@ -178,7 +180,7 @@ def _fault(name: str, value: Any, hint: Any) -> str:
         return f'{name} "{value}" is not known{hint_of} allowed: {words}'
     shown = repr(value)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
-    words = _words(hint)
+    words = in_words(hint)
     if isinstance(value, str | os.PathLike) and "Mechanism" in words:
         words += "; spherekit.load reads it by its name or path"
     return f"{name} is {shown} ({type(value).__name__}), it has to be {words}"
@@ -276,31 +278,73 @@ def _is_text(hint: Any) -> bool:
     return hint is not ArrayLike and "str" in str(hint)
 
 
-def _words(hint: Any) -> str:
+@final
+class Style(NamedTuple):
+    """How types are said: simple ones, a choice of words, items one by one, and many."""
+
+    simple: Mapping[Any, str]
+    choice: Callable[[Iterable[Any]], str]
+    each: Callable[[Sequence[str]], str]
+    many: str
+
+
+_PYTHON = Style(
+    {kind: words for kind, (_, words) in _SIMPLE.items()},
+    lambda choices: f"one of {listing(choices)}",
+    lambda items: f"({', '.join(items)})",
+    "a sequence, each {}",
+)
+
+
+def in_words(hint: Any, style: Style = _PYTHON) -> str:
     """Return what values of a type are, in words."""
     if hint in (Any, object):
         return "anything"
     if hint is ArrayLike or get_origin(hint) is np.ndarray:
         return "texts" if _is_text(hint) else "numbers"
-    if hint in _SIMPLE:
-        return _SIMPLE[hint][1]
+    if hint in style.simple:
+        return style.simple[hint]
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Literal:
-        return f"one of {listing(inner)}"
-    if origin in (Union, UnionType):
-        return " or ".join(dict.fromkeys(map(_words, _parts(inner))))
-    if origin is tuple and inner[1:] != (...,):
-        return f"({', '.join(map(_words, inner))})"
-    if origin in (Mapping, dict):
-        return f"a mapping of {_words(inner[0])} to {_words(inner[1])}"
-    if origin in (list, set, frozenset):
-        return f"a {origin.__name__}, each {_words(inner[0])}"
-    if origin is type:
-        return f"a class, {_words(inner[0])} or one that extends it"
-    if origin in (Sequence, Iterable, tuple):
-        return f"a sequence, each {_words(inner[0])}"
-    if origin is os.PathLike:
-        return "a path"
+        return style.choice(inner)
     if origin is Callable:
         return "a function"
+    said = [in_words(part, style) for part in inner if part is not ...]
+    if origin in (Union, UnionType):
+        said = [in_words(part, style) for part in _parts(inner)]
+        return " or ".join(dict.fromkeys(filter(None, said)))
+    if origin is tuple and inner[1:] != (...,):
+        return style.each(said)
+    if origin in (Sequence, Iterable, tuple):
+        return style.many.format(*said)
+    if origin in (Mapping, dict):
+        return f"a mapping of {said[0]} to {said[1]}"
+    if origin in (list, set, frozenset):
+        return f"a {origin.__name__}, each {said[0]}"
+    if origin is type:
+        return f"a class, {said[0]} or one that extends it"
+    if origin is os.PathLike:
+        return "a path"
     return str(getattr(origin or hint, "__name__", hint))
+
+
+def read_as(hint: Any, value: Any, one: Callable[[Any, Any], Any], parts: Any) -> Any:
+    """Return what is given as a value of a type.
+
+    `one` reads a value as a simple type or a choice, `parts` gives the items of several;
+    both raise `ValueError`, as this does, where that is not possible.
+    """
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        for kind in inner:
+            with contextlib.suppress(ValueError):
+                return read_as(kind, value, one, parts)
+        raise ValueError(value)
+    if origin is not tuple:
+        return one(hint, value)
+    items = parts(value)
+    kinds = inner[:1] * len(items) if inner[1:] == (...,) else inner
+    if len(kinds) != len(items):
+        raise ValueError(value)
+    read = (read_as(*pair, one, parts) for pair in zip(kinds, items, strict=True))
+    return tuple(read)

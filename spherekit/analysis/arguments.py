@@ -1,48 +1,81 @@
-"""Fields of a dataclass from text such as ``key=value,key=value``."""
+"""Fields of a dataclass from text such as ``key=value,key=value``, or from a file."""
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
-from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+from spherekit.checked import Style, in_words, read_as
 from spherekit.conventions import listing, nearest
-from spherekit.errors import AnalysisError
+from spherekit.errors import AnalysisError, SpherekitError
 
 _SWITCHES = {"true": True, "1": True, "false": False, "0": False}
-_WRITTEN = {
-    str: "text",
-    float: "number",
-    int: "integer",
-    bool: "true|false",
-    NoneType: "none",
-}
+_TEXT = Style(
+    {
+        str: "text",
+        float: "number",
+        int: "integer",
+        bool: "true|false",
+        NoneType: "none",
+    },
+    lambda choices: "|".join(map(str, choices)),
+    "+".join,
+    "{}+...",
+)
 
 
 def parameters(cls: type) -> dict[str, tuple[str, Any]]:
     """Return each parameter's type as text and default (`MISSING` if it has none)."""
     hints = get_type_hints(cls)
-    signature: dict[str, tuple[str, Any]] = {}
-    for item in fields(cls):
-        default = item.default
-        if item.default_factory is not MISSING:
-            default = item.default_factory()
-        signature[item.name] = (_shown(hints[item.name]), default)
-    return signature
+    return {
+        item.name: (
+            in_words(hints[item.name], _TEXT),
+            item.default if item.default_factory is MISSING else item.default_factory(),
+        )
+        for item in fields(cls)
+    }
 
 
-def _shown(hint: Any) -> str:
-    """Return how the values of a type are written."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if origin is Literal:
-        return "|".join(map(str, inner))
-    if origin is tuple:
-        if inner[1:] == (...,):
-            return f"{_shown(inner[0])}+..."
-        return "+".join(map(_shown, inner))
-    if origin in (Union, UnionType):
-        return " or ".join(map(_shown, inner))
-    return _WRITTEN.get(hint, getattr(hint, "__name__", str(hint)))
+def given(
+    cls: type,
+    name: str,
+    items: Mapping[str, Any],
+    read: Callable[[str, Any, Any], Any],
+    fault: Callable[[tuple[str, ...], str], SpherekitError],
+    words: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """Return the fields of a dataclass that items give.
+
+    Parameters
+    ----------
+    cls, name
+        The dataclass, and what it is called in complaints.
+    items
+        What is given by key.
+    read
+        Makes the value of a key one of the type that its field has.
+    fault
+        Makes the error about a key, or about all, in words.
+    words
+        What fields are called in items, where that is not their name.
+    """
+    field = {(words or {}).get(key, key): key for key in parameters(cls)}
+    declared, hints = parameters(cls), get_type_hints(cls)
+    made: dict[str, Any] = {}
+    for key, value in items.items():
+        if key not in field:
+            allowed = listing(f"{k}={declared[item][0]}" for k, item in field.items())
+            what = f'"{key}" is not a parameter of {name}{nearest(key, field) or "."}'
+            raise fault((key,), f"{what} Allowed: {allowed or 'none'}")
+        made[field[key]] = read(key, value, hints[field[key]])
+    missing = [
+        key
+        for key, item in field.items()
+        if declared[item][1] is MISSING and item not in made
+    ]
+    if missing:
+        raise fault((), f"parameters missing: {listing(missing)}")
+    return made
 
 
 def given_in(
@@ -50,73 +83,41 @@ def given_in(
 ) -> dict[str, Any]:
     """Return the fields of a dataclass that a text gives; lists are ``a+b+c``.
 
-    Parameters
-    ----------
-    text
-        ``key=value,key=value``.
-    cls, name
-        The dataclass, and what it is called in complaints.
-    words
-        What fields are called in the text, where that is not their name.
-
     Raises
     ------
     AnalysisError
         For unknown keys, unreadable values and missing fields, with what is allowed.
     """
-    words, hints = words or {}, get_type_hints(cls)
-    declared = parameters(cls)
-    allowed = {words.get(key, key): value for key, value in declared.items()}
-    field = {words.get(key, key): key for key in declared}
-    given: dict[str, Any] = {}
+
+    def fault(_: tuple[str, ...], message: str) -> AnalysisError:
+        return AnalysisError(f"{name}: {message}")
+
+    def read(key: str, value: str, hint: Any) -> Any:
+        try:
+            return read_as(hint, value, _one, lambda several: several.split("+"))
+        except ValueError:
+            shown = in_words(hint, _TEXT)
+            raise fault(
+                (), f'parameter {key}: "{value}" does not read as {shown}'
+            ) from None
+
+    items: dict[str, str] = {}
     for part in filter(None, text.split(",")):
-        key, equals, value = part.partition("=")
-        if key not in allowed or not equals:
-            hint = nearest(key, allowed) or "."
-            raise AnalysisError(
-                f'{name}: "{part}" is not a parameter{hint} Allowed: '
-                + (listing(f"{k}={shown}" for k, (shown, _) in allowed.items()) or "none")
-            )
-        given[field[key]] = _convert(name, key, value, hints[field[key]])
-    missing = [
-        key
-        for key, (_, default) in allowed.items()
-        if default is MISSING and field[key] not in given
-    ]
-    if missing:
-        raise AnalysisError(f"{name}: parameters missing: {listing(missing)}")
-    return given
+        key, equals, items[key] = part.partition("=")
+        if not equals:
+            raise fault((), f'"{part}" is not a parameter; write {part}=VALUE')
+    return given(cls, name, items, read, fault, words)
 
 
-def _convert(name: str, key: str, text: str, hint: Any) -> Any:
-    try:
-        return _read(text, hint)
-    except ValueError:
-        raise AnalysisError(
-            f'{name}: parameter {key}: "{text}" does not read as {_shown(hint)}'
-        ) from None
-
-
-def _read(text: str, hint: Any) -> Any:
-    """Return text as a value of a parameter's type, or raise `ValueError`."""
-    origin, inner = get_origin(hint), get_args(hint)
+def _one(hint: Any, text: str) -> Any:
+    """Return text as a value of a simple type, or raise `ValueError`."""
     if hint is bool and text.lower() in _SWITCHES:
         return _SWITCHES[text.lower()]
     if hint in (int, float, str):
         return hint(text)
     if hint is NoneType and text.lower() == "none":
         return None
-    if origin is Literal:
-        for value in inner:
-            if str(value) == text:
-                return value
-    if origin is tuple:
-        parts = text.split("+")
-        kinds = inner[:1] * len(parts) if inner[1:] == (...,) else inner
-        if len(kinds) == len(parts):
-            return tuple(_read(part, kind) for part, kind in zip(parts, kinds, strict=True))
-    if origin in (Union, UnionType):
-        for kind in inner:
-            with suppress(ValueError):
-                return _read(text, kind)
+    for value in get_args(hint) if get_origin(hint) is Literal else ():
+        if str(value) == text:
+            return value
     raise ValueError(text)

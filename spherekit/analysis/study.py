@@ -1,29 +1,35 @@
 """The analyses that a study names, checked against their plugins."""
 
-import types
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import MISSING
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from contextlib import contextmanager
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin
 
-from spherekit.analysis.arguments import parameters
+from spherekit.analysis.arguments import given
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.registry import create, load
 from spherekit.analysis.unusable import Unusable
-from spherekit.conventions import listing, nearest
+from spherekit.checked import Style, in_words, read_as
+from spherekit.conventions import listing
 from spherekit.errors import PluginError, SpherekitError
 from spherekit.files.schema import mismatch, shown
 from spherekit.model.study import Study
 
 DEFAULT_ANALYSIS = "poles"
-_WORDS = {
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    str: "text in quotes",
-}
+_FILE = Style(
+    {
+        bool: "true or false",
+        int: "a whole number",
+        float: "a number",
+        str: "text in quotes",
+        NoneType: "",
+    },
+    lambda choices: f"one of {listing(map(shown, choices))}",
+    lambda items: f"an array of {len(items)} values: {listing(items)}",
+    "an array [...] with in each place {}",
+)
 
 
 def analyses_of(study: Study) -> list[AbstractAnalysis]:
@@ -69,10 +75,10 @@ def chosen(
 def _named(study: Study, name: str, values: Mapping[str, Any]) -> AbstractAnalysis:
     with _located(study, name):
         cls = load(name)
-    given = _given(study, cls, values)
+    fields = _given(study, cls, values)
     with _located(study, name):
         with faults_of(name, "its constructor"):
-            analysis = cls(**given)
+            analysis = cls(**fields)
         declared(analysis, study.mechanism)
     return analysis
 
@@ -91,67 +97,30 @@ def _located(study: Study, name: str) -> Iterator[None]:
 def _given(
     study: Study, cls: type[AbstractAnalysis], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    path = ("analyses", cls.name)
-    allowed, hints = parameters(cls), get_type_hints(cls)
-    given = {}
-    for key, value in values.items():
-        if key not in allowed:
-            listed = listing(
-                f"{parameter} ({kind})" for parameter, (kind, _) in allowed.items()
-            )
-            raise study.fault(
-                (*path, key),
-                f"unknown parameter{nearest(key, allowed) or ';'} allowed for "
-                f"{cls.name}: {listed or 'none'}",
-            )
+    def fault(path: tuple[str, ...], message: str) -> SpherekitError:
+        return study.fault(("analyses", cls.name, *path), message)
+
+    def read(key: str, value: Any, hint: Any) -> Any:
         try:
-            given[key] = _typed(value, hints[key])
-        except TypeError:
-            wanted = mismatch(value, _words(hints[key]))
-            raise study.fault((*path, key), wanted) from None
-    missing = [
-        key
-        for key, (_, default) in allowed.items()
-        if default is MISSING and key not in given
-    ]
-    if missing:
-        raise study.fault(path, f"parameters missing: {listing(missing)}")
-    return given
+            return read_as(hint, value, _one, _items)
+        except ValueError:
+            raise fault((key,), mismatch(value, in_words(hint, _FILE))) from None
+
+    return given(cls, cls.name, values, read, fault)
 
 
-def _typed(value: Any, hint: Any) -> Any:
-    """Return a value of a file as a parameter of this type, or raise `TypeError`."""
-    origin, inner = get_origin(hint), get_args(hint)
+def _one(hint: Any, value: Any) -> Any:
+    """Return a value of a file as one of a simple type, or raise `ValueError`."""
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
     if hint in (bool, int, str) and type(value) is hint:
         return value
-    if origin is Literal and value in inner:
+    if get_origin(hint) is Literal and value in get_args(hint):
         return value
-    if origin is tuple and isinstance(value, list):
-        if inner[1:] == (...,):
-            return tuple(_typed(item, inner[0]) for item in value)
-        if len(inner) == len(value):
-            pairs = zip(value, inner, strict=True)
-            return tuple(_typed(item, part) for item, part in pairs)
-    if origin in (Union, types.UnionType):
-        for option in inner:
-            with suppress(TypeError):
-                return _typed(value, option)
-    raise TypeError(hint)
+    raise ValueError(value)
 
 
-def _words(hint: Any) -> str:
-    """Return what a file has to hold for a parameter of this type."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if origin is Literal:
-        return f"one of {listing(map(shown, inner))}"
-    if origin is tuple:
-        if inner[1:] == (...,):
-            return f"an array [...] with in each place {_words(inner[0])}"
-        return f"an array of {len(inner)} values: {listing(map(_words, inner))}"
-    if origin in (Union, types.UnionType):
-        return " or ".join(
-            _words(option) for option in inner if option is not types.NoneType
-        )
-    return _WORDS.get(hint, f"a value of type {hint}, which no file can give")
+def _items(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise ValueError(value)
+    return value
