@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from benchmarks.own import own_mechanisms
 from benchmarks.report import Cell, Section
 from benchmarks.samples import random_mechanism
-from benchmarks.special import AsWritten, special_mechanism
+from benchmarks.special import special_mechanism
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
-from spherekit.exact.arithmetic import Arithmetic, Digits, wide
-from spherekit.exact.field import exact_direction, exact_field
-from spherekit.exact.rows import exact_rows
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
+from spherekit.proof.balls import FEWEST, Digits, exactly, floats
+from spherekit.proof.rows import exact_direction, exact_field, exact_rows_by_input
+from spherekit.proof.written import Written
 from spherekit.rates.field import evaluate
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request, request
@@ -90,7 +90,7 @@ def run(quick: bool) -> list[Section]:
             "Stated errors",
             "The shipped mechanisms and random ones, all modes of the former: what "
             "configurations, pole directions, rates and their derivatives are off by, "
-            f"against the closure equations in {wide().name} (50 digits where that says "
+            f"against the closure equations in {FEWEST} digits (50 digits where that says "
             "no), over what is stated for each. Above 1 it would be wrong; the median says "
             "how wide it is.",
             ("mechanism", *HEADINGS),
@@ -156,8 +156,8 @@ def special_geometry(seeds: Iterable[int]) -> Section:
         "flat, exactly or off by 1e-3 to 1e-12 degrees, alone and with dyads, at inputs 1 "
         "to 1e-9 degrees beside multiples of 90, at multiples of 15, and anywhere. Each "
         "row is judged twice: by the float64 numbers of the geometry, and by the decimal "
-        f"degrees that the file states; in {wide().name}, and in 50 digits where an error "
-        "is above half its bound and in one row of fifty.",
+        f"degrees that the file states; in {FEWEST} digits, and in 50 where an error is "
+        "above half its bound and in one row of fifty.",
         (
             "family",
             *HEADINGS,
@@ -249,7 +249,7 @@ def _judge(
 ) -> None:
     driven, written, every = how
     errors, bounds, known = _compared(
-        motion, field, wanted, good, (driven, written), wide()
+        motion, field, wanted, good, (driven, written), Digits(FEWEST)
     )
     doubtful = ~known
     for kind in KINDS:
@@ -283,25 +283,29 @@ def _compared(
     wanted: Request,
     rows: NDArray[np.bool_],
     which: tuple[int, bool],
-    numbers: Arithmetic,
+    numbers: Digits,
 ) -> tuple[Judged, Judged, NDArray[np.bool_]]:
     """Return errors and bounds by kind, (rows,) or (poles, rows), and which rows stand."""
     driven, written = which
-    inputs = numbers.exact(motion.inputs[rows])
-    exact = exact_rows(
-        motion, rows, driven, AsWritten(numbers) if written else numbers, inputs=inputs
+    with numbers.within():
+        frames = Written.of(motion.mechanism).r_frames() if written else None
+        inputs = exactly(motion.inputs[rows])
+    (exact,) = exact_rows_by_input(
+        motion, rows, (driven,), numbers, inputs=inputs, frames=frames
     )
     given = field.rows(rows)
     nearest = exact_field(exact, wanted, given)
     poles = list(given.direction)
-    ways = [
-        exact_direction(exact, pole, given.direction[pole])
-        - numbers.exact(given.direction[pole])
-        for pole in poles
-    ]
+    with numbers.within():
+        ways = [
+            floats(
+                exact_direction(exact, pole, given.direction[pole]) - given.direction[pole]
+            )
+            for pole in poles
+        ]
     errors = {
         "configurations": exact.distance,
-        "directions": [np.linalg.norm(numbers.floats(way), axis=1) for way in ways],
+        "directions": [np.linalg.norm(way, axis=1) for way in ways],
         "rates": [
             np.abs(given.velocity_coefficient[pole] - nearest.velocity_coefficient[pole])
             for pole in poles

@@ -6,11 +6,9 @@ numbers of degrees, as a file has them.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from spherekit.exact.arithmetic import Arithmetic, Numbers
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Pair, SizeGeometry
 from spherekit.sphere.rotation import Floats
@@ -121,55 +119,3 @@ def _with_dyad(
     return replace(
         made, links=tuple(links), pairs=(*made.pairs, *pairs), geometry=SizeGeometry(links)
     )
-
-
-class AsWritten(Arithmetic):
-    """Numbers of another arithmetic, in which angles are decimal numbers of degrees.
-
-    A float64 number of radians that a decimal number of degrees, of up to twelve places, is
-    rounded to stands for that; 90 degrees are a right angle.
-    """
-
-    def __init__(self, base: Arithmetic) -> None:
-        self.base = base
-        self.name = f"{base.name}, as written"
-        self.digits, self.eps = base.digits, base.eps
-        one = base.exact(1.0)[()]
-        self._number = type(one)
-        self._degree = base.pi() / base.exact(180.0)[()]
-
-    def exact(self, values: Any) -> Numbers:
-        """See `Arithmetic`."""
-        given = np.asarray(values, dtype=float)
-        found = np.array(self.base.exact(given))
-        with np.errstate(invalid="ignore"):
-            degrees = np.round(np.degrees(given), 12)
-            written = (given != 0.0) & (np.radians(degrees) == given)
-        for place in np.argwhere(written):
-            at = tuple(place)
-            found[at] = self._parsed(float(degrees[at])) * self._degree
-        return found
-
-    def _parsed(self, degrees: float) -> object:
-        whole = self.base.exact(round(degrees * 10**12))[()]
-        return whole / self.base.exact(10.0**12)[()]
-
-    def floats(self, values: Numbers) -> Floats:
-        """See `Arithmetic`."""
-        return self.base.floats(values)
-
-    def root(self, values: Numbers) -> Numbers:
-        """See `Arithmetic`."""
-        return self.base.root(values)
-
-    def cosine_sine(self, angles: Numbers) -> tuple[Numbers, Numbers]:
-        """See `Arithmetic`."""
-        return self.base.cosine_sine(angles)
-
-    def function(self, name: str, *arguments: Numbers) -> Numbers:
-        """See `Arithmetic`."""
-        return self.base.function(name, *arguments)
-
-    def pi(self) -> Any:
-        """See `Arithmetic`."""
-        return self.base.pi()

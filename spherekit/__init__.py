@@ -49,8 +49,6 @@ if TYPE_CHECKING:
     from spherekit.dynamics.tabulated import load_reduced as load_reduced
     from spherekit.dynamics.tabulated_motion import online_motion as online_motion
     from spherekit.errors import SpherekitError as SpherekitError
-    from spherekit.exact.arithmetic import Digits as Digits
-    from spherekit.exact.rows import exact_rows as exact_rows
     from spherekit.exchange.coupling_files import load_coupling as load_coupling
     from spherekit.exchange.coupling_made import coupling_table as coupling_table
     from spherekit.exchange.imported import import_mechanism as import_mechanism
@@ -95,6 +93,8 @@ if TYPE_CHECKING:
     from spherekit.output.inverse import InverseKinematics as InverseKinematics
     from spherekit.planning.poles import Plan as Plan
     from spherekit.planning.table import as_text as table  # noqa: F401
+    from spherekit.proof.balls import Digits as Digits
+    from spherekit.proof.rows import exact_rows as exact_rows
     from spherekit.version import __version__ as __version__
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__)

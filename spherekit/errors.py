@@ -79,7 +79,3 @@ class EngineError(SpherekitError):
 
 class EngineMissing(EngineError):
     """heyoka is not installed, so nothing can be compiled."""
-
-
-class ProofMissing(SpherekitError):
-    """python-flint is not installed, so nothing can be proven."""

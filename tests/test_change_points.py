@@ -8,12 +8,12 @@ import pytest
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.exact.arithmetic import Digits
-from spherekit.exact.inertia import exact_inertia
-from spherekit.exact.rows import exact_rows
 from spherekit.model.dynamics import Mass
 from spherekit.model.laws import Polynomial
 from spherekit.motion.motion import Tracer
+from spherekit.proof.balls import Digits, floats
+from spherekit.proof.forces import exact_inertia
+from spherekit.proof.rows import exact_rows
 
 CHANGE_POINTS = {
     "equal opposite arcs": (60.0, 40.0, 60.0, 40.0),
@@ -52,7 +52,7 @@ def test_no_wrong_torque_without_a_status(arcs):
             continue
         exact = exact_rows(motion, good, motion.assembly.input, Digits(50))
         assert np.all(exact.status == Status.OK)
-        inertia, slope = map(exact.arithmetic.floats, exact_inertia(exact))
+        inertia, slope = map(floats, exact_inertia(exact))
         torque = 0.6 * inertia + 0.5 * slope
         scale = np.maximum(np.maximum(np.abs(torque), np.abs(slope)), inertia)
         assert np.max(np.abs(solved.B[good] - inertia) / inertia) < 1e-3

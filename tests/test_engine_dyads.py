@@ -6,9 +6,9 @@ from chains import FOUR_BAR, WATT, joints, mechanism, random_axes
 
 from spherekit.conventions import EPS
 from spherekit.engine.kernels import kernel
-from spherekit.exact.arithmetic import Digits
-from spherekit.exact.rows import exact_rows
 from spherekit.motion.motion import Tracer
+from spherekit.proof.balls import Digits, floats
+from spherekit.proof.rows import exact_rows
 
 FIFTY = Digits(50)
 NEAR = {"nearly coinciding": 1.0, "nearly opposite": -1.0}
@@ -35,7 +35,7 @@ def digits_lost(made):
     )
     signs = np.array(tracer.assembly_modes[0].signs, dtype=float)
     found = function.values(np.concatenate([[0.0], signs])[:, None])
-    want = exact.arithmetic.floats(exact.w)[0]
+    want = floats(exact.w)[0]
     off = max(np.max(np.abs(found.w[k][0] - want[k])) for k in links)
     scale = max(1.0, np.max(np.abs(want)))
     return off / scale / (EPS * exact.condition[0])

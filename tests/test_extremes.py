@@ -115,6 +115,6 @@ def test_cases_can_be_listed_and_run_alone(capsys):
 
 def test_the_reference_refuses_profiles_that_it_does_not_know():
     """It raised NotImplementedError, which no caller takes for a refusal."""
-    with pytest.raises(ModelError, match='link cam is "fourier".*spherekit.exact.rows'):
+    with pytest.raises(ModelError, match='link cam is "fourier".*spherekit.proof.rows'):
         Reference(sk.load("shaped_cam"))
     assert Reference(sk.load("flat_cam")).data.radii.shape[0] == 2

@@ -175,7 +175,7 @@ COMPUTED = (
 """Public classes whose objects functions of ours make."""
 INSIDE = {
     "Bearings": "carried",
-    "Digits": "cosine_sine exact floats function root zeros",
+    "Digits": "within",
     "Mechanism": "angle_between variables_of",
     "Motion": "joined rows",
     "Plan": "name pole",

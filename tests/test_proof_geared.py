@@ -21,8 +21,7 @@ from spherekit.proof.balls import bits, exact, middle
 from spherekit.proof.certificate import curves_certificate
 from spherekit.proof.construction import construct
 from spherekit.proof.curves import certified_curves
-from spherekit.proof.equations import Equations
-from spherekit.proof.harmonics import Placed
+from spherekit.proof.equations import Equations, Placed
 from spherekit.proof.laps import turned_together
 from spherekit.proof.modes import certified_modes
 from spherekit.proof.singular import singularities
@@ -134,7 +133,7 @@ def test_equations_with_one_variable_for_all_wheels_are_the_same(teeth):
             assert max(abs(made[key] - wanted[key]) for key in wanted) < 1e-12
             turns = np.array([[np.cos(x), np.sin(x)], [np.cos(part), np.sin(part)]])
             (degrees,) = together.degrees
-            for real in (one.real, Placed(one)):
+            for real in (one.real, Placed(one.floats)):
                 value, slope, bend = real.second(turns)
                 error = real.error[0] * np.array(
                     [1, *degrees, *np.outer(degrees, degrees).flat]

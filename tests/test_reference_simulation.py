@@ -14,27 +14,25 @@ from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.reference import reference_simulation
 from spherekit.engine.compiler import available
 from spherekit.errors import EngineError
-from spherekit.exact.arithmetic import Digits
-from spherekit.exact.field import exact_direction
-from spherekit.exact.inertia import exact_inertia
-from spherekit.exact.rows import exact_rows
 from spherekit.model.dynamics import Gravity, Mass, PairTorque, Spring, Stop
 from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.motion import Tracer
+from spherekit.proof.balls import Digits, exactly, floats, library
+from spherekit.proof.forces import exact_inertia
+from spherekit.proof.rows import exact_direction, exact_rows
 from spherekit.tradeoff.trade import trade
 
-WIDE = np.finfo(np.longdouble).eps < 1e-18
-wide = pytest.mark.skipif(not WIDE, reason="longdouble is no wider than float64 here")
 compiled = pytest.mark.skipif(not available(), reason="heyoka is not installed")
 INERTIA, WEIGHT = 0.75, 2.5
+FIFTY = Digits(50)
 
 
 @pytest.fixture(autouse=True)
 def digits():
-    with mp.workdps(50):
+    with mp.workdps(50), FIFTY.within():
         yield
 
 
@@ -52,18 +50,10 @@ def pendulum(*loads, stops=()):
     return replace(made.with_inputs("12"), masses=(mass,), loads=loads, stops=stops)
 
 
-def many(number):
-    """Return a longdouble, or anything else, as a number of mpmath."""
-    if isinstance(number, mp.mpf):
-        return number
-    high = float(number)
-    return mp.mpf(high) + mp.mpf(float(number - type(number)(high)))
-
-
 def off(found, expected):
     """Return the largest difference of wide numbers from those of mpmath."""
     return max(
-        float(abs(many(a) - b)) for a, b in zip(np.ravel(found), expected, strict=True)
+        float(abs(mp.mpf(a) - b)) for a, b in zip(np.ravel(found), expected, strict=True)
     )
 
 
@@ -76,13 +66,12 @@ def test_a_pendulum_swings_by_elliptic_functions():
     m = (mp.mpf(3.5) / (2 * w)) ** 2
     sn, cn = ([mp.ellipfun(k, w * x, m=m) for x in t] for k in ("sn", "cn"))
     angles = [2 * mp.asin(mp.sqrt(m) * x) for x in sn]
-    tolerance = 1e-17 if WIDE else 1e-18
+    tolerance = 1e-18
     assert off(at.values[:, 0], angles) < tolerance
     assert off(at.rates[:, 0], [2 * w * mp.sqrt(m) * x for x in cn]) < 4 * tolerance
     assert off(at.second[:, 0], [-w * w * mp.sin(x) for x in angles]) < 20 * tolerance
 
 
-@wide
 def test_kinks_stops_and_tables_by_closed_forms():
     t = np.linspace(0.0, 2.0, 9)
     # free to 0.5 rad, then pushed away from there
@@ -229,7 +218,6 @@ def four_bar():
         return t, *inputs_at(t, START, inertia, potential, near, 30)
 
 
-@wide
 def test_a_four_bar_moves_by_conservation_of_energy(four_bar):
     t, q, rates = four_bar
     found = reference_simulation(FOUR_BAR, START, 0.5)
@@ -306,7 +294,6 @@ def tables_of(made, analysis, setting, t, start, toward=None):
     return Benchmark.of(course, create(analysis)).tables(Setting())[0]
 
 
-@wide
 def test_reported_errors_of_a_four_bar_are_within_a_factor_two(four_bar):
     t, q, rates = four_bar
     found = trade(
@@ -318,7 +305,7 @@ def test_reported_errors_of_a_four_bar_are_within_a_factor_two(four_bar):
         settings=SETTINGS,
         rounds=1,
     )
-    assert "float128" in found.reference and found.floor < 1e-15
+    assert "20 digits" in found.reference and found.floor < 1e-15
     true = true_tables(q, rates)
     for each in found.settings:
         tables = tables_of(FOUR_BAR, "eksergian", each.setting, t, START)
@@ -340,11 +327,10 @@ def rows_in_digits(made, q):
     """Return the exact rows at inputs of mpmath, assembly mode 0."""
     tracer = Tracer(made, None, 0, path=np.array([[float(x)] for x in q]))
     motion = tracer.at(np.array([float(x) for x in q]))
-    arithmetic = Digits(50)
-    inputs = np.array([[x] for x in q], dtype=object)
+    inputs = np.array([[library().arb(x)] for x in q])
     every = np.ones(len(motion), dtype=bool)
     driven = motion.assembly.inputs[0]
-    found = exact_rows(motion, every, driven, arithmetic, inputs=inputs)
+    found = exact_rows(motion, every, driven, FIFTY, inputs=inputs)
     assert np.all(found.status == Status.OK)
     return found
 
@@ -362,7 +348,6 @@ def free_motion(made, start, t, nodes):
 def error_of_poles(tables, exact, poles):
     """Return the largest scaled error of the table `poles`, see `tradeoff.deviation`."""
     data = tables["poles"]
-    floats = exact.arithmetic.floats
     worst = 0.0
     size = {"velocity_coefficient": 0.0, "acceleration_coefficient": 0.0}
     error = dict.fromkeys(size, 0.0)
@@ -370,19 +355,18 @@ def error_of_poles(tables, exact, poles):
         own = {name: np.asarray(x)[k :: len(poles)] for name, x in data.items()}
         u = np.stack([own[f"u{c}"] for c in "xyz"], axis=1)
         right = exact_direction(exact, (i, j), u)
-        worst = max(worst, np.max(np.abs(floats(right - exact.arithmetic.exact(u)))))
+        worst = max(worst, np.max(np.abs(floats(right - exactly(u)))))
         for name, w in (
             ("velocity_coefficient", exact.w),
             ("acceleration_coefficient", exact.dw),
         ):
             along = np.sum((w[:, j] - w[:, i]) * right, axis=1)
-            off_by = np.abs(floats(along - exact.arithmetic.exact(own[name])))
+            off_by = np.abs(floats(along - exactly(own[name])))
             error[name] = max(error[name], np.max(off_by))
             size[name] = max(size[name], np.max(np.abs(floats(along))))
     return max(worst, *(error[name] / size[name] for name in size), EPS)
 
 
-@wide
 def test_reported_errors_of_a_stephenson_mechanism_are_within_a_factor_two():
     made = with_masses("stephenson", "3", "6")
     start, t = Start(0.4, 2.0), np.linspace(0.0, 0.3, 2)
@@ -422,10 +406,6 @@ def short_trade():
 
 
 def test_the_table_says_what_the_reference_was(monkeypatch):
-    if WIDE:
-        assert "a simulation in float128, known to" in short_trade().reference
-    for module in ("tradeoff.simulated", "dynamics.reference"):
-        monkeypatch.setattr(f"spherekit.{module}.wide", lambda: Digits(20))
     assert short_trade().reference == "a simulation in 20 digits"
 
     def none(*given, **more):
@@ -447,7 +427,6 @@ def test_ends_that_depend_on_a_tolerance_have_no_reference():
 
 
 @compiled
-@wide
 def test_dry_friction_is_compared_until_it_sticks():
     brake = PairTorque("brake", "21", "-0.6*sign(dtheta_21)")
     made = replace(FOUR_BAR, loads=(brake,))
@@ -460,5 +439,5 @@ def test_dry_friction_is_compared_until_it_sticks():
         settings=[Setting(integrator="compiled", tolerance=1e-14)],
         rounds=1,
     )
-    assert "float128" in found.reference
+    assert "20 digits" in found.reference
     assert found.settings[0].error < 1e-12

@@ -12,7 +12,6 @@ from spherekit.design.sensitivity import Sensitivity
 from spherekit.design.size_keys import sizes_of
 from spherekit.engine.frames import DesignGeometry, revolute_frames
 from spherekit.errors import AnalysisError, DesignError, FileError
-from spherekit.exact.rows import exact_rows
 from spherekit.files.change import document_of, number_at, number_path, with_numbers
 from spherekit.files.library import find
 from spherekit.files.read import read
@@ -21,6 +20,14 @@ from spherekit.model.joints import Revolute
 from spherekit.model.parts import SizeGeometry
 from spherekit.motion.closure import Closure
 from spherekit.plugin import conformance
+from spherekit.proof.rows import exact_rows
+
+
+@pytest.fixture(autouse=True)
+def digits():
+    with sk.Digits(50).within():
+        yield
+
 
 TWO = (2.0**-27, {-1.0: -0.5, 1.0: 0.5})
 """A difference of sizes (rad) and its weights: what it neglects is of its second power."""

@@ -17,11 +17,10 @@ from spherekit.cli.main import main
 from spherekit.conventions import EPS, TURN, Status
 from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, SolveError
-from spherekit.exact.arithmetic import Digits
-from spherekit.exact.field import exact_direction
-from spherekit.exact.rows import exact_rows
 from spherekit.model.parts import LinkSizes, PoseGeometry
 from spherekit.model.study import Study
+from spherekit.proof.balls import Digits, floats
+from spherekit.proof.rows import exact_direction, exact_rows
 from spherekit.tradeoff.choice import WORTH, choose
 from spherekit.tradeoff.measure import Benchmark
 from spherekit.tradeoff.record import MARGIN, Measured, check_tolerance
@@ -35,6 +34,12 @@ FEW = (
     Setting(representation="cubic", nodes=256),
     *(Setting(representation="spectral", nodes=nodes) for nodes in (64, 128, 256)),
 )
+
+
+@pytest.fixture(autouse=True)
+def digits():
+    with Digits(50).within():
+        yield
 
 
 def course(mechanism, samples, **given):
@@ -63,7 +68,6 @@ def true_error(bench, setting, reference):
     largest = 0.0
     column = 0
     for item, exact in reference:
-        arithmetic = exact.arithmetic
         for pole in item.poles:
             own = {name: values[column::count] for name, values in first.items()}
             column += 1
@@ -71,16 +75,16 @@ def true_error(bench, setting, reference):
             right = exact_direction(exact, pole, u)
             i, j = pole
             known = (exact.status == Status.OK) & np.all(np.isfinite(u), axis=1)
-            off = arithmetic.floats(right - arithmetic.exact(u))[known]
+            off = floats(right - u)[known]
             largest = max(largest, np.max(np.abs(off), initial=0.0))
             for name, w in (
                 ("velocity_coefficient", exact.w),
                 ("acceleration_coefficient", exact.dw),
             ):
                 along = np.sum((w[:, j] - w[:, i]) * right, axis=1)
-                off = arithmetic.floats(along - arithmetic.exact(own[name]))[known]
+                off = floats(along - own[name])[known]
                 worst[name] = max(worst[name], np.max(np.abs(off), initial=0.0))
-                size = np.abs(arithmetic.floats(along)[known])
+                size = np.abs(floats(along)[known])
                 scale[name] = max(scale[name], np.max(size, initial=0.0))
     return max(largest, *(worst[name] / scale[name] for name in worst), EPS)
 

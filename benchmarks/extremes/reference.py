@@ -156,7 +156,7 @@ class Reference:
                         f"{self.mechanism.name}: pairs.{self.mechanism.pairs[k].name}: the "
                         f'profile of link {self.mechanism.pairs[k].links[which]} is "'
                         f'{profile.kind}", but this reference is of circles alone; '
-                        "compare with spherekit.exact.rows, which knows all profiles"
+                        "compare with spherekit.proof.rows, which knows all profiles"
                     )
                 own = curve
                 if hasattr(curve, "forward"):

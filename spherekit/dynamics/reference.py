@@ -7,11 +7,11 @@ from spherekit.conventions import TURN, listing
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.errors import EngineError, SolveError
-from spherekit.exact.arithmetic import Arithmetic, wide
-from spherekit.exact.simulation import ExactSimulation
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.bearings import need_no_rubbing
 from spherekit.model.laws import Start, StartGiven
+from spherekit.proof.balls import FEWEST, Digits
+from spherekit.proof.simulation import ExactSimulation
 from spherekit.sphere.rotation import Floats
 
 ENDS = ("time", "stop", "sticking")
@@ -27,16 +27,16 @@ def reference_simulation(
     torque: str | None = None,
     input_pair: str | None = None,
     assembly_mode: int = 0,
-    arithmetic: Arithmetic | None = None,
+    arithmetic: Digits | None = None,
 ) -> ExactSimulation:
-    """Return the motion of a single-DOF mechanism under its loads in wide numbers.
+    """Return the motion of a single-DOF mechanism under its loads in many digits.
 
     Parameters
     ----------
     mechanism, start, until, torque, input_pair, assembly mode
         See `spherekit.dynamics.forward.simulate`.
     arithmetic
-        By default the quickest that is wider than float64; `Digits(n)` for n digits.
+        By default of 20 digits; `Digits(n)` for n digits.
 
     Raises
     ------
@@ -62,10 +62,9 @@ def refined(
     simulation: Simulation,
     start: Start,
     until: float,
-    arithmetic: Arithmetic | None = None,
-    nodes: int | None = None,
+    arithmetic: Digits | None = None,
 ) -> ExactSimulation:
-    """Return a simulation in wide numbers: the same start, loads and stops.
+    """Return a simulation in many digits: the same start, loads and stops.
 
     Parameters
     ----------
@@ -73,8 +72,8 @@ def refined(
         As good as float64 allows; the iteration starts from it.
     start, until
         Those it was made with. Both numbers of the start are taken as exact.
-    arithmetic, nodes
-        See `reference_simulation` and `spherekit.exact.simulation.ExactSimulation`.
+    arithmetic
+        See `reference_simulation`.
 
     Raises
     ------
@@ -107,14 +106,13 @@ def refined(
         return values + rates * beyond, rates
 
     reference = ExactSimulation(
-        arithmetic or wide(),
+        arithmetic or Digits(FEWEST),
         simulation.mechanism,
         simulation.driven[0],
         float(q),
         float(dq),
         until,
         near,
-        nodes,
     )
     if reference.kind != simulation.end.kind:
         raise EngineError(

@@ -7,14 +7,15 @@ results of all numbers in its operands (F. Johansson, Arb, 2017).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
-from typing import Any
+from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from spherekit.errors import ProofMissing
+from spherekit.checked import checked_class
+from spherekit.errors import EngineError
 from spherekit.sphere.rotation import Floats
 
 Ball = Any
@@ -22,25 +23,26 @@ Ball = Any
 BallMatrix = Any
 """A matrix of complex balls, `flint.acb_mat`."""
 
+Balls = NDArray[Any]
+"""An array of real balls, or of power series of them in one variable, `flint.arb_series`.
+
+An operation takes both, element by element. A single series is never one of its sides, as
+NumPy would take it for an array of its coefficients.
+"""
+
 UNIT = 2.0**-53
 """Relative error of one rounding to float64."""
 
+DIGITS = 50
+"""Decimal digits of `Digits` unless others are asked for."""
+
+FEWEST, MOST = 20, 300
+
 
 def library() -> Any:
-    """Return python-flint.
+    """Return python-flint."""
+    import flint
 
-    Raises
-    ------
-    ProofMissing
-        If it is not installed.
-    """
-    try:
-        import flint
-    except ImportError:
-        raise ProofMissing(
-            "proofs need ball arithmetic, which is not installed: "
-            'pip install "spherekit-mechanisms[proof]"'
-        ) from None
     return flint
 
 
@@ -54,6 +56,79 @@ def bits(precision: int) -> Iterator[None]:
 def precision() -> int:
     """Return the bits of centres at present."""
     return int(library().ctx.prec)
+
+
+@final
+@checked_class(EngineError)
+class Digits:
+    """How many decimal `digits` reference values are computed in; `eps` is their spacing.
+
+    Raises
+    ------
+    EngineError
+        If fewer than 20 or more than 300 digits are asked for.
+    """
+
+    def __init__(self, digits: int = DIGITS) -> None:
+        if not FEWEST <= digits <= MOST:
+            raise EngineError(
+                f"{digits} digits were asked for; give between {FEWEST} and {MOST}"
+            )
+        self.digits = digits
+        self._bits = round((digits + 1) * np.log2(10.0))
+        self.eps = 2.0 ** (1 - self._bits)
+
+    def within(self) -> AbstractContextManager[None]:
+        """Return the context in which balls are computed with so many digits."""
+        return bits(self._bits)
+
+
+sine_cosine = np.frompyfunc(lambda ball: ball.sin_cos(), 1, 2)
+square_root = np.frompyfunc(lambda ball: ball.sqrt(), 1, 1)
+middles = np.frompyfunc(lambda ball: ball.mid(), 1, 1)
+
+
+def exactly(values: ArrayLike) -> Balls:
+    """Return float64 numbers without error."""
+    return np.asarray(np.frompyfunc(library().arb, 1, 1)(np.asarray(values, dtype=float)))
+
+
+def floats(balls: Balls) -> Floats:
+    """Return the float64 numbers next to the centres of real balls."""
+    return np.asarray(balls, dtype=float)
+
+
+def series(*coefficients: Balls) -> Balls:
+    """Return power series with coefficients (...), that of the power 0 first."""
+    made, rows = library().arb_series, np.stack(coefficients, axis=-1)
+    out = np.empty(rows.shape[:-1], dtype=object)
+    for place in np.ndindex(out.shape):
+        out[place] = made(list(rows[place]), len(coefficients))
+    return out
+
+
+def coefficient(of: Balls, power: int) -> Balls:
+    """Return the coefficients (...) of a power in series; a ball is its own of power 0."""
+    flint = library()
+    zero = flint.arb(0)
+
+    def taken(item: Any) -> Ball:
+        return (
+            item[power] if isinstance(item, flint.arb_series) else zero if power else item
+        )
+
+    return np.asarray(np.frompyfunc(taken, 1, 1)(of))
+
+
+@contextmanager
+def terms(count: int) -> Iterator[None]:
+    """Compute with series of at most so many terms within this context."""
+    context = library().ctx
+    before, context.cap = context.cap, count
+    try:
+        yield
+    finally:
+        context.cap = before
 
 
 def inverse_near(square: BallMatrix) -> BallMatrix | None:
@@ -134,7 +209,7 @@ def complex_ball(number: complex | Ball) -> Ball:
     return flint.acb(number)
 
 
-def matrix(rows: Sequence[Sequence[Any]]) -> BallMatrix:
+def matrix(rows: Sequence[Sequence[Any]] | Balls) -> BallMatrix:
     """Return a matrix of complex balls."""
     return library().acb_mat([list(row) for row in rows])
 

@@ -29,9 +29,17 @@ from spherekit.proof.balls import (
     upper,
 )
 from spherekit.proof.construction import Across, Construction, Onto, Ranks
-from spherekit.proof.harmonics import Real, real_equations
-from spherekit.proof.jets import Arithmetic, Balls, Batches, Jet, product, total
-from spherekit.proof.vectors import Frame, Vector, cross, dot
+from spherekit.proof.frames import Frame
+from spherekit.proof.harmonics import MOST_NODES, Harmonics
+from spherekit.proof.jets import (
+    Arithmetic,
+    Balls,
+    Batches,
+    Jet,
+    product,
+    total,
+    values_and_slopes,
+)
 from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
@@ -118,8 +126,8 @@ class Equations:
         return dict(zip(followers, angles, strict=True))
 
     def _turning(self, step: Across) -> Turning:
-        one = _columns(self.frame(step.pair, step.parent))
-        other = _columns(self.frame(step.pair, step.link)).transpose()
+        one = matrix(self.frame(step.pair, step.parent).T)
+        other = matrix(self.frame(step.pair, step.link))
         ahead = self.written.structure.ends[step.pair][0] == step.parent
         sense = 1 if ahead else -1
         parts = ([0, 0, 0, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 1, 0, 0, 0, 0])
@@ -134,8 +142,8 @@ class Equations:
 
     def _putting(self, step: Onto) -> Putting:
         a, b = (self.frame(pair, step.link)[2] for pair in step.pairs)
-        normal = cross(a, b)
-        square = dot(normal, normal)
+        normal = np.cross(a, b)
+        square = normal @ normal
         sine = float(np.sqrt(lower(square)) * (1 - 8 * UNIT))
         if not sine > SHORTEST:
             structure = self.written.structure
@@ -145,26 +153,27 @@ class Equations:
                 "be proven of it"
             )
         rows = [
-            matrix([[entry / square for entry in vector]])
-            for vector in (cross(b, normal), cross(normal, a), normal)
+            matrix([vector / square])
+            for vector in (np.cross(b, normal), np.cross(normal, a), normal)
         ]
         axes = [
-            _column(self.frame(pair, parent)[2])
+            matrix(self.frame(pair, parent)[2:].T)
             for pair, parent in zip(step.pairs, step.parents, strict=True)
         ]
-        return Putting(axes[0], axes[1], (rows[0], rows[1], rows[2]), dot(a, b), sine)
+        return Putting(axes[0], axes[1], (rows[0], rows[1], rows[2]), a @ b, sine)
 
     def at(self, places: Sequence[Ball], order: int = 1) -> list[Jet]:
         """Return the jets of f of each equation at balls of all variables."""
-        pairs = [complex_ball(place).sin_cos() for place in places]
-        turns = [(cosine, sine) for sine, cosine in pairs]
-        return _Placing(self, Balls(), self.parts, turns, order).equations()
+        return self._placed(places, order).values
 
     def orientations(self, places: Sequence[Ball], order: int = 0) -> dict[int, Jet]:
         """Return the jets of all links' orientations in the root, at balls of variables."""
+        return self._placed(places, order).orientations()
+
+    def _placed(self, places: Sequence[Ball], order: int) -> "_Placing":
         pairs = [complex_ball(place).sin_cos() for place in places]
         turns = [(cosine, sine) for sine, cosine in pairs]
-        return _Placing(self, Balls(), self.parts, turns, order).orientations()
+        return _Placing(self, Balls(), self.parts, turns, order)
 
     @cached_property
     def floats(self) -> "FloatEquations":
@@ -172,9 +181,15 @@ class Equations:
         return FloatEquations(self)
 
     @cached_property
-    def real(self) -> Real:
-        """The same equations at real angles only, which is quicker."""
-        return real_equations(self)
+    def real(self) -> "Harmonics | Placed":
+        """The same equations at real angles only, which is quicker: coefficients if few."""
+        degrees = self.construction.degrees
+        few = np.max(np.prod(2.0 * degrees + 1.0, axis=1)) <= MOST_NODES
+        return Harmonics(degrees, self._values) if few else Placed(self.floats)
+
+    def _values(self, angles: Sequence[Ball]) -> list[Ball]:
+        """Return f of each equation at real angles."""
+        return [jet[()][0, 0].real for jet in self.at(angles, 0)]
 
     def bounds(self, stretch: Floats | None = None) -> Bounds:
         """Return bounds for angles whose imaginary parts are at most the log of `stretch`.
@@ -217,14 +232,6 @@ def _constant(value: Any) -> Jet:
     return {(): value}
 
 
-def _columns(frame: Frame) -> BallMatrix:
-    return matrix([[complex_ball(vector[row]) for vector in frame] for row in range(3)])
-
-
-def _column(vector: Vector) -> BallMatrix:
-    return matrix([[complex_ball(entry)] for entry in vector])
-
-
 def _multiple(turn: tuple[Any, Any], times: int) -> tuple[Any, Any]:
     """Return cosine and sine of a multiple of an angle from those of the angle."""
     cosine, sine = turn
@@ -257,9 +264,6 @@ class _Placing:
                 self.local[step.link] = self._turned(step)
             else:
                 self.local[step.link] = self._put(step)
-
-    def equations(self) -> list[Jet]:
-        return self.values
 
     def orientations(self) -> dict[int, Jet]:
         """Return the jets of orientations in the root."""
@@ -403,9 +407,32 @@ class FloatEquations:
         ]
         placing = _Placing(self.equations, Batches(), self.parts, pairs, order)
         return [
-            {key: value[..., 0, 0] for key, value in jet.items()}
-            for jet in placing.equations()
+            {key: value[..., 0, 0] for key, value in jet.items()} for jet in placing.values
         ]
+
+
+@final
+class Placed:
+    """Equations at real angles by placing the links, where coefficients are too many."""
+
+    def __init__(self, equations: FloatEquations) -> None:
+        self.floats, self.variables = equations, equations.equations.variables
+        self.error = equations.bounds.error
+
+    def first(self, turns: Floats) -> tuple[Floats, Floats]:
+        """See `Harmonics`."""
+        return values_and_slopes(self.floats.at(turns, 1), self.variables)
+
+    def second(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
+        """See `Harmonics`."""
+        jets = self.floats.at(turns[None], 2)
+        values, slopes = values_and_slopes(jets, self.variables)
+        curvatures = np.zeros((len(jets), self.variables, self.variables))
+        for row, jet in enumerate(jets):
+            for key, entry in jet.items():
+                if len(key) == 2:
+                    curvatures[row][key] = curvatures[row][key[::-1]] = entry[0]
+        return values[0], slopes[0], curvatures
 
 
 def _carried(

@@ -31,7 +31,6 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.construction import Across, Onto
 from spherekit.proof.equations import Equations
-from spherekit.proof.vectors import cross, dot
 from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
@@ -272,8 +271,8 @@ def _in_line(
     ):
         x, y, z = equations.frame(pair, link)
         axis = equations.frame(other, link)[2]
-        assert upper(dot(cross(x, y), z) - 1) < NEAR
-        azimuths[link] = angle_of(dot(x, axis), dot(y, axis))
+        assert upper(np.cross(x, y) @ z - 1) < NEAR
+        azimuths[link] = angle_of(x @ axis, y @ axis)
     one, two = equations.written.structure.ends[pair]
     same = azimuths[one] - azimuths[two]
     return same, same + pi()

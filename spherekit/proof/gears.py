@@ -17,20 +17,56 @@ from spherekit.errors import PlanError
 from spherekit.planning.wheels import Mesh, Way, back, least_rolled, mesh_of
 from spherekit.proof.balls import (
     Ball,
+    angle_of,
     complex_ball,
     exact,
+    floats,
     matrix,
     middle,
     pi,
     solved,
     solved_exactly,
 )
-from spherekit.proof.circles import Touching
+from spherekit.proof.frames import Frame, Vector, carried
 from spherekit.proof.structure import Structure
-from spherekit.proof.vectors import Frame, Vector, carried
-from spherekit.sphere.rotation import Floats
 
 Frames = Sequence[tuple[Frame, Frame]]
+
+
+@final
+@dataclass(frozen=True)
+class Circle:
+    """A circle in link axes: centre, angular radius, its sine, and where arcs begin.
+
+    `axes` has the directions of azimuth 0 and 90 degrees about the centre, and the centre,
+    or the pole of a great circle.
+    """
+
+    axes: Frame
+    radius: Ball
+    sine: Ball
+
+
+@final
+@dataclass(frozen=True)
+class Touching:
+    """The circles of a contact, and the way from one centre to the other.
+
+    `arc` is the signed arc from the first centre over the contact on to the second, `sense`
+    1 for circles one within the other and -1 beside each other: how the arc length runs
+    about the second centre.
+    """
+
+    circles: tuple[Circle, Circle]
+    arc: Ball
+    sense: int
+
+    def towards(self, first: Vector, second: Vector) -> tuple[Vector, Vector]:
+        """Return the directions of the contact at both centres, where these are."""
+        sine, cosine = self.arc.sin_cos()
+        return (second - cosine * first) / sine, self.sense * (
+            cosine * second - first
+        ) / sine
 
 
 def carried_wheels(
@@ -42,15 +78,11 @@ def carried_wheels(
 ) -> Mesh | None:
     """Return how a carrier holds the wheels of a contact, None if none does."""
     axes = {
-        pair: (_near(one[2]), _near(other[2])) for pair, (one, other) in enumerate(frames)
+        pair: (floats(one[2]), floats(other[2])) for pair, (one, other) in enumerate(frames)
     }
-    first, second = (_near(circle.centre) for circle in touching.circles)
+    first, second = (floats(circle.axes[2]) for circle in touching.circles)
     cosine = float(np.cos(middle(touching.arc)))
     return mesh_of(structure.ends, axes, (contact, wheels), (first, second), cosine)
-
-
-def _near(vector: Vector) -> Floats:
-    return np.array([middle(ball) for ball in vector])
 
 
 @final
@@ -157,13 +189,14 @@ def _rolled(
     teeth, if these are given.
     """
     lines = [
-        _carried(circle.centre, way, frames)
+        _carried(circle.axes[2], way, frames)
         for circle, way in zip(touching.circles, mesh.ways, strict=True)
     ]
     lengths = []
     for side, direction in enumerate(touching.towards(lines[0], lines[1])):
         circle = touching.circles[side]
-        azimuth = circle.azimuth(_carried(direction, back(mesh.ways[side]), frames))
+        ahead, across, _ = circle.axes @ _carried(direction, back(mesh.ways[side]), frames)
+        azimuth = angle_of(ahead, across)
         length = circle.sine * (azimuth + 2 * pi() * turns[side])
         length = length * touching.sense if side else length
         lengths.append(length - start[side] * circle.sine / circle.radius.sin())

@@ -7,18 +7,16 @@ what sizes leave open, by the interpolation's norm (Ehlich and Zeller 1966) and 
 inequality for the derivatives.
 """
 
+from collections.abc import Callable, Sequence
 from itertools import product
 from math import prod
-from typing import TYPE_CHECKING, Any, Protocol, final
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.proof.balls import UNIT, Ball, exact, middle, pi, upper
-from spherekit.proof.jets import values_and_slopes
 from spherekit.sphere.rotation import Floats
-
-if TYPE_CHECKING:
-    from spherekit.proof.equations import Equations
 
 CHUNK = 2000
 """Configurations at once, so that the sums stay in the processor's cache."""
@@ -26,66 +24,26 @@ MOST_NODES = 20000
 """Values that coefficients are computed from at most."""
 
 
-class Real(Protocol):
-    """Values and derivatives of the equations at real angles, in float64.
-
-    Derivatives are off by at most `error` (k,) times products of degrees, as in `Bounds`.
-    """
-
-    error: Floats
-
-    def first(self, turns: Floats) -> tuple[Floats, Floats]:
-        """Return values (n, k) and slopes (n, k, v) at cosines and sines (n, v, 2)."""
-
-    def second(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return values (k,), slopes (k, v), curvatures (k, v, v) at turns (v, 2)."""
-
-
-def real_equations(equations: "Equations") -> Real:
-    """Return what computes equations at real angles: by coefficients if these are few."""
-    sides = 2 * equations.construction.degrees + 1
-    few = np.max(np.prod(sides.astype(float), axis=1)) <= MOST_NODES
-    return Harmonics(equations) if few else Placed(equations)
-
-
-@final
-class Placed:
-    """Equations at real angles by placing the links at each configuration."""
-
-    def __init__(self, equations: "Equations") -> None:
-        self.floats, self.variables = equations.floats, equations.variables
-        self.error = equations.floats.bounds.error
-
-    def first(self, turns: Floats) -> tuple[Floats, Floats]:
-        """See `Real`."""
-        return values_and_slopes(self.floats.at(turns, 1), self.variables)
-
-    def second(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
-        """See `Real`."""
-        jets = self.floats.at(turns[None], 2)
-        values, slopes = values_and_slopes(jets, self.variables)
-        curvatures = np.zeros((len(jets), self.variables, self.variables))
-        for row, jet in enumerate(jets):
-            for key, entry in jet.items():
-                if len(key) == 2:
-                    curvatures[row][key] = curvatures[row][key[::-1]] = entry[0]
-        return values[0], slopes[0], curvatures
+Values = Callable[[Sequence[Ball]], list[Ball]]
+"""Equations at angles (rad) of all variables."""
 
 
 @final
 class Harmonics:
-    """Equations at real angles by their coefficients."""
+    """Equations at real angles by their coefficients: values and derivatives in float64.
 
-    def __init__(self, equations: "Equations") -> None:
-        degrees = equations.construction.degrees
+    Derivatives are off by at most `error` (k,) times products of degrees, as in `Bounds`.
+    """
+
+    def __init__(self, degrees: NDArray[np.intp], values: Values) -> None:
         self.count, self.variables = degrees.shape
         self.waves = int(np.max(degrees, initial=1))
         self.terms = [_Term(row) for row in degrees]
-        nodes = _Nodes(equations)
+        nodes = _Nodes(values)
         self.error = np.array([term.fill(nodes, k) for k, term in enumerate(self.terms)])
 
     def first(self, turns: Floats) -> tuple[Floats, Floats]:
-        """See `Real`."""
+        """Return values (n, k) and slopes (n, k, v) at cosines and sines (n, v, 2)."""
         values = np.zeros((len(turns), self.count))
         slopes = np.zeros((len(turns), self.count, self.variables))
         for start in range(0, len(turns), CHUNK):
@@ -98,7 +56,7 @@ class Harmonics:
         return values, slopes
 
     def second(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
-        """See `Real`."""
+        """Return values (k,), slopes (k, v), curvatures (k, v, v) at turns (v, 2)."""
         waves = _waves(turns, self.waves, 2)
         values = np.zeros(self.count)
         slopes = np.zeros((self.count, self.variables))
@@ -134,16 +92,15 @@ def _waves(turns: Floats, most: int, order: int) -> Floats:
 class _Nodes:
     """Values of the equations in balls at evenly spaced angles."""
 
-    def __init__(self, equations: "Equations") -> None:
-        self.equations = equations
+    def __init__(self, values: Values) -> None:
+        self.values = values
         self._kept: dict[tuple[tuple[int, int], ...], list[Ball]] = {}
 
     def at(self, place: tuple[tuple[int, int], ...], k: int) -> Ball:
         """Return equation k where each angle is so many parts of so many of a turn."""
         if place not in self._kept:
             angles = [2 * pi() * part / parts for part, parts in place]
-            jets = self.equations.at(angles, 0)
-            self._kept[place] = [jet[()][0, 0].real for jet in jets]
+            self._kept[place] = self.values(angles)
         return self._kept[place][k]
 
 

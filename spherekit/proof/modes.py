@@ -16,7 +16,6 @@ from spherekit.proof.balls import (
     angle_of,
     bits,
     circle,
-    complex_ball,
     matrix,
     middle,
     middle_of,
@@ -26,6 +25,7 @@ from spherekit.proof.eliminated import eliminated
 from spherekit.proof.equations import Equations
 from spherekit.proof.exclusion import RealModes
 from spherekit.proof.float_roots import float_roots
+from spherekit.proof.frames import Frame
 from spherekit.proof.homotopy import SEEDS, Complexes, modes_near
 from spherekit.proof.jets import Jet
 from spherekit.proof.paving import Paved
@@ -362,21 +362,18 @@ def pair_angles(equations: Equations, places: Sequence[Ball]) -> list[Ball]:
         if number in construction.pairs:
             angles.append(places[construction.pairs.index(number)])
             continue
-        one, other = (equations.frames[number][side] for side in (0, 1))
-        axes = []
-        for link, vectors in zip(ends, (one[:2], other[:1]), strict=True):
-            for vector in vectors:
-                axes.append(_turned(placed.get(link), vector))
-        cosine, sine = (
-            sum(a * b for a, b in zip(axes[k], axes[2], strict=True)) for k in (0, 1)
+        first, second = (
+            _turned(placed.get(link), frame)
+            for link, frame in zip(ends, equations.frames[number], strict=True)
         )
+        cosine, sine, _ = first @ second[0]
         angles.append(angle_of(cosine, sine))
     return angles
 
 
-def _turned(jet: Jet | None, vector: Sequence[Ball]) -> list[Ball]:
-    """Return a vector of a link in the axes of the root, real parts."""
+def _turned(jet: Jet | None, frame: Frame) -> Frame:
+    """Return a frame of a link in the axes of the root."""
     if jet is None:
-        return list(vector)
-    column = matrix([[complex_ball(entry)] for entry in vector])
-    return [entry.real for entry in (jet[()] * column).entries()]
+        return frame
+    rows = (matrix(frame) * jet[()].transpose()).tolist()
+    return np.array([[entry.real for entry in row] for row in rows])

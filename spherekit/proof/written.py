@@ -4,7 +4,7 @@ An angle of 45.1 degrees is 45.1 pi / 180 here, and no float64 number next to it
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, final
@@ -15,14 +15,22 @@ from spherekit.errors import PlanError
 from spherekit.files.document import Document, LiteralNumber, parse
 from spherekit.files.read import read
 from spherekit.files.write import dumps
-from spherekit.model.geometry import COLLINEAR, axes_from_sizes
+from spherekit.model.gears import carrier_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import PoseGeometry, SizeGeometry
-from spherekit.proof.balls import Ball, decimal, exact, middle, pi, wide
-from spherekit.proof.circles import Touching, touching
-from spherekit.proof.gears import Train, carried_wheels, train_of
+from spherekit.model.parts import Pair, PoseGeometry
+from spherekit.proof.balls import Ball, angle_of, decimal, exact, exactly, middle, pi, wide
+from spherekit.proof.frames import (
+    Arcs,
+    Frame,
+    Frames,
+    Vector,
+    axes_about,
+    frames_of_pose,
+    frames_of_sizes,
+    unit,
+)
+from spherekit.proof.gears import Circle, Touching, Train, carried_wheels, train_of
 from spherekit.proof.structure import Structure, structure_of
-from spherekit.proof.vectors import Frame, Vector, cross, unit
 
 PHASE = 1e-13
 """A start that the reader finds of a phase is known to this (rad)."""
@@ -68,15 +76,11 @@ class Written:
 
     def frames(self) -> list[tuple[Frame, Frame]]:
         """Return the frames of every pair of the structure in its two links."""
-        given = self.mechanism.geometry
-        if isinstance(given, PoseGeometry):
-            made = self._pose_frames(given)
-        else:
-            made = self._size_frames()
+        made = self.r_frames()
         frames = [made[name] for name in self.structure.pairs if name in made]
         for coupler in self.structure.couplers:
             pair = self.mechanism.pairs[coupler.contact]
-            frames += _coupler_frames(touching(self, pair, made))
+            frames += _coupler_frames(self._circles(pair, made))
         return frames
 
     def given(self, inputs: Sequence[Ball]) -> list[Ball]:
@@ -107,10 +111,9 @@ class Written:
         The angles of couplers are lengths over the sines of radii there.
         """
         columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
-        frames = dict(zip(self.structure.pairs, self.frames(), strict=True))
         for coupler in self.structure.couplers:
             pair = self.mechanism.pairs[coupler.contact]
-            contact = touching(self, pair, frames)
+            contact = self._touching(coupler.contact)
             names = pair.kind.variable_names(pair.name, pair.links)
             for side, sense in ((0, 1), (1, contact.sense)):
                 sine = middle(contact.circles[side].radius.sin())
@@ -123,8 +126,7 @@ class Written:
         return table
 
     def _touching(self, contact: int) -> Touching:
-        frames = dict(zip(self.structure.pairs, self.frames(), strict=True))
-        return touching(self, self.mechanism.pairs[contact], frames)
+        return self._circles(self.mechanism.pairs[contact], self.r_frames())
 
     def _starts(self, contact: int) -> tuple[Ball, Ball]:
         """Return the lengths (rad) along both circles at which a contact starts."""
@@ -185,76 +187,102 @@ class Written:
         low, high = sorted(ends, key=float)
         return low, high
 
-    def _size_frames(self) -> dict[str, tuple[Frame, Frame]]:
-        given = self.mechanism.geometry
-        assert isinstance(given, SizeGeometry)
-        near = {link: axes_from_sizes(sizes) for link, sizes in given.links.items()}
-        data = self.document.data
-        axes = {link: self._axes(item) for link, item in data["links"].items()}
-        made = {}
-        for pair in self.mechanism.pairs:
-            if not pair.kind.has_axis:
-                continue
-            first, second = (
-                _reference_frame(axes[link], near[link], pair.name) for link in pair.links
+    def r_frames(self) -> Frames:
+        """Return the frames of the R pairs, by name."""
+        given, data = self.mechanism.geometry, self.document.data
+        if isinstance(given, PoseGeometry):
+            axes = {name: self._axis(self.item(name)) for name in given.axes}
+            return frames_of_pose(given, axes, self._angles("value"))
+        sizes: dict[str, Arcs] = {
+            link: (
+                [self.angle(number) for number in item.get("arcs", [])],
+                [self.angle(number) for number in item.get("angles", [])],
             )
-            zero = data["pairs"][pair.name].get("zero")
-            made[pair.name] = (first if zero is None else self._turned(first, zero), second)
-        return made
+            for link, item in data["links"].items()
+            if link in given.links
+        }
+        return frames_of_sizes(self.mechanism, given, sizes, self._angles("zero"))
 
-    def _axes(self, item: Mapping[str, Any]) -> dict[str, Vector]:
-        """Return the unit axes of a link in its own frame, in the order listed."""
-        names = item.get("axes", [])
-        axes: dict[str, Vector] = {}
-        angles = [None, *item.get("angles", [])]
-        for name in names[:1]:
-            axes[name] = (exact(0.0), exact(0.0), exact(1.0))
-        for name, length, turn in zip(
-            names[1:], item.get("arcs", []), angles, strict=False
-        ):
-            across, up = self.angle(length).sin_cos()
-            s, c = exact(0.0).sin_cos() if turn is None else self.angle(turn).sin_cos()
-            axes[name] = (-across * s, across * c, up)
-        return axes
-
-    def _pose_frames(self, given: PoseGeometry) -> dict[str, tuple[Frame, Frame]]:
-        made = {}
-        for name, near in given.axes.items():
-            item = self.document.data["pairs"][name]
-            axis = self._axis(item)
-            helper = [exact(0.0)] * 3
-            helper[int(np.argmin(np.abs(near)))] = exact(1.0)
-            across = unit(cross(axis, (helper[0], helper[1], helper[2])))
-            first = (across, cross(axis, across), axis)
-            value = item.get("value")
-            made[name] = (first, first if value is None else self._turned(first, value))
-        return made
+    def _angles(self, key: str) -> dict[str, Ball]:
+        """Return the angles (rad) that pairs of the file have under a key."""
+        pairs = self.document.data["pairs"].items()
+        return {name: self.angle(item[key]) for name, item in pairs if key in item}
 
     def _axis(self, item: Mapping[str, Any]) -> Vector:
         for key in ("through_xyz", "through_lonlat"):
             if key in item:
-                one, other = (self.direction(row, key.endswith("xyz")) for row in item[key])
-                return unit(cross(one, other))
+                one, other = (
+                    self._direction(row, key.endswith("xyz")) for row in item[key]
+                )
+                return unit(np.cross(one, other))
         key = "xyz" if "xyz" in item else "lonlat"
-        return self.direction(item[key], key == "xyz")
+        return self._direction(item[key], key == "xyz")
 
-    def direction(self, row: Any, is_xyz: bool) -> Vector:
+    def _direction(self, row: Any, is_xyz: bool) -> Vector:
         """Return a direction of the file, by coordinates or longitude and latitude."""
         if is_xyz:
-            x, y, z = (_number(number) for number in row)
-            x, y, z = unit((x, y, z))
-            slack = self.tolerance
-            return wide(x, slack), wide(y, slack), wide(z, slack)
-        longitude, latitude = (self.angle(number) for number in row)
-        (s, c), (up, across) = longitude.sin_cos(), latitude.sin_cos()
-        return c * across, s * across, up
+            along = unit(np.array([_number(number) for number in row]))
+            return np.array([wide(entry, self.tolerance) for entry in along])
+        (s, c), (up, across) = (self.angle(number).sin_cos() for number in row)
+        return np.array([c * across, s * across, up])
 
-    def _turned(self, frame: Frame, number: float) -> Frame:
-        s, c = self.angle(number).sin_cos()
-        x, y, z = frame
-        ahead = [c * a + s * b for a, b in zip(x, y, strict=True)]
-        side = [c * b - s * a for a, b in zip(x, y, strict=True)]
-        return (ahead[0], ahead[1], ahead[2]), (side[0], side[1], side[2]), z
+    def _circles(self, pair: Pair, frames: Frames) -> Touching:
+        """Return the circles of a contact; `frames` are those of the R pairs."""
+        item, mechanism = self.item(pair.name), self.mechanism
+        sense = -1 if pair.contact == "external" else 1
+
+        def axis(name: str, link: str) -> Vector:
+            side = mechanism.pair(name).links.index(link)
+            return np.asarray(frames[name][side][2])
+
+        if "axes" in item:
+            two = list(zip(item["axes"], pair.links, strict=True))
+            centres = [axis(name, link) for name, link in two]
+            joined = {name: mechanism.pair(name).links for name in frames}
+            axes = item["axes"][0], item["axes"][1]
+            carrier, carried = carrier_of(mechanism.geometry, joined, pair.links, axes)
+            one, other = (way * axis(name, carrier) for name, way in carried)
+            radii, sines = self._cones(item, one, other, sense)
+        else:
+            made = [self._circle(item, link, axis) for link in pair.links]
+            centres, radii = ([two[side] for two in made] for side in (0, 1))
+            sines = [radius.sin() for radius in radii]
+        circles = [
+            Circle(axes_about(centre), radius, sine)
+            for centre, radius, sine in zip(centres, radii, sines, strict=True)
+        ]
+        return Touching((circles[0], circles[1]), radii[0] - sense * radii[1], sense)
+
+    def _cones(
+        self, item: Mapping[str, Any], one: Vector, other: Vector, sense: int
+    ) -> tuple[list[Ball], list[Ball]]:
+        """Return half angles of cones that touch, and numbers in the ratio of sines."""
+        normal = np.cross(one, other)
+        between = angle_of(one @ other, (normal @ normal).sqrt())
+        if "teeth" in item:
+            teeth = [exact(float(count)) for count in item["teeth"]]
+            s, c = between.sin_cos()
+            first = angle_of(teeth[1] / teeth[0] - sense * c, s)
+        else:
+            first = self.angle(item["half_angles"][0])
+        second = between - first if sense < 0 else between + first
+        return [first, second], teeth if "teeth" in item else [first.sin(), second.sin()]
+
+    def _circle(
+        self, item: Mapping[str, Any], link: str, axis: Callable[[str, str], Vector]
+    ) -> tuple[Vector, Ball]:
+        """Return centre and radius of the circle of one link."""
+        follower = item.get("follower")
+        circle = (
+            follower if follower and follower["link"] == link else item["profiles"][link]
+        )
+        if "axis" in circle:
+            centre = axis(circle["axis"], link)
+        else:
+            key = next(key for key in circle if key.split("_")[0] in ("centre", "pole"))
+            centre = self._direction(circle[key], key.endswith("xyz"))
+        number = circle.get("roller", circle.get("radius"))
+        return centre, pi() / 2 if number is None else self.angle(number)
 
 
 def _text(number: float) -> str:
@@ -268,35 +296,16 @@ def _number(number: float) -> Ball:
     return exact(number)
 
 
-def _reference_frame(
-    axes: Mapping[str, Vector], near: Mapping[str, Any], name: str
-) -> Frame:
-    """Return the frame of an axis; its x axis leads to the first other axis.
-
-    Which one that is follows from the float64 axes `near`.
-    """
-    axis = axes[name]
-    for other, direction in axes.items():
-        side = np.linalg.norm(np.cross(near[name], near[other]))
-        if other != name and side > COLLINEAR:
-            toward = unit(cross(cross(axis, direction), axis))
-            return toward, cross(axis, toward), axis
-    helper = [exact(0.0)] * 3
-    helper[int(np.argmin(np.abs(near[name])))] = exact(1.0)
-    across = unit(cross(axis, (helper[0], helper[1], helper[2])))
-    return across, cross(axis, across), axis
-
-
 def _coupler_frames(contact: Touching) -> list[tuple[Frame, Frame]]:
     """Return the frames of both pairs of a coupler, in the link of the contact and in it.
 
     The angle of each is the azimuth of the contact about the centre.
     """
     sine, cosine = contact.arc.sin_cos()
-    zero, one = exact(0.0), exact(1.0)
-    axes = (zero, zero, one), (zero, sine, cosine)
-    toward = contact.towards(*axes)
+    axes = exactly([0.0, 0.0, 1.0]), np.array([exact(0.0), sine, cosine])
     return [
-        (circle.axes, (ahead, cross(axis, ahead), axis))
-        for circle, axis, ahead in zip(contact.circles, axes, toward, strict=True)
+        (circle.axes, np.stack([ahead, np.cross(axis, ahead), axis]))
+        for circle, axis, ahead in zip(
+            contact.circles, axes, contact.towards(*axes), strict=True
+        )
     ]

@@ -21,12 +21,11 @@ from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import TableArrays, arrays
 from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
-from spherekit.exact.arithmetic import Numbers
-from spherekit.exact.field import exact_field, exact_motion
-from spherekit.exact.rows import exact_rows
 from spherekit.motion.continued import AngleMemory
 from spherekit.motion.motion import Motion
 from spherekit.progress import Working
+from spherekit.proof.balls import Balls
+from spherekit.proof.rows import exact_field, exact_motion, exact_rows
 from spherekit.rates.field import evaluate
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
@@ -186,11 +185,11 @@ class Benchmark:
         tracer = self.course.tracer
         return requests_for(tracer.mechanism, self.needs, tracer.by_rank)
 
-    def reference_at(self, motion: Motion, inputs: Numbers | None = None) -> Reference:
+    def reference_at(self, motion: Motion, inputs: Balls | None = None) -> Reference:
         """Return the tables at the rows of a motion, see `Reference`.
 
         They hold the float64 numbers nearest to configurations and rates that the closure
-        equations give in wider numbers; see `spherekit.exact`. The motion's inputs are
+        equations give in 20 digits; see `spherekit.proof`. The motion's inputs are
         taken as exact, or else `inputs` (n, inputs), which they are rounded from.
         """
         wanted = self._wanted()

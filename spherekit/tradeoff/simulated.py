@@ -1,4 +1,4 @@
-"""Integrators and tolerances of a simulation, measured against one in wider numbers."""
+"""Integrators and tolerances of a simulation, measured against one in more digits."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -10,32 +10,28 @@ import numpy as np
 
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.running.setting import Integrator, Setting
-from spherekit.conventions import EPS
+from spherekit.conventions import EPS, TURN
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.reference import refined
 from spherekit.dynamics.simulation import Simulation
 from spherekit.engine.compiler import available
 from spherekit.errors import EngineError
-from spherekit.exact.arithmetic import Digits, wide
-from spherekit.exact.simulation import ExactSimulation
 from spherekit.model.laws import Start
 from spherekit.model.study import Study
 from spherekit.motion.timing import Timing
+from spherekit.proof.balls import FEWEST, exactly, floats, pi
 from spherekit.sphere.rotation import Floats
 from spherekit.tradeoff.candidates import of_simulation
 from spherekit.tradeoff.deviation import Deviation
 from spherekit.tradeoff.effort import Effort
 from spherekit.tradeoff.measure import Benchmark, Found, Reference, Tables, timing_loop
 
-OTHER_NODES = 24
-"""Nodes of each step of the run that shows how well the reference is known."""
-
 
 def measured(bench: Benchmark, study: Study, effort: Effort) -> Found:
     """Return integrators and tolerances with their times and errors.
 
     `bench` has the course of the study's simulation. The reference is a simulation in
-    numbers wider than float64; where none can be made, the tightest float64 one, and the
+    more digits than float64; where none can be made, the tightest float64 one, and the
     words say why.
     """
     assert study.start is not None
@@ -43,8 +39,9 @@ def measured(bench: Benchmark, study: Study, effort: Effort) -> Found:
     solver = _Solver(bench, study.start, study.driving_torque)
     best, simulation, compiling = solver.tightest()
     try:
-        words, near, right = solver.in_wide_numbers(simulation)
+        right = solver.in_many_digits(simulation)
         tables: Tables = right.tables
+        words, near = f"a simulation in {FEWEST} digits{right.without}", []
     except EngineError as reason:
         right = None
         tables, _, _ = solver.tables(best)
@@ -144,39 +141,22 @@ class _Solver:
         simulation = self.simulation(setting)
         return setting, simulation, simulation.engine.compile_seconds
 
-    def in_wide_numbers(
-        self, simulation: Simulation
-    ) -> tuple[str, list[Deviation], Reference]:
-        """Return the reference in words, how far another is from it, and what it is.
+    def in_many_digits(self, simulation: Simulation) -> Reference:
+        """Return the tables at the times of a simulation from one in more digits.
 
         Raises
         ------
         EngineError
             If there is none; see `spherekit.dynamics.reference.refined`.
         """
-        arithmetic = wide()
-        until = float(self.t[-1])
-        right = self._reference(simulation, refined(simulation, self.start, until))
-        words = f"a simulation in {arithmetic.name}"
-        if isinstance(arithmetic, Digits):
-            return words + right.without, [], right
-        other = refined(simulation, self.start, until, nodes=OTHER_NODES)
-        again = self._reference(simulation, other)
-        near = self.bench.deviations(again.tables, right.tables)
-        words += f", known to {_largest(near):.1e} from one with other steps"
-        return words + right.without, near, right
-
-    def _reference(self, simulation: Simulation, exact: ExactSimulation) -> Reference:
-        """Return the tables at the times of a simulation from one in wide numbers."""
+        exact = refined(simulation, self.start, float(self.t[-1]))
         course = self.course(simulation, Setting(tolerance=LEAST["numpy"]))
         assert course.t is not None
         (motion,) = course.blocks(len(course))
         states, (driven,) = exact.at(course.t), simulation.driven
-        floats = exact.arithmetic.floats
-        turn = 2 * exact.arithmetic.pi()
-        near = motion.values
-        turns = np.round((floats(states.values) - near) / (2.0 * np.pi))
-        values = floats(states.values - exact.arithmetic.exact(turns) * turn)
+        turns = np.round((floats(states.values) - motion.values) / TURN)
+        with exact.arithmetic.within():
+            values = floats(states.values - exactly(turns) * (2 * pi()))
         inputs = states.values[:, [driven]]
         values[:, driven] = floats(inputs)[:, 0]
         rates = [floats(x[:, [driven]]) for x in (states.rates, states.second)]

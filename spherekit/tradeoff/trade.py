@@ -20,8 +20,8 @@ from spherekit.analysis.tables import TableArrays
 from spherekit.checked import checked
 from spherekit.conventions import EPS
 from spherekit.errors import AnalysisError
-from spherekit.exact.arithmetic import wide
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
+from spherekit.proof.balls import FEWEST as DIGITS
 from spherekit.sphere.rotation import Floats
 from spherekit.tradeoff.candidates import of_samples
 from spherekit.tradeoff.check_samples import at_places, places
@@ -94,7 +94,7 @@ def trade(
     bench = _at_fewer(bench, study, min(most, CHECKED))
     right = bench.reference()
     reference = right.tables
-    words = f"the closure equations in {wide().name}{right.without}"
+    words = f"the closure equations in {DIGITS} digits{right.without}"
     every = of_samples() if effort.settings is None else effort.settings
 
     def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:

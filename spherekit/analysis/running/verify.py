@@ -3,7 +3,7 @@
 Rows are chosen while the run goes on: those with the largest closure residual, the largest
 error bound of a pole direction and the worst conditioning, the others spread evenly over
 assembly modes and samples. Their configurations, rates and derivatives come from
-`spherekit.exact`, which shares no solver with the run, and every analysis that reads them
+`spherekit.proof`, which shares no solver with the run, and every analysis that reads them
 is computed from both: where its rows do not stand alone, from the whole motion with these
 rows replaced.
 """
@@ -33,17 +33,18 @@ from spherekit.analysis.tables import (
 )
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.errors import SpherekitError
-from spherekit.exact.arithmetic import DIGITS, Digits
-from spherekit.exact.field import (
-    exact_direction,
-    exact_field,
-    exact_motion,
-)
-from spherekit.exact.rows import ExactRows, exact_rows_by_input
 from spherekit.motion.motion import Motion
 from spherekit.numeric.rows import ArrayRows
 from spherekit.numeric.turns import wrap
 from spherekit.planning.poles import Pole
+from spherekit.proof.balls import DIGITS, Digits, floats
+from spherekit.proof.rows import (
+    ExactRows,
+    exact_direction,
+    exact_field,
+    exact_motion,
+    exact_rows_by_input,
+)
 from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
@@ -417,12 +418,12 @@ def _within_bounds(
     """
     verdicts = {name: _Within() for name in BOUNDED}
     for (exact, wanted, field), nearest in zip(compared, references, strict=True):
-        numbers = exact.arithmetic
         for pole in wanted.poles:
             given = field.direction[pole]
-            apart = exact_direction(exact, pole, given) - numbers.exact(given)
+            with exact.arithmetic.within():
+                apart = floats(exact_direction(exact, pole, given) - given)
             errors = {
-                "directions": np.linalg.norm(numbers.floats(apart), axis=1),
+                "directions": np.linalg.norm(apart, axis=1),
                 "rates": np.abs(
                     field.velocity_coefficient[pole] - nearest.velocity_coefficient[pole]
                 ),

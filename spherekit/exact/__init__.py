@@ -1,1 +1,0 @@
-"""Reference values: configurations and rates in more digits than float64 has."""

@@ -1,0 +1,405 @@
+"""Reference values of the rows of a motion: configuration, rates and their derivatives.
+
+The rows of a motion say only which solution is meant. From there Newton's method closes
+the loops in as many digits as wanted, and the loop equations as power series in the input
+give all derivatives. Nothing of the solvers that made the motion is used.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.checked import checked
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status, listing
+from spherekit.errors import SolveError
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import Pole
+from spherekit.proof.balls import (
+    FEWEST,
+    Balls,
+    Digits,
+    exactly,
+    floats,
+    middles,
+    pi,
+    series,
+    square_root,
+)
+from spherekit.proof.frames import Frames
+from spherekit.proof.linkage import Linkage, turning_rates
+from spherekit.rates.pole_field import PoleField
+from spherekit.rates.request import Request
+from spherekit.sphere.rotation import Floats
+
+RADIUS = 1e-6
+"""A solution farther (rad) from the row than this is not taken for the one meant."""
+
+CONTRACTION = 0.125
+"""Newton's second step may be this part of the first; else other solutions are near."""
+
+ROUNDING = 1e3
+"""Steps below this many roundings times the conditioning are rounding."""
+
+DIRECTED = 1e6
+"""A vector gives a direction above this many roundings times the conditioning."""
+
+STEPS = 40
+
+
+@final
+@dataclass(frozen=True)
+class ExactRows:
+    """Reference values of n rows while one input moves at unit rate, the others held.
+
+    In ground axes, as balls of the `arithmetic`: `values` (n, variables) rad;
+    `rates` (n, variables) of them per unit rate of the input; `rotations`
+    (n, links, 3, 3); `axes` (n, pairs, 3) the axis of an R pair, the contact point of
+    others; `w` (n, links, 3) angular velocities relative to the ground; `dw`, `ddw` their
+    first and second derivative by the input, None where the order asked for does not reach
+    them. NaN where the status is not OK.
+
+    In float64: `distance` (n,) rad, the largest change of a variable from the row to the
+    solution; `residual` (n,) rad, by which the geometry as declared stays open (rounding,
+    except in over-constrained chains); `condition` (n,) of the closure Jacobian without
+    the inputs, in Frobenius norms: an error e of the geometry moves the configuration by
+    up to about `condition` times e, and it grows without bound towards singularities of
+    type II. `status` (n,): that of a row which failed already; NOT_CONVERGED;
+    MODE_LOST where the solution is farther than 1e-6 rad and than the row may be off by
+    its open loops, or others are as near;
+    AT_SINGULARITY where the Jacobian has no full rank in these numbers; NOT_CLOSED.
+    """
+
+    arithmetic: Digits
+    mechanism: Mechanism
+    driven: int
+    values: Balls
+    rates: Balls
+    rotations: Balls
+    axes: Balls
+    w: Balls
+    dw: Balls | None
+    ddw: Balls | None
+    distance: Floats
+    residual: Floats
+    condition: Floats
+    status: NDArray[np.int8]
+
+
+@checked(SolveError)
+def exact_rows(
+    motion: Motion,
+    rows: NDArray[np.bool_],
+    driven: int,
+    arithmetic: Digits | None = None,
+    order: int = 2,
+    inputs: Balls | None = None,
+) -> ExactRows:
+    """Return reference values of some rows of a motion.
+
+    The inputs, arcs, angles, radii and coefficients are taken as the float64 numbers
+    they are given by; axes and centres are made unit vectors of balls.
+
+    Parameters
+    ----------
+    motion
+        Any motion; its variables are the starts, its inputs are exact.
+    rows
+        (n,) which rows are wanted.
+    driven
+        Number of the input pair that moves.
+    arithmetic
+        By default of 20 digits.
+    order
+        1 for w alone, 2 for dw as well, 3 for ddw as well.
+    inputs
+        (rows wanted, inputs) balls (rad), which the motion's are rounded from; by default
+        its own are exact.
+
+    Raises
+    ------
+    SolveError
+        If the pair is not an input, or the order is not 1, 2 or 3.
+    """
+    (reference,) = exact_rows_by_input(motion, rows, (driven,), arithmetic, order, inputs)
+    return reference
+
+
+def exact_rows_by_input(
+    motion: Motion,
+    rows: NDArray[np.bool_],
+    driven: Sequence[int],
+    arithmetic: Digits | None = None,
+    order: int = 2,
+    inputs: Balls | None = None,
+    frames: Frames | None = None,
+) -> tuple[ExactRows, ...]:
+    """Return `exact_rows` for each of some inputs that move alone, the others held.
+
+    The configurations are found once; `frames` of R pairs are those of the numbers as they
+    are, or as written (`Written.r_frames`).
+    """
+    mechanism = motion.mechanism
+    for pair in driven:
+        if pair not in motion.assembly.inputs:
+            names = listing(mechanism.pairs[p].name for p in motion.assembly.inputs)
+            raise SolveError(
+                f"{mechanism.name}: pair number {pair} is not an input; inputs: {names}"
+            )
+    if order not in (1, 2, 3):
+        raise SolveError(f"order {order} was asked for; give 1, 2 or 3")
+    arithmetic = arithmetic or Digits(FEWEST)
+    chosen = motion.rows(np.asarray(rows, dtype=bool))
+    with arithmetic.within(), np.errstate(all="ignore"):
+        linkage = Linkage(mechanism, frames)
+        held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+        start = _start(chosen, held, exactly(chosen.inputs) if inputs is None else inputs)
+        solution = closed(linkage, start, held, arithmetic)
+        status = _judged(chosen, solution)
+        placed, _ = linkage.place(solution.values)
+        made = []
+        for pair in driven:
+            (moved,) = mechanism.variables_of(pair)
+            way = linkage.motion(
+                solution.values, solution.inverse, solution.free, moved, order
+            )
+            w = turning_rates(linkage.place(series(*way))[0], order)
+            values = (
+                solution.values,
+                way[1],
+                placed,
+                linkage.axes(solution.values, placed),
+                *w,
+            )
+            entries: list[Any] = [_where(status == Status.OK, balls) for balls in values]
+            entries += [None] * (3 - order)
+            entries += [solution.distance, solution.residual, solution.condition, status]
+            made.append(ExactRows(arithmetic, mechanism, pair, *entries))
+    return tuple(made)
+
+
+def _where(good: NDArray[np.bool_], balls: Balls) -> Balls:
+    """Return balls (n, ...) with NaN in the rows that are not good."""
+    kept = balls.copy()
+    kept[~good] = exactly(np.nan)[()]
+    return kept
+
+
+def _start(motion: Motion, held: Sequence[int], inputs: Balls) -> Balls:
+    """Return the starts (k, variables), with the inputs exactly as given.
+
+    Variables may have been brought into one turn; then so are the inputs.
+    """
+    start = exactly(motion.values)
+    for column, variable in enumerate(held):
+        off = motion.inputs[:, column] - motion.values[:, variable]
+        start[:, variable] = inputs[:, column] - np.round(off / TURN) * (2 * pi())
+    return start
+
+
+@final
+@dataclass(frozen=True)
+class Closed:
+    """Configurations (k, variables) that Newton's method reached from starts.
+
+    `inverse` (k, free, equations) is that of the Jacobian's columns of the `free`
+    variables. `first` and `second` are the sizes of the first steps, `rounding` what a step
+    may be that is none, `distance` the way from the start, and `status` is OK,
+    NOT_CONVERGED or AT_SINGULARITY.
+    """
+
+    values: Balls
+    free: list[int]
+    inverse: Balls
+    condition: Floats
+    residual: Floats
+    first: Floats
+    second: Floats
+    distance: Floats
+    status: NDArray[np.int8]
+    rounding: Floats
+
+
+def closed(
+    linkage: Linkage, start: Balls, held: Sequence[int], arithmetic: Digits
+) -> Closed:
+    """Return the solutions nearest to starts (k, variables), some of which are held.
+
+    A step ends the iteration when it is rounding: no longer shrinking, and small against
+    the conditioning.
+    """
+    eps, (k, count) = arithmetic.eps, start.shape
+    free = [v for v in range(count) if v not in held]
+    values, last = start.copy(), np.full(k, np.inf)
+    status = np.full(k, Status.NOT_CONVERGED, dtype=np.int8)
+    going, sizes = np.ones(k, dtype=bool), []
+    while True:
+        inverse, condition, gaps = linkage.inverse(values, free)
+        change = -(inverse @ gaps[..., None])[..., 0]
+        size = _largest(change)
+        rounding = ROUNDING * eps * condition
+        sizes.append(size)
+        ended = (size <= rounding) & ((size <= 4 * eps) | (size >= last / 2))
+        status[going & ended] = Status.OK
+        status[going & ~np.isfinite(size)] = Status.AT_SINGULARITY
+        going &= ~ended & (size <= 1.0)
+        if len(sizes) > STEPS or not np.any(going):
+            break
+        last = size
+        moved = np.where(going[:, None], change, exactly(0.0))
+        values[:, free] = middles(values[:, free] + moved)
+    residual, distance = _largest(gaps), _largest(values - start)
+    first, second = (sizes * 2)[:2] if len(sizes) == 1 else sizes[:2]
+    return Closed(
+        values,
+        free,
+        inverse,
+        condition,
+        residual,
+        first,
+        second,
+        distance,
+        status,
+        rounding,
+    )
+
+
+def _judged(motion: Motion, solution: Closed) -> NDArray[np.int8]:
+    """Return the status of rows: that of the motion, where this has failed already."""
+    status = solution.status.copy()
+    ok = status == Status.OK
+    wild = (solution.second > solution.rounding) & (
+        solution.second > CONTRACTION * solution.first
+    )
+    status[ok & (solution.residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
+    off = motion.configuration_error
+    near = np.maximum(np.where(np.isfinite(off), 2.0 * off, 0.0), RADIUS)
+    status[ok & (wild | (solution.distance > near))] = Status.MODE_LOST
+    unknown = motion.failed | ~np.all(np.isfinite(motion.values), axis=1)
+    given = np.where(motion.status == Status.OK, Status.NOT_CONVERGED, motion.status)
+    return np.where(unknown, given, status).astype(np.int8)
+
+
+def _largest(values: Balls) -> Floats:
+    """Return the largest size (k,) in each row of values (k, m)."""
+    return np.asarray(np.max(np.abs(floats(values)), axis=1, initial=0.0))
+
+
+def exact_motion(motion: Motion, rows: NDArray[np.bool_], exact: ExactRows) -> Motion:
+    """Return some rows (n,) of a motion with the configurations that `exact` has of them.
+
+    The residual is that by which the geometry as declared stays open.
+    """
+    return replace(
+        motion.rows(rows),
+        values=floats(exact.values),
+        placed=floats(exact.rotations),
+        residual=exact.residual,
+        status=exact.status,
+    )
+
+
+def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Balls:
+    """Return the unit vectors (n, 3) along a pole, on the side of `toward` (n, 3).
+
+    That is the axis or contact point of a pair of the two links, or else the direction of
+    their relative angular velocity; of its derivative, where they are at rest. In ground
+    axes; NaN where `toward` or the rows are, or where rounding could turn the direction by
+    1e-6 rad, as where the derivative vanishes as well.
+
+    Raises
+    ------
+    ValueError
+        If the rows were made with order 1, without derivatives.
+    """
+    if exact.dw is None:
+        raise ValueError("a direction needs rows of order 2 or 3")
+    with exact.arithmetic.within(), np.errstate(all="ignore"):
+        joined = exact.mechanism.pole_pairs.get((min(pole), max(pole)))
+        if joined is not None:
+            along = exact.axes[:, joined]
+        else:
+            floor = exact.arithmetic.eps * exact.condition
+            moving, change = (_relative(w, pole) for w in (exact.w, exact.dw))
+            turns = _above(moving, exact.w, pole, DIRECTED * floor)
+            rests = ~_above(moving, exact.w, pole, ROUNDING * floor)
+            leaves = _above(change, exact.dw, pole, DIRECTED * floor * exact.condition)
+            along = _where(
+                turns | (rests & leaves), np.where(turns[:, None], moving, change)
+            )
+        side = np.where(np.sum(floats(along) * toward, axis=1) < 0.0, -1.0, 1.0)
+        made = along * (side / _lengths(along))[:, None]
+        return _where(np.all(np.isfinite(toward), axis=1), made)
+
+
+def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleField:
+    """Return a field's poles with the numbers nearest to the reference values.
+
+    Parameters
+    ----------
+    exact
+        Reference rows, of order 2 at least, for the input that the request moves.
+    wanted
+        The request behind the field.
+    field
+        What was found for the same rows: signs are taken from it, and NaN stays NaN.
+
+    Returns
+    -------
+    PoleField
+        NaN, with the status of the reference, where there is no reference; `angle`,
+        `planes` and the bounds of errors are NaN, as they belong to the way in which poles
+        were found.
+    """
+    if exact.dw is None:
+        raise ValueError("a field needs rows of order 2 or 3")
+    made: dict[str, Any] = {"direction": {}}
+    for name in (
+        *("angle", "planes", "error"),
+        *("velocity_coefficient_error", "acceleration_coefficient_error"),
+    ):
+        given = getattr(field, name)
+        made[name] = {pole: np.full_like(x, np.nan) for pole, x in given.items()}
+    with exact.arithmetic.within():
+        for pole in wanted.poles:
+            unit = exact_direction(exact, pole, field.direction[pole])
+            blind = ~np.all(np.isfinite(floats(unit)), axis=1)
+            made["direction"][pole] = floats(unit)
+            for name, w in (
+                ("velocity_coefficient", exact.w),
+                ("acceleration_coefficient", exact.dw),
+            ):
+                v, given = _relative(w, pole), getattr(field, name)[pole]
+                along = np.where(blind, _lengths(v), np.sum(v * unit, axis=1))
+                along = np.where(np.isnan(given), np.nan, floats(along))
+                made.setdefault(name, {})[pole] = along
+    for name, w in (("w", exact.w), ("dw", exact.dw)):
+        made[name] = {
+            link: np.where(np.isnan(given), np.nan, floats(w[:, link]))
+            for link, given in getattr(field, name).items()
+        }
+    status, *codes = (
+        np.where(exact.status == Status.OK, given, exact.status).astype(np.int8)
+        for given in (field.status, *(field.pole_status[pole] for pole in wanted.poles))
+    )
+    made["pole_status"] = dict(zip(wanted.poles, codes, strict=True))
+    return replace(field, status=status, **made)
+
+
+def _relative(w: Balls, pole: Pole) -> Balls:
+    return np.asarray(w[:, pole[1]] - w[:, pole[0]])
+
+
+def _above(vectors: Balls, rates: Balls, pole: Pole, floor: Floats) -> NDArray[np.bool_]:
+    """Return (n,) whether differences (n, 3) of the rates of two links are not rounding."""
+    size = np.max(np.abs(floats(rates[:, list(pole)])), axis=(1, 2))
+    largest = np.max(np.abs(floats(vectors)), axis=1)
+    return np.asarray(largest > floor * np.maximum(size, 1.0))
+
+
+def _lengths(vectors: Balls) -> Balls:
+    """Return lengths (n,) of the centres of vectors (n, 3): a ball about 0 has no root."""
+    return np.asarray(square_root(np.sum(middles(vectors) ** 2, axis=1)))

@@ -1,0 +1,441 @@
+"""The motion that follows from the loads in balls: a reference for simulations.
+
+Of the variables the one that moves most is the coordinate c, its choice made anew for each
+step. With B the equivalent inertia and Q the generalised force by c, Eksergian's equation
+(Di Gregorio 2024, eq. (9)) is
+
+    dc/dt = p / sqrt(B),   dp/dt = Q / sqrt(B),
+
+for p = sqrt(B) dc/dt, whose square is twice the kinetic energy. In each step dc/dt and
+dp/dt are series of Legendre polynomials through Gauss's nodes, found by Picard's iteration
+from a float64 solution; at each of its turns the loops are closed once more by a step of
+Newton's method with c held. The geometry is the declared one, see `spherekit.proof.rows`.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, final
+
+import numpy as np
+
+from spherekit.conventions import Status
+from spherekit.errors import EngineError
+from spherekit.model.mechanism import Mechanism
+from spherekit.proof.balls import (
+    Ball,
+    Balls,
+    Digits,
+    coefficient,
+    exact,
+    exactly,
+    floats,
+    library,
+    middles,
+    series,
+    square_root,
+)
+from spherekit.proof.forces import Forces, Moving, Sides, inertia
+from spherekit.proof.linkage import Linkage, left_inverse, turning_rates
+from spherekit.proof.rows import Closed, closed
+from spherekit.sphere.rotation import Floats
+
+SWEEPS = 40
+"""Most turns of Picard's iteration; a step that needs more is too long."""
+
+FEW = 15
+"""Turns after which a step is longer than is cheap."""
+
+ACCEPTED = 16
+"""Roundings by which a step's last terms may move it."""
+
+CHANGED = 2
+"""Roundings by which the last turn of Picard's iteration may."""
+
+SETTLED = 1e5
+"""Roundings below which a change that no longer shrinks is rounding,"""
+
+SURE = 10
+"""from this turn on; before, the iteration may not yet converge."""
+
+SHORTEST = 1e-10
+"""A step shorter than this part of the whole time is not an use."""
+
+PREFERRED = 1.5
+"""Another variable becomes the coordinate where it moves this many times as fast."""
+
+GRID = 4
+"""Places, for each node of a step, at which conditions are looked at."""
+
+Guess = Callable[[Floats], tuple[Floats, Floats]]
+"""Approximate variables (n, variables) rad, whole turns included, and their rates by
+time, at times (n,) s."""
+
+EndKind = Literal["time", "stop", "sticking"]
+
+
+@final
+@dataclass(frozen=True)
+class ExactStates:
+    """A simulation at n times, as balls.
+
+    `values`, `rates`, `second` (n, variables): the variables with whole turns, rad, and
+    their first and second derivative by time.
+    """
+
+    t: Balls
+    values: Balls
+    rates: Balls
+    second: Balls
+
+
+@final
+class _Legendre:
+    """Series of `count` Legendre polynomials on [-1, 1], from values at Gauss's nodes.
+
+    `nodes` (count,) are these, `from_values` (count, count) gives the coefficients, and
+    `to_integrals` (count, count) the integrals from -1 to the nodes.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count, arb = count, library().arb
+        rows = [arb.legendre_p_root(count, k, weight=True) for k in reversed(range(count))]
+        self.nodes, weights = middles(np.array(rows)).T
+        odd = np.arange(count) + 0.5
+        polynomials = _polynomials(self.nodes, count)
+        self.from_values = middles((polynomials * weights[:, None] * odd).T)
+        self.to_integrals = middles(self.integrals(self.nodes) @ self.from_values)
+
+    def integrals(self, x: Balls) -> Balls:
+        """Return (n, count): the integrals from -1 to x (n,) of the polynomials.
+
+        From (2 k + 1) P_k = (P_{k+1} - P_{k-1})'.
+        """
+        every = _polynomials(x, self.count + 1)
+        odd = 2 * np.arange(1, self.count) + 1
+        inner = (every[:, 2:] - every[:, :-2]) / odd
+        return np.concatenate([(x + 1)[:, None], inner], axis=1)
+
+    def value(self, coefficients: Balls, x: Ball) -> Ball:
+        """Return the series with coefficients (count,) at x."""
+        return (_polynomials(np.array([x]), self.count) @ coefficients)[0]
+
+
+def _polynomials(x: Balls, count: int) -> Balls:
+    """Return the first `count` Legendre polynomials at x (n,), as (n, count)."""
+    polynomials = [x * 0 + 1, x][:count]
+    for k in range(1, count - 1):
+        polynomials.append(
+            ((2 * k + 1) * x * polynomials[k] - k * polynomials[k - 1]) / (k + 1)
+        )
+    return np.stack(polynomials, axis=-1)
+
+
+@final
+@dataclass(frozen=True)
+class _Step:
+    """A step from `start` (s), `length` long: `moves`, `pushes` (count,) series.
+
+    They are those of the rates of the coordinate, the variable `along`, and of p, which
+    are `c` and `p` at its start. `sides` are those of the switches; `conditions` and
+    `values` are theirs and the variables at the nodes. `error` is the size of its last
+    terms in roundings, `sweeps` the turns it took.
+    """
+
+    start: Ball
+    length: Ball
+    along: int
+    c: Ball
+    p: Ball
+    moves: Balls
+    pushes: Balls
+    sides: Floats
+    conditions: list[Balls]
+    values: Balls
+    error: float
+    sweeps: int
+
+
+@final
+class ExactSimulation:
+    """The motion of a single-DOF mechanism from a start, under its loads.
+
+    It goes from t = 0 to `end` (s), where it ended by `kind`: the time asked for, a stop,
+    or dry friction that would turn back at once. `switches` are the times (s) of its kinks.
+
+    Parameters
+    ----------
+    arithmetic
+        The digits to compute with.
+    mechanism
+        With masses; all its loads act.
+    driven, q, dq
+        The variable whose value (rad) and rate (rad/s) at t = 0 are given, exactly.
+    until
+        The time (s) to go to; beyond a stop, no further.
+    guess
+        A float64 solution.
+
+    Raises
+    ------
+    EngineError
+        If no step is short enough, or the configuration at the start is singular by the
+        driven variable.
+    """
+
+    def __init__(
+        self,
+        arithmetic: Digits,
+        mechanism: Mechanism,
+        driven: int,
+        q: float,
+        dq: float,
+        until: float,
+        guess: Guess,
+    ) -> None:
+        self.arithmetic, self.mechanism, self.until = arithmetic, mechanism, until
+        self._guess = guess
+        self._largest = 0.0
+        self._stops = [
+            (mechanism.variables_of(mechanism.pair_number[stop.pair])[0], stop)
+            for stop in mechanism.stops
+        ]
+        self._steps: list[_Step] = []
+        self.switches: list[Ball] = []
+        self.kind: EndKind = "time"
+        with arithmetic.within():
+            self.end = exact(0.0)
+            self._linkage = Linkage(mechanism)
+            self._forces = Forces(mechanism)
+            self._series = _Legendre(10 + arithmetic.digits)
+            self._grid = np.linspace(-1.0, 1.0, GRID * self._series.count + 1)[1:]
+            self._run(driven, q, dq)
+
+    def at(self, t: Floats) -> ExactStates:
+        """Return the motion at times t (n,) s from 0 to the end.
+
+        Times after it count as the end.
+        """
+        t = np.asarray(t, dtype=float)
+        with self.arithmetic.within():
+            times = np.where(t >= float(self.end), self.end, exactly(t))
+            starts = np.array([float(step.start) for step in self._steps])
+            owner = np.searchsorted(starts, t, side="right") - 1
+            owner = np.clip(owner, 0, len(starts) - 1)
+            states = np.empty(
+                (3, len(t), len(self.mechanism.variable_owners)), dtype=object
+            )
+            for number in np.unique(owner):
+                rows = owner == number
+                states[:, rows] = self._states(self._steps[number], times[rows])
+        return ExactStates(times, *states)
+
+    def _states(self, step: _Step, t: Balls) -> list[Balls]:
+        """Return the variables and their two derivatives by time within a step."""
+        along = step.along
+        c, p = self._reached(step, 2 * (t - step.start) / step.length - 1)
+        configuration = self._closed(t, c, along)
+        way = self._linkage.motion(
+            configuration.values, configuration.inverse, configuration.free, along, 2
+        )
+        placed, _ = self._linkage.place(series(*way))
+        (w, dw), placed = turning_rates(placed, 2), coefficient(placed, 0)
+        B, dB = inertia(self.mechanism, placed, w, dw)
+        speed = p / square_root(B)
+        moving = Moving(configuration.values, way[1], w, placed, speed, t)
+        force, _ = self._forces.at(moving, step.sides, float(step.start + step.length / 2))
+        change = (force - dB * speed * speed / 2) / B
+        rates, square = way[1] * speed[:, None], (speed * speed)[:, None]
+        return [configuration.values, rates, way[1] * change[:, None] + 2 * way[2] * square]
+
+    def _closed(self, t: Balls, c: Balls, along: int) -> Closed:
+        """Return the closed configurations at times with a variable held."""
+        values = exactly(self._guess(floats(t))[0])
+        values[:, along] = c
+        configuration = closed(self._linkage, values, [along], self.arithmetic)
+        if np.any(configuration.status != Status.OK):
+            raise EngineError(
+                f"{self.mechanism.name}: a configuration is singular by variable "
+                f"{self.mechanism.variable_names[along]}; start beside it"
+            )
+        return configuration
+
+    def _moving(self, values: Balls, along: int, t: Balls) -> tuple[Moving, Balls, Balls]:
+        """Return rates and inertia by a coordinate, and a step that closes the loops."""
+        linkage = self._linkage
+        free = [v for v in range(values.shape[1]) if v != along]
+        placed, gaps = linkage.place(values)
+        vectors = linkage.vectors(values, placed)
+        jacobian = linkage.jacobian(vectors)
+        inverse, _ = left_inverse(jacobian[:, :, free])
+        rates = exactly(np.zeros(values.shape))
+        miss = rates.copy()
+        rates[:, along] = exact(1.0)
+        rates[:, free] = -(inverse @ jacobian[:, :, along, None])[..., 0]
+        miss[:, free] = -(inverse @ gaps[..., None])[..., 0]
+        w = linkage.velocities(vectors, rates)
+        B, _ = inertia(self.mechanism, placed, w, w)
+        return Moving(values, rates, w, placed, t, t), square_root(B), miss
+
+    def _run(self, driven: int, q: float, dq: float) -> None:
+        start = exactly(np.zeros(1))
+        values = self._closed(start, exactly([q]), driven).values
+        moving, size, _ = self._moving(values, driven, start)
+        p, along = size[0] * exact(dq), driven
+        targets = [*self._forces.knots(self.until), exact(self.until)]
+        sides: Sides = None
+        flipped: int | None = None
+        length = targets[0] / 16
+        while targets:
+            # where another variable moves faster, it is the coordinate from here on
+            rates = floats(moving.rates[0])
+            best = int(np.argmax(np.abs(rates)))
+            if abs(rates[best]) > PREFERRED:
+                along, p = best, p if rates[best] > 0.0 else -p
+            left = (targets[0] - self.end).mid()
+            length = left if left < length else length
+            step = self._solved(values[0, along], p, along, length, left, sides)
+            x, switch, at_once = min(
+                self._roots(step),
+                key=lambda root: float(root[0]),
+                default=(exact(1.0), None, False),
+            )
+            if at_once and switch == flipped:
+                self.kind = "sticking"
+                break
+            self._steps.append(step)
+            c, (p,) = self._reached(step, np.array([x]))
+            self._largest = max(self._largest, abs(float(p)))
+            whole = switch is None and step.length is left
+            self.end = (
+                targets[0] if whole else (step.start + step.length * (x + 1) / 2).mid()
+            )
+            values = self._closed(np.array([self.end]), c, along).values
+            moving, *_ = self._moving(values, along, start)
+            sides, flipped = step.sides.copy(), switch
+            if switch == -1:
+                self.kind = "stop"
+                break
+            if switch is not None:
+                sides[switch] = -sides[switch]
+                self.switches.append(self.end)
+            elif whole:
+                targets.pop(0)
+            factor = 0.9 * (ACCEPTED / max(step.error, 1e-3)) ** (1 / self._series.count)
+            factor = min(factor, 0.8) if step.sweeps > FEW else factor
+            length = (step.length * float(np.clip(factor, 0.3, 1.5))).mid()
+        if not self._steps:
+            raise EngineError(f"{self.mechanism.name}: the motion ends where it starts")
+
+    def _solved(
+        self, c: Ball, p: Ball, along: int, length: Ball, left: Ball, sides: Sides
+    ) -> _Step:
+        """Return a step from the end so far, shortened until it is accurate."""
+        while True:
+            if float(length) < SHORTEST * self.until and float(length) < float(left):
+                raise EngineError(
+                    f"{self.mechanism.name}: no step of the reference is short enough at "
+                    f"{float(self.end):.6g} s; smooth the loads"
+                )
+            step = self._picard(c, p, along, length, sides)
+            factor = 0.5
+            if step is not None:
+                if step.error <= ACCEPTED:
+                    return step
+                factor = 0.9 * (ACCEPTED / step.error) ** (1 / self._series.count)
+            length = (length * float(np.clip(factor, 0.1, 0.9))).mid()
+
+    def _picard(
+        self, c: Ball, p: Ball, along: int, length: Ball, sides: Sides
+    ) -> _Step | None:
+        """Return a step of a length, None where the iteration does not end."""
+        series, half = self._series, length / 2
+        t = self.end + half * (series.nodes + 1)
+        inside = float(self.end + half)
+        near, pace = self._guess(floats(t))
+        values, speed = exactly(near), exactly(pace[:, along])
+        here = values[:, along] = middles(c + half * (series.to_integrals @ speed))
+        push: Balls | None = None
+        last = first = np.inf
+        for sweep in range(1, SWEEPS + 1):
+            moving, size, miss = self._moving(values, along, t)
+            push = size * speed if push is None else push
+            moving.speed = speed = push / size
+            if sides is None:
+                _, seen = self._forces.at(moving, None, inside)
+                sides = np.array([np.sign(float(x[0])) or 1.0 for x in seen])
+            force, conditions = self._forces.at(moving, sides, inside)
+            drive = force / size
+            there = middles(c + half * (series.to_integrals @ speed))
+            pushed = middles(p + half * (series.to_integrals @ drive))
+            values = middles(values + miss + moving.rates * (there - here)[:, None])
+            values[:, along] = there
+            scale = max(self._largest, _size(pushed), abs(float(p))) or 1.0
+            moved = _size(there - here), _size(miss), _size(pushed - push) / scale
+            change = max(moved) / self.arithmetic.eps
+            here, push = there, pushed
+            first = min(first, change) if sweep <= 2 else first
+            if not np.isfinite(change) or (sweep > 6 and change > 10 * first):
+                return None
+            if change <= CHANGED or (sweep >= SURE and last / 2 <= change <= SETTLED):
+                moves, pushes = (series.from_values @ x for x in (speed, drive))
+                terms = max(_size(moves[-2:]), _size(pushes[-2:]) / scale)
+                error = float(length) / (4 * series.count) / self.arithmetic.eps * terms
+                return _Step(
+                    self.end,
+                    length,
+                    along,
+                    c,
+                    p,
+                    moves,
+                    pushes,
+                    sides,
+                    conditions,
+                    values,
+                    error,
+                    sweep,
+                )
+            last = change
+        return None
+
+    def _reached(self, step: _Step, x: Balls) -> tuple[Balls, Balls]:
+        """Return the coordinate and p at places x (n,) in [-1, 1] of a step."""
+        integrals = self._series.integrals(x) * (step.length / 2)
+        reached = step.c + integrals @ step.moves, step.p + integrals @ step.pushes
+        return middles(reached[0]), middles(reached[1])
+
+    def _roots(self, step: _Step) -> Iterator[tuple[Ball, int, bool]]:
+        """Yield where in a step conditions first turn: place, switch, whether at once.
+
+        Stops have the number -1.
+        """
+        signed = [
+            (number, condition * (side * np.ones(self._series.count)))
+            for number, (condition, side) in enumerate(
+                zip(step.conditions, step.sides, strict=True)
+            )
+        ]
+        for variable, stop in self._stops:
+            value = step.values[:, variable]
+            signed += [(-1, value - exact(stop.low)), (-1, exact(stop.high) - value)]
+        for switch, values in signed:
+            series = self._series.from_values @ values
+            shown = np.polynomial.legendre.legval(self._grid, floats(series))
+            (beyond,) = np.nonzero(shown < 0.0)
+            if not len(beyond):
+                continue
+            first = int(beyond[0])
+            low, high = (
+                exact(self._grid[first - 1] if first else -1.0),
+                exact(self._grid[first]),
+            )
+            for _ in range(int(3.4 * self.arithmetic.digits) + 8):
+                middle = (low + high).mid() / 2
+                if self._series.value(series, middle).mid() < 0:
+                    high = middle
+                else:
+                    low = middle
+            yield high, switch, first == 0
+
+
+def _size(balls: Any) -> float:
+    return float(np.max(np.abs(floats(balls)), initial=0.0))
