@@ -2,7 +2,7 @@
 
 The closure of the loops, the rates and their derivatives, all poles and how they turn,
 and what each of them may be off by: bounds of norms as in
-`spherekit.rates.errors.rough_errors`, with what the numbers given leave over in the
+`spherekit.rates.core.rough_errors`, with what the numbers given leave over in the
 equations.
 """
 

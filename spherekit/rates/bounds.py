@@ -66,7 +66,7 @@ def mended_and_bounded(
             drawn = np.nan_to_num(drawn_errors[pole][rows], nan=1.0)
             given = drawn
             if pole not in pairs and np.any(weak[rows]):
-                slack = errors.slip * errors.turned_between(i, j) + norm(off) + EPS * size
+                slack = errors.slip * errors.sizes(i, j)[0] + norm(off) + EPS * size
                 doubt = np.fmin(slack / length, 1.0)
                 better = weak[rows] & (doubt < drawn)
                 unit[:, better] = v[:, better] / length[better]
@@ -87,7 +87,7 @@ def mended_and_bounded(
             change += more_bent + direction * norm(dv)
             bad = ~(direction < USABLE_DIRECTION)
             if np.any(bad):
-                _, all_w, all_dw = errors.of_vectors(i, j)
+                _, all_w, all_dw = errors.off(*errors.sizes(i, j))
                 rate[bad] = (norm(v) + all_w + errors.numbers * size)[bad]
                 all_dw += norm(dv) + errors.numbers * (size + swing)
                 change[bad] = all_dw[bad]

@@ -13,11 +13,12 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import SINGULAR_RATIO
+from spherekit.conventions import EPS, SINGULAR_RATIO
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
 from spherekit.numeric.rows import ArrayRows
-from spherekit.rates.errors import RateErrors, RoughErrors, rate_errors, rough_errors
+from spherekit.rates.vectors import cross, norm
 from spherekit.sphere.rotation import Floats
 
 INCONSISTENT = 1e-10
@@ -30,8 +31,10 @@ SECOND_ORDER = 4.0
 """Errors of second order, over those of first times the bend of the loops, at most."""
 GOOD = 1e-10
 """Where no derivative can be off by more, norms are enough to say so."""
-PIECE = 4096
+PIECE = 1024
 """Rows whose errors are followed at once."""
+STEP = 1e-6
+"""Largest move (rad) of the difference that these are followed with."""
 
 
 @final
@@ -73,10 +76,10 @@ class Equations(ArrayRows):
     reciprocal_condition: Floats
 
     @cached_property
-    def errors(self) -> RateErrors:
+    def errors(self) -> "RateErrors":
         """What the rates may be off by."""
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            return rate_errors(self.motion, self.inverse, self.rates, self.change)
+            return rate_errors(self)
 
     @cached_property
     def _largest(self) -> tuple[NDArray[np.bool_], Floats, Floats]:
@@ -87,10 +90,7 @@ class Equations(ArrayRows):
         near = ~(self.reciprocal_condition >= NEARLY_FLAT)
         off = np.zeros((2, len(near)))
         if np.any(near):
-            whole = len(near) <= PIECE
-            errors = self.errors if whole else self.rows(near).errors
-            rows = near if whole else np.ones(int(np.sum(near)), dtype=bool)
-            off[:, near] = errors.largest(rows)[1:]
+            off[:, near] = self.rows(near).errors.largest()[1:]
         return near, *off
 
     @cached_property
@@ -116,9 +116,7 @@ class Equations(ArrayRows):
         part = SECOND_ORDER * np.fmin(self.motion.bend, 0.5)
         return part * off[0], part * off[1]
 
-    def parts(
-        self,
-    ) -> Iterator[tuple[NDArray[np.intp], "Equations", RateErrors | RoughErrors]]:
+    def parts(self) -> Iterator[tuple[NDArray[np.intp], "Equations", "RoughErrors"]]:
         """Yield all rows in groups: their numbers, their equations, and their errors.
 
         First those that norms alone show to be good.
@@ -126,21 +124,225 @@ class Equations(ArrayRows):
         left = np.ones(len(self.motion), dtype=bool)
         if not self.motion.mechanism.has_contacts:
             with np.errstate(invalid="ignore", over="ignore"):
-                rough = rough_errors(self.motion, self.inverse, self.rates, self.change)
-                left = ~((rough.widest < GOOD) & (self.reciprocal_condition >= NEARLY_FLAT))
-            rows = np.flatnonzero(~left)
-            yield (
-                rows,
-                self if len(rows) == len(left) else self.rows(~left),
-                rough.take(rows),
-            )
+                rough = rough_errors(self)
+                _, _, widest = rough.off(np.max(rough.turned, axis=1), rough.w, rough.dw)
+                left = ~((widest < GOOD) & (self.reciprocal_condition >= NEARLY_FLAT))
+            good = self.rows(~left) if np.any(left) else self
+            yield np.flatnonzero(~left), good, rough.rows(~left)
         rest = np.flatnonzero(left)
         for start in range(0, len(rest), PIECE):
             rows = rest[start : start + PIECE]
-            chosen = np.zeros(len(left), dtype=bool)
-            chosen[rows] = True
-            part = self if len(rows) == len(left) else self.rows(chosen)
+            part = self if len(rows) == len(left) else self.rows(rows)
             yield rows, part, part.errors
+
+
+@dataclass(frozen=True)
+class RoughErrors(ArrayRows):
+    """What rates of R pairs may be off by, from norms alone.
+
+    Quick, and two or three digits too wide. A configuration closes its loops up to their
+    residual and the rounding of the numbers they are made of. Whichever way they stay open,
+    the links lie elsewhere, their axes with them, and so the velocity equations have other
+    coefficients. `turned` (n, links) and `w`, `dw` (n,) bound the sums over these ways,
+    three a loop, of what orientations, rates and their derivatives change by when loops
+    open by one radian. `open`, `slip`, `bend` (n,) bound how far the loops, their velocity
+    equations and those of second derivatives are from closed, in each way. `numbers` (rad)
+    is the rounding of the axes themselves: two, and one for each pair on the way from the
+    ground.
+    """
+
+    turned: Floats
+    w: Floats
+    dw: Floats
+    open: Floats
+    slip: Floats
+    bend: Floats
+    numbers: float
+    tree: LoopTree
+
+    def sizes(self, i: int, j: int) -> tuple[Floats, Floats, Floats]:
+        """Return (n,) what link j turns by, its w and dw change by, seen from link i."""
+        return self.turned[:, i] + self.turned[:, j], 2.0 * self.w, 2.0 * self.dw
+
+    def off(self, turned: Floats, w: Floats, dw: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return (n,) bounds of the errors of an orientation, w and dw, from such sizes."""
+        return (
+            self.open * turned,
+            self.open * w + self.slip * turned,
+            self.open * dw + 3.0 * self.slip * w + self.bend * turned,
+        )
+
+    def along(self, i: int, j: int, unit: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return (n,) bounds of the errors of w and dw, of link j seen from i.
+
+        Along `unit` (3, n); the third is that of w across it.
+        """
+        del unit
+        _, w, dw = self.off(*self.sizes(i, j))
+        return w.copy(), dw, w
+
+    def of_axis(self, pair: int) -> Floats:
+        """Return (n,) a bound of what the axis of a pair is off by, rad."""
+        return np.asarray(self.numbers + self.open * self.turned[:, self.tree.firsts[pair]])
+
+
+@final
+@dataclass(frozen=True)
+class RateErrors(RoughErrors):
+    """The same of any pairs, with each way followed to first order through the rates.
+
+    `turned`, `w` and `dw` (links, 3, ways, n) are what links do, `axes` (pairs, 3, ways, n)
+    is what axes turn by; nothing is left out where a number happens to be round.
+    """
+
+    axes: Floats
+
+    def sizes(self, i: int, j: int) -> tuple[Floats, Floats, Floats]:
+        """See `RoughErrors`."""
+        parts = (self.turned, self.w, self.dw)
+        turned, w, dw = (_sum_of_sizes(part[j] - part[i]) for part in parts)
+        return turned, w, dw
+
+    def largest(self) -> tuple[Floats, Floats, Floats]:
+        """Return bounds (n,) of the errors of any link's orientation, w and dw."""
+        every = [self.sizes(0, link) for link in range(self.tree.count)]
+        turned, w, dw = (
+            np.max(np.stack(sizes), axis=0) for sizes in zip(*every, strict=True)
+        )
+        return self.off(turned, w, dw)
+
+    def along(self, i: int, j: int, unit: Floats) -> tuple[Floats, Floats, Floats]:
+        """See `RoughErrors`."""
+        turned, _, _ = self.sizes(i, j)
+        w, dw = (part[j] - part[i] for part in (self.w, self.dw))
+        along, bent = (np.einsum("kn,kwn->wn", unit, part) for part in (w, dw))
+        slip, whole = self.slip * turned, _sum_of_sizes(w)
+        across = _sum_of_sizes(w - unit[:, None] * along)
+        rate = self.open * np.sum(np.abs(along), axis=0) + slip
+        change = self.open * np.sum(np.abs(bent), axis=0)
+        change += 3.0 * self.slip * whole + self.bend * turned
+        return rate, change, self.open * across + slip
+
+    def of_axis(self, pair: int) -> Floats:
+        """See `RoughErrors`."""
+        return np.asarray(self.numbers + self.open * _sum_of_sizes(self.axes[pair]))
+
+
+def _sum_of_sizes(vectors: Floats) -> Floats:
+    """Return (n,) the sum of the sizes, by components, of vectors (3, ways, n)."""
+    return np.asarray(np.sum(np.abs(vectors), axis=(0, 1)))
+
+
+def _numbers(tree: LoopTree) -> float:
+    """Return the rounding (rad) of axes that are placed from the ground."""
+    return EPS * (2.0 + tree.longest_path)
+
+
+def rough_errors(solved: Equations) -> RoughErrors:
+    """Return what the rates of links that R pairs join may be off by, from norms."""
+    motion, tree = solved.motion, solved.motion.linearisation.tree
+    moved = np.zeros((solved.rates.shape[1], *solved.inverse.shape[2:], len(motion)))
+    moved[list(motion.free)] = np.abs(np.moveaxis(solved.inverse, 0, -1))
+    speed, bent = np.abs(solved.rates.T), np.abs(solved.change.T)
+    used = np.abs(tree.paths)
+    ways = _summed(used, moved)
+    most = np.sum(np.max(ways, axis=0), axis=0)
+    fast, bends = np.sum(speed, axis=0), np.sum(bent, axis=0)
+    spin = np.max(used @ speed, axis=0)
+    dw = bends * most + fast * (fast * most * (1.0 + most) + spin * most)
+    dw += spin * np.sum(moved, axis=(0, 1)) * fast * most
+    numbers = _numbers(tree)
+    return RoughErrors(
+        np.sum(ways, axis=1).T,
+        fast * most * (1.0 + most),
+        dw * (1.0 + most),
+        motion.gap,
+        numbers * fast,
+        numbers * (bends + 2.0 * fast * spin),
+        numbers,
+        tree,
+    )
+
+
+def rate_errors(solved: Equations) -> RateErrors:
+    """Return what the rates of links at the rows of a motion may be off by."""
+    motion, at = solved.motion, solved.motion.linearisation
+    n, _, ways = solved.inverse.shape
+    tree, free = at.tree, list(motion.free)
+    back = np.ascontiguousarray(np.moveaxis(solved.inverse, 0, -1))
+    vectors = np.tile(_columns(motion.vectors), ways)
+    rates, change = (np.tile(x.T, ways)[:, None] for x in (solved.rates, solved.change))
+    contacts = motion.mechanism.has_contacts
+    if contacts:
+        at = at.take(np.tile(np.arange(n), ways))
+
+    def turn(w: Floats) -> tuple[Floats, Floats]:
+        """Return how vectors and axes of pairs change as links (links, 3, rows) turn."""
+        if contacts:
+            turned = at.turned(_rows(w))
+            return _columns(turned.vectors), _columns(turned.axes)
+        carried = cross(w[tree.firsts], vectors)
+        return carried, carried
+
+    def moved_by(opened: Floats) -> Floats:
+        """Return what variables (V, 1, rows) change by as loops open (ways, ways, n)."""
+        moved = np.zeros(rates.shape)
+        moved[free, 0] = np.einsum("fen,ewn->fwn", back, opened).reshape(len(free), -1)
+        return moved
+
+    def followed(skew: Floats) -> tuple[Floats, Floats]:
+        """Return what variables and links do where vectors' parts (V, 3, rows) skew."""
+        moved = moved_by(-_summed(tree.signs, skew).reshape(ways, ways, n))
+        return moved, _summed(tree.paths, skew + vectors * moved)
+
+    moved = moved_by(np.broadcast_to(np.eye(ways)[..., None], (ways, ways, n)))
+    turned = _summed(tree.paths, vectors * moved)
+    first, axes = turn(turned)
+    faster, w = followed(first * rates)
+    turning = _summed(tree.paths, vectors * rates)
+    changes, _ = turn(turning)
+    if contacts:
+        # How the changes of vectors change themselves is a difference along the way.
+        largest = [np.max(np.abs(x), axis=(0, 1), initial=1.0) for x in (turned, moved)]
+        h = STEP / np.maximum(*largest)
+        placed = at.placed + np.cross(_rows(h * turned)[..., None], at.placed, axis=2)
+        values = at.values + (h * moved[:, 0]).T
+        at = Linearisation(tree, at.joints, values, None, placed)
+        second = (turn(turning + h * w)[0] - changes) / h
+    else:
+        second = turn(w)[0] + cross(turning[tree.firsts], first)
+    _, dw = followed(first * change + second * rates + changes * faster)
+    size, swing = norm(vectors), norm(changes)
+    swing += norm(turning)[tree.firsts][list(tree.owners)] * size
+    speed, bent, numbers = np.abs(rates[:, 0]), np.abs(change[:, 0]), _numbers(tree)
+    shape = -1, 3, ways, n
+    return RateErrors(
+        turned.reshape(shape),
+        w.reshape(shape),
+        dw.reshape(shape),
+        motion.gap,
+        numbers * np.sum(speed * size, axis=0)[:n],
+        numbers * np.sum(bent * size + speed * swing, axis=0)[:n],
+        numbers,
+        tree,
+        axes.reshape(shape),
+    )
+
+
+def _summed(signs: Floats, parts: Floats) -> Floats:
+    """Return the sums (m, 3, n) of parts (V, 3, n) with signs (m, V) of 1, 0 or -1."""
+    add = np.add.reduce
+    return np.stack([add(parts[row > 0.0]) - add(parts[row < 0.0]) for row in signs])
+
+
+def _columns(rows: Floats) -> Floats:
+    """Return (m, 3, n) from (n, m, 3)."""
+    return np.ascontiguousarray(np.moveaxis(rows, 0, -1))
+
+
+def _rows(columns: Floats) -> Floats:
+    """Return (n, m, 3) from (m, 3, n)."""
+    return np.ascontiguousarray(np.moveaxis(columns, -1, 0))
 
 
 def driven_rates(motion: Motion, rows: NDArray[np.bool_], driven: int) -> LinkRates:
