@@ -83,10 +83,10 @@ if TYPE_CHECKING:
     from spherekit.model.laws import Polynomial as Polynomial
     from spherekit.model.laws import Start as Start
     from spherekit.model.laws import Tabulated as Tabulated
+    from spherekit.model.load import TorqueTable as TorqueTable
     from spherekit.model.locking import lock as lock
     from spherekit.model.mechanism import Mechanism as Mechanism
     from spherekit.model.study import Study as Study
-    from spherekit.model.torque_table import TorqueTable as TorqueTable
     from spherekit.motion.motion import Motion as Motion
     from spherekit.motion.motion import trace as trace
     from spherekit.output.forward import ForwardKinematics as ForwardKinematics

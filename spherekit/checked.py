@@ -284,7 +284,7 @@ class Style(NamedTuple):
 
     simple: Mapping[Any, str]
     choice: Callable[[Iterable[Any]], str]
-    each: Callable[[Sequence[str]], str]
+    items: Callable[[Sequence[str]], str]
     many: str
 
 
@@ -314,7 +314,7 @@ def in_words(hint: Any, style: Style = _PYTHON) -> str:
         said = [in_words(part, style) for part in _parts(inner)]
         return " or ".join(dict.fromkeys(filter(None, said)))
     if origin is tuple and inner[1:] != (...,):
-        return style.each(said)
+        return style.items(said)
     if origin in (Sequence, Iterable, tuple):
         return style.many.format(*said)
     if origin in (Mapping, dict):

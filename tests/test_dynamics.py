@@ -32,8 +32,8 @@ from spherekit.errors import (
 )
 from spherekit.model.dynamics import Friction, Gravity, Mass, PairTorque, Spring, Stop
 from spherekit.model.laws import ConstantSpeed, Polynomial, Start
+from spherekit.model.load import TorqueTable
 from spherekit.model.parts import Profile
-from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.motion import Tracer
 
 

@@ -37,9 +37,9 @@ from spherekit.model.dynamics import (
     Stop,
 )
 from spherekit.model.laws import Start
+from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mass, Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
-from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate

@@ -28,6 +28,7 @@ from spherekit.model.dynamics import (
     Spring,
     Stop,
 )
+from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
     Input,
@@ -39,7 +40,6 @@ from spherekit.model.parts import (
     SizeGeometry,
     Source,
 )
-from spherekit.model.torque_table import TorqueTable
 
 UNITS = ("deg", "rad")
 USER = {

@@ -24,7 +24,7 @@ from spherekit.model.dynamics import (
 )
 from spherekit.model.geometry import link_axes
 from spherekit.model.inertia import uniform_arc
-from spherekit.model.torque_table import TorqueTable
+from spherekit.model.load import TorqueTable
 
 BASE = """\
 format = 1

@@ -29,7 +29,7 @@ from spherekit.model.dynamics import (
 )
 from spherekit.model.inertia import moments_of_point
 from spherekit.model.laws import Polynomial
-from spherekit.model.torque_table import TorqueTable
+from spherekit.model.load import TorqueTable
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import parse_pole
 from spherekit.rates.field import evaluate

@@ -16,9 +16,9 @@ from spherekit.engine.compiler import available
 from spherekit.errors import EngineError
 from spherekit.model.dynamics import Gravity, Mass, PairTorque, Spring, Stop
 from spherekit.model.laws import Start
+from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
-from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.motion import Tracer
 from spherekit.proof.balls import Digits, exactly, floats, library
 from spherekit.proof.forces import exact_inertia

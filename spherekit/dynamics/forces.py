@@ -8,9 +8,8 @@ import numpy as np
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.model.actions import steep
 from spherekit.model.bearings import sliding_rate
-from spherekit.model.load import Called, Component
+from spherekit.model.load import Called, Component, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 from spherekit.sphere.rotation import Floats, cross
 
 

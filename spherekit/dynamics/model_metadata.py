@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import listing, nearest
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.expression import Expression, load_names, parse
-from spherekit.model.torque_table import TorqueTable
+from spherekit.model.load import TorqueTable
 from spherekit.version import __version__
 
 Floats = NDArray[np.float64]

@@ -15,9 +15,8 @@ from spherekit.errors import ModelError, SolveError
 from spherekit.model.dynamics import DRIVE, PairTorque
 from spherekit.model.geometry import geometry_of
 from spherekit.model.laws import Start
-from spherekit.model.load import TorqueFunction
+from spherekit.model.load import TorqueFunction, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer

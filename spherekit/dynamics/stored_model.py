@@ -15,7 +15,7 @@ from spherekit.dynamics.model_metadata import (
     torque_load,
 )
 from spherekit.model.expression import Expression, made_of
-from spherekit.model.torque_table import TorqueTable
+from spherekit.model.load import TorqueTable
 
 Floats = NDArray[np.float64]
 

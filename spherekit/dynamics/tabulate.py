@@ -28,8 +28,8 @@ from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
 from spherekit.model.bearings import need_no_rubbing
 from spherekit.model.expression import Expression
+from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.cells import TensorChebyshev
 from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev

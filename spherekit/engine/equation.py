@@ -37,10 +37,9 @@ from spherekit.engine.system import (
 )
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
-from spherekit.model.bearings import Rubbing
 from spherekit.model.dynamics import Stop
+from spherekit.model.load import Rubbing, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 from spherekit.sphere.rotation import Floats
 
 LOOSEST = 1e-12

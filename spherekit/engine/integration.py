@@ -19,8 +19,8 @@ from spherekit.engine.compiler import MOST_SWITCHES, Integrator, StepEnd
 from spherekit.engine.equation import CompiledEquation
 from spherekit.engine.probes import good_until
 from spherekit.engine.system import EventKind, ParameterLayout
+from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 

@@ -18,9 +18,8 @@ from spherekit.engine.expression_terms import BY_OPERATOR, need_divisor
 from spherekit.engine.kinematics import RateExpressions
 from spherekit.engine.pose import LinkOrientation
 from spherekit.model.expression import Expression, fold
-from spherekit.model.load import Called, Component, Load, Vector, expression_of
+from spherekit.model.load import Called, Component, Load, TorqueTable, Vector, expression_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 
 
 @final

@@ -17,8 +17,8 @@ from spherekit.engine.loads import LoadState, forces_of
 from spherekit.engine.pose import spin_vectors
 from spherekit.errors import EngineError
 from spherekit.model.bearings import need_no_rubbing
+from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 from spherekit.planning.assembly import Group, plan_assembly
 from spherekit.planning.inputs import driven_pairs
 

@@ -13,8 +13,8 @@ from spherekit.engine.compiler import EventFunction
 from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.engine.kinematics import Structure
 from spherekit.engine.loads import LoadState, Switches
+from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 
 (MOMENT,) = symbols(["moment"])
 

@@ -14,9 +14,8 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
 )
-from spherekit.model.load import Called, Component, Load
+from spherekit.model.load import Called, Component, Load, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 
 Bias = tuple[float, float, float]
 

@@ -20,8 +20,7 @@ from spherekit.files.locate import KeyPath
 from spherekit.files.schema import check
 from spherekit.files.units import Table, converted, made
 from spherekit.model.changes import AngleUnit
-from spherekit.model.dynamics import LOADS, Mass, PairTorque, Stop
-from spherekit.model.dynamics_checks import check_tensor
+from spherekit.model.dynamics import LOADS, Mass, PairTorque, Stop, check_tensor
 from spherekit.model.gears import gear_axes, pitch_angles, start_of_phase, touching_angles
 from spherekit.model.geometry import arc_pole, given_axis, link_axes
 from spherekit.model.inertia import axes_frame, moved_to_sphere_centre, uniform_arc

@@ -9,9 +9,8 @@ about the centre of the sphere.
 from collections.abc import Sequence
 
 from spherekit.model.expression import Expression
-from spherekit.model.load import Component
+from spherekit.model.load import Component, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 from spherekit.sphere.rotation import Floats
 
 

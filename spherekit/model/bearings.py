@@ -1,52 +1,23 @@
 """Bearings of pairs and contacts that slide: what of reactions rubs in them."""
 
-from abc import abstractmethod
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.checked import checked_class
-from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.expression import parse
-from spherekit.model.load import Component, Load, law_of, number_text
-from spherekit.model.needs import (
-    need_angle,
+from spherekit.model.load import (
+    Component,
+    Loaded,
+    Rubbing,
+    law_of,
     need_at_least_zero,
-    need_finite,
-    need_smoothing,
+    number_text,
 )
-
-if TYPE_CHECKING:
-    from spherekit.model.mechanism import Mechanism
-
-
-class Rubbing(Load):
-    """A load at a pair whose friction follows from the reaction of that pair."""
-
-    pair: str
-
-    @property
-    @abstractmethod
-    def grip(self) -> float:
-        """The friction (N m) per unit of what is `carried`."""
-
-    @property
-    def asks_forces(self) -> bool:
-        """Whether it follows from the force through the centre too."""
-        return False
-
-    @abstractmethod
-    def carried(
-        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64]:
-        """Return the vectors (..., places, 3) whose lengths in sum the friction follows.
-
-        `moments` (..., 3) N m and `forces` (..., 3) N are those of the pair, in its axes.
-        """
 
 
 @final
@@ -70,8 +41,8 @@ class Bearings(Rubbing):
             "pair": "pair",
             "positions": "numbers",
             "axial": "numbers",
-            "radius": "number",
-            "coefficient": "number",
+            "radius": "m",
+            "coefficient": "",
             "speed": "rate",
         }
     )
@@ -128,10 +99,9 @@ class Bearings(Rubbing):
                 part[..., 2] = share * forces[..., 2] if share else 0.0
         return np.stack(parts, axis=-2)
 
-    def check(self, key: str, mechanism: "Mechanism") -> None:
+    def check(self, key: str, mechanism: Loaded) -> None:
         """See `Load`."""
-        need_angle(f"{key}.pair", self.pair, mechanism)
-        need_finite(f"{key}.positions", self.positions)
+        super().check(key, mechanism)
         first, *rest = self.positions or (0.0,)
         if len(rest) > 1 or (rest[0] == first if rest else first == 0.0):
             raise ModelError(
@@ -141,9 +111,6 @@ class Bearings(Rubbing):
             )
         if self.axial is not None:
             self._check_axial(f"{key}.axial", self.axial)
-        need_at_least_zero(f"{key}.radius", self.radius, "m")
-        need_at_least_zero(f"{key}.coefficient", self.coefficient, "")
-        need_smoothing(f"{key}.speed", self.speed)
         for load in mechanism.loads:
             if isinstance(load, Bearings) and load.pair == self.pair and load != self:
                 raise ModelError(
@@ -163,7 +130,7 @@ class Bearings(Rubbing):
                 "its axis"
             )
 
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         """See `Load`."""
         rate = f"dtheta_{self.pair}"
         text = f"-tanh({rate}/{number_text(self.speed)})" if self.grip > 0.0 else "0"
@@ -182,7 +149,7 @@ class ContactFriction(Rubbing):
     """
 
     kind = "contact_friction"
-    keys = MappingProxyType({"pair": "pair", "coefficient": "number", "speed": "rate"})
+    keys = MappingProxyType({"pair": "contact", "coefficient": "", "speed": "rate"})
 
     name: str
     pair: str
@@ -200,20 +167,7 @@ class ContactFriction(Rubbing):
         """Return the push (..., 1, 3) N m, see `Rubbing`."""
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 
-    def check(self, key: str, mechanism: "Mechanism") -> None:
-        """See `Load`."""
-        pair = mechanism.pair(self.pair)
-        if pair.type != "Cs":
-            sliding = [x.name for x in mechanism.pairs if x.type == "Cs"]
-            raise ModelError(
-                f'{key}.pair: "{self.pair}" is of type {pair.type}, whose links do not '
-                "slide on each other; that of an R pair is a load of kind friction or "
-                f"bearings. Cs pairs: {listing(sliding) or 'none'}"
-            )
-        need_at_least_zero(f"{key}.coefficient", self.coefficient, "")
-        need_smoothing(f"{key}.speed", self.speed)
-
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         """See `Load`."""
         if not self.grip > 0.0:
             return (Component(parse("0", [])),)
@@ -227,7 +181,7 @@ def sliding_rate(pair: str) -> str:
     return f"sliding_{pair}"
 
 
-def need_no_rubbing(mechanism: "Mechanism", what: str) -> None:
+def need_no_rubbing(mechanism: Loaded, what: str) -> None:
     """Raise `ModelError` if friction follows from reactions, which `what` does not know."""
     for load in mechanism.loads:
         if isinstance(load, Rubbing) and load.grip > 0.0:

@@ -3,36 +3,32 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, final
+from typing import final
+
+import numpy as np
 
 from spherekit.checked import checked_class
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.bearings import Bearings, ContactFriction
+from spherekit.model.inertia import moments_of_point
 from spherekit.model.load import (
     Axes,
     Called,
     Component,
     LinkMoment,
     Load,
+    Loaded,
     TorqueFunction,
+    TorqueTable,
     Vector,
     law_of,
+    need_angle,
+    need_finite,
     number_text,
     vector_of,
 )
-from spherekit.model.needs import (
-    need_angle,
-    need_at_least_zero,
-    need_expression,
-    need_finite,
-    need_function,
-    need_smoothing,
-)
-from spherekit.model.torque_table import TorqueTable
-
-if TYPE_CHECKING:
-    from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
 
 Tensor = tuple[Vector, Vector, Vector]
 Expressions = tuple[str, str, str]
@@ -76,14 +72,7 @@ class PairTorque(Load):
     pair: str
     torque: str | TorqueFunction
 
-    def check(self, key: str, mechanism: "Mechanism") -> None:
-        need_angle(f"{key}.pair", self.pair, mechanism)
-        if callable(self.torque):
-            need_function(f"{key}.torque", self.torque)
-        else:
-            need_expression(f"{key}.torque", self.torque, mechanism)
-
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         if isinstance(self.torque, str):
             return (Component(law_of(mechanism, self.torque), self.pair),)
         return (Component(Called(self.pair, self.torque), self.pair),)
@@ -102,8 +91,8 @@ class Gravity(Load):
     name: str
     acceleration: Vector
 
-    def check(self, key: str, mechanism: "Mechanism") -> None:
-        need_finite(f"{key}.acceleration", self.acceleration)
+    def check(self, key: str, mechanism: Loaded) -> None:
+        super().check(key, mechanism)
         moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
         if not moving:
             raise ModelError(
@@ -117,7 +106,7 @@ class Gravity(Load):
                 f"[mass.LINK] lacks them for link {listing(lacking)}"
             )
 
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         weights = []
         for mass in mechanism.masses:
             if mass.link == mechanism.ground:
@@ -141,7 +130,7 @@ class PointForce(Load):
 
     kind = "force"
     keys = MappingProxyType(
-        {"link": "link", "point": "vector", "force": "texts", "axes": "text"}
+        {"link": "link", "point": "vector", "force": "texts", "axes": "axes"}
     )
     velocity_unit = "m"
 
@@ -151,11 +140,7 @@ class PointForce(Load):
     force: Expressions
     axes: Axes = "ground"
 
-    def check(self, key: str, mechanism: "Mechanism") -> None:
-        need_finite(f"{key}.point", self.point)
-        _check_on_link(key, "force", self.force, mechanism)
-
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         return _on_link(mechanism, self, self.force, vector_of(self.point))
 
 
@@ -170,17 +155,14 @@ class Moment(Load):
     """
 
     kind = "moment"
-    keys = MappingProxyType({"link": "link", "moment": "texts", "axes": "text"})
+    keys = MappingProxyType({"link": "link", "moment": "texts", "axes": "axes"})
 
     name: str
     link: str
     moment: Expressions
     axes: Axes = "ground"
 
-    def check(self, key: str, mechanism: "Mechanism") -> None:
-        _check_on_link(key, "moment", self.moment, mechanism)
-
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         return _on_link(mechanism, self, self.moment, None)
 
 
@@ -194,20 +176,14 @@ class Spring(Load):
     """
 
     kind = "spring"
-    keys = MappingProxyType({"pair": "pair", "stiffness": "number", "rest": "angle"})
+    keys = MappingProxyType({"pair": "pair", "stiffness": "N m/rad", "rest": "angle"})
 
     name: str
     pair: str
     stiffness: float
     rest: float = 0.0
 
-    def check(self, key: str, mechanism: "Mechanism") -> None:
-        need_angle(f"{key}.pair", self.pair, mechanism)
-        push = "; a torque that pushes away is a load of kind torque, an expression"
-        need_at_least_zero(f"{key}.stiffness", self.stiffness, "N m/rad", push)
-        need_finite(f"{key}.rest", [self.rest])
-
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         away = f"(theta_{self.pair} - {number_text(self.rest)})"
         torque = f"-{number_text(self.stiffness)}*{away}"
         return (Component(law_of(mechanism, torque), self.pair),)
@@ -223,18 +199,13 @@ class Damper(Load):
     """
 
     kind = "damper"
-    keys = MappingProxyType({"pair": "pair", "damping": "number"})
+    keys = MappingProxyType({"pair": "pair", "damping": "N m s/rad"})
 
     name: str
     pair: str
     damping: float
 
-    def check(self, key: str, mechanism: "Mechanism") -> None:
-        need_angle(f"{key}.pair", self.pair, mechanism)
-        drive = "; a torque that drives is a load of kind torque, an expression"
-        need_at_least_zero(f"{key}.damping", self.damping, "N m s/rad", drive)
-
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         torque = f"-{number_text(self.damping)}*dtheta_{self.pair}"
         return (Component(law_of(mechanism, torque), self.pair),)
 
@@ -251,7 +222,7 @@ class Friction(Load):
 
     kind = "friction"
     keys = MappingProxyType(
-        {"pair": "pair", "torque": "number", "speed": "rate", "viscous": "number"}
+        {"pair": "pair", "torque": "N m", "speed": "rate", "viscous": "N m s/rad"}
     )
     absent = MappingProxyType({"viscous": 0.0})
 
@@ -261,13 +232,7 @@ class Friction(Load):
     viscous: float
     speed: float
 
-    def check(self, key: str, mechanism: "Mechanism") -> None:
-        need_angle(f"{key}.pair", self.pair, mechanism)
-        need_at_least_zero(f"{key}.torque", self.torque, "N m")
-        need_at_least_zero(f"{key}.viscous", self.viscous, "N m s/rad")
-        need_smoothing(f"{key}.speed", self.speed)
-
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         rate = f"dtheta_{self.pair}"
         dry = f"{number_text(self.torque)}*tanh({rate}/{number_text(self.speed)})"
         torque = f"-({dry} + {number_text(self.viscous)}*{rate})"
@@ -298,7 +263,7 @@ _UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def _on_link(
-    mechanism: "Mechanism",
+    mechanism: Loaded,
     load: PointForce | Moment,
     texts: Expressions,
     arm: Vector | None,
@@ -311,11 +276,6 @@ def _on_link(
     )
 
 
-def _check_on_link(key: str, what: str, parts: Expressions, mechanism: "Mechanism") -> None:
-    for number, text in enumerate(parts):
-        need_expression(f"{key}.{what}[{number}]", text, mechanism)
-
-
 @final
 @dataclass(frozen=True)
 class Stop:
@@ -324,3 +284,91 @@ class Stop:
     pair: str
     low: float
     high: float
+
+
+MOMENT_TOLERANCE = 1e-3
+"""Excess of a principal moment that passes for rounding, as part of the largest entry.
+
+The moments of a thin arc stand exactly on the limit, and tables print few digits.
+"""
+
+ASYMMETRY = 1e-12
+"""Difference of two mirrored entries that passes for rounding, as part of the largest."""
+
+
+def check_mass(mass: Mass) -> None:
+    """Refuse an inertia that no body has.
+
+    Raises
+    ------
+    ModelError
+        If the tensor is not symmetric, has a negative principal moment, or one that
+        exceeds the sum of the two others; if the mass is not positive; if the tensor is
+        smaller than that of the mass at its centre.
+    """
+    key = f"mass.{mass.link}"
+    if mass.mass is not None:
+        need_finite(f"{key}.mass", [mass.mass])
+        if not mass.mass > 0:
+            raise ModelError(f"{key}.mass: found {mass.mass:g} kg, needs more than 0")
+    tensor = np.array(mass.tensor, dtype=np.float64)
+    check_tensor(f"{key}.tensor", tensor)
+    if mass.centre is None:
+        return
+    if mass.mass is None:
+        raise ModelError(f"{key}.centre: needs a mass with it, in kg")
+    need_finite(f"{key}.centre", mass.centre)
+    moved = tensor - moments_of_point(mass.mass, np.array(mass.centre))
+    about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"
+    slack = MOMENT_TOLERANCE * float(np.max(np.abs(tensor)))
+    _need_moments(key, moved, slack, about)
+
+
+def check_tensor(key: str, tensor: Floats) -> None:
+    """Refuse an inertia tensor that no body has about any point; `key` says where it is.
+
+    Raises
+    ------
+    ModelError
+        If it is not symmetric, has a negative principal moment, or one that exceeds the
+        sum of the two others.
+    """
+    if tensor.shape != (3, 3):
+        raise ModelError(f"{key}: has the shape {tensor.shape}, needs (3, 3)")
+    need_finite(key, tensor.ravel())
+    largest = float(np.max(np.abs(tensor)))
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        if abs(tensor[i, j] - tensor[j, i]) > ASYMMETRY * largest:
+            raise ModelError(
+                f"{key}: not symmetric: row {i + 1}, column {j + 1} has {tensor[i, j]}, "
+                f"row {j + 1}, column {i + 1} has {tensor[j, i]}"
+            )
+    _need_moments(key, tensor, MOMENT_TOLERANCE * largest, "")
+
+
+def _need_moments(key: str, tensor: Floats, slack: float, about: str) -> None:
+    small, middle, large = map(float, np.linalg.eigvalsh(tensor))
+    if small < -slack:
+        raise ModelError(
+            f"{key}: not physical: the smallest principal moment{about} is {small:.6g} "
+            "kg m2; none is below 0"
+        )
+    excess = large - middle - small
+    if excess > slack:
+        raise ModelError(
+            f"{key}: not physical: the largest principal moment{about} exceeds the sum of "
+            f"the others by {excess:.6g} kg m2 ({large:.6g} > {middle:.6g} + {small:.6g}); "
+            "check units, signs of products of inertia, and the point it is about"
+        )
+
+
+def check_stop(stop: Stop, mechanism: Loaded) -> None:
+    """Refuse a stop that is not a range of an R pair's variable."""
+    key = f"stops.{stop.pair}"
+    need_angle(key, stop.pair, mechanism)
+    need_finite(key, (stop.low, stop.high))
+    if not stop.low < stop.high:
+        raise ModelError(
+            f"{key}: the range must rise from `from` to `to`, but it is "
+            f"{stop.low:.6g} to {stop.high:.6g} rad"
+        )

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, final
+from typing import Literal, final
 
 import numpy as np
 
@@ -18,12 +18,10 @@ from spherekit.model.geometry import (
     given_axis,
     pair_frames,
 )
+from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry, SizeGeometry
 from spherekit.sphere.profile import Curve
 from spherekit.sphere.rotation import Floats, about_z, arc, cross
-
-if TYPE_CHECKING:
-    from spherekit.model.mechanism import Mechanism
 
 ROUNDING = 8 * EPS
 """Half angles that touch to this (rad) are kept to the last bit."""
@@ -219,7 +217,7 @@ def _degrees(angle: float) -> str:
 
 
 def start_of_phase(
-    mechanism: "Mechanism", pair: Pair, phase: Mapping[str, float]
+    mechanism: Mechanism, pair: Pair, phase: Mapping[str, float]
 ) -> tuple[float, float]:
     """Return the arc lengths (rad) at which two wheels touch at values of their shafts.
 
@@ -287,7 +285,7 @@ class _Wheel:
 
     @staticmethod
     def of(
-        mechanism: "Mechanism", contact: Pair, side: int, phase: Mapping[str, float]
+        mechanism: Mechanism, contact: Pair, side: int, phase: Mapping[str, float]
     ) -> "_Wheel":
         link = contact.links[side]
         shafts = [mechanism.pair(name) for name in phase]

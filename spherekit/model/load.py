@@ -1,22 +1,23 @@
 """What a load is made of: magnitudes, and what they work on."""
 
+import inspect
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
+from typing import Any, ClassVar, Literal, Protocol, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked_class
+from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
-
-if TYPE_CHECKING:
-    from spherekit.model.bearings import Rubbing
-    from spherekit.model.mechanism import Mechanism
-    from spherekit.model.torque_table import TorqueTable
-
+from spherekit.model.laws import need_increasing
+from spherekit.model.parts import Pair
 
 Vector = tuple[float, float, float]
 TorqueFunction = Callable[[float, float, float], float]
@@ -111,10 +112,35 @@ class Component:
     rubs: "Rubbing | None" = None
 
 
-Form = Literal[
-    "pair", "link", "text", "texts", "number", "numbers", "vector", "angle", "rate", "flag"
-]
-"""What a key of a file holds; angles (rad) and rates (rad/s) are there in its unit."""
+class Loaded(Protocol):
+    """A mechanism as what acts on it sees it."""
+
+    @property
+    def name(self) -> str:
+        """See `Mechanism`."""
+
+    @property
+    def ground(self) -> str:
+        """See `Mechanism`."""
+
+    @property
+    def pairs(self) -> Sequence[Pair]:
+        """See `Mechanism`."""
+
+    @property
+    def masses(self) -> Sequence[Any]:
+        """See `Mechanism`."""
+
+    @property
+    def loads(self) -> "Sequence[Load]":
+        """See `Mechanism`."""
+
+    @property
+    def angles(self) -> Mapping[str, int]:
+        """See `Mechanism`."""
+
+    def pair(self, name: str) -> Pair:
+        """See `Mechanism`."""
 
 
 class Load(ABC):
@@ -127,23 +153,236 @@ class Load(ABC):
     name: str
     kind: ClassVar[str]
     """The word in files."""
-    keys: ClassVar[Mapping[str, Form]]
-    """Its fields in files, in the order in which they are written."""
+    keys: ClassVar[Mapping[str, str]]
+    """Its fields in files, in the order in which they are written, and what each holds.
+
+    That is an R pair, a sliding contact, a link, axes, a text or texts (expressions), an
+    angle (rad), a rate (rad/s) that smooths a jump, a vector, numbers or a flag; of a
+    number that is not negative, its unit.
+    """
     absent: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     """What fields without a default are where a file leaves them out."""
     velocity_unit: ClassVar[str] = ""
     """The unit of what its components work on, per unit rate of an angle."""
 
-    @abstractmethod
-    def check(self, key: str, mechanism: "Mechanism") -> None:
+    def check(self, key: str, mechanism: Loaded) -> None:
         """Raise `ModelError` where its numbers or places at a key have no meaning.
 
         The links and pairs that it names exist.
         """
+        for name, holds in self.keys.items():
+            value = getattr(self, name)
+            if value is not None:
+                need(holds, f"{key}.{name}", value, mechanism)
 
     @abstractmethod
-    def components(self, mechanism: "Mechanism") -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         """Return what it is made of: magnitudes, and what they work on."""
+
+
+class Rubbing(Load):
+    """A load at a pair whose friction follows from the reaction of that pair."""
+
+    pair: str
+
+    @property
+    @abstractmethod
+    def grip(self) -> float:
+        """The friction (N m) per unit of what is `carried`."""
+
+    @property
+    def asks_forces(self) -> bool:
+        """Whether it follows from the force through the centre too."""
+        return False
+
+    @abstractmethod
+    def carried(
+        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the vectors (..., places, 3) whose lengths in sum the friction follows.
+
+        `moments` (..., 3) N m and `forces` (..., 3) N are those of the pair, in its axes.
+        """
+
+
+@final
+@checked_class(ModelError, "at")
+@dataclass(frozen=True)
+class TorqueTable(Load):
+    """A torque (N m) at an R pair given at increasing times (s), linear in between.
+
+    A periodic one repeats with the period ``times[-1] - times[0]``.
+    """
+
+    kind = "table"
+    keys = MappingProxyType(
+        {"pair": "pair", "times": "numbers", "torques": "numbers", "periodic": "flag"}
+    )
+
+    name: str
+    pair: str
+    times: tuple[float, ...]
+    torques: tuple[float, ...]
+    periodic: bool = False
+
+    def at(self, t: ArrayLike) -> NDArray[np.float64]:
+        """Return the torque (N m) at times (s) of any shape.
+
+        Raises
+        ------
+        ModelError
+            If a time is outside the table and the table is not periodic.
+        """
+        t = np.asarray(t, dtype=np.float64)
+        first, last = self.times[0], self.times[-1]
+        if self.periodic:
+            t = first + np.mod(t - first, last - first)
+        elif not np.all((t >= first) & (t <= last)):
+            raise ModelError(
+                f"loads.{self.name}: asked for t from {np.min(t):.6g} to {np.max(t):.6g} "
+                f"s, but the table has {first:.6g} to {last:.6g} s; add rows, or set "
+                "periodic = true"
+            )
+        return np.asarray(np.interp(t, self.times, self.torques), dtype=np.float64)
+
+    def one(self, t: float) -> float:
+        """Return the torque (N m) at one time (s): the same as `at`, in less time."""
+        first, last = self.times[0], self.times[-1]
+        if self.periodic:
+            t = first + (t - first) % (last - first)
+        elif not first <= t <= last:
+            return float(self.at(t))
+        after = min(bisect_right(self.times, t), len(self.times) - 1)
+        start, before = self.times[after - 1], self.torques[after - 1]
+        slope = (self.torques[after] - before) / (self.times[after] - start)
+        return before + slope * (t - start)
+
+    def knots(self, start: float, stop: float) -> Iterator[float]:
+        """Yield the times (s) at which the slope changes, all between two and others."""
+        if not self.periodic:
+            yield from self.times
+            return
+        period = self.times[-1] - self.times[0]
+        first = int(np.floor((start - self.times[-1]) / period))
+        last = int(np.ceil((stop - self.times[0]) / period))
+        for turn in range(first, last + 1):
+            yield from (t + turn * period for t in self.times)
+
+    def check(self, key: str, mechanism: Loaded) -> None:
+        """See `Load`."""
+        super().check(key, mechanism)
+        if len(self.times) != len(self.torques):
+            raise ModelError(
+                f"{key}.torques: has {counted(len(self.torques), 'value')}, but times has "
+                f"{len(self.times)}"
+            )
+        if len(self.times) < 2:
+            has = counted(len(self.times), "value")
+            raise ModelError(f"{key}.times: has {has}, needs at least 2")
+        need_increasing(f"{key}.times", self.times)
+        if self.periodic and self.torques[0] != self.torques[-1]:
+            raise ModelError(
+                f"{key}.torques: a periodic table ends with the torque it starts with, but "
+                f"this one has {self.torques[0]:g} and {self.torques[-1]:g} N m"
+            )
+
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+        """See `Load`."""
+        return (Component(self, self.pair),)
+
+
+def need(holds: str, key: str, value: Any, mechanism: Loaded) -> None:
+    """Refuse what a key cannot hold; see `Load.keys`."""
+    match holds:
+        case "pair":
+            need_angle(key, value, mechanism)
+        case "contact":
+            _need_sliding(key, value, mechanism)
+        case "text" if callable(value):
+            _need_function(key, value)
+        case "text":
+            _need_expression(key, value, mechanism)
+        case "texts":
+            for number, text in enumerate(value):
+                _need_expression(f"{key}[{number}]", text, mechanism)
+        case "vector" | "numbers":
+            need_finite(key, value)
+        case "angle":
+            need_finite(key, [value])
+        case "rate":
+            need_finite(key, [value])
+            if not value > 0:
+                raise ModelError(
+                    f"{key}: found {value:g} rad/s, needs more than 0: the rate below "
+                    "which the jump of dry friction is smoothed"
+                )
+        case "link" | "axes" | "flag":
+            pass
+        case unit:
+            need_at_least_zero(key, value, unit)
+
+
+def need_angle(key: str, pair: str, mechanism: Loaded) -> None:
+    """Refuse a pair whose variable is not an angle, at a key."""
+    if pair in mechanism.angles:
+        return
+    raise ModelError(
+        f'{key}: "{pair}" is a contact pair ({mechanism.pair(pair).type}), whose variables '
+        "are arc lengths; only R pairs have torques and stops. R pairs: "
+        f"{listing(mechanism.angles)}"
+    )
+
+
+def _need_sliding(key: str, name: str, mechanism: Loaded) -> None:
+    """Refuse a pair whose links do not slide on each other."""
+    pair = mechanism.pair(name)
+    if pair.type != "Cs":
+        sliding = [x.name for x in mechanism.pairs if x.type == "Cs"]
+        raise ModelError(
+            f'{key}: "{name}" is of type {pair.type}, whose links do not '
+            "slide on each other; that of an R pair is a load of kind friction or "
+            f"bearings. Cs pairs: {listing(sliding) or 'none'}"
+        )
+
+
+def _need_expression(key: str, text: Any, mechanism: Loaded) -> None:
+    """Refuse a text that is not an expression in the variables of R pairs and the time."""
+    if not isinstance(text, str):
+        raise ModelError(
+            f'{key}: found {text!r}, needs an expression in quotes, such as "0.5*sin(t)"'
+        )
+    try:
+        parse(text, load_names(mechanism.angles))
+    except ModelError as error:
+        raise ModelError(f"{key}: in the expression, {error}") from None
+
+
+def _need_function(key: str, function: Callable[[float, float, float], float]) -> None:
+    """Refuse a function that cannot be called with time, variable and rate."""
+    try:
+        inspect.signature(function).bind(0.0, 0.0, 0.0)
+    except TypeError as error:
+        raise ModelError(
+            f"{key}: the function has to take time, variable and rate (t, q, dq): {error}"
+        ) from None
+    except ValueError:  # some builtins have no signature
+        return
+
+
+def need_at_least_zero(key: str, number: float, unit: str) -> None:
+    """Refuse a number that is negative or not finite."""
+    need_finite(key, [number])
+    if number < 0:
+        torque = "; what pushes or drives is a load of kind torque, an expression"
+        hint = torque if unit.startswith("N m") else ""
+        raise ModelError(f"{key}: found {number:g} {unit}, needs at least 0{hint}")
+
+
+def need_finite(key: str, numbers: Any) -> None:
+    """Refuse numbers that are not finite."""
+    for number in numbers:
+        if not math.isfinite(number):
+            raise ModelError(f"{key}: found {number}, needs a finite number")
 
 
 def vector_of(numbers: Iterable[float]) -> Vector:
@@ -152,7 +391,7 @@ def vector_of(numbers: Iterable[float]) -> Vector:
     return x, y, z
 
 
-def law_of(mechanism: "Mechanism", text: str) -> Expression:
+def law_of(mechanism: Loaded, text: str) -> Expression:
     """Return a magnitude written in pair variables, their rates and the time."""
     return parse(text, load_names(mechanism.angles))
 

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, final
@@ -10,7 +10,7 @@ from typing import Any, final
 from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
-from spherekit.conventions import counted, listing
+from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, counted, listing, nearest
 from spherekit.errors import ModelError
 from spherekit.markup import html_table
 from spherekit.model.changes import (
@@ -21,9 +21,9 @@ from spherekit.model.changes import (
     in_radians,
     rows_of,
 )
-from spherekit.model.dynamics import Mass, Stop
+from spherekit.model.dynamics import Mass, Stop, check_mass, check_stop
+from spherekit.model.joints import KINDS
 from spherekit.model.load import Load
-from spherekit.model.mechanism_checks import check_mechanism, not_named
 from spherekit.model.parts import (
     Input,
     LinkSizes,
@@ -69,7 +69,7 @@ class Mechanism:
         if self.ground in self.links and self.links[0] != self.ground:
             rest = tuple(name for name in self.links if name != self.ground)
             object.__setattr__(self, "links", (self.ground, *rest))
-        check_mechanism(self)
+        _check(self)
 
     @cached_property
     def link_number(self) -> Mapping[str, int]:
@@ -367,3 +367,194 @@ class Mechanism:
             del kept[name]
         kept |= {load.name: load for load in loads}
         return replace(self, loads=tuple(kept.values()))
+
+
+def not_named(where: str, what: str, name: str, names: Collection[str]) -> ModelError:
+    """Return the error of a name that no link, pair or load has."""
+    return ModelError(
+        f'{where}: no {what} is named "{name}"{nearest(str(name), names) or ";"} '
+        f"{what.capitalize()}s: {listing(names) or 'none'}"
+    )
+
+
+def _check(mechanism: Mechanism) -> None:
+    """Raise `ModelError` where names or geometry of a mechanism do not fit each other."""
+    where = mechanism.name or "mechanism"
+    if len(mechanism.links) < 2:
+        raise ModelError(f"{where}: a mechanism has at least two links")
+    for what, names in (
+        ("link", mechanism.links),
+        ("pair", [pair.name for pair in mechanism.pairs]),
+        ("input at a", [item.pair for item in mechanism.inputs]),
+        ("output", [output.name for output in mechanism.outputs]),
+        ("load", [load.name for load in mechanism.loads]),
+        ("mass of a", [mass.link for mass in mechanism.masses]),
+        ("stop of a", [stop.pair for stop in mechanism.stops]),
+        ("mode", [mode.name for mode in mechanism.modes]),
+    ):
+        _check_names(where, what, names)
+    for key, link in _links_named(mechanism):
+        if link not in mechanism.links:
+            raise not_named(f"{where}: {key}", "link", link, mechanism.links)
+    for pair in mechanism.pairs:
+        _check_pair(f"{where}: pairs.{pair.name}", pair)
+    for key, name in _pairs_named(mechanism):
+        if name not in mechanism.pair_number:
+            raise not_named(f"{where}: {key}", "pair", name, mechanism.pair_number)
+    for mode in mechanism.modes:
+        if mode.name.isdecimal():
+            raise ModelError(
+                f"{where}: modes.{mode.name}: a number is that of a mode; name it by a word"
+            )
+        for name in mode.values:
+            if name not in mechanism.angles:
+                raise ModelError(
+                    f"{where}: modes.{mode.name}.{name}: is a contact pair; a mode is said "
+                    "by angles of R pairs"
+                )
+    _check_dynamics(where, mechanism)
+    geometry = mechanism.geometry
+    if isinstance(geometry, SizeGeometry):
+        _check_sizes(where, mechanism, geometry)
+        return
+    for pair in mechanism.pairs:
+        if pair.kind.has_axis and pair.name not in geometry.axes:
+            raise ModelError(
+                f"{where}: pairs.{pair.name}: its axis in the reference pose is missing; "
+                "give xyz = [x, y, z] or lonlat = [longitude, latitude]"
+            )
+
+
+def _links_named(mechanism: Mechanism) -> Iterator[tuple[str, str]]:
+    """Yield the links that a mechanism names, with the keys that do."""
+    yield "ground", mechanism.ground
+    for pair in mechanism.pairs:
+        yield from ((f"pairs.{pair.name}.links", link) for link in pair.links)
+    for output in mechanism.outputs:
+        for key in ("link", "relative_to"):
+            yield f"outputs.{output.name}.{key}", getattr(output, key)
+    yield from ((f"mass.{mass.link}", mass.link) for mass in mechanism.masses)
+    yield from _named_by_loads(mechanism, ("link",))
+    if isinstance(mechanism.geometry, SizeGeometry):
+        yield from (("links", link) for link in mechanism.geometry.links)
+
+
+def _pairs_named(mechanism: Mechanism) -> Iterator[tuple[str, str]]:
+    """Yield the pairs that a mechanism names, with the keys that do."""
+    for mode in mechanism.modes:
+        yield from ((f"modes.{mode.name}", pair) for pair in mode.values)
+    yield from ((f"inputs.{item.pair}", item.pair) for item in mechanism.inputs)
+    yield from _named_by_loads(mechanism, ("pair", "contact"))
+    yield from ((f"stops.{stop.pair}", stop.pair) for stop in mechanism.stops)
+    geometry = mechanism.geometry
+    of_pairs = (
+        [geometry.zeros]
+        if isinstance(geometry, SizeGeometry)
+        else [geometry.axes, geometry.values]
+    )
+    yield from (("pairs", pair) for given in of_pairs for pair in given)
+
+
+def _named_by_loads(
+    mechanism: Mechanism, what: Collection[str]
+) -> Iterator[tuple[str, str]]:
+    for load in mechanism.loads:
+        for key, holds in load.keys.items():
+            if holds in what:
+                yield f"loads.{load.name}.{key}", getattr(load, key)
+
+
+def _check_pair(where: str, pair: Pair) -> None:
+    """Refuse a pair that cannot be one."""
+    if pair.type not in KINDS:
+        raise ModelError(f'{where}: type "{pair.type}" is not one of {listing(KINDS)}')
+    if (pair.profiles is None) != pair.kind.has_axis:
+        raise ModelError(
+            f"{where}: a contact pair (Cr, Cs) has a profile for each of its links, an R "
+            "pair has none"
+        )
+    if pair.distance is not None and not 0.0 < pair.distance < math.inf:
+        raise ModelError(
+            f"{where}.distance: found {pair.distance}, needs more than 0 m: how far from "
+            "the centre the contact force acts"
+        )
+    teeth = pair.pressure_angle
+    if teeth is not None and not (pair.rolls and 0.0 <= teeth < math.pi / 2):
+        raise ModelError(
+            f"{where}.pressure_angle: found {teeth:g} rad in a {pair.type} pair, needs a "
+            "rolling contact (Cr) and at least 0, less than a right angle"
+        )
+    if pair.links[0] == pair.links[1]:
+        raise ModelError(
+            f'{where}: joins link "{pair.links[0]}" to itself; a pair joins two different '
+            "links"
+        )
+
+
+def _check_dynamics(where: str, mechanism: Mechanism) -> None:
+    try:
+        for mass in mechanism.masses:
+            check_mass(mass)
+        for load in mechanism.loads:
+            load.check(f"loads.{load.name}", mechanism)
+        for stop in mechanism.stops:
+            check_stop(stop, mechanism)
+    except ModelError as error:
+        raise ModelError(f"{where}: {error}") from None
+
+
+def _check_names(where: str, what: str, names: Collection[str]) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME_LENGTH:
+            raise ModelError(
+                f"{where}: {what} name {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
+                "letters (A-Z, a-z), digits and underscores"
+            )
+        if name in seen:
+            raise ModelError(f'{where}: {what} "{name}" is given twice; names are unique')
+        seen.add(name)
+
+
+def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
+    on_link: dict[str, list[str]] = {link: [] for link in mechanism.links}
+    for pair in mechanism.pairs:
+        for link in pair.links:
+            if pair.kind.has_axis:
+                on_link[link].append(pair.name)
+    for link, expected in on_link.items():
+        sizes = geometry.links.get(link, LinkSizes(()))
+        key = f"{where}: links.{link}"
+        if sorted(sizes.axes) != sorted([*expected, *sizes.unpaired]):
+            raise ModelError(
+                f"{key}.axes: has [{listing(sizes.axes)}], but the R pairs on this link "
+                f"are [{listing(expected)}]; list each of them once"
+            )
+        for place, arc in enumerate(sizes.arcs):
+            if not (0.0 <= arc <= math.pi or (sizes.signed and math.isfinite(arc))):
+                raise ModelError(f"{key}.arcs[{place}]: {_no_arc(arc)}")
+        count = len(sizes.axes)
+        arcs, angles = max(count - 1, 0), max(count - 2, 0)
+        if len(sizes.arcs) != arcs:
+            raise ModelError(
+                f"{key}.arcs: has {counted(len(sizes.arcs), 'value')}, needs {arcs}: the "
+                "arcs from the first axis to each of the others"
+            )
+        if len(sizes.angles) != angles:
+            raise ModelError(
+                f"{key}.angles: has {counted(len(sizes.angles), 'value')}, needs {angles}: "
+                "at the first axis, from the first arc to each further arc"
+            )
+
+
+def _no_arc(arc: float) -> str:
+    """Return what to say of an arc (rad) that is none between two axes."""
+    if not math.isfinite(arc):
+        return f"found {arc}, needs a finite number"
+    shorter = abs(math.remainder(arc, 2.0 * math.pi))
+    return (
+        f"found {math.degrees(arc):.6g} deg ({arc:.6g} rad); an arc between two axes is "
+        f"between 0 and 180 deg. This one leads to an axis {math.degrees(shorter):.6g} deg "
+        "away, perhaps on the other side of the first; if that is meant, say "
+        "signed_arcs = true in the link"
+    )

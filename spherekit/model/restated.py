@@ -86,7 +86,7 @@ def restated(
             elif form == "texts":
                 texts = tuple(map(text, value))
                 changes[key] = texts if frame is None else _turned_texts(frame, texts)
-            elif form == "text" and key != "axes" and isinstance(value, str):
+            elif form == "text" and isinstance(value, str):
                 changes[key] = text(value)
         return replace(item, **changes)  # type: ignore[type-var]
 

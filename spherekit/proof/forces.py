@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.model.expression import KINKED, ON_ARRAYS, fold
-from spherekit.model.load import LinkMoment, expression_of
+from spherekit.model.load import LinkMoment, TorqueTable, expression_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.torque_table import TorqueTable
 from spherekit.proof.balls import Ball, Balls, exact, exactly, floats
 from spherekit.proof.rows import ExactRows
 
