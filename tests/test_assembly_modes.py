@@ -18,9 +18,7 @@ from spherekit.motion.groups import group_closure
 from spherekit.motion.motion import Tracer
 from spherekit.motion.solutions import solutions
 from spherekit.planning.assembly import plan_assembly
-from spherekit.sphere.quadrics import arc_quadric, common_points, nearest_real
-from spherekit.sphere.rotation import from_quaternion
-from spherekit.sphere.trigonometric import common_angles, eliminated_degree
+from spherekit.sphere.trigonometric import all_angles, common_angles, eliminated_degree
 
 THREE_RRR = "1-2 1-3 1-4 2-5 3-6 4-7 5-8 6-8 7-8"
 TRIAD = (STEPHENSON, ("p5_6",))
@@ -104,46 +102,20 @@ ROW = (((0, 1), (1, 1)), ((0, -1), (2, 1)), ((1, -1), (0, -1), (2, 1)))
 CHAIN = (((0, 1), (1, 1)), ((0, 1), (1, 1), (2, 1)), ((0, 1), (1, 1), (2, 1)))
 
 
-def test_a_quadric_is_the_arc_that_a_rotation_leaves_between_two_axes():
-    random = np.random.default_rng(1)
-    fixed, moving = random_axes(random, 20), random_axes(random, 20)
-    cosine = random.uniform(-1.0, 1.0, 20)
-    turns = Rotation.random(20, rng=random)
-    q = 1.7 * turns.as_quat()
-    value = np.einsum("ni,nij,nj->n", q, arc_quadric(fixed, moving, cosine), q)
-    true = 1.7**2 * (np.sum(fixed * turns.apply(moving), axis=1) - cosine)
-    assert np.max(np.abs(value - true)) < 1e-14
-    assert np.max(np.abs(from_quaternion(turns.as_quat()) - turns.as_matrix())) < 1e-14
-
-
-def test_three_quadrics_have_eight_points():
+def test_two_equations_have_eight_solutions():
+    """Complex ones of many systems at once: two bars across a chain of two joints."""
     random = np.random.default_rng(2)
-    axes = random_axes(random, 600).reshape(2, 100, 3, 3)
-    quadrics = arc_quadric(axes[0], axes[1], random.uniform(-1.0, 1.0, (100, 3)))
-    points = common_points(quadrics)
-    assert points.shape == (100, 8, 4)
-    values = np.einsum("npi,nkij,npj->npk", points, quadrics, points)
-    assert np.max(np.abs(values)) < 1e-11
-    phases = np.abs(np.einsum("npi,nqi->npq", points.conj(), points))
-    assert np.max(phases - np.eye(8)) < 1.0 - 1e-9
-
-
-def test_points_at_known_places_are_found():
-    """Quadrics x^2 - y^2, y^2 - z^2, z^2 - w^2: the eight sign patterns."""
-    squares = np.diag([1.0, -1.0, 0.0, 0.0]), np.diag([0.0, 1.0, -1.0, 0.0])
-    quadrics = np.array([*squares, np.diag([0.0, 0.0, 1.0, -1.0])])
-    real, imaginary = nearest_real(common_points(quadrics[None])[0])
-    assert np.max(imaginary) < 1e-13
-    assert np.max(np.abs(np.abs(real) - 0.5)) < 1e-13
-    assert len({tuple(np.sign(point / point[0])) for point in real}) == 8
-
-
-def test_quadrics_with_a_common_curve_have_no_points():
-    random = np.random.default_rng(3)
-    fixed, moving = random_axes(random, 3), random_axes(random, 3)
-    fixed[1], moving[1] = fixed[0], moving[0]
-    quadrics = arc_quadric(fixed, moving, np.array([0.3, 0.3, 0.1]))
-    assert np.all(np.isnan(common_points(quadrics[None])))
+    equations = random.normal(size=(100, 2, 3, 3)) + 1j * random.normal(size=(100, 2, 3, 3))
+    angles = all_angles(equations, np.ones((2, 2), dtype=bool))
+    assert angles.shape == (100, 8, 2)
+    points = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)], axis=3)
+    x, y = np.moveaxis(points, 2, 0)
+    values = np.einsum("nkxy,nmx,nmy->nmk", equations, x, y)
+    size = np.linalg.norm(x, axis=2) * np.linalg.norm(y, axis=2)
+    assert np.max(np.abs(values) / size[..., None]) < 1e-10
+    turns = np.exp(1j * angles)
+    apart = np.max(np.abs(turns[:, :, None] / turns[:, None] - 1.0), axis=3)
+    assert np.min(apart + np.eye(8)) > 1e-6
 
 
 @pytest.mark.parametrize(("ways", "count"), [(HUB, 16), (ROW, 24), (CHAIN, 32)])

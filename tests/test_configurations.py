@@ -24,8 +24,7 @@ from spherekit.motion.input_turning_points import (
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.assembly import plan_assembly
-from spherekit.sphere.complex_rotation import at_arcs, dot, taking
-from spherekit.sphere.dyad import HalfArc
+from spherekit.sphere.complex_rotation import taking
 
 TURN = 2.0 * np.pi
 
@@ -125,19 +124,9 @@ def test_what_is_no_smooth_function_is_doubtful():
     assert np.allclose(kinked.places, [0.5, 1.5], rtol=0, atol=1e-12)
 
 
-def test_complex_axes_keep_their_arcs():
-    """Whether the arcs can reach each other or not."""
+def test_a_complex_rotation_takes_two_axes_to_two_others():
     random = np.random.default_rng(1)
     first, second = random_axes(random, 200).reshape(2, 100, 3).astype(complex)
-    near, far = random.uniform(-1.0, 1.0, (2, 100))
-    halves = (0.5 * np.arccos(cosine) for cosine in (near, far))
-    both = at_arcs(first, second, *(HalfArc(np.sin(x), np.cos(x)) for x in halves))
-    for axis in np.moveaxis(both, 1, 0):
-        size = np.sum(np.abs(axis) ** 2, axis=1)
-        assert np.max(np.abs(dot(axis, axis) - 1.0) / size) < 1e-12
-        assert np.max(np.abs(dot(first, axis) - near) / size) < 1e-12
-        assert np.max(np.abs(dot(second, axis) - far) / size) < 1e-12
-    assert np.sum(np.abs(both[:, 0].imag).max(axis=1) > 1e-3) > 20
     real = Rotation.random(100, rng=random).as_matrix()
     to_first, to_second = ((real @ v[..., None])[..., 0] for v in (first, second))
     assert np.max(np.abs(taking(first, second, to_first, to_second) - real)) < 1e-9

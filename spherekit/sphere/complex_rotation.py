@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
-
 Complexes = NDArray[np.complex128]
 
 
@@ -23,32 +21,6 @@ def dot(a: Complexes, b: Complexes) -> Complexes:
 def cross(a: Complexes, b: Complexes) -> Complexes:
     """Return a x b of arrays (..., 3)."""
     return np.asarray(np.cross(a, b), dtype=complex)
-
-
-def triple(a: Complexes, b: Complexes, c: Complexes) -> Complexes:
-    """Return a . (b x c) (...,) of arrays (..., 3)."""
-    return dot(a, cross(b, c))
-
-
-def half_between(a: Complexes, b: Complexes) -> HalfArc:
-    """Return the arc (...,) between unit vectors (..., 3)."""
-    sine, cosine = (0.5 * np.sqrt(dot(c, c).astype(complex)) for c in (a - b, a + b))
-    return HalfArc(sine, cosine)
-
-
-def at_arcs(first: Complexes, second: Complexes, near: HalfArc, far: HalfArc) -> Complexes:
-    """Return both axes (..., 2, 3) at given arcs (...,) from two unit vectors (..., 3).
-
-    They meet where the square root vanishes. Infinite where `first` and `second` lie on
-    one line.
-    """
-    more, less = first + second, first - second
-    squares = dot(more, more), dot(less, less)
-    root = np.sqrt(np.asarray(triple_square(near, far, *squares)).astype(complex))
-    parts = middle_axis(near, far, *squares, root)
-    along, beside, height = (part[..., None] for part in parts)
-    flat, normal = along * more + beside * less, height * cross(first, second)
-    return np.stack([flat + normal, flat - normal], axis=-2)
 
 
 def taking(

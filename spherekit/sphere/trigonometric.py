@@ -1,13 +1,14 @@
-"""Three equations linear in the cosine and sine of each of three angles, all solutions.
+"""Equations linear in the cosine and sine of each of up to three angles, all solutions.
 
-The arc between two axes on bodies joined by revolute pairs gives such an equation. Two
-of the angles are eliminated by resultants; what is left is a trigonometric polynomial of
-known degree in the third, whose coefficients are the Fourier transform of exact samples.
+The arc between two axes on bodies joined by revolute pairs gives such an equation. All
+angles but one are eliminated by resultants; what is left is a trigonometric polynomial of
+known degree in that one, whose coefficients are the Fourier transform of exact samples.
 (C. W. Wampler, 2004, eliminates the same equations by Sylvester's method.)
 
 A form (c0, c1, c2) stands for c0 + c1 cos + c2 sin, a point (1, cos, sin) for an angle,
-real or complex. Equation k has the value `equations[k]` (3, 3, 3) times the points of
-the three angles.
+real or complex. Of a system of t equations in t angles, `equations` (t, 3, ..., 3) with t
+threes, equation k has the value `equations[k]` times the points of all angles. Arrays
+(n, t, 3, ..., 3) are n systems that are solved side by side.
 """
 
 from dataclasses import dataclass
@@ -16,11 +17,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.sphere.rotation import Floats
-
 Numbers = NDArray[np.inexact[Any]]
+Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Bools = NDArray[np.bool_]
+Rows = NDArray[np.intp]
 
 OFFSET = 0.3183
 """The first sample (rad): sizes in round degrees meet no special place there."""
@@ -38,10 +39,16 @@ CLUSTER = 3e-3
 """Roots and solutions nearer than this (rad) belong together: rounding of multiple ones."""
 CLOSED = 1e-10
 """Largest relative residual of a solution."""
+STARTED = 0.01
+"""The same of what Newton's method starts from."""
+BESIDE = 8
+"""Of so many neighbouring systems one is solved without another's solutions."""
 SAME = 1e-6
 """Solutions whose angles differ by less (rad) are one."""
 FLAT = 1e-5
 """Relative determinant below which a solution may be multiple."""
+EMPTY = 1e-10
+"""An equation with smaller coefficients is none; those of arcs are about 1."""
 UNDETERMINED = 1e-5
 """An equation whose part that holds an angle is smaller does not determine it."""
 NEWTON_STEPS = 10
@@ -52,9 +59,9 @@ STILL = 1e-9
 @final
 @dataclass(frozen=True)
 class AngleSolutions:
-    """What the elimination of two of three angles found.
+    """What the elimination of all angles but the first found.
 
-    `angles` (k, 3) complex, rad: solutions whose first angle is near the real axis, or
+    `angles` (k, t) complex, rad: solutions whose first angle is near the real axis, or
     as far from it as was asked for.
     `roots` (2 degree,) complex: all values of e^(ix) of the first angle x. `excess`: the
     coefficients beyond the degree, relative. `problem` says why real solutions may be
@@ -70,65 +77,112 @@ class AngleSolutions:
 def eliminated_degree(involves: Bools) -> int:
     """Return the degree in the first angle of the eliminant, 0 if there is none.
 
-    `involves` (3, 3) says which equation (row) has which angle (column) in it. The first
-    equation must have the second angle and not the third, the others the third.
+    `involves` (t, t) says which equation (row) has which angle (column) in it. The last two
+    equations must have the last angle; of three, the first the second angle and not the
+    third.
     """
-    if not (involves[0, 1] and not involves[0, 2] and involves[1, 2] and involves[2, 2]):
+    if len(involves) == 1:
+        return int(involves[0, 0])
+    first, x = involves[0], involves[:, 0].astype(int)
+    if not np.all(involves[-2:, -1]):
         return 0
-    x, y = involves[:, 0].astype(int), involves[:, 1].astype(int)
-    power = 2 * int(y[1] + y[2])
-    return 2 * power * int(x[0]) + 4 * int(x[1] + x[2])
+    if len(involves) == 2:
+        return 2 * int(np.sum(x))
+    if first[2] or not first[1]:
+        return 0
+    return 2 * _power(involves) * int(x[0]) + 4 * int(x[1] + x[2])
+
+
+def _power(involves: Bools) -> int:
+    """Return the degree of the resultant in the zeros of the first of three equations."""
+    return 2 * int(np.sum(involves[1:, 1])) if len(involves) == 3 else 0
 
 
 def common_angles(
-    equations: Floats, involves: Bools, farthest: float = POLISHED
+    equations: Numbers, involves: Bools, farthest: float = POLISHED
 ) -> AngleSolutions:
-    """Return the solutions of three equations in three angles.
+    """Return the solutions of a system of two or three equations in as many angles.
 
     Parameters
     ----------
     equations
-        (3, 3, 3, 3): equation, then the places of the points of the three angles.
+        (t, 3, ..., 3): equation, then the places of the points of the angles.
     involves
-        (3, 3) as in `eliminated_degree`, whose result must not be 0.
+        (t, t) as in `eliminated_degree`, whose result must not be 0.
     farthest
         Largest imaginary part (rad) of a root that is made solutions.
-
-    Notes
-    -----
-    With n = b x c for the forms b, c in the third angle, their resultant is
-    n1^2 + n2^2 - n0^2. Its product over both zeros (1, C, S) of the form a in the second
-    angle, times (a1^2 + a2^2) to the power of its degree in them, is the eliminant.
     """
-    degree = eliminated_degree(involves)
-    power = 2 * int(involves[1, 1]) + 2 * int(involves[2, 1])
-    count = OVERSAMPLING * degree
-    places = OFFSET + 2 * np.pi * np.arange(count) / count
-    steps = _Steps.at(equations, point(places))
-    samples = np.prod(steps.resultants, axis=1) * steps.weight**power
-    held = np.max(np.abs(steps.weight)) > UNDETERMINED**2 * np.sum(equations[0] ** 2)
-    if not held or not np.all(np.isfinite(samples)):
-        return _nothing("an equation of the elimination does not hold its angle")
-    scales = np.abs(steps.weight) ** power * np.prod(steps.scales, axis=1)
-    if not np.max(np.abs(samples)) > VANISHING * np.max(scales):
-        return _nothing("the equations have infinitely many complex solutions")
-    spectrum = np.fft.fft(samples.real) / count
-    largest = np.max(np.abs(spectrum))
-    excess = float(np.max(np.abs(spectrum[degree + 1 : count - degree])) / largest)
-    powers = np.concatenate([spectrum[degree::-1], spectrum[: -degree - 1 : -1]])
-    roots = np.roots(powers) * np.exp(1j * OFFSET)
-    angles, unmatched = _solutions(equations, roots, farthest)
-    problem = ""
+    with np.errstate(all="ignore"):
+        sampled = _Sampled.at(equations[None], involves)
+        problem = sampled.problem
+        if problem:
+            nothing = np.empty((0, len(equations)), dtype=complex)
+            return AngleSolutions(nothing, nothing[:, 0], np.inf, problem)
+        roots, excess = (part[0] for part in sampled.roots())
+        angles, unmatched = _solutions(equations, roots, farthest)
     if not excess < EXCESS:
+        degree = eliminated_degree(involves)
         problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
     elif unmatched:
         problem = f"{unmatched} roots of the eliminant lost solutions"
-    return AngleSolutions(angles, roots, excess, problem)
+    return AngleSolutions(angles, roots, float(excess), problem)
 
 
-def _nothing(problem: str) -> AngleSolutions:
-    empty = np.empty((0, 3), dtype=complex)
-    return AngleSolutions(empty, np.empty(0, dtype=complex), np.inf, problem)
+def all_angles(equations: Numbers, involves: Bools) -> Complexes:
+    """Return all solutions (n, 2 degree, t) of systems, NaN where one is missing.
+
+    Neighbouring systems of three equations should be alike: most are solved by Newton's
+    method from the solutions of one beside. From wherever they are reached, as many as
+    there are roots are all.
+    """
+    n, t = equations.shape[:2]
+    angles = np.full((n, 2 * eliminated_degree(involves), t), np.nan, dtype=complex)
+    with np.errstate(all="ignore"):
+        if t == 1:
+            return _angle(_zeros(equations[:, 0])[0])[..., None]
+        rows = np.arange(n)
+        _eliminate(angles, equations, involves, rows[:: BESIDE if t == 3 else 1], 1)
+        there, left = (rows[missing == np.isnan(angles[:, 0, 0])] for missing in (0, 1))
+        if len(there) and len(left):
+            beside = there[np.argmin(np.abs(there - left[:, None]), axis=1)]
+            _put(angles, left, _polished(equations[left], angles[beside]), True)
+        _eliminate(angles, equations, involves, rows[np.isnan(angles[:, 0, 0])], 4)
+    return angles
+
+
+def _eliminate(
+    angles: Complexes,
+    equations: Numbers,
+    involves: Bools,
+    rows: Rows,
+    most: int,
+) -> None:
+    """Set the solutions of some systems, from the best starts of each root, so many."""
+    finite = np.zeros(0, dtype=bool)
+    if len(rows):
+        roots, _ = _Sampled.at(equations[rows], involves).roots()
+        finite = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
+    rows = rows[finite]
+    if not len(rows):
+        return
+    starts = _starts(equations[rows], -1j * np.log(roots[finite]))
+    shape = len(rows), angles.shape[1], -1
+    best = np.argsort(_residual(equations[rows], starts).reshape(shape), axis=2)
+    by_root = starts.reshape(*shape, starts.shape[2])
+    starts = np.take_along_axis(by_root, best[:, :, :most, None], axis=2)
+    starts = starts.reshape(len(rows), -1, starts.shape[3])
+    polished = _polished(equations[rows], starts)
+    near = np.abs(polished.angles[..., 0] - starts[..., 0]) < CLUSTER
+    _put(angles, rows, polished, near)
+
+
+def _put(angles: Complexes, rows: Rows, polished: "_Polished", near: Bools | bool) -> None:
+    """Set the solutions of systems whose solutions, without copies, are all there are."""
+    good = (polished.residual < CLOSED) & near
+    for row, solutions, fine in zip(rows, polished.angles, good, strict=True):
+        new = solutions[fine][_are_new(solutions[fine])]
+        if len(new) == angles.shape[1]:
+            angles[row] = new
 
 
 def point(angle: Numbers) -> Numbers:
@@ -147,9 +201,9 @@ def _angle(points: Complexes) -> Complexes:
     return np.where(np.abs(ahead) > np.abs(back), -1j * np.log(ahead), 1j * np.log(back))
 
 
-def _zeros(form: Complexes) -> tuple[Complexes, Complexes]:
+def _zeros(form: Numbers) -> tuple[Complexes, Complexes]:
     """Return both zeros (..., 2, 3) of forms (..., 3), and c1^2 + c2^2 (...,)."""
-    c0, c1, c2 = np.moveaxis(form, -1, 0)
+    c0, c1, c2 = np.moveaxis(form.astype(complex), -1, 0)
     weight = c1 * c1 + c2 * c2
     root = np.sqrt(weight - c0 * c0)
     both = [
@@ -159,134 +213,186 @@ def _zeros(form: Complexes) -> tuple[Complexes, Complexes]:
     return np.stack(both, axis=-2) / weight[..., None, None], weight
 
 
+def _forms(
+    equations: Numbers, first: Numbers
+) -> tuple[Complexes, Complexes, Complexes, Complexes]:
+    """Return the last two equations at values (n, r) of the first angle.
+
+    Their forms (n, r, s, 2, 3) in the last angle, at the s points (n, r, s, 3) of the
+    second that solve the first of three equations, of two at none; and the forms
+    (n, r, 3) of that equation in the second angle, with c1^2 + c2^2 (n, r).
+    """
+    remaining = np.einsum("nkx...,nrx->nrk...", equations, point(first).astype(complex))
+    if equations.shape[1] == 2:
+        nothing = np.ones((*first.shape, 1, 3), dtype=complex)
+        return remaining[:, :, None], nothing, nothing[:, :, 0], nothing[:, :, 0, 0]
+    quadratics = remaining[:, :, 0, :, 0]
+    seconds, weight = _zeros(quadratics)
+    forms = np.einsum("nrkyz,nrsy->nrskz", remaining[:, :, 1:], seconds)
+    return forms, seconds, quadratics, weight
+
+
 @final
 @dataclass(frozen=True)
-class _Steps:
-    """The elimination at n values of the first angle, along its last axis but one.
+class _Sampled:
+    """Eliminants of n systems at equally spaced values of the first angle.
 
-    `quadratics` (n, 3) is the first equation's form in the second angle, `seconds`
-    (n, 2, 3) its zeros as points of the second angle, `forms` (n, 2, 2, 3) of both other
-    equations in the third, `resultants` and `scales` (n, 2), `weight` (n,).
+    With n = b x c for the forms b, c in the last angle, their resultant is
+    n1^2 + n2^2 - n0^2. Its product over both zeros (1, C, S) of the form a in the second
+    angle, times (a1^2 + a2^2) to the power of its degree in them, is the eliminant.
+
+    `samples` (n, count), and `scales` (n, count) what these could reach by the sizes of
+    their factors; `held` (n,) says whether the first of three equations holds its angle,
+    `empty` (n,) whether one of all holds none.
     """
 
-    quadratics: Complexes
-    seconds: Complexes
-    forms: Complexes
-    resultants: Complexes
+    degree: int
+    samples: Complexes
     scales: Floats
-    weight: Complexes
+    held: Bools
+    empty: Bools
 
     @staticmethod
-    def at(equations: Floats, first: Numbers) -> "_Steps":
-        remaining = np.tensordot(first.astype(complex), equations, axes=(1, 1))
-        seconds, weight = _zeros(remaining[:, 0, :, 0])
-        forms = np.einsum("nkyz,nsy->nskz", remaining[:, 1:], seconds)
-        normal = np.cross(forms[:, :, 0], forms[:, :, 1])
+    def at(equations: Numbers, involves: Bools) -> "_Sampled":
+        degree, power = eliminated_degree(involves), _power(involves)
+        count = OVERSAMPLING * degree
+        places = OFFSET + 2 * np.pi * np.arange(count) / count
+        first = np.broadcast_to(places, (len(equations), count))
+        forms, _, _, weight = _forms(equations, first)
+        normal = np.cross(forms[..., 0, :], forms[..., 1, :])
         resultants = normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
-        scales = np.prod(np.sum(np.abs(forms) ** 2, axis=3), axis=2)
-        return _Steps(remaining[:, 0, :, 0], seconds, forms, resultants, scales, weight)
+        samples = np.prod(resultants, axis=2) * weight**power
+        sizes = np.prod(np.sum(np.abs(forms) ** 2, axis=4), axis=(2, 3))
+        size = np.linalg.norm(equations.reshape(*equations.shape[:2], -1), axis=2)
+        held = np.max(np.abs(weight), axis=1) > (UNDETERMINED * size[:, 0]) ** 2
+        empty = np.min(size, axis=1) < EMPTY
+        if np.isrealobj(equations):
+            samples = samples.real.astype(complex)
+        return _Sampled(degree, samples, np.abs(weight) ** power * sizes, held, empty)
+
+    @property
+    def problem(self) -> str:
+        """Why the only system cannot be solved by them, empty if it can."""
+        if not self.held[0] or not np.all(np.isfinite(self.samples)):
+            return "an equation of the elimination does not hold its angle"
+        largest = np.max(np.abs(self.samples))
+        if self.empty[0] or not largest > VANISHING * np.max(self.scales):
+            return "there are infinitely many complex solutions"
+        return ""
+
+    def roots(self) -> tuple[Complexes, Floats]:
+        """Return all e^(ix) (n, 2 degree) of the first angle x, and the excess (n,).
+
+        The excess are the coefficients beyond the degree, relative.
+        """
+        degree, count = self.degree, self.samples.shape[1]
+        spectrum = np.fft.fft(self.samples, axis=1) / count
+        largest = np.max(np.abs(spectrum), axis=1)
+        beyond = np.abs(spectrum[:, degree + 1 : count - degree])
+        powers = np.concatenate(
+            [spectrum[:, degree::-1], spectrum[:, : -degree - 1 : -1]], axis=1
+        )
+        companions = np.zeros((len(powers), 2 * degree, 2 * degree), dtype=complex)
+        companions[:, 1:, :-1] = np.eye(2 * degree - 1)
+        companions[:, 0] = -powers[:, 1:] / powers[:, :1]
+        good = np.all(np.isfinite(companions), axis=(1, 2))
+        roots = np.full((len(powers), 2 * degree), np.nan, dtype=complex)
+        roots[good] = np.linalg.eigvals(companions[good]) * np.exp(1j * OFFSET)
+        return roots, np.max(beyond, axis=1) / largest
+
+
+def _starts(equations: Numbers, first: Complexes) -> Complexes:
+    """Return angles (n, k, t) near all solutions with values (n, r) of the first angle."""
+    forms, seconds, _, _ = _forms(equations, first)
+    sizes = np.linalg.norm(forms[..., 1:], axis=4)
+    better = np.argmax(sizes, axis=3)[..., None, None]
+    lasts = _angle(_zeros(np.take_along_axis(forms, better, axis=3)[..., 0, :])[0])
+    every = [np.broadcast_to(first[..., None, None], lasts.shape), lasts]
+    if equations.shape[1] == 3:
+        every.insert(1, np.broadcast_to(_angle(seconds)[..., None], lasts.shape))
+    return np.stack(every, axis=-1).reshape(len(first), -1, len(every))
 
 
 def _solutions(
-    equations: Floats, roots: Complexes, farthest: float
+    equations: Numbers, roots: Complexes, farthest: float
 ) -> tuple[Complexes, int]:
-    """Return solutions (k, 3) that roots (n,) lead to, and how many roots lost some."""
-    first = -1j * np.log(roots[roots != 0.0])
+    """Return solutions (k, t) that roots (n,) lead to, and how many roots lost some."""
+    first = -1j * np.log(roots[np.isfinite(roots) & (roots != 0.0)])
     first = first[np.abs(first.imag) < farthest]
-    steps = _Steps.at(equations, point(first))
-    sizes = np.linalg.norm(steps.forms[..., 1:], axis=3)
-    better = np.argmax(sizes, axis=2)[..., None, None]
-    thirds, _ = _zeros(np.take_along_axis(steps.forms, better, axis=2)[:, :, 0])
-    seconds = np.broadcast_to(steps.seconds[:, :, None], thirds.shape)
-    every = [np.broadcast_to(first[:, None, None], thirds.shape[:3])]
-    every += [_angle(seconds), _angle(thirds)]
-    start = np.stack(every, axis=3).reshape(-1, 3)
-    held = np.all(np.isfinite(start), axis=1)
-    solutions = _polished(equations, start[held])
-    good = solutions.residual < CLOSED
-    good &= np.abs(solutions.angles[:, 0] - start[held, 0]) < CLUSTER
-    angles, flat = solutions.angles[good], solutions.flat[good]
+    start = _starts(equations[None], first[None])
+    start = start[:, _residual(equations[None], start)[0] < STARTED]
+    polished = _polished(equations[None], start)
+    good = polished.residual[0] < CLOSED
+    good &= np.abs(polished.angles[0, :, 0] - start[0, :, 0]) < CLUSTER
+    angles, flat = polished.angles[0, good], polished.flat[0, good]
     new = _are_new(angles)
     angles, flat = angles[new], flat[new]
     turned = np.exp(1j * first)[:, None]
     with_roots = np.sum(np.abs(turned / turned.T - 1.0) < CLUSTER, axis=1)
     near = np.abs(turned / np.exp(1j * angles[:, 0]) - 1.0) < CLUSTER
-    short = (np.sum(near, axis=1) < with_roots) & ~np.any(near & flat, axis=1)
-    size = np.linalg.norm(steps.quadratics, axis=1) / np.linalg.norm(equations[0])
-    vague = size < UNDETERMINED
-    lost = ~np.any(near, axis=1) | short | vague
+    lost = (np.sum(near, axis=1) < with_roots) & ~np.any(near & flat, axis=1)
+    lost |= ~np.any(near, axis=1)
+    if len(equations) == 3:
+        _, _, quadratics, _ = _forms(equations[None], first[None])
+        size = np.linalg.norm(quadratics[0], axis=1) / np.linalg.norm(equations[0])
+        lost |= size < UNDETERMINED
     return angles, int(np.sum(lost & (np.abs(first.imag) < NEAR_CIRCLE)))
 
 
 @final
 @dataclass(frozen=True)
 class _Polished:
-    """Angles (n, 3), their relative residual (n,), whether the equations are flat (n,)."""
+    """Angles (n, m, t), their relative residual (n, m), and where equations are flat."""
 
     angles: Complexes
     residual: Floats
     flat: Bools
 
 
-def _polished(equations: Floats, angles: Complexes) -> _Polished:
-    """Return what Newton's method makes of angles (n, 3)."""
+def _polished(equations: Numbers, angles: Complexes) -> _Polished:
+    """Return what Newton's method makes of angles (n, m, t) of n systems."""
     largest = np.inf
     for step in range(NEWTON_STEPS + 1):
-        points = np.moveaxis(point(angles), 1, 0)
-        values = _values(equations, points)
-        jacobian = _jacobian(equations, angles)
-        determinant = np.abs(np.linalg.det(jacobian))
+        values, matrices = _jets(equations, angles)
+        determinant = np.abs(np.linalg.det(matrices))
         if step == NEWTON_STEPS or largest < STILL:
             break
         regular = determinant > 0.0
-        right = -values[regular][..., None]
         change = np.zeros_like(angles)
-        change[regular] = np.linalg.solve(jacobian[regular], right)[..., 0]
-        length = np.max(np.abs(change), axis=1, initial=0.0, keepdims=True)
+        right = -values[regular][..., None]
+        change[regular] = np.linalg.solve(matrices[regular], right)[..., 0]
+        length = np.max(np.abs(change), axis=2, initial=0.0, keepdims=True)
         angles = angles + change * np.minimum(1.0, 0.3 / np.maximum(length, 1e-300))
-        largest = np.max(length, initial=0.0)
-    size = np.prod(np.linalg.norm(points, axis=2), axis=0)
-    residual = np.max(np.abs(values), axis=1, initial=0.0) / size
-    reach = np.prod(np.linalg.norm(jacobian, axis=1), axis=1)
-    return _Polished(angles, residual, determinant < FLAT * reach)
+        largest = np.nanmax(length, initial=0.0)
+    reach = np.prod(np.linalg.norm(matrices, axis=2), axis=2)
+    return _Polished(angles, _residual(equations, angles), determinant < FLAT * reach)
 
 
-def followed(equations: Floats, angles: Complexes) -> Complexes:
-    """Return the solutions that Newton's method reaches from angles (n, 3), all distinct.
-
-    As many as the equations have are all of them, wherever the angles came from.
-    """
-    solutions = _polished(equations, angles)
-    reached = solutions.angles[solutions.residual < CLOSED]
-    return np.asarray(reached[_are_new(reached)])
+def _residual(equations: Numbers, angles: Complexes) -> Floats:
+    """Return how far (n, m), relative, angles (n, m, t) are from solving n systems."""
+    size = np.prod(np.linalg.norm(point(angles), axis=3), axis=2)
+    return np.asarray(np.max(np.abs(_jets(equations, angles)[0]), axis=2) / size)
 
 
 def _are_new(angles: Complexes) -> Bools:
-    """Return (n,) which of angles (n, 3) are not copies of earlier ones."""
+    """Return (n,) which of angles (n, t) are not copies of earlier ones."""
     turns = np.exp(1j * angles)
     apart = np.abs(turns[:, None] / turns - 1.0)
     copies = np.tril(np.all(apart < SAME, axis=2), -1)
     return np.asarray(~np.any(copies, axis=1))
 
 
-def determinants(equations: Floats, angles: Complexes) -> Complexes:
-    """Return the determinants (n,) of the equations' derivatives by angles (n, 3)."""
-    return np.asarray(np.linalg.det(_jacobian(equations, angles)))
+def determinants(equations: Numbers, angles: Complexes) -> Complexes:
+    """Return the determinants (n, m) of n systems' derivatives by angles (n, m, t)."""
+    return np.asarray(np.linalg.det(_jets(equations, angles)[1]))
 
 
-def _jacobian(equations: Floats, angles: Complexes) -> Complexes:
-    """Return the derivatives (n, 3, 3) of the equations by the angles (n, 3)."""
-    points = np.moveaxis(point(angles), 1, 0)
-    rates = np.moveaxis(_point_rate(angles), 1, 0)
-    columns = [
-        _values(equations, np.where(turned[:, None, None], rates, points))
-        for turned in np.eye(3, dtype=bool)
-    ]
-    return np.stack(columns, axis=2)
-
-
-def _values(equations: Floats, points: Numbers) -> Complexes:
-    """Return the equations' values (n, 3) at points (3, n, 3) of the three angles."""
-    values = np.tensordot(points[0], equations, axes=(1, 1))
-    values = np.einsum("nkyz,ny->nkz", values, points[1])
-    return np.asarray(np.einsum("nkz,nz->nk", values, points[2]), dtype=complex)
+def _jets(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
+    """Return values (n, m, t) of n systems at angles (n, m, t), and derivatives (.., t)."""
+    both = np.stack([point(angles), _point_rate(angles)], axis=3)
+    jets = np.einsum("nkx...,nmax->nmk...a", equations, both[:, :, 0])
+    for angle in range(1, angles.shape[2]):
+        jets = np.einsum("nmkx...,nmax->nmk...a", jets, both[:, :, angle])
+    turned = np.eye(angles.shape[2], dtype=int)
+    columns = [jets[..., *column] for column in turned]
+    return jets[..., *np.zeros_like(turned[0])], np.stack(columns, axis=3)
