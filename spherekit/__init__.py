@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from spherekit.dynamics.tabulated import load_reduced as load_reduced
     from spherekit.dynamics.tabulated_motion import online_motion as online_motion
     from spherekit.errors import SpherekitError as SpherekitError
-    from spherekit.exchange.coupling_files import load_coupling as load_coupling
+    from spherekit.exchange.coupling import load_coupling as load_coupling
     from spherekit.exchange.coupling_made import coupling_table as coupling_table
     from spherekit.exchange.imported import import_mechanism as import_mechanism
     from spherekit.files.build import build as build

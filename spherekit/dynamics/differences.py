@@ -34,19 +34,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     With D the step, q_1 = q_0 + q'_0 D, and q_{i+1} = (D^2 Q - 1/2 dB/dq (q_i - q_{i-1})^2)
     / B + 2 q_i - q_{i-1}, where Q is taken at q_i and (q_i - q_{i-1}) / D.
     """
-    started = time.perf_counter()
-    name = problem.equation.mechanism.name
-    count = round(problem.until / step) if step > 0.0 else 0
-    if count < 1 or abs(count * step - problem.until) > 1e-9 * problem.until:
-        raise SolveError(
-            f"{name}: step is {step:g} s, but the time {problem.until:g} s must be a whole "
-            "number of steps"
-        )
-    if problem.equation.freedoms > 1:
-        raise SolveError(
-            f"{name}: the scheme of the source is of one input; leave scheme out"
-        )
-    need_no_rubbing(problem.equation.mechanism, "the scheme of the source does not know")
+    started, count = time.perf_counter(), _steps(problem, step)
     (driven,), closure = problem.driven, problem.equation.closure
     variables = problem.equation.variables
     values, equation = problem.values, problem.equation
@@ -97,3 +85,20 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     seconds = time.perf_counter() - started
     report = EngineReport("numpy", REASON, 0.0, seconds, len(path))
     return Simulation(equation, problem.driven, traced, (), end, report)
+
+
+def _steps(problem: Problem, step: float) -> int:
+    """Return how many steps there are; `SolveError` where the scheme is none of it."""
+    name = problem.equation.mechanism.name
+    count = round(problem.until / step) if step > 0.0 else 0
+    if count < 1 or abs(count * step - problem.until) > 1e-9 * problem.until:
+        raise SolveError(
+            f"{name}: step is {step:g} s, but the time {problem.until:g} s must be a whole "
+            "number of steps"
+        )
+    if problem.equation.freedoms > 1:
+        raise SolveError(
+            f"{name}: the scheme of the source is of one input; leave scheme out"
+        )
+    need_no_rubbing(problem.equation.mechanism, "the scheme of the source does not know")
+    return count

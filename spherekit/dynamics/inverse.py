@@ -15,7 +15,7 @@ from spherekit.dynamics.inertia import Inertia, inertia
 from spherekit.dynamics.input_motion import InputMotion, single
 from spherekit.dynamics.kinematics import CoordinateMotion, by_variables, determined
 from spherekit.dynamics.rubbing import rubbed
-from spherekit.dynamics.start import into_range, reaching
+from spherekit.dynamics.start import at_inputs
 from spherekit.dynamics.transmitted import Driven
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -270,18 +270,22 @@ def inverse_dynamics(
                 f"name: {listing(names)}"
             )
         laws = {names[0]: law}
+    return needed_torques(_by_laws(mechanism, laws, t, assembly_mode, search))
+
+
+def _by_laws(
+    mechanism: Mechanism,
+    laws: Mapping[str, TimeLaw],
+    t: Floats,
+    assembly_mode: int | None,
+    search: bool,
+) -> Motion:
+    """Return the motion of all inputs by laws, with angles that go on."""
     names = [item.pair for item in mechanism.inputs]
     q, timing = by_laws(names, laws, t)
-    if len(names) == 1:
-        tracer = Tracer(mechanism, names[0], assembly_mode, search)
-        tracer = reaching(tracer, q[:, 0], assembly_mode, search)
-        motion = tracer.at(into_range(tracer, q))
-        motion = replace(motion, inputs=np.tile(q, (len(tracer.assembly_modes), 1)))
-    else:
-        tracer = Tracer(mechanism, None, assembly_mode, search, path=q)
-        motion = tracer.motion()
+    tracer, motion = at_inputs(mechanism, q, assembly_mode, search)
     motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
-    return needed_torques(going_on(motion, tracer.solver))
+    return going_on(motion, tracer.solver)
 
 
 def _ordered(mechanism: Mechanism, laws: Mapping[str, TimeLaw]) -> list[str]:

@@ -11,6 +11,7 @@ friction, and iteration leads to it. From 1 on there may be several or none, as 
 that lock. Newton's step is taken where it leaves less than iteration does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -20,8 +21,9 @@ from numpy.typing import NDArray
 from spherekit.conventions import listing
 from spherekit.dynamics.forces import Loads, rates_by_time
 from spherekit.dynamics.lacking import lacking
-from spherekit.dynamics.transmitted import Driven, accelerating, balanced
+from spherekit.dynamics.transmitted import Balanced, Driven, accelerating, balanced
 from spherekit.errors import SolveError
+from spherekit.model.load import Rubbing
 from spherekit.sphere.rotation import Floats
 
 SETTLED = 1e-14
@@ -67,22 +69,7 @@ def rubbed(driven: Driven, loads: Loads, faster: Floats, drives: Floats) -> Rubb
     solved = balanced(driven, whole)
     balance = solved.balance
     pairs = [mechanism.pair_number[one.pair] for one in bearings]
-    is_open = balance.on_pairs(balance.is_open.astype(float)) != 0.0
-    for one, pair in zip(bearings, pairs, strict=True):
-        if np.any(is_open[:, pair, :3]) or not np.all(solved.settled):
-            raise SolveError(
-                f"{mechanism.name}: loads.{one.name}: redundant constraints leave the "
-                f"reaction of pair {one.pair} open, and so the friction that follows from "
-                "it; take a load of kind friction, or give gears their pressure_angle"
-            )
-        if one.asks_forces and (np.any(is_open[:, pair]) or np.any(balance.slides)):
-            wanted = lacking(mechanism, driven.joints, driven.frames[0]).wanted
-            more = f"; a file that says {listing(wanted)} determines it" if wanted else ""
-            raise SolveError(
-                f"{mechanism.name}: loads.{one.name}: the force through the centre in pair "
-                f"{one.pair} is not determined, and so the friction of its bearings that "
-                f"axial asks for{more}; without axial it is that of the couple alone"
-            )
+    _need_determined(driven, solved, bearings)
     n, count = len(motion.values), len(pairs)
 
     def on_bearings(left: Floats) -> Floats:
@@ -107,6 +94,27 @@ def rubbed(driven: Driven, loads: Loads, faster: Floats, drives: Floats) -> Rubb
     rates = rates_by_time(motion, driven.timing.dq)
     factors = loads.friction(motion.values, rates, driven.timing.t)
     return _solved(still, change, factors)
+
+
+def _need_determined(driven: Driven, solved: Balanced, rubbing: Sequence[Rubbing]) -> None:
+    """Raise `SolveError` if a reaction is open that friction follows from."""
+    mechanism, balance = driven.mechanism, solved.balance
+    is_open = balance.on_pairs(balance.is_open.astype(float)) != 0.0
+    for one, pair in ((one, mechanism.pair_number[one.pair]) for one in rubbing):
+        if np.any(is_open[:, pair, :3]) or not np.all(solved.settled):
+            raise SolveError(
+                f"{mechanism.name}: loads.{one.name}: redundant constraints leave the "
+                f"reaction of pair {one.pair} open, and so the friction that follows from "
+                "it; take a load of kind friction, or give gears their pressure_angle"
+            )
+        if one.asks_forces and (np.any(is_open[:, pair]) or np.any(balance.slides)):
+            wanted = lacking(mechanism, driven.joints, driven.frames[0]).wanted
+            more = f"; a file that says {listing(wanted)} determines it" if wanted else ""
+            raise SolveError(
+                f"{mechanism.name}: loads.{one.name}: the force through the centre in pair "
+                f"{one.pair} is not determined, and so the friction of its bearings that "
+                f"axial asks for{more}; without axial it is that of the couple alone"
+            )
 
 
 def _solved(still: Floats, change: Floats, factors: Floats) -> Rubbed:

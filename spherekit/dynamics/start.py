@@ -19,7 +19,7 @@ from spherekit.model.load import TorqueFunction, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.turns import into_range as turned_into
 from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import Floats
@@ -109,20 +109,7 @@ def prepare(
     need_inertia(mechanism)
     mechanism = driven_at(mechanism, input_pair)
     inputs = [item.pair for item in mechanism.inputs]
-    if isinstance(start, PoseStart):
-        pairs = [start.pair] if isinstance(start.pair, str) else list(start.pair)
-        rates = np.atleast_1d(np.asarray(start.rate, dtype=float))
-    else:
-        pairs = inputs
-        q, rates = start.each(inputs)
-    if not np.all(np.isfinite(rates)):
-        raise SolveError(f"{name}: the rate at the start is {rates}, give finite numbers")
-    if not len(pairs) == len(rates) == len(inputs):
-        raise SolveError(
-            f"{name}: the start has {counted(len(pairs), 'pair')} with "
-            f"{counted(len(rates), 'rate')}, needs one for each of "
-            f"{counted(len(inputs), 'input')} ({listing(inputs)})"
-        )
+    pairs, rates = _moved(name, start, inputs)
     driven = tuple(variable_of(mechanism, pair) for pair in inputs)
     moved = [variable_of(mechanism, pair) for pair in pairs]
     mechanism = mechanism.with_loads(*drives(mechanism, torque))
@@ -134,7 +121,7 @@ def prepare(
     if isinstance(start, PoseStart):
         values, turns = _closed(closure, mechanism, start.values)
     else:
-        values, turns = _configuration(mechanism, q, assembly_mode)
+        values, turns = _configuration(mechanism, start.each(inputs)[0], assembly_mode)
     at = closure.at(values[None])
     freedoms = int(rank_mobility(closure.tree, at.vectors)[0])
     if freedoms != len(inputs):
@@ -151,6 +138,26 @@ def prepare(
     inside = tuple(t for t in times if 0.0 < t < until)
     speed = _speed(mechanism, frame, moved, rates)
     return Problem(equation, driven, values, turns, frame, speed, until, inside, passes)
+
+
+def _moved(
+    name: str, start: Start | PoseStart, inputs: Sequence[str]
+) -> tuple[list[str], Floats]:
+    """Return the pairs whose rates (m,) are given at the start, and these."""
+    if isinstance(start, PoseStart):
+        pairs = [start.pair] if isinstance(start.pair, str) else list(start.pair)
+        rates = np.atleast_1d(np.asarray(start.rate, dtype=float))
+    else:
+        pairs, (_, rates) = list(inputs), start.each(inputs)
+    if not np.all(np.isfinite(rates)):
+        raise SolveError(f"{name}: the rate at the start is {rates}, give finite numbers")
+    if not len(pairs) == len(rates) == len(inputs):
+        raise SolveError(
+            f"{name}: the start has {counted(len(pairs), 'pair')} with "
+            f"{counted(len(rates), 'rate')}, needs one for each of "
+            f"{counted(len(inputs), 'input')} ({listing(inputs)})"
+        )
+    return pairs, rates
 
 
 def _speed(
@@ -259,8 +266,33 @@ def _need_digits(name: str, values: Floats) -> None:
 
 def traced(mechanism: Mechanism) -> Tracer:
     """Return the assembly modes of a mechanism, found once for the last few geometries."""
-    bare = replace(mechanism, masses=(), loads=(), stops=())
-    return _TRACERS.get(bare, "assembly_modes", lambda: Tracer(bare))
+    made = bare(mechanism)
+    return _TRACERS.get(made, "assembly_modes", lambda: Tracer(made))
+
+
+def bare(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism without what its configurations do not depend on."""
+    return replace(mechanism, masses=(), loads=(), stops=())
+
+
+def at_inputs(
+    of: Mechanism | Tracer,
+    q: Floats,
+    assembly_mode: int | None = None,
+    search: bool = True,
+) -> tuple[Tracer, Motion]:
+    """Return all assembly modes, or one, at inputs (n, inputs) with any whole turns.
+
+    With their tracer, which of one input may be given, over the range of the input.
+    """
+    if q.shape[1] > 1:
+        assert isinstance(of, Mechanism)
+        tracer = Tracer(of, None, assembly_mode, search, path=q)
+        return tracer, tracer.motion()
+    first = Tracer(of, None, assembly_mode, search) if isinstance(of, Mechanism) else of
+    tracer = reaching(first, q[:, 0], assembly_mode, search)
+    motion = tracer.at(into_range(tracer, q))
+    return tracer, replace(motion, inputs=np.tile(q, (len(tracer.assembly_modes), 1)))
 
 
 def _configuration(
@@ -271,14 +303,10 @@ def _configuration(
     if not np.all(np.isfinite(q)):
         raise SolveError(f"{name}: the input at the start is {q}, give finite numbers")
     _need_digits(name, q)
-    if len(q) == 1:
-        tracer = reaching(traced(mechanism), q)
-        motion = tracer.at(into_range(tracer, q[None]))
-    else:
-        bare = replace(mechanism, masses=(), loads=(), stops=())
-        near = q if mechanism.has_contacts else reduced(q)
-        tracer = Tracer(bare, path=near[None])
-        motion = tracer.motion()
+    near = q if len(q) == 1 or mechanism.has_contacts else reduced(q)
+    tracer, motion = at_inputs(
+        traced(mechanism) if len(q) == 1 else bare(mechanism), near[None]
+    )
     row = tracer.place_of(assembly_mode)
     status = Status(int(motion.status[row]))
     if status not in (Status.OK, Status.AT_SINGULARITY):

@@ -8,6 +8,7 @@ work W of all loads. As in `spherekit.dynamics.state`, which holds in any coordi
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import sqrt
 from typing import final
 
@@ -79,8 +80,6 @@ def online_motion(
         If times do not increase, the model has no inertia or not this coordinate, or the
         integrator gives up.
     """
-    from scipy.integrate import odeint
-
     heading, name = model.heading, model.heading.mechanism
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if len(t) < 2 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
@@ -100,11 +99,11 @@ def online_motion(
         return speed, push * root, push * speed
 
     tighter = max(MARGIN * tolerance, 1e-14)
-    kinks = set(switches)
-    for load in heading.loads:
-        if load.table is not None:
-            kinks |= set(load.table.knots(float(t[0]), float(t[-1])))
-    critical = sorted(time for time in kinks if t[0] < time < t[-1])
+    start, stop = float(t[0]), float(t[-1])
+    tables = [load.table.knots(start, stop) for load in heading.loads if load.table]
+    critical = sorted(k for k in {*chain(switches, *tables)} if start < k < stop)
+    from scipy.integrate import odeint
+
     states, notes = odeint(
         right,
         [x, sqrt(inertia) * dx, 0.0],
@@ -118,9 +117,17 @@ def online_motion(
     )
     if notes["message"] != "Integration successful.":
         raise SolveError(f"{name}: {notes['message']}")
+    return _motion(model, t, states, int(notes["nfe"][-1]))
+
+
+def _motion(
+    model: TabulatedModel, t: Floats, states: Floats, evaluations: int
+) -> TabulatedMotion:
+    """Return the motion of states (n, 3): the coordinate, momentum and work."""
+    heading = model.heading
     message, reached = "", states[:, 0]
     if not heading.periodic:
-        beyond = np.flatnonzero((reached < low) | (reached > high))
+        beyond = np.flatnonzero((reached < heading.low) | (reached > heading.high))
         if len(beyond):
             message = f"the curve ends before t = {t[beyond[0]]:.6g} s"
             states[beyond[0] :] = np.nan
@@ -136,7 +143,6 @@ def online_motion(
             row[k, finite] = model.value(function, places[finite])
     values, rates = rows[0].T, rows[1].T * speeds[:, None]
     driven = heading.variables.index(f"theta_{heading.input}")
-    evaluations = int(notes["nfe"][-1])
     return TabulatedMotion(
         t,
         places,

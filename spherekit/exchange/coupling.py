@@ -1,15 +1,34 @@
 """Tables for controllers: what inputs do to everything else, read between nodes."""
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, fields
 from itertools import product
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.checked import checked
 from spherekit.conventions import counted, listing
-from spherekit.errors import SolveError
+from spherekit.dynamics.model_metadata import DAMAGED, Archive
+from spherekit.errors import FileError, SolveError
+from spherekit.files.atomic import write_text
 from spherekit.sphere.rotation import Floats
+
+ARCHIVE = Archive("spherekit coupling table", 1, "write one with `--to coupling`")
+
+WORDS = (
+    "mechanism",
+    "mechanism_sha256",
+    "made_by",
+    "inputs",
+    "variables",
+    "poles",
+    "modes",
+    "tolerance",
+    "coefficient_error",
+)
+"""What the heading of an archive says; the rest are arrays of their names."""
 
 
 @final
@@ -82,13 +101,8 @@ class CouplingTable:
     @property
     def nodes(self) -> Floats:
         """(nodes, m) rad, the inputs at the nodes."""
-        axes = [
-            first + step * np.arange(count)
-            for first, step, count in zip(self.start, self.step, self.count, strict=True)
-        ]
-        return np.stack(
-            [grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")], axis=1
-        )
+        places = np.indices(tuple(self.count)).reshape(len(self.count), -1)
+        return np.asarray(self.start + self.step * places.T)
 
     def at(self, q: ArrayLike, assembly_mode: int | None = None) -> Coupled:
         """Return what the table says at inputs (m,) or (n, m) rad.
@@ -119,68 +133,118 @@ class CouplingTable:
             )
         number = self.modes.index(mode)
         q = np.asarray(q, dtype=float).reshape(-1, len(self.inputs))
-        cells, at, turns, inside = self._cells(q)
-        coupled = self._blended(number, cells, at)
-        grown = turns @ self.rise[number]
-        good = inside & self.sure[number, self._number(cells, self.count - 1)]
-        coupled = Coupled(
-            coupled.angles + grown,
-            coupled.coefficients,
-            coupled.derivatives,
-            coupled.turning,
-        )
-        for part in (
-            coupled.angles,
-            coupled.coefficients,
-            coupled.derivatives,
-            coupled.turning,
-        ):
+        last, slack = self.count - 1, 1e-9
+        turns = np.floor((q - self.start) / (self.step * last))
+        turns = np.where(self.periodic, turns, 0.0)
+        along = (q - self.start) / self.step - turns * last
+        with np.errstate(invalid="ignore"):
+            good = np.all((along >= -slack) & (along <= last + slack), axis=1)
+        filled = np.nan_to_num(along)
+        cells = np.clip(np.floor(filled).astype(np.int64), 0, last - 1)
+        good &= self.sure[number, np.ravel_multi_index(tuple(cells.T), tuple(last))]
+        coupled = self.blended(number, cells, filled - cells)
+        np.add(coupled.angles, turns @ self.rise[number], out=coupled.angles)
+        for part in vars(coupled).values():
             part[~good] = np.nan
         return coupled
 
-    def _cells(
-        self, q: Floats
-    ) -> tuple[NDArray[np.int64], Floats, Floats, NDArray[np.bool_]]:
-        """Return cells (n, m), places in them from 0 to 1, turns, and which are inside."""
-        lap = self.step * (self.count - 1)
-        along = (q - self.start) / self.step
-        turns = np.where(self.periodic, np.floor((q - self.start) / lap), 0.0)
-        along = along - turns * (self.count - 1)
-        slack = 1e-9
-        with np.errstate(invalid="ignore"):
-            inside = np.all((along >= -slack) & (along <= self.count - 1 + slack), axis=1)
-        filled = np.nan_to_num(along)
-        cells = np.clip(np.floor(filled).astype(np.int64), 0, self.count - 2)
-        return cells, filled - cells, turns, inside
-
-    @staticmethod
-    def _number(places: NDArray[np.int64], count: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the numbers (n,) of places (n, m) in a grid of so many."""
-        number = np.zeros(len(places), dtype=np.int64)
-        for axis, size in enumerate(count):
-            number = number * size + places[:, axis]
-        return number
-
-    def _blended(self, mode: int, cells: NDArray[np.int64], at: Floats) -> Coupled:
-        parts: list[Floats] = []
+    def blended(self, mode: int, cells: NDArray[np.int64], at: Floats) -> Coupled:
+        """Return what the mode of a number is at places from 0 to 1 in cells (n, m)."""
+        parts: list[Any] = [0.0] * 4
         for corner in product((0, 1), repeat=len(self.inputs)):
             weight = np.prod(np.where(np.array(corner) == 1, at, 1.0 - at), axis=1)
             d = (at - corner) * self.step
-            node = self._number(cells + np.array(corner), self.count)
-            f, g = self.angles[mode, node], self.coefficients[mode, node]
-            H, w = self.derivatives[mode, node], self.turning[mode, node]
-            dw = self.turning_derivatives[mode, node]
+            places = tuple((cells + np.array(corner)).T)
+            node = mode, np.ravel_multi_index(places, tuple(self.count))
+            g, H = self.coefficients[node], self.derivatives[node]
             bent = np.einsum("nkij,nj->nki", H, d)
-            expansion = [
-                f + np.einsum("nki,ni->nk", 2.0 / 3.0 * g + bent / 6.0, d),
-                g + 0.5 * bent,
-                H,
-                w + 0.5 * np.einsum("npijx,nj->npix", dw, d),
-            ]
-            for k, part in enumerate(expansion):
-                shaped = weight.reshape(-1, *(1,) * (part.ndim - 1)) * part
-                if len(parts) > k:
-                    parts[k] = parts[k] + shaped
-                else:
-                    parts.append(shaped)
+            turned = np.einsum("npijx,nj->npix", self.turning_derivatives[node], d)
+            for k, part in enumerate(
+                (
+                    self.angles[node] + np.einsum("nki,ni->nk", 2 / 3 * g + bent / 6, d),
+                    g + 0.5 * bent,
+                    H,
+                    self.turning[node] + 0.5 * turned,
+                )
+            ):
+                parts[k] = parts[k] + weight.reshape(-1, *(1,) * (part.ndim - 1)) * part
         return Coupled(*parts)
+
+
+def write_npz(table: CouplingTable, path: str | os.PathLike[str]) -> None:
+    """Write a table as a NumPy archive (.npz) that `load_coupling` reads.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    given = {item.name: getattr(table, item.name) for item in fields(table)}
+    heading = {name: given.pop(name) for name in WORDS}
+    ARCHIVE.write(path, heading, given)
+
+
+@checked(FileError)
+def load_coupling(path: str | os.PathLike[str]) -> CouplingTable:
+    """Return a table that was written as a NumPy archive.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, or is no such table.
+    """
+    heading, arrays = ARCHIVE.read(path)
+    try:
+        whole: dict[str, Any] = {name: heading[name] for name in WORDS} | arrays
+        return CouplingTable(**whole)
+    except DAMAGED as error:
+        raise ARCHIVE.damaged(repr(str(path)), error) from None
+
+
+def columns(table: CouplingTable) -> dict[str, Floats]:
+    """Return the columns (modes nodes,) of a table, mode after mode, by their names.
+
+    ``theta_41`` is in rad, ``theta_41_by_21`` its coefficient, ``theta_41_by_21_by_51`` in
+    1/rad the derivative of that by the second input; ``w_6_1_x_by_12`` a component of the
+    angular velocity of link 6 relative to link 1. `cell_error` (rad) is measured in the
+    cell that starts at the node.
+    """
+    modes, nodes = len(table.modes), len(table.nodes)
+    arrays: dict[str, Floats] = {"assembly_mode": np.repeat(table.modes, nodes)}
+    for k, name in enumerate(table.inputs):
+        arrays[f"q_{name}"] = np.tile(table.nodes[:, k], modes)
+
+    def put(name: str, values: Floats) -> None:
+        arrays[name] = values.reshape(modes * nodes)
+
+    for v, name in enumerate(table.variables):
+        put(name, table.angles[:, :, v])
+        for i, one in enumerate(table.inputs):
+            put(f"{name}_by_{one}", table.coefficients[:, :, v, i])
+        for i, one in enumerate(table.inputs):
+            for j, other in list(enumerate(table.inputs))[i:]:
+                put(f"{name}_by_{one}_by_{other}", table.derivatives[:, :, v, i, j])
+    for p, pole in enumerate(table.poles):
+        stem = f"w_{pole.replace('/', '_')}"
+        for i, one in enumerate(table.inputs):
+            for x, axis in enumerate("xyz"):
+                put(f"{stem}_{axis}_by_{one}", table.turning[:, :, p, i, x])
+    cells = table.error.reshape(modes, *(table.count - 1))
+    wider = [(0, 0), *[(0, 1)] * len(table.count)]
+    put("cell_error", np.pad(cells, wider, constant_values=np.nan))
+    return arrays
+
+
+def write_csv(table: CouplingTable, path: str | os.PathLike[str]) -> None:
+    """Write a table as CSV, see `columns`; places without a mode are empty.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    made = columns(table)
+    lines = [",".join(made)]
+    for row in zip(*(column.tolist() for column in made.values()), strict=True):
+        lines.append(",".join("" if x != x else repr(x) for x in row))
+    write_text(path, "\n".join([*lines, ""]))

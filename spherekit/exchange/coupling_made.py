@@ -5,7 +5,6 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.checked import checked
 from spherekit.conventions import listing
@@ -104,15 +103,20 @@ def coupling_table(
         if given or np.sum(table.sure) >= ENOUGH * reached or refined > MOST_NODES:
             break
         counts = finer
+    _need_sure(table)
+    return table
+
+
+def _need_sure(table: CouplingTable) -> None:
+    """Raise `SolveError` where no cell is sure."""
     if not np.any(table.sure):
         errors = table.error[np.isfinite(table.error)]
         best = f"the best is to {np.min(errors):.2g}" if len(errors) else "no mode is there"
         raise SolveError(
-            f"{mechanism.name}: no cell of {'x'.join(map(str, counts))} nodes is sure to "
-            f"{tolerance:g} rad, {best}: ask for more samples, a larger tolerance, or "
-            "narrower ranges"
+            f"{table.mechanism}: no cell of {'x'.join(map(str, table.count))} nodes is "
+            f"sure to {table.tolerance:g} rad, {best}: ask for more samples, a larger "
+            "tolerance, or narrower ranges"
         )
-    return table
 
 
 def _counts(mechanism: Mechanism, samples: int | Sequence[int] | None) -> tuple[int, ...]:
@@ -164,42 +168,32 @@ def _table(
         mechanism, None, assembly_mode, samples=fine if len(fine) > 1 else fine[0]
     )
     motion = going_on(tracer.motion(), tracer.solver)
-    k, m, n = len(chosen), len(counts), len(motion)
     held = [mechanism.angles[pair] for pair in tracer.inputs]
-    good = np.flatnonzero(~motion.failed)
+    good, columns = np.flatnonzero(~motion.failed), list(chosen)
     parts = by_variables(tracer.solver.closure, motion.values[good], held)
+    modes = [mode.number for mode in tracer.assembly_modes]
 
     def spread(values: Floats) -> Floats:
-        whole = np.full((n, *values.shape[1:]), np.nan)
+        whole = np.full((len(motion), *values.shape[1:]), np.nan)
         whole[good] = values
-        return whole
+        return whole.reshape(len(modes), motion.samples, *values.shape[1:])
 
-    columns = list(chosen)
-    angles = spread(parts.values[:, columns])
     first = spread(np.swapaxes(parts.rates[:, :, columns], 1, 2))
     second = spread(np.moveaxis(parts.second[:, :, :, columns], 3, 1))
     low, high = [p[0] for p in poles], [p[1] for p in poles]
     turning = spread(np.moveaxis(parts.w[:, :, high] - parts.w[:, :, low], 2, 1))
     bent = spread(np.moveaxis(parts.dw[:, :, :, high] - parts.dw[:, :, :, low], 3, 1))
-    usable = np.all(np.isfinite(first), axis=(1, 2))
-    usable &= np.all(np.isfinite(second), axis=(1, 2, 3))
-    angles[~usable] = np.nan
-    modes = [mode.number for mode in tracer.assembly_modes]
-    shape = (len(modes), motion.samples)
-    q = tracer.input_grid.q
-    angles = angles.reshape(*shape, k)
+    usable = np.all(np.isfinite(first), axis=(2, 3))
+    usable &= np.all(np.isfinite(second), axis=(2, 3, 4))
+    angles = np.where(usable[..., None], spread(parts.values[:, columns]), np.nan)
     owned = [period for joint in motion.joints for period in joint.periods]
-    periods = np.array(owned)[columns]
-    by_mode = first.reshape(*shape, k, m)
-    by_pole = turning.reshape(*shape, len(poles), m, 3)
-    for number in range(len(modes)):
-        angles[number] = continued_on_grid(
-            angles[number], by_mode[number], q, fine, periods
-        )
-    even = np.ravel_multi_index(
-        np.meshgrid(*(np.arange(0, size, PARTS) for size in fine), indexing="ij"), fine
-    ).ravel()
-    start, stop = q[0], q[-1]
+    periods, q = np.array(owned)[columns], tracer.input_grid.q
+    for values, rates in zip(angles, first, strict=True):
+        values[:] = continued_on_grid(values, rates, q, fine, periods)
+    steps = tuple(slice(None, None, PARTS) for _ in fine)
+    even = np.arange(motion.samples).reshape(fine)[steps].ravel()
+    count = np.array(counts)
+    cells = len(modes), int(np.prod(count - 1))
     made = CouplingTable(
         mechanism=mechanism.name,
         mechanism_sha256=mechanism_hash(mechanism),
@@ -209,21 +203,21 @@ def _table(
         poles=tuple(f"{mechanism.links[p[1]]}/{mechanism.links[p[0]]}" for p in poles),
         modes=tuple(modes),
         tolerance=tolerance,
-        start=start,
-        step=(stop - start) / (np.array(counts) - 1),
-        count=np.array(counts),
-        periodic=np.zeros(m, dtype=bool),
-        rise=np.zeros((len(modes), m, k)),
+        start=q[0],
+        step=(q[-1] - q[0]) / (count - 1),
+        count=count,
+        periodic=np.zeros(len(counts), dtype=bool),
+        rise=np.zeros((len(modes), len(counts), len(columns))),
         angles=angles[:, even],
-        coefficients=by_mode[:, even],
-        derivatives=second.reshape(*shape, k, m, m)[:, even],
-        turning=by_pole[:, even],
-        turning_derivatives=bent.reshape(*shape, len(poles), m, m, 3)[:, even],
-        error=np.zeros((len(modes), int(np.prod(np.array(counts) - 1)))),
-        sure=np.ones((len(modes), int(np.prod(np.array(counts) - 1))), dtype=bool),
+        coefficients=first[:, even],
+        derivatives=second[:, even],
+        turning=turning[:, even],
+        turning_derivatives=bent[:, even],
+        error=np.zeros(cells),
+        sure=np.ones(cells, dtype=bool),
         coefficient_error=0.0,
     )
-    made = _measured(made, Coupled(angles, by_mode, by_mode, by_pole), fine)
+    made = _measured(made, Coupled(angles, first, second, turning), fine)
     return _periodic(made, periods)
 
 
@@ -232,63 +226,49 @@ def _measured(table: CouplingTable, exact: Coupled, fine: tuple[int, ...]) -> Co
 
     `exact` has a mode in each row, and a grid of a third of the step.
     """
-    cells = table.count - 1
-    places = np.array(list(product(range(PARTS + 1), repeat=len(fine))))
-    inner = places[np.any(places % PARTS != 0, axis=1)]
-    every = np.stack(
-        [x.ravel() for x in np.meshgrid(*map(np.arange, cells), indexing="ij")], axis=1
-    )
-    error = np.zeros_like(table.error)
-    slope = np.zeros_like(table.error)
-    for place in inner:
+    every = np.indices(tuple(table.count - 1)).reshape(len(fine), -1).T
+    error, slope = np.zeros_like(table.error), np.zeros_like(table.error)
+    for place in product(range(PARTS + 1), repeat=len(fine)):
+        part = np.array(place) / PARTS
+        if not np.any(part % 1.0):
+            continue
         node = np.ravel_multi_index(tuple((PARTS * every + place).T), fine)
         for number in range(len(table.modes)):
-            blended = table._blended(
-                number, every, np.broadcast_to(place / PARTS, every.shape)
-            )
-            gap = np.abs(blended.angles - exact.angles[number, node])
-            error[number] = np.maximum(error[number], np.max(gap, axis=1, initial=0.0))
-            for ours, theirs in (
-                (blended.coefficients, exact.coefficients[number, node]),
-                (blended.turning, exact.turning[number, node]),
+            blended = table.blended(number, every, np.broadcast_to(part, every.shape))
+            for most, ours, theirs in (
+                (error, blended.angles, exact.angles),
+                (slope, blended.coefficients, exact.coefficients),
+                (slope, blended.turning, exact.turning),
             ):
-                off = np.abs(ours - theirs).reshape(len(node), -1)
-                slope[number] = np.maximum(slope[number], np.max(off, axis=1, initial=0.0))
-    error, slope = BETWEEN * error, BETWEEN * slope
+                off = np.abs(ours - theirs[number, node]).reshape(len(node), -1)
+                larger = np.max(off, axis=1, initial=0.0)
+                most[number] = np.maximum(most[number], larger)
+    error *= BETWEEN
     with np.errstate(invalid="ignore"):
         sure = error <= table.tolerance
-    return replace(
-        table,
-        error=error,
-        sure=sure,
-        coefficient_error=float(np.max(slope[sure], initial=0.0)),
-    )
+    worst = float(np.max(BETWEEN * slope[sure], initial=0.0))
+    return replace(table, error=error, sure=sure, coefficient_error=worst)
 
 
 def _periodic(table: CouplingTable, periods: Floats) -> CouplingTable:
     """Return the table with the inputs after a turn of which all returns."""
     shape = (len(table.modes), *table.count)
-    angles = table.angles.reshape(*shape, -1)
-    rates = table.coefficients.reshape(*shape, -1)
     periodic, rise = table.periodic.copy(), table.rise.copy()
     for axis, lap in enumerate(table.step * (table.count - 1)):
         if abs(lap - 2.0 * np.pi) > SAME:
             continue
-        ends = [np.take(angles, k, axis=1 + axis) for k in (0, -1)]
-        slopes = [np.take(rates, k, axis=1 + axis) for k in (0, -1)]
-        grown = (ends[1] - ends[0]).reshape(len(table.modes), -1, angles.shape[-1])
-        whole = np.where(np.isfinite(periods), periods, 1.0)
-        turns = np.round(grown[:, 0] / whole) * np.where(np.isfinite(periods), whole, 0.0)
-        same = np.max(np.abs(grown - turns[:, None]), initial=0.0) < SAME
-        if same and np.max(np.abs(slopes[1] - slopes[0]), initial=0.0) < SAME:
+        grown, change = (
+            np.take(whole, -1, axis=1 + axis) - np.take(whole, 0, axis=1 + axis)
+            for whole in (
+                table.angles.reshape(*shape, -1),
+                table.coefficients.reshape(*shape, -1),
+            )
+        )
+        grown = grown.reshape(len(table.modes), -1, len(periods))
+        with np.errstate(invalid="ignore"):
+            turns = np.round(grown[:, 0] / periods) * periods
+        turns = np.where(np.isfinite(periods), turns, 0.0)
+        off = np.max(np.abs(grown - turns[:, None]), initial=0.0)
+        if off < SAME and np.max(np.abs(change), initial=0.0) < SAME:
             periodic[axis], rise[:, axis] = True, turns
     return replace(table, periodic=periodic, rise=rise)
-
-
-def cells_of(table: CouplingTable) -> NDArray[np.int64]:
-    """Return for each node (nodes,) the cell that starts there, -1 at the last ones."""
-    places = np.stack(np.unravel_index(np.arange(len(table.nodes)), tuple(table.count)), 1)
-    inner = np.all(places < table.count - 1, axis=1)
-    numbers = np.full(len(places), -1, dtype=np.int64)
-    numbers[inner] = np.ravel_multi_index(tuple(places[inner].T), tuple(table.count - 1))
-    return numbers

@@ -16,7 +16,7 @@ SAME = 1e-9
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Turning:
     """A hinge as far as gears are concerned: the links it joins, and its axis (3,)."""
 
@@ -59,17 +59,14 @@ def gears_of(hinges: Sequence[Turning], factors: Mapping[int, float]) -> Gears |
     along v A - u B, the direction in which the circles touch.
     """
     used = [hinge for hinge in hinges if factors.get(hinge.joint)]
-    way = _way(used)
-    if way is None:
+    if not (way := _way(used)):
         return "its joints do not follow each other from one link to another"
-    if all(
-        np.linalg.norm(np.cross(hinge.axis, used[0].axis)) <= ONE_LINE for hinge in used
-    ):
+    if all(_aligned(hinge.axis, used[0].axis) for hinge in used):
         return "its joints lie along one line, and axes of bevel gears cross"
     lines: list[Floats] = []
     shares: list[float] = []
     for hinge, sense in way:
-        if not lines or np.linalg.norm(np.cross(hinge.axis, lines[-1])) > ONE_LINE:
+        if not lines or not _aligned(hinge.axis, lines[-1]):
             lines.append(hinge.axis)
             shares.append(sense * factors[hinge.joint])
         share = sense * factors[hinge.joint] * float(np.sign(hinge.axis @ lines[-1]))
@@ -77,51 +74,47 @@ def gears_of(hinges: Sequence[Turning], factors: Mapping[int, float]) -> Gears |
             return "its joints about one axis do not add up"
     if len(lines) != 2:
         return f"its joints lie along {len(lines)} axes, and two gears have two"
-    A, B = lines
-    touching = shares[1] * A - shares[0] * B
+    touching = shares[1] * lines[0] - shares[0] * lines[1]
     touching = touching / np.linalg.norm(touching)
-    links = (_first(way), _last(way))
-    centres = [axis * (1.0 if axis @ touching >= 0.0 else -1.0) for axis in lines]
-    radii = [
-        float(np.arctan2(np.linalg.norm(np.cross(c, touching)), c @ touching))
-        for c in centres
-    ]
-    if min(radii) < ONE_LINE:
+    (first, onwards), (last, sense) = way[0], way[-1]
+    ends = first.links[0 if onwards > 0 else 1], last.links[1 if sense > 0 else 0]
+    return _circles(ends, lines, touching)
+
+
+def _circles(ends: Sequence[int], lines: Sequence[Floats], touching: Floats) -> Gears | str:
+    """Return circles fixed in two links about lines that touch in a direction."""
+    circles = []
+    for link, line in zip(ends, lines, strict=True):
+        centre = line * (1.0 if line @ touching >= 0.0 else -1.0)
+        across = float(np.linalg.norm(np.cross(centre, touching)))
+        circles.append((float(np.arctan2(across, centre @ touching)), link, centre))
+    if min(radius for radius, _, _ in circles) < ONE_LINE:
         return "one of its gears would have no size"
-    side = [centre - (centre @ touching) * touching for centre in centres]
+    side = [centre - (centre @ touching) * touching for _, _, centre in circles]
     external = float(side[0] @ side[1]) < 0.0
-    order = (0, 1) if external or radii[0] <= radii[1] else (1, 0)
-    return Gears(
-        (links[order[0]], links[order[1]]),
-        (centres[order[0]], centres[order[1]]),
-        (radii[order[0]], radii[order[1]]),
-        "external" if external else "internal",
-    )
+    if not external:
+        circles.sort(key=lambda circle: circle[0])
+    radii, links, centres = zip(*circles, strict=True)
+    return Gears(links, centres, radii, "external" if external else "internal")
 
 
-def _way(hinges: Sequence[Turning]) -> list[tuple[Turning, float]] | None:
+def _aligned(one: Floats, other: Floats) -> bool:
+    return float(np.linalg.norm(np.cross(one, other))) <= ONE_LINE
+
+
+def _way(hinges: Sequence[Turning]) -> list[tuple[Turning, float]]:
     """Return hinges in the order of a way through all, with the sense of each."""
     ends = [link for hinge in hinges for link in hinge.links]
     odd = [link for link in dict.fromkeys(ends) if ends.count(link) == 1]
     if len(odd) != 2 or max(ends.count(link) for link in ends) > 2:
-        return None
+        return []
     left, link, ordered = list(hinges), odd[0], []
     while left:
         here = next((hinge for hinge in left if link in hinge.links), None)
         if here is None:
-            return None
+            return []
         forwards = here.links[0] == link
         ordered.append((here, 1.0 if forwards else -1.0))
         link = here.links[1] if forwards else here.links[0]
-        left = [hinge for hinge in left if hinge is not here]
+        left.remove(here)
     return ordered
-
-
-def _first(way: Sequence[tuple[Turning, float]]) -> int:
-    hinge, sense = way[0]
-    return hinge.links[0] if sense > 0 else hinge.links[1]
-
-
-def _last(way: Sequence[tuple[Turning, float]]) -> int:
-    hinge, sense = way[-1]
-    return hinge.links[1] if sense > 0 else hinge.links[0]

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import final
 
-from spherekit.exchange.affine import affine
+import numpy as np
+
 from spherekit.model.dynamics import (
     Damper,
     Friction,
@@ -14,8 +15,10 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
 )
+from spherekit.model.expression import ON_ARRAYS, Expression, fold
 from spherekit.model.load import Called, Component, Load, TorqueTable
 from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
 
 Bias = tuple[float, float, float]
 
@@ -134,8 +137,41 @@ def _bias(part: Component, pair: str) -> Bias | str:
     names = (f"theta_{pair}", f"dtheta_{pair}") if pair else ()
     if not law.names <= set(names):
         return f"it depends on other pairs: {law.text}"
-    form = affine(law)
-    if form is None:
+    factors = _affine(law, names)
+    if factors is None:
         return f"it is not constant, and not in proportion to an angle or rate: {law.text}"
-    of_variable, of_rate = (form.factors.get(name, 0.0) for name in names or ("", ""))
-    return form.constant, of_variable, of_rate
+    constant, of_variable, of_rate = map(float, (*factors, 0.0, 0.0)[:3])
+    return constant, of_variable, of_rate
+
+
+def _affine(expression: Expression, names: Sequence[str]) -> Floats | None:
+    """Return a constant and the factors of names (1 + names,) that an expression adds up.
+
+    None where it is no such sum.
+    """
+    unit = np.eye(1 + len(names))
+
+    def applied(function: str, parts: list[Floats | None]) -> Floats | None:
+        terms = [part for part in parts if part is not None]
+        varying = [bool(np.any(term[1:])) for term in terms]
+        if len(terms) < len(parts):
+            return None
+        if not any(varying):
+            with np.errstate(all="ignore"):
+                value = float(ON_ARRAYS[function](*(term[0] for term in terms)))
+            return np.asarray(value * unit[0]) if np.isfinite(value) else None
+        if function in ("+", "-", "negative"):
+            return np.asarray(ON_ARRAYS[function](*terms))
+        if function == "*" and not all(varying):
+            return np.asarray(
+                terms[0] * terms[1][0] if varying[0] else terms[0][0] * terms[1]
+            )
+        if function == "/" and not varying[1] and terms[1][0]:
+            return np.asarray(terms[0] / terms[1][0])
+        return None
+
+    def constant(value: float) -> Floats | None:
+        return np.asarray(value * unit[0])
+
+    places = {name: unit[k] for k, name in enumerate(names, 1)}
+    return fold(expression.root, constant, places.get, applied)

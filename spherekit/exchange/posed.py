@@ -1,12 +1,11 @@
 """The configuration in which a mechanism goes to a program that wants a pose."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from spherekit.conventions import counted, listing
-from spherekit.dynamics.start import into_range, reaching
+from spherekit.dynamics.start import at_inputs
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.continued import going_on
@@ -39,39 +38,29 @@ def posed(
     if at is None:
         tracer = Tracer(mechanism, input_pair, assembly_mode, samples=SAMPLES)
         motion = tracer.motion()
-        good = np.flatnonzero(~motion.failed)
-        if not len(good):
-            raise SolveError(
-                f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
-                f"any of {len(motion)} samples of the inputs' ranges; give inputs, or "
-                "another assembly mode"
-            )
-        row = int(good[0])
+        where = f"any of {len(motion)} samples of the inputs' ranges"
+        other = "inputs, or another assembly mode"
     else:
         q = np.atleast_1d(np.asarray(at, dtype=float))
         if not np.all(np.isfinite(q)):
             raise SolveError(f"export: at is {at}, it has to be finite numbers of rad")
-        tracer = Tracer(mechanism, input_pair, follow=False)
-        if len(q) != len(tracer.inputs):
+        mechanism = Tracer(mechanism, input_pair, follow=False).mechanism
+        inputs = [item.pair for item in mechanism.inputs]
+        if len(q) != len(inputs):
             raise SolveError(
                 f"{mechanism.name}: at has {counted(len(q), 'value')}, but the inputs are "
-                f"{listing(tracer.inputs)}: give one value for each"
+                f"{listing(inputs)}: give one value for each"
             )
-        row = 0
-        if len(q) > 1:
-            tracer = Tracer(mechanism, input_pair, assembly_mode, path=q[None])
-            motion = tracer.motion()
-        else:
-            tracer = Tracer(mechanism, input_pair, assembly_mode)
-            tracer = reaching(tracer, q, assembly_mode)
-            motion = replace(tracer.at(into_range(tracer, q)), inputs=q[None])
-        if motion.failed[0]:
-            where = listing(
-                f"{pair} = {value:.6g} rad ({np.degrees(value):.6g} deg)"
-                for pair, value in zip(tracer.inputs, q, strict=True)
-            )
-            raise SolveError(
-                f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
-                f"{where}; give another input to be at"
-            )
-    return tracer.mechanism, going_on(motion, tracer.solver).values[row]
+        tracer, motion = at_inputs(mechanism, q[None], assembly_mode)
+        where = listing(
+            f"{pair} = {value:.6g} rad ({np.degrees(value):.6g} deg)"
+            for pair, value in zip(inputs, q, strict=True)
+        )
+        other = "another input to be at"
+    good = np.flatnonzero(~motion.failed)
+    if not len(good):
+        raise SolveError(
+            f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
+            f"{where}; give {other}"
+        )
+    return tracer.mechanism, going_on(motion, tracer.solver).values[good[0]]

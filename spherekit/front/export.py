@@ -12,8 +12,7 @@ from spherekit.checked import checked
 from spherekit.conventions import counted, listing
 from spherekit.dynamics.tabulate import grid_model, online_model
 from spherekit.errors import OutputError
-from spherekit.exchange.coupling import CouplingTable
-from spherekit.exchange.coupling_files import write_csv, write_npz
+from spherekit.exchange.coupling import CouplingTable, write_csv, write_npz
 from spherekit.exchange.coupling_header import header
 from spherekit.exchange.coupling_made import coupling_table
 from spherekit.exchange.mjcf import mjcf
