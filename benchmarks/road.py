@@ -12,11 +12,11 @@ import spherekit as sk
 from benchmarks.report import Cell, Section
 from benchmarks.timing import median, ratio, rounds
 from spherekit.analysis.running import in_turn, rows_at_once
-from spherekit.analysis.running.made_columns import SLICE
+from spherekit.analysis.running.kernel_columns import SLICE
 from spherekit.analysis.running.rows_at_once import REFERENCES
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.kernels import kernel
-from spherekit.engine.row_kernel import pole_kernel
+from spherekit.engine.row_kernel import row_kernel
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
@@ -60,8 +60,8 @@ def run(quick: bool) -> list[Section]:
             ),
             rows,
             "All of it is processor time of one thread. The batch kernel takes neither "
-            "profiles other than circles nor several inputs; the kernel is then of the "
-            "terms of rows, poles and derivatives alone, with the columns of profiles. "
+            "profiles other than circles nor several inputs; the kernel is then that of "
+            "rows itself, bounds and columns of profiles included. "
             "What two cores gain is wall time, of other programs as well.",
             ratios=("run / kernel", "careful / run", "two cores"),
             keys=2,
@@ -140,7 +140,7 @@ def _alone(
 ) -> tuple[Callable[[Floats, Floats], object], int, Floats]:
     """Return a kernel of all poles, how many columns it has, and variables to call it with.
 
-    Where there is no batch kernel, the row kernel's terms of them, without bounds.
+    Where there is no batch kernel, that of rows alone, with bounds.
     """
     made: Mechanism = tracer.mechanism
     motion = tracer.motion()
@@ -156,8 +156,9 @@ def _alone(
             request(made, pair, every, every, by_rank=tracer.by_rank)
             for pair in tracer.inputs
         ]
-        terms = pole_kernel(tracer.sparse(REFERENCES), requests, engine)
-        assert terms is not None
+        rows = row_kernel(tracer.sparse(REFERENCES), requests, engine)
+        assert rows is not None
+        terms = rows.whole
 
         def sliced(inputs: Floats, out: Floats) -> None:
             for start in range(0, inputs.shape[1], SLICE):

@@ -63,7 +63,8 @@ def both_ways(made, **options):
         if quick is None:
             return None
         (motion,) = quick.blocks(len(course))
-        found = quick.fields(motion, [SignMemory() for _ in wanted])
+        fields = quick.fields(motion, [SignMemory() for _ in wanted])
+        found = tuple(field.made for field in fields)
     (careful,) = course.blocks(len(course))
     return BothWays(motion, found, careful, tuple(evaluate(careful, x) for x in wanted))
 

@@ -11,17 +11,17 @@ import spherekit as sk
 from benchmarks.own import own_mechanisms
 from benchmarks.special import special_mechanism
 from spherekit.analysis.running import in_turn, rows_at_once
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
 from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
-from spherekit.numeric.lent_memory import Refilled, SetAside
+from spherekit.numeric.unread import Unread
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 from spherekit.rates.signs import _flips, signs_at_stops
-from spherekit.rates.unread_columns import Unread
 
 LONG_SEARCHES = {7, 15}
 """Seeds of chains that cannot move, which takes seconds to find out."""
@@ -158,18 +158,18 @@ def test_close_samples_are_predicted(name):
     [("four_bar", 900), ("double_butterfly", 500), ("five_bar", 700), ("shaped_cam", 600)],
 )
 def test_tables_are_made_when_they_are_read(name, samples, monkeypatch):
-    """Columns that were not kept come back to the last bit, gaps and late rows too."""
+    """Columns one by one are those of all arrays at once, gaps and late rows too."""
     options = {"samples": samples, "block": 130}
     left = sk.run(name, **options)
     blocks = [b for joined in _joined_of(left) for b in joined._blocks]
     parts = [part for b in blocks for c in b.values() for part in getattr(c, "parts", [c])]
-    assert sum(isinstance(part, SetAside) for part in parts) > 100
-    monkeypatch.setattr(Refilled, "fills", lambda self, lent, first=0: None)
+    assert sum(isinstance(part, Unread) for part in parts) > 100
 
-    def made_at_once(self, key, component):
-        return np.array(self[key] if component is None else self[key][:, component])
+    def made_at_once(self, key, pole, component):
+        values = getattr(self.made, key)[pole]
+        return values.reshape(len(values), -1)[:, component].copy()
 
-    monkeypatch.setattr(Unread, "column", made_at_once)
+    monkeypatch.setattr(UnreadField, "column", made_at_once)
     kept = sk.run(name, **options)
     for one, other in zip(_joined_of(left), _joined_of(kept), strict=True):
         assert list(one) == list(other)

@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.needs import Needs
-from spherekit.analysis.tables import Interleaved
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.conventions import Status, listing
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.timing import Extent, Timing
-from spherekit.numeric.lent_memory import SetAside
+from spherekit.numeric.unread import Interleaved, Unread
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.pole_field import PoleField
-from spherekit.rates.unread_columns import Unread
 from spherekit.sphere.rotation import Floats
 
 Values = TypeVar("Values", bound=NDArray[Any])
@@ -44,7 +43,7 @@ class Batch:
     plans: tuple[Plan, ...]
     needs: Needs
     _motion: Motion
-    _fields: tuple[PoleField, ...] = field(repr=False)
+    _fields: tuple[PoleField | UnreadField, ...] = field(repr=False)
     _angles: Mapping[str, Floats] = field(default_factory=dict, repr=False)
     timed: bool = False
     _tracer: Tracer | None = field(default=None, repr=False)
@@ -183,12 +182,11 @@ class Batch:
 
     def _column(
         self, quantity: str, i: int, j: int, moved: int, component: int | None
-    ) -> NDArray[Any] | SetAside:
-        name, pole = _QUANTITIES[quantity], pole_of(i, j)
-        values = getattr(self._found(moved), name)
-        if isinstance(values, Unread) and pole in values:
+    ) -> NDArray[Any] | Unread:
+        name, poles = _QUANTITIES[quantity], self._found(moved)
+        if isinstance(poles, UnreadField) and name not in poles.KNOWN:
             self._declared(i, j, quantity)
-            return values.column(pole, component)
+            return poles.column(name, pole_of(i, j), component or 0)
         made = np.asarray(getattr(self, quantity)(i, j, moved))
         return made if component is None else made[:, component]
 
@@ -343,7 +341,7 @@ class Batch:
             )
         return columns[:, 0]
 
-    def _found(self, moved: int) -> PoleField:
+    def _found(self, moved: int) -> PoleField | UnreadField:
         if not self._fields:
             raise UndeclaredNeed("a pole was read; declare it in needs()")
         return self._fields[moved]
@@ -398,7 +396,9 @@ def _sealed(values: Values) -> Values:
     return seen
 
 
-def run_status(motion: Motion, fields: Sequence[PoleField]) -> NDArray[np.int8]:
+def run_status(
+    motion: Motion, fields: Sequence[PoleField | UnreadField]
+) -> NDArray[np.int8]:
     """Return (n,) status codes of a motion, or of the first input that says more."""
     status = motion.status
     for pole_field in fields:

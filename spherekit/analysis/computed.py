@@ -11,9 +11,10 @@ from spherekit.analysis.batch import Batch
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import TYPES, Column, Interleaved, Table, TableData
+from spherekit.analysis.tables import TYPES, Column, Table, TableData
 from spherekit.conventions import listing
 from spherekit.errors import PluginError
+from spherekit.numeric.unread import Interleaved
 
 _WORDS = {
     "number": "numbers",

@@ -12,15 +12,8 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.tables import (
-    CHUNK,
-    FILE_SIZE,
-    AbstractRows,
-    Files,
-    RowsInMemory,
-    Table,
-    TableArrays,
-)
+from spherekit.analysis.rows import AbstractRows, RowsInMemory
+from spherekit.analysis.tables import CHUNK, FILE_SIZE, Files, Table, TableArrays
 from spherekit.conventions import Status
 from spherekit.errors import FileError
 from spherekit.files.atomic import make_folder, writing

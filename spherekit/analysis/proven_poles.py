@@ -8,6 +8,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.analysis.rows import RowsInMemory
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     FILE_SIZE,
@@ -15,7 +16,6 @@ from spherekit.analysis.tables import (
     STATUS,
     Column,
     Files,
-    RowsInMemory,
     Table,
     TableArrays,
 )

@@ -14,15 +14,13 @@ from spherekit.analysis.faults import failed, failed_rows
 from spherekit.analysis.folder.journal import BYTES, MADE, SUMMARY, RunFolder, signed
 from spherekit.analysis.folder.on_disk import OnDisk, packed
 from spherekit.analysis.folder.resource_check import size_text
-from spherekit.analysis.folder.store import AbstractStore, InMemory
+from spherekit.analysis.rows import AbstractRows, InMemory, RowsInMemory
 from spherekit.analysis.running.cost import TABLES
 from spherekit.analysis.tables import (
     COLUMNS,
     FILE_SIZE,
-    AbstractRows,
     Files,
     Format,
-    RowsInMemory,
     Table,
     TableArrays,
 )
@@ -336,7 +334,7 @@ def units_of(tables: Mapping[str, Table], degrees: bool) -> dict[str, dict[str, 
 def result_of(
     declared: Mapping[str, Sequence[Table]],
     failures: Mapping[str, str],
-    store: AbstractStore,
+    store: OnDisk | InMemory | None,
     place: RunFolder | None,
     summary: dict[str, Any],
     wanted: Files,

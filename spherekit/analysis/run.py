@@ -157,7 +157,8 @@ def executed(
                 superseded = following.run is not job.course.run
                 if superseded:
                     standing.begin_again(asked.refused)
-                    store.clear()
+                    if store is not None:
+                        store.clear()
                 if stage is not None:
                     stage.goes_on(following, superseded and not job.course.going_on)
                 job = job.over(following)

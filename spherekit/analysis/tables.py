@@ -1,18 +1,16 @@
 """Declared tables: every column's name, unit and meaning, stated once."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import copy
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
-from spherekit.numeric.lent_memory import SetAside, set_aside
+from spherekit.numeric.unread import Interleaved, read
 
 Kind = Literal["number", "integer", "text", "status"]
 Scale = Literal["unit", "absolute", "largest", "none"]
@@ -200,68 +198,6 @@ class Table:
         return {SAMPLE.name, ASSEMBLY_MODE.name} <= {column.name for column in self.columns}
 
 
-@final
-class Interleaved:
-    """A column with a row for each of several subjects at every row of a batch.
-
-    `parts` (n,) are those of one subject each: their first rows come first, then their
-    second ones. An array is made of them where one is wanted.
-    """
-
-    def __init__(self, parts: Sequence[NDArray[Any] | SetAside]) -> None:
-        self.parts: tuple[NDArray[Any] | SetAside, ...] = tuple(
-            part if isinstance(part, SetAside) else np.asarray(part) for part in parts
-        )
-        self.dtype = np.result_type(*{part.dtype for part in self.parts})
-        self.ndim = self.parts[0].ndim
-
-    def __len__(self) -> int:
-        return len(self.parts) * len(self.parts[0])
-
-    def __array__(
-        self, dtype: DTypeLike | None = None, copy: bool | None = None
-    ) -> NDArray[Any]:
-        """Return the rows as an array (subjects n,)."""
-        if copy is False:
-            raise ValueError("rows of several subjects cannot be read without a copy")
-        made = np.empty((len(self.parts[0]), len(self.parts)), dtype or self.dtype)
-        reading = held([self])
-        self.put(made.reshape(-1), slice(None))
-        del reading
-        return made.reshape(-1)
-
-    def set_aside(self) -> "Interleaved":
-        """Return the column with what can be made again left to be made when it is read."""
-        made = copy(self)
-        once = {id(part): set_aside(part) for part in self.parts}
-        made.parts = tuple(once[id(part)] for part in self.parts)
-        return made
-
-    def put(self, out: NDArray[Any], rows: slice) -> None:
-        """Write the subjects' rows (n,) at `rows` of the batch into an array."""
-        made = out.reshape(-1, len(self.parts))
-        for number, part in enumerate(self.parts):
-            made[:, number] = part[rows]
-
-
-def held(columns: Iterable[Any]) -> list[NDArray[Any]]:
-    """Return what columns read of what was set aside: it is there while it is held."""
-    return [
-        np.asarray(part)
-        for column in columns
-        for part in (column.parts if isinstance(column, Interleaved) else (column,))
-        if isinstance(part, SetAside)
-    ]
-
-
-class JoinedColumns(Mapping[str, NDArray[Any]]):
-    """Columns that are put together when they are read, several at less cost than each."""
-
-    @abstractmethod
-    def join(self, names: Iterable[str]) -> None:
-        """Put together the columns of these names, as far as they are not."""
-
-
 TableArrays = Mapping[str, NDArray[Any]]
 TableData = Mapping[str, NDArray[Any] | Interleaved]
 """A table's columns, and these as an analysis may give them."""
@@ -269,7 +205,7 @@ TableData = Mapping[str, NDArray[Any] | Interleaved]
 
 def arrays(data: TableData) -> dict[str, NDArray[Any]]:
     """Return all columns as arrays."""
-    return {name: np.asarray(values) for name, values in data.items()}
+    return dict(zip(data, read(data.values()), strict=True))
 
 
 def input_columns(
@@ -290,46 +226,3 @@ RESIDUAL = Column(
     "residual", "rad", "largest rotation by which a loop fails to close", scale="none"
 )
 STATUS = Column("status", "", "OK, or why the row is empty", "status")
-
-
-class AbstractRows(ABC):
-    """The rows of a table, wherever they are kept, in pieces of `CHUNK`.
-
-    There are `count` of them. In each piece a column of text holds places (n,) in its
-    sorted `words`.
-    """
-
-    words: Mapping[str, Sequence[str]]
-    count: int
-
-    @abstractmethod
-    def chunks(self) -> Iterator[TableArrays]:
-        """Yield at least one piece; all but the last have `CHUNK` rows."""
-
-
-@final
-class RowsInMemory(AbstractRows):
-    """The rows of arrays."""
-
-    def __init__(self, table: Table, data: TableArrays) -> None:
-        if isinstance(data, JoinedColumns):
-            data.join(column.name for column in table.columns)
-        self._columns = table.typed(data)
-        self.count = len(next(iter(self._columns.values())))
-        self.words = {}
-        for column in table.columns:
-            if column.kind == "text":
-                texts = np.unique(self._columns[column.name], return_inverse=True)
-                self.words[column.name] = [str(word) for word in texts[0]]
-                self._columns[column.name] = texts[1]
-
-    @property
-    def columns(self) -> TableArrays:
-        """All rows in one piece."""
-        return self._columns
-
-    def chunks(self) -> Iterator[TableArrays]:
-        """Yield pieces of the arrays."""
-        for start in range(0, max(self.count, 1), CHUNK):
-            rows = slice(start, start + CHUNK)
-            yield {name: values[rows] for name, values in self._columns.items()}

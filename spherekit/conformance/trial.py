@@ -10,8 +10,8 @@ import numpy as np
 from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import computed, findings_of
 from spherekit.analysis.contract import AbstractAnalysis, Findings
-from spherekit.analysis.folder.store import InMemory
 from spherekit.analysis.needs import Needs
+from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.run_plan import Asked, RunPlan, job_of
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.setting import ORDINARY

@@ -8,7 +8,7 @@ equations.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -37,6 +37,19 @@ PROFILE_ROUNDING = 4.0 * EPS
 """What rounding turns the frame of a profile by."""
 
 
+SIGNED = {
+    "direction": 3,
+    "direction_dq": 3,
+    "velocity_coefficient": 1,
+    "acceleration_coefficient": 1,
+}
+"""What of a pole turns round with its direction, and how many components it has."""
+ERRORS = ("error", "velocity_coefficient_error", "acceleration_coefficient_error")
+"""What bounds its errors: of the direction, the rate and its derivative."""
+PARTS = (*SIGNED, "angle", *ERRORS, "w", "dw")
+"""Parts of a field that are columns, called as in `PoleField`."""
+
+
 @final
 @dataclass(frozen=True)
 class Place:
@@ -45,13 +58,14 @@ class Place:
     first: int
     count: int
     numbers: tuple[float, ...] = ()
+    step: int = 1
 
     def of(self, rows: Floats) -> Floats:
         """Return it (count, n), from all columns: a view."""
         if self.numbers:
             wide = self.count, rows.shape[1]
             return np.broadcast_to(np.array(self.numbers)[:, None], wide)
-        return rows[self.first : self.first + self.count]
+        return rows[self.first : self.first + self.count * self.step : self.step]
 
 
 @final
@@ -80,32 +94,26 @@ class Outputs:
 
 @final
 @dataclass(frozen=True)
-class PolePlaces:
-    """Where a pole's columns are.
-
-    `axis`: those of its direction, how that turns, its rate and the rate's derivative,
-    where they have a sign of their own.
-    """
-
-    axis: tuple[Place, Place, Place, Place] | None
-    angle: Place
-    errors: tuple[Place, Place, Place]
-
-
-@final
-@dataclass(frozen=True)
 class RatePlaces:
-    """Where the columns of an input that moves are.
+    """Where the columns of an input that moves are: `of` each of the `PARTS`, by key.
 
-    `signed` are the poles whose direction is theirs but for its sign, `block` where their
-    columns with a sign start: directions, turns, rates, changes.
+    Keys are poles or links. `signed` are the
+    poles whose direction is theirs but for its sign, `block` where their columns with a
+    sign start: as in `SIGNED`, each of all poles.
     """
 
     signed: tuple[Pole, ...]
     block: int
-    poles: Mapping[Pole, PolePlaces]
-    w: Mapping[int, Place]
-    dw: Mapping[int, Place]
+    of: Mapping[str, Mapping[Any, Place]]
+
+    @property
+    def signs(self) -> slice:
+        """The columns with a sign."""
+        return slice(self.block, self.block + 8 * len(self.signed))
+
+    def with_sign(self, columns: Floats) -> Floats:
+        """Return (8, poles, n) what has a sign of its own, from all columns: a view."""
+        return columns[self.signs].reshape(8, len(self.signed), columns.shape[1])
 
 
 @final
@@ -363,50 +371,30 @@ class _Moving:
         """Add the columns; return where they are. `worst` then is of all of them."""
         plan = self._wanted.plan
         pairs = axis_pairs(plan)
-        shown = [pole for pole in self._wanted.poles if plan.pole(*pole) is not None]
-        poles: dict[Pole, PolePlaces] = {}
-        signed: dict[Pole, tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]] = {}
-        for pole in shown:
-            body_pole = plan.pole(*pole)
-            assert body_pole is not None
-            if body_pole in pairs:
-                poles[pole] = self._of_pair(pole, pairs[body_pole], outputs)
-            else:
-                signed[pole] = self._across(*pole)
-        block = len(outputs.columns)
-        for column in zip(*(components for components, *_ in signed.values()), strict=True):
-            outputs.columns += column
-        for pole, (_, angle, errors) in signed.items():
-            one, other, last = (outputs.place(error) for error in errors)
-            poles[pole] = PolePlaces(None, outputs.place(angle), (one, other, last))
-        links = sorted(self._wanted.links)
-        w = {link: outputs.place(*self._w[link]) for link in links}
-        dw = {link: outputs.place(*self._dw[link]) for link in links}
-        return RatePlaces(tuple(signed), block, poles, w, dw)
-
-    def poles(self, outputs: Outputs) -> list[Expr]:
-        """Return the direction, the rate and its derivative of each pole that is known."""
-        plan, pairs = self._wanted.plan, axis_pairs(self._wanted.plan)
-        items: list[Expr] = []
+        places: dict[str, dict[Any, Place]] = {name: {} for name in PARTS}
+        signed: dict[Pole, list[Expr]] = {}
+        rest: dict[Pole, dict[str, Sequence[Expr]]] = {}
         for pole in self._wanted.poles:
             body_pole = plan.pole(*pole)
-            if body_pole is None:
-                continue
-            if body_pole not in pairs:
-                columns, _, _ = self._across(*pole)
-                items += [*columns[:3], *columns[6:]]
-                continue
-            places = self._of_pair(pole, pairs[body_pole], outputs).axis
-            assert places is not None
-            items += [
-                item
-                for place in (places[0], *places[2:])
-                for item in (
-                    place.numbers
-                    or outputs.columns[place.first : place.first + place.count]
-                )
-            ]
-        return items
+            if body_pole in pairs:
+                rest[pole] = self._of_pair(pole, pairs[body_pole])
+            elif body_pole is not None:
+                signed[pole], rest[pole] = self._across(*pole)
+        block, count = len(outputs.columns), len(signed)
+        for column in zip(*signed.values(), strict=True):
+            outputs.columns += column
+        for pole, items in rest.items():
+            for name, parts in items.items():
+                places[name][pole] = outputs.place(*parts)
+        for number, pole in enumerate(signed):
+            first = block + number
+            for name, size in SIGNED.items():
+                places[name][pole] = Place(first, size, step=count)
+                first += size * count
+        for link in sorted(self._wanted.links):
+            places["w"][link] = outputs.place(*self._w[link])
+            places["dw"][link] = outputs.place(*self._dw[link])
+        return RatePlaces(tuple(signed), block, places)
 
     @property
     def turning(self) -> dict[int, Exprs]:
@@ -430,8 +418,8 @@ class _Moving:
         )
         return any(not _moves(v) for v in relative)
 
-    def _of_pair(self, pole: Pole, pair: int, outputs: Outputs) -> PolePlaces:
-        """Place the columns of a pole that is the axis of a pair."""
+    def _of_pair(self, pole: Pole, pair: int) -> dict[str, Sequence[Expr]]:
+        """Return what there is of a pole that is the axis of a pair, by part."""
         rows, (i, j) = self._rows, pole
         (variable,) = rows.owned[pair]
         first, second = rows.tree.ends[pair]
@@ -452,18 +440,11 @@ class _Moving:
             e_rate = self._off_w[i] + self._off_w[j]
             e_change = self._off_dw[i] + self._off_dw[j] + e_rate
             e_change = e_change + off * (self._swings[i] + self._swings[j])
-        errors = off, e_rate, e_change
-        one, other, last = (outputs.place(error) for error in errors)
-        axis = (
-            outputs.place(*unit),
-            outputs.place(*turned),
-            outputs.place(rate),
-            outputs.place(change),
-        )
-        return PolePlaces(axis, outputs.place(1.0), (one, other, last))
+        axis = zip(SIGNED, (list(unit), list(turned), [rate], [change]), strict=True)
+        return {**dict(axis), "angle": [1.0]} | _errors(off, e_rate, e_change)
 
-    def _across(self, i: int, j: int) -> tuple[list[Expr], Expr, tuple[Expr, Expr, Expr]]:
-        """Return the columns with a sign of a pole, how far it is from none, its errors."""
+    def _across(self, i: int, j: int) -> tuple[list[Expr], dict[str, Sequence[Expr]]]:
+        """Return the columns with a sign of a pole, and what else there is of it."""
         v, dv = self._w[j] - self._w[i], self._dw[j] - self._dw[i]
         length = _norm(v)
         share = 1.0 / length
@@ -478,7 +459,12 @@ class _Moving:
         e_change = self._off_dw[i] + self._off_dw[j] + e_rate + direction * swing
         doubt = e_change * share * (2.0 * LARGEST_ERROR / TURN_KNOWN)
         self.worst = self.worst + direction + doubt
-        return [*unit, *turn, length, change], angle, (direction, e_rate, e_change)
+        errors = _errors(direction, e_rate, e_change)
+        return [*unit, *turn, length, change], {"angle": [angle], **errors}
+
+
+def _errors(*bounds: Expr) -> dict[str, Sequence[Expr]]:
+    return {name: [bound] for name, bound in zip(ERRORS, bounds, strict=True)}
 
 
 def _along(placed: LinkOrientation, axis: Floats) -> Exprs:

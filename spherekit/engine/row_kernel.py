@@ -16,31 +16,28 @@ from spherekit.engine.cache import COMPILED
 from spherekit.engine.carried_vectors import largest, root
 from spherekit.engine.closed_positions import closed_form, lost_by
 from spherekit.engine.columns import (
+    ERRORS,
     LARGEST_ERROR,
     Outputs,
     Place,
-    PolePlaces,
     RatePlaces,
     Terms,
 )
 from spherekit.engine.compiler import CompiledFunction, compile_function
 from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted
-from spherekit.engine.parted_places import PartedPlaces
 from spherekit.engine.profile_columns import ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
-from spherekit.rates.columns import PoleColumns, RateColumns
 from spherekit.rates.core import NEARLY_FLAT
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
 
-ERRORS = 3
-"""Kinds of errors: of directions, rates and changes."""
 REFERENCES = 32
 """Configurations at most that say in which order variables are eliminated."""
 
 Engine = Literal["numpy", "compiled"]
 _Function = CompiledFunction | ArrayFunction
+_Maker = Callable[[Sequence[Expr], Sequence[ExpressionNode]], _Function]
 
 
 @final
@@ -145,7 +142,7 @@ class RowFunction:
         """
         places = self.inputs[number]
         count, first = 3 * places.turning, places.first
-        high = np.maximum.reduce(columns[first : first + count + ERRORS], axis=1)
+        high = np.maximum.reduce(columns[first : first + count + len(ERRORS)], axis=1)
         low = np.minimum.reduce(columns[first : first + count], axis=1)
         shape = places.turning, 3
         return low.reshape(shape), high[:count].reshape(shape), tuple(high[count:].tolist())
@@ -175,110 +172,87 @@ class RowFunction:
         """Return (3, n) the largest errors of directions, rates, changes, by an input."""
         places = self.inputs[number]
         start = places.first + 3 * places.turning
-        return columns[start : start + ERRORS]
+        return columns[start : start + len(ERRORS)]
 
 
 @final
-@dataclass(frozen=True)
 class RowKernel:
-    """What gives the rows of a run, see `row_kernel`.
+    """What gives the rows of a run, see `row_kernel`; functions are made when asked for.
 
-    There are `kept` columns; the one at `closure` says by how much loops are open, the next
-    what the configuration is off by. `free` are the variables that are no inputs. It
-    `has_closed_form` where all variables follow from inputs.
+    `rates` say where the columns of each input are, `free` are the variables that are no
+    inputs.
     """
 
-    engine: Engine
-    rates: tuple[RatePlaces, ...]
-    kept: int
-    closure: int
-    free: tuple[int, ...]
-    has_closed_form: bool
-    _make_judging: Callable[[], RowFunction]
-    _make_by_inputs: Callable[[], RowFunction]
-    _make_whole: Callable[[], ColumnFunction]
-    _make_closing: Callable[[], ColumnFunction]
-    _make_signed: Callable[[], ColumnFunction]
+    def __init__(self, terms: Terms, motion: Motion, engine: Engine) -> None:
+        self.engine, self.free, self._terms = engine, motion.free, terms
+        self._columns = terms.outputs.columns
+        self.rates = tuple(moving.placed(terms.outputs) for moving in terms.moving)
+        profiled = terms.rows.pairs.columns
+        self._form = None if profiled else closed_form(motion.mechanism, motion.assembly)
 
     @property
     def in_threads(self) -> bool:
         """Whether threads call it at the same time: its calls are few and long."""
         return self.engine == "compiled"
 
+    @property
+    def kept(self) -> int:
+        """How many columns there are."""
+        return len(self._columns)
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether all variables follow from inputs."""
+        return self._form is not None
+
+    def _made(self, outputs: Sequence[Expr], interpreted: bool = False) -> ColumnFunction:
+        compiled = self.engine == "compiled" and not interpreted
+        by: _Maker = compile_function if compiled else array_function
+        profiles = self._terms.rows.pairs.columns
+        return ColumnFunction(by(outputs, self._terms.given), profiles, len(outputs))
+
     @cached_property
     def judging(self) -> RowFunction:
         """What decides about rows, of all pair variables."""
-        return self._make_judging()
+        columns, places = _deciding(self._terms, self.rates)
+        # With a closed form, it is for few rows.
+        made = self._made(columns, interpreted=self.has_closed_form)
+        rounding, given = self._terms.rows.open_by_rounding, len(self._terms.variables)
+        return RowFunction(made, *places, rounding, given)
 
     @cached_property
     def by_inputs(self) -> RowFunction:
         """All variables and what decides about rows, of inputs and signs of dyads."""
-        return self._make_by_inputs()
+        form = self._form
+        assert form is not None
+        columns, places = _deciding(self._terms, self.rates, len(form.variables))
+        stand_in = dict(zip(self._terms.variables, form.variables, strict=True))
+        outputs = [*form.variables, *substituted(columns, stand_in), *form.squares]
+        by: _Maker = compile_function if self.engine == "compiled" else array_function
+        made = ColumnFunction(by(outputs, form.given), (), len(outputs))
+        sizes = len(form.given), len(form.variables), len(form.squares)
+        return RowFunction(made, *places, self._terms.rows.open_by_rounding, *sizes)
 
     @cached_property
     def whole(self) -> ColumnFunction:
-        """The function of all columns, made when it is first asked for."""
-        return self._make_whole()
+        """The function of all columns."""
+        return self._made(self._columns)
 
     @cached_property
-    def parted(self) -> PartedPlaces:
-        """Places that share no column."""
-        return PartedPlaces.of(self.rates, self.closure)
-
-    @cached_property
-    def _closing(self) -> ColumnFunction:
-        return self._make_closing()
+    def closer(self) -> ColumnFunction:
+        """Those `free`, by a step of Newton's method closer to where loops close."""
+        return self._made(self._terms.rows.closer(self._terms.variables))
 
     @cached_property
     def _signed(self) -> ColumnFunction:
-        return self._make_signed()
-
-    def closer(self, values: Floats) -> Floats:
-        """Return the variables `free`, (variables, n), closer to where loops close.
-
-        By a step of Newton's method.
-        """
-        return self._closing(values)
+        blocks = (self._columns[places.signs] for places in self.rates)
+        return self._made([x for block in blocks for x in block], interpreted=True)
 
     def signed_at(self, values: Floats) -> list[Floats]:
         """Return by input (8, poles, n) what has a sign of its own, of few rows."""
-        columns, made, first = self._signed(values), [], 0
-        for places in self.rates:
-            count = len(places.signed)
-            made.append(columns[first : first + 8 * count])
-            made[-1] = made[-1].reshape(8, count, values.shape[1])
-            first += 8 * count
-        return made
-
-
-def signed_columns(places: RatePlaces, columns: Floats) -> Floats:
-    """Return (8, poles, n) what has a sign of its own, from all columns: a view."""
-    count = len(places.signed)
-    block = columns[places.block : places.block + 8 * count]
-    return block.reshape(8, count, columns.shape[1])
-
-
-def read_columns(places: RatePlaces, columns: Floats) -> RateColumns:
-    """Return the rates of an input, as views of columns that are kept."""
-    signed = signed_columns(places, columns)
-    return RateColumns(
-        {pole: _pole(places, pole, columns, signed) for pole in places.poles},
-        {link: place.of(columns) for link, place in places.w.items()},
-        {link: place.of(columns) for link, place in places.dw.items()},
-    )
-
-
-def _pole(places: RatePlaces, pole: Pole, columns: Floats, signed: Floats) -> PoleColumns:
-    at: PolePlaces = places.poles[pole]
-    if at.axis is None:
-        k = places.signed.index(pole)
-        unit, turn, rate, change = signed[:3, k], signed[3:6, k], signed[6, k], signed[7, k]
-    else:
-        unit, turn, first, second = (place.of(columns) for place in at.axis)
-        rate, change = first[0], second[0]
-    angle, *errors = (part.of(columns)[0] for part in (at.angle, *at.errors))
-    one, other, last = errors
-    return PoleColumns(unit, turn, rate, change, angle, one, other, last)
+        counts = [8 * len(places.signed) for places in self.rates]
+        parts = np.split(self._signed(values), np.cumsum(counts)[:-1])
+        return [part.reshape(8, len(part) // 8, values.shape[1]) for part in parts]
 
 
 def row_kernel(
@@ -296,58 +270,14 @@ def row_kernel(
 
     def make() -> RowKernel | None:
         terms = Terms.of(motion, requests, pivots)
-        return None if terms is None else _kernel(terms, motion, engine)
+        return None if terms is None else RowKernel(terms, motion, engine)
 
-    return COMPILED.get(motion.mechanism, _key("rows", requests, pivots, engine), make)
-
-
-def _kernel(terms: Terms, motion: Motion, engine: Engine) -> RowKernel:
-    rows, results = terms.rows, terms.outputs
-    results.columns += [rows.residual, rows.moved_by]
-    rates = tuple(moving.placed(results) for moving in terms.moving)
-    profiles = rows.pairs.columns
-    form = None if profiles else closed_form(motion.mechanism, motion.assembly)
-
-    def of(by: _Maker, outputs: Sequence[Expr]) -> ColumnFunction:
-        return ColumnFunction(by(outputs, terms.given), profiles, len(outputs))
-
-    def by_inputs() -> RowFunction:
-        assert form is not None
-        columns, places = _deciding(terms, rates, len(form.variables))
-        stand_in = dict(zip(terms.variables, form.variables, strict=True))
-        outputs = [*form.variables, *substituted(columns, stand_in), *form.squares]
-        made = ColumnFunction(by(outputs, form.given), (), len(outputs))
-        sizes = len(form.given), len(form.variables), len(form.squares)
-        return RowFunction(made, *places, rows.open_by_rounding, *sizes)
-
-    def judging() -> RowFunction:
-        columns, places = _deciding(terms, rates)
-        # With a closed form, it is for few rows.
-        made = of(by if form is None else array_function, columns)
-        return RowFunction(made, *places, rows.open_by_rounding, len(terms.variables))
-
-    by: _Maker = compile_function if engine == "compiled" else array_function
-    signed = [
-        column
-        for places in rates
-        for column in results.columns[places.block : places.block + 8 * len(places.signed)]
-    ]
-    return RowKernel(
-        engine,
-        rates,
-        len(results.columns),
-        0,
-        motion.free,
-        form is not None,
-        judging,
-        by_inputs,
-        lambda: of(by, results.columns),
-        lambda: of(by, rows.closer(terms.variables)),
-        lambda: of(array_function, signed),
+    wanted = tuple(
+        (item.plan.input, item.poles, item.derivatives, tuple(sorted(item.links)))
+        for item in requests
     )
-
-
-_Maker = Callable[[Sequence[Expr], Sequence[ExpressionNode]], _Function]
+    key = repr(("rows", wanted, pivots, engine))
+    return COMPILED.get(motion.mechanism, key, make)
 
 
 def _deciding(
@@ -368,8 +298,7 @@ def _deciding(
         first, turning, still = len(outputs.columns), moving.turning, moving.still
         outputs.columns += [x for w in turning.values() for x in w]
         outputs.columns += [
-            largest(results.item(pole.errors[k]) for pole in places.poles.values())
-            for k in range(ERRORS)
+            largest(map(results.item, places.of[name].values())) for name in ERRORS
         ]
         order = [*turning, *still]
         inputs.append(
@@ -389,35 +318,6 @@ def _deciding(
 def _ends(poles: Sequence[Pole]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     first, second = np.array(poles, dtype=np.intp).reshape(-1, 2).T
     return first, second
-
-
-def pole_kernel(
-    motion: Motion, requests: Sequence[Request], engine: Engine
-) -> ColumnFunction | None:
-    """Return what is the least of `row_kernel`: poles and rates, without any bounds."""
-    pivots = _pivots(motion, requests)
-    if pivots is None:
-        return None
-
-    def make() -> ColumnFunction | None:
-        terms = Terms.of(motion, requests, pivots)
-        if terms is None:
-            return None
-        items = [item for moving in terms.moving for item in moving.poles(terms.outputs)]
-        by = compile_function if engine == "compiled" else array_function
-        return ColumnFunction(by(items, terms.given), terms.rows.pairs.columns, len(items))
-
-    return COMPILED.get(motion.mechanism, _key("poles", requests, pivots, engine), make)
-
-
-def _key(
-    name: str, requests: Sequence[Request], pivots: Sequence[Pivot], engine: str
-) -> str:
-    wanted = tuple(
-        (item.plan.input, item.poles, item.derivatives, tuple(sorted(item.links)))
-        for item in requests
-    )
-    return repr((name, wanted, pivots, engine))
 
 
 def _pivots(motion: Motion, requests: Sequence[Request]) -> tuple[Pivot, ...] | None:

@@ -59,6 +59,11 @@ class PoleField(ArrayRows):
     loss: Floats
     direction_dq: MutableMapping[Pole, Floats] = field(default_factory=dict)
 
+    @property
+    def made(self) -> "PoleField":
+        """All of it, as arrays: itself."""
+        return self
+
     def turned(self, plan: Plan, pole: Pole) -> Floats:
         """Return (n, 3) how the direction of a pole of links turns by the input, 1/rad.
 

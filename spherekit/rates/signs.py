@@ -140,6 +140,19 @@ class TurnedRows:
         pole, start, stop = np.array(ranges, dtype=np.intp).reshape(-1, 3).T
         return cls(pole, start, stop, sides)
 
+    def signs(
+        self, k: int, unit: Floats, rows: NDArray[np.intp], modes: NDArray[np.intp]
+    ) -> Floats:
+        """Return (n,) -1 where pole k, with directions (n, 3), is turned round at rows."""
+        if self.sides is not None:
+            across = np.sum(self.sides[modes] * unit, axis=1)
+            return np.where(across < 0.0, -1.0, 1.0)
+        made = np.ones(len(rows))
+        for number in np.flatnonzero(self.pole == k).tolist():
+            within = (rows >= self.start[number]) & (rows < self.stop[number])
+            made[within] *= -1.0
+        return made
+
     def turn(self, with_sign: Floats, mode: int, first: int) -> None:
         """Turn what has a sign (8, poles, n) of rows from `first` on, in place."""
         n = with_sign.shape[2]

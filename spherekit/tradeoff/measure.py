@@ -12,10 +12,11 @@ from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
-from spherekit.analysis.folder.store import InMemory
 from spherekit.analysis.needs import Needs
 from spherekit.analysis.requests import requests_for
+from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.evaluation import Evaluation
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import TableArrays, arrays
@@ -115,6 +116,7 @@ class Benchmark:
         tables = [table.of(mechanism) for table in analysis.tables]
         size = evaluation.block if analysis.rowwise else len(course)
         for motion in evaluation.blocks(size):
+            fields: tuple[PoleField | UnreadField, ...]
             fields = evaluation.fields(motion, signs)
             angles = evaluation.angles(motion, memory)
             if toward is not None:
@@ -122,7 +124,7 @@ class Benchmark:
                     np.arange(len(motion.assembly_modes)) * len(course), motion.samples
                 )
                 fields = tuple(
-                    _turned(field, other, rows)
+                    _turned(field.made, other, rows)
                     for field, other in zip(fields, toward.fields, strict=True)
                 )
             made = self._computed(self._batch(wanted, motion, fields, angles))
@@ -156,7 +158,7 @@ class Benchmark:
         memories = [SignMemory() for _ in evaluation.requests]
         every = np.arange(len(motion))
         fields = tuple(
-            _turned(field, other, every)
+            _turned(field.made, other, every)
             for field, other in zip(
                 evaluation.fields(motion, memories), reference.fields, strict=True
             )
@@ -174,7 +176,7 @@ class Benchmark:
         self,
         wanted: Sequence[Request],
         motion: Motion,
-        fields: tuple[PoleField, ...],
+        fields: tuple[PoleField | UnreadField, ...],
         angles: Mapping[str, Floats],
     ) -> Batch:
         course, plans = self.course, tuple(item.plan for item in wanted)

@@ -1,7 +1,6 @@
 """The rows of a run on disk while it goes on: packed, with words as numbers."""
 
 import itertools
-import math
 import os
 import shutil
 import zlib
@@ -12,25 +11,23 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.folder.row_order import order_of, parts_in_order, pieces_of
-from spherekit.analysis.folder.store import IN_CACHE, AbstractStore
+from spherekit.analysis.rows import AbstractRows, order_of, parts_in_order
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     CHUNK,
     TYPES,
-    AbstractRows,
-    Interleaved,
     Table,
     TableArrays,
     TableData,
-    held,
+    arrays,
 )
 from spherekit.errors import OutputError
 from spherekit.files.atomic import refused
+from spherekit.numeric.unread import IN_CACHE
 
 
 @final
-class OnDisk(AbstractStore):
+class OnDisk:
     """Appends the blocks to files of packed rows, one for each table and assembly mode.
 
     Memory does not grow with the rows. `state` says how many rows count, and their
@@ -74,20 +71,18 @@ class OnDisk(AbstractStore):
         OutputError
             If the disk is full.
         """
-        columns = {column.name: data[column.name] for column in table.columns}
-        reading = held(columns.values())
+        columns = arrays({column.name: data[column.name] for column in table.columns})
         for column in table.columns:
             if column.kind == "text":
                 words = self._words.setdefault((analysis, table.name, column.name), {})
-                columns[column.name] = _coded(columns[column.name], words)
+                columns[column.name] = _codes(columns[column.name], words)
         rows = _packed_rows(columns, packed(table))
-        del reading
         if not (self._split and table.in_assembly_modes):
             self._append(analysis, table, 0, rows)
             return
         if not len(rows):
             return
-        parts = parts_in_order([pieces_of(data)])
+        parts = parts_in_order([data])
         if parts is None:
             rows = rows[order_of({name: rows[name] for name in rows.dtype.names or ()})]
             modes = rows[ASSEMBLY_MODE.name]
@@ -239,33 +234,14 @@ def packed(table: Table) -> np.dtype[np.void]:
     return np.dtype([(c.name, TYPES.get(c.kind, np.int32)) for c in table.columns])
 
 
-def _packed_rows(columns: TableData, kind: np.dtype[np.void]) -> NDArray[np.void]:
+def _packed_rows(columns: TableArrays, kind: np.dtype[np.void]) -> NDArray[np.void]:
     """Return columns as rows, so many at a time that they stay in the cache."""
     rows = np.empty(len(next(iter(columns.values()))), dtype=kind)
-    subjects = [
-        len(values.parts) if isinstance(values, Interleaved) else 1
-        for values in columns.values()
-    ]
-    together = math.lcm(*subjects)
-    step = together * max(1, IN_CACHE // together)
-    for start in range(0, len(rows), step):
-        some = rows[start : start + step]
-        for (name, values), repeats in zip(columns.items(), subjects, strict=True):
-            if isinstance(values, Interleaved):
-                span = slice(start // repeats, (start + len(some)) // repeats)
-                values.put(some[name], span)
-            else:
-                some[name] = values[start : start + step]
+    for start in range(0, len(rows), IN_CACHE):
+        some = rows[start : start + IN_CACHE]
+        for name, values in columns.items():
+            some[name] = values[start : start + IN_CACHE]
     return rows
-
-
-def _coded(
-    values: NDArray[Any] | Interleaved, words: dict[str, int]
-) -> NDArray[np.int32] | Interleaved:
-    """Return texts as numbers of words; new words are added."""
-    if isinstance(values, Interleaved):
-        return Interleaved([_codes(np.asarray(part), words) for part in values.parts])
-    return _codes(np.asarray(values), words)
 
 
 def _codes(values: NDArray[Any], words: dict[str, int]) -> NDArray[np.int32]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from spherekit.analysis.folder.journal import RunFolder, Unfinished, differences
 from spherekit.analysis.folder.on_disk import OnDisk
-from spherekit.analysis.folder.store import AbstractStore, InMemory, Nowhere
+from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.run_plan import RunPlan
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.setting import Setting
@@ -54,7 +54,7 @@ def setting_of(
 
 def taken_up(
     job: RunPlan, place: RunFolder | None, unfinished: Unfinished, tables: bool
-) -> tuple[RunState, AbstractStore]:
+) -> tuple[RunState, OnDisk | InMemory | None]:
     """Return where the run stands, at the start or as it was stopped, and its store.
 
     Raises
@@ -65,7 +65,7 @@ def taken_up(
     """
     standing = RunState([SignMemory() for _ in job.requests], failures=dict(job.refused))
     if place is None:
-        return standing, InMemory() if tables else Nowhere()
+        return standing, InMemory() if tables else None
     if not place.unfinished or unfinished == "discard":
         place.discard()
         return standing, OnDisk(place.work, not job.is_single_block, {})
@@ -97,7 +97,10 @@ def taken_up(
 
 @contextmanager
 def kept(
-    job: RunPlan, place: RunFolder | None, standing: RunState, store: AbstractStore
+    job: RunPlan,
+    place: RunFolder | None,
+    standing: RunState,
+    store: OnDisk | InMemory | None,
 ) -> Iterator[Callable[[RunPlan], None]]:
     """Give what is called after each block; if the run is stopped, keep what was done."""
     if place is None or not isinstance(store, OnDisk):

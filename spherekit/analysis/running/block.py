@@ -5,9 +5,11 @@ from collections.abc import Mapping
 from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import computed, findings_of, scenes_of
 from spherekit.analysis.faults import faults_of
-from spherekit.analysis.folder.store import AbstractStore
+from spherekit.analysis.folder.on_disk import OnDisk
 from spherekit.analysis.result import MOTION
+from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import AXES, RECORDING, Timer
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.motion_table import motion_rows
 from spherekit.analysis.running.recording import RecordingSession
 from spherekit.analysis.running.run_plan import RunPlan
@@ -24,10 +26,10 @@ def evaluate_block(
     job: RunPlan,
     motion: Motion,
     standing: RunState,
-    store: AbstractStore,
+    store: OnDisk | InMemory | None,
     stage: RecordingSession | None,
     ledger: Timer,
-) -> tuple[tuple[PoleField, ...], Mapping[str, Floats]]:
+) -> tuple[tuple[PoleField | UnreadField, ...], Mapping[str, Floats]]:
     """Evaluate a block for all analyses, and hand over what they make of it.
 
     Return its poles for each input, and the variables that go on. An analysis that fails
@@ -75,22 +77,26 @@ def evaluate_block(
         for table, stored in zip(
             job.tables_of(analysis), job.stored_tables_of(analysis), strict=True
         ):
-            store.add(analysis.name, stored, stored.named(tables[table.name], job.names))
+            if store is not None:
+                named = stored.named(tables[table.name], job.names)
+                store.add(analysis.name, stored, named)
             standing.count(analysis.name, table.name, tables[table.name])
             standing.tally.add_rows(analysis.name, table, tables[table.name], batch)
     if job.motion_tables:
         stored = job.motion_tables[0]
         rows = stored.named(motion_rows(course, motion, fields), job.names)
-        store.add(MOTION, stored, rows)
+        if store is not None:
+            store.add(MOTION, stored, rows)
         standing.count(MOTION, MOTION, {"sample": motion.sample})
     standing.tally.add(course.tracer, motion, fields)
     standing.done += motion.samples
     return fields, angles
 
 
-def add_events(job: RunPlan, standing: RunState, store: AbstractStore) -> None:
+def add_events(job: RunPlan, standing: RunState, store: OnDisk | InMemory | None) -> None:
     """Hand over what happened in the course of a simulation, known when it is whole."""
     if job.course.simulation is not None:
         events = job.course.events()
-        store.add(MOTION, EVENTS.of(job.mechanism), events)
+        if store is not None:
+            store.add(MOTION, EVENTS.of(job.mechanism), events)
         standing.count(MOTION, EVENTS.name, events)

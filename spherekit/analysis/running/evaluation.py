@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.needs import Needs
 from spherekit.analysis.running.interpolated_motion import InterpolatedMotion
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.rows_at_once import RowsAtOnce
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import ORDINARY, Setting
@@ -151,7 +152,7 @@ class Evaluation:
 
     def fields(
         self, motion: Motion, memories: Sequence[SignMemory]
-    ) -> tuple[PoleField, ...]:
+    ) -> tuple[PoleField | UnreadField, ...]:
         """Return the poles of a block of `blocks` for each input that moves."""
         if self._represented is not None:
             return tuple(self._represented.field(motion) for _ in self.requests)

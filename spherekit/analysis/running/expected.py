@@ -8,8 +8,8 @@ import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.execution import Execution
-from spherekit.analysis.folder.store import InMemory
 from spherekit.analysis.result import stem_of
+from spherekit.analysis.rows import InMemory
 from spherekit.analysis.run import executed, traced
 from spherekit.analysis.running.block import evaluate_block
 from spherekit.analysis.running.cost import Timer

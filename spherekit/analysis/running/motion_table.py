@@ -5,6 +5,7 @@ from typing import Any
 
 from spherekit.analysis.batch import run_status
 from spherekit.analysis.result import MOTION
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
@@ -47,7 +48,7 @@ def motion_table(course: Sampling) -> Table:
 
 
 def motion_rows(
-    course: Sampling, motion: Motion, fields: Sequence[PoleField]
+    course: Sampling, motion: Motion, fields: Sequence[PoleField | UnreadField]
 ) -> TableArrays:
     """Return the rows of a block of a course whose poles were found."""
     mechanism = course.tracer.mechanism

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.batch import Batch, run_status
-from spherekit.analysis.tables import Interleaved, Table, TableData
+from spherekit.analysis.running.kernel_columns import UnreadField
+from spherekit.analysis.tables import Table, TableData
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.planning.poles import Pole
+from spherekit.numeric.unread import Interleaved
 from spherekit.rates.pole_field import PoleField
-from spherekit.rates.unread_columns import Unread
 from spherekit.sphere.rotation import Floats
 
 CODES = len(Status)
@@ -83,7 +83,9 @@ class RunStatistics:
         tally._rank, tally._repeated = state["rank"], state["repeated"]
         return tally
 
-    def add(self, tracer: Tracer, motion: Motion, fields: Sequence[PoleField]) -> None:
+    def add(
+        self, tracer: Tracer, motion: Motion, fields: Sequence[PoleField | UnreadField]
+    ) -> None:
         """Count a block."""
         status, every = run_status(motion, fields), np.zeros(CODES, dtype=np.int64)
         for number, mode in enumerate(motion.assembly_modes):
@@ -103,11 +105,11 @@ class RunStatistics:
                 locked = len(fields) > 1 and counts[Status.NO_POLE] == np.sum(counts)
                 if not locked:  # links that other inputs hold together have none
                     self._poles += often * counts
-            self._error = _largest_of(self._error, field.error, good)
-            rates = field.velocity_coefficient_error
-            self._rate = _largest_of(self._rate, rates, good)
-            changes = field.acceleration_coefficient_error
-            self._rate_dq = _largest_of(self._rate_dq, changes, good)
+            self._error = _largest_of(self._error, field, "error", good)
+            self._rate = _largest_of(self._rate, field, "velocity_coefficient_error", good)
+            self._rate_dq = _largest_of(
+                self._rate_dq, field, "acceleration_coefficient_error", good
+            )
             self._by_equations[0] += int(np.count_nonzero(field.by_equations))
             self._by_equations[1] += len(field.by_equations)
             self._by_kernel += int(np.count_nonzero(field.by_kernel))
@@ -229,14 +231,14 @@ def _counted_once(
 
 def _largest_of(
     so_far: float | None,
-    errors: Mapping[Pole, Floats],
+    field: PoleField | UnreadField,
+    name: str,
     good: slice | NDArray[np.bool_],
 ) -> float | None:
     """Return the largest error so far, with those of poles at good rows."""
-    if isinstance(errors, Unread):
-        given = [x for x in (so_far, errors.largest) if x is not None]
-        return max(given, default=None)
-    for error, _ in _counted_once(errors.values()):
+    if isinstance(field, UnreadField):
+        return _largest(so_far, np.array([field.largest[name]]))
+    for error, _ in _counted_once(getattr(field, name).values()):
         so_far = _largest(so_far, error[good])
     return so_far
 

@@ -20,6 +20,7 @@ from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import computed
 from spherekit.analysis.needs import Needs
 from spherekit.analysis.result import MOTION
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.run_plan import RunPlan
 from spherekit.analysis.running.verdict_words import BOUNDED
 from spherekit.analysis.tables import (
@@ -113,13 +114,14 @@ class Verifier:
     def see(
         self,
         motion: Motion,
-        fields: tuple[PoleField, ...],
+        poles: Sequence[PoleField | UnreadField],
         angles: Mapping[str, Floats],
     ) -> None:
         """Take a block of the run, and keep the rows of it that may be verified.
 
         The whole motion is kept where an analysis had it, as a single block.
         """
+        fields = tuple(field.made for field in poles)
         if any(analysis.at_once for analysis, _ in self._analyses):
             self._whole = motion, fields, angles
         good = motion.status == Status.OK
