@@ -133,7 +133,8 @@ def _mid_plane(quick: bool) -> Section:
     driven = list(plane.driven)
 
     def margins() -> tuple[Floats, Floats]:
-        folds = plane.folds(normals, driven)
+        heights = np.abs(normals @ plane.axes[driven].T)
+        folds = 2.0 * np.arcsin(np.clip(heights, 0.0, 1.0))
         return folds - np.radians(10.0), 2.0 * plane.arcs[driven] - folds
 
     jobs = {

@@ -33,6 +33,12 @@ def driven_variables(form):
     return [form.legs[k].base for k in form.plane.driven]
 
 
+def folds_of(plane, normals):
+    """Return the angles (n, 2) rad between base and tip axes of the driven legs."""
+    sine = np.abs(normals @ plane.axes[list(plane.driven)].T)
+    return 2.0 * np.arcsin(np.clip(sine, 0.0, 1.0))
+
+
 def slopes(plane, normals, modes):
     """Return the derivatives (n, 2, 3) of the normals by each driven reading.
 

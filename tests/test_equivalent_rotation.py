@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mid_plane import (
     driven_variables,
+    folds_of,
     forward_jacobian,
     inverse_jacobian,
     mid_plane_mechanism,
@@ -55,7 +56,7 @@ def form(paper):
 def left_of_legs(plane, normals):
     """Return (n, 2, 2) rad left until a driven leg is 10 degrees, or stretched."""
     driven = list(plane.driven)
-    folds = plane.folds(normals, driven)
+    folds = folds_of(plane, normals)
     rest = 2.0 * plane.arcs[driven] - folds
     return np.stack([folds - np.radians(10.0), rest], axis=1)
 

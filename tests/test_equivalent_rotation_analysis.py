@@ -326,22 +326,6 @@ def test_end_of_the_reach_on_the_way():
     assert ended > 50
 
 
-def test_readings_in_blocks_are_those_of_the_elbows():
-    plane = mid_plane_form(sk.load("two_dof_spm")).plane
-    normals = np.random.default_rng(2).normal(size=(20000, 3))
-    normals = upward(normals / np.linalg.norm(normals, axis=1, keepdims=True))
-    for modes, readings in plane.solutions(normals).items():
-        elbows, _ = plane.elbows(normals, (*modes, 1))
-        want = plane.readings(elbows)[:, list(plane.driven)]
-        assert np.array_equal(np.isnan(want), np.isnan(readings))
-        held = np.abs(np.einsum("nlk,nk->nl", elbows, normals))
-        assert np.nanmax(held) < 1e-14
-        assert np.nanmax(arc_of(want - readings)) < 1e-12
-    folds = plane.folds(normals, plane.driven)
-    base = np.arccos(np.clip(normals @ plane.axes[:2].T, -1.0, 1.0))
-    assert np.max(np.abs(folds - np.abs(np.pi - 2.0 * base))) < 1e-7
-
-
 def arc_of(angles):
     return np.abs(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
 

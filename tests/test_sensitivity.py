@@ -9,7 +9,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.design.deviations import Deviations
 from spherekit.design.sensitivity import Sensitivity
-from spherekit.design.size_keys import sizes_of
+from spherekit.design.variables import sizes_of
 from spherekit.engine.frames import DesignGeometry, revolute_frames
 from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.files.change import document_of, number_at, number_path, with_numbers

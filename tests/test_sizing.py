@@ -191,7 +191,7 @@ def test_gradients_of_figures_are_those_of_differences(tmp_path):
         every = np.concatenate([at[:, None], shifted, 2.0 * at[:, None] - shifted], axis=1)
         found = evaluator.at(every)
         rows = np.flatnonzero(found.mode == mode)
-        for k, merit in enumerate(evaluator.merits):
+        for k, merit in enumerate(evaluator.figures.merits):
             own = found.merits[merit.name][rows]
             assert figures[k] == pytest.approx(own[0], rel=1e-12)
             difference = (own[1:4] - own[4:7]) / (2.0 * step)
@@ -234,26 +234,27 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
     every = np.concatenate([np.diag(steps), -np.diag(steps)]) + at
     found = evaluator.at(np.concatenate([at[None], every]).T)
     rows = np.flatnonzero(found.mode == "+")
-    for k, merit in enumerate(evaluator.merits):
+    for k, merit in enumerate(evaluator.figures.merits):
         own = found.merits[merit.name][rows]
         assert figures[k] == pytest.approx(own[0], rel=1e-12)
         difference = (own[1:6] - own[6:]) / (2.0 * steps)
         assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=1e-8), merit.name
-    numbers, by_values = evaluator.inputs_at(at)
+    design = evaluator.varied.design_at(at)
+    numbers, by_values = design.sizes, design.slopes
     # About O the tensor has m (|c|^2 1 - c c^T), whose derivatives are known.
-    place = list(evaluator.numbers.differing).index(0)
-    assert numbers[5 + place] == pytest.approx(0.2 + 2.1 * (0.25**2 + 0.64), rel=1e-14)
+    place = list(evaluator.varied.numbers.differing).index(0)
+    assert numbers[1 + place] == pytest.approx(0.2 + 2.1 * (0.25**2 + 0.64), rel=1e-14)
     known = [0.0, 0.25**2 + 0.64, 2.0 * 2.1 * 0.25, 0.0, 0.0]
-    assert by_values[5 + place] == pytest.approx(known, rel=1e-12, abs=1e-12)
+    assert by_values[1 + place] == pytest.approx(known, rel=1e-12, abs=1e-12)
 
 
 def test_numbers_at_their_limits_have_slopes():
     """The rocker of the file is as light as a body with its other moments can be."""
-    numbers = sizing_of(EXAMPLES / "spring.toml", designs=4).sweep.evaluator.numbers
+    numbers = sizing_of(EXAMPLES / "spring.toml", designs=4).sweep.evaluator.varied.numbers
     values = np.array([variable.value for variable in numbers.variables])
     wanted = [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
     assert numbers.slopes(values) == pytest.approx(np.array(wanted), rel=1e-12)
-    assert not any(steady is None for steady in numbers._steady)
+    assert not any(steady is None for steady in numbers.steady)
 
 
 @pytest.mark.long

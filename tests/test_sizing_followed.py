@@ -179,7 +179,7 @@ def check_gradients(tmp_path, name, vary, samples, figures):
     whole = [k for k, closes in enumerate(rows.closes) if closes == 1.0]
     for k in whole[:4]:
         figure, slopes, closes = gradients.at(at, modes[k])
-        values = [rows.merits[merit.name][k] for merit in evaluator.merits]
+        values = [rows.merits[merit.name][k] for merit in evaluator.figures.merits]
         assert closes == 1.0 and figure == pytest.approx(np.array(values), rel=1e-9)
         for place, step in enumerate(np.diag(5e-5 * np.abs(at))):
             difference = sum(
@@ -211,7 +211,7 @@ def test_a_mode_ends_where_its_designs_do(tmp_path):
         ]
     )
     assert np.all(np.diff(shares, axis=1) <= 0.0) and np.min(shares) < 0.5
-    here, there = (evaluator.design_at(np.array([x])) for x in (-8.0, 20.0))
+    here, there = (evaluator.varied.design_at(np.array([x])) for x in (-8.0, 20.0))
     for mode in modes:
         moved = mode.moved(there)
         assert sum(mode.goes_on_in(other) for other in others) >= 1

@@ -18,13 +18,13 @@ from common import bare
 import spherekit as sk
 from spherekit.analysis.merit import Merit, Reducing
 from spherekit.cli.main import main
-from spherekit.design.evaluated import refused
+from spherekit.design.figures import refused
 from spherekit.design.gradients import FigureGradients
 from spherekit.design.held_modes import SignedMode
 from spherekit.design.samples import DesignSamples
-from spherekit.design.size_keys import sizes_of
 from spherekit.design.space import DesignSpace, between, listed, variation
 from spherekit.design.sweep_parts import run_sweep
+from spherekit.design.variables import sizes_of
 from spherekit.engine.design_kernel import DesignTerms, design_kernel
 from spherekit.errors import (
     AnalysisError,

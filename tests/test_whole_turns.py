@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.design.size_keys import sizes_of
-from spherekit.design.variables import design_variable
+from spherekit.design.variables import design_variable, sizes_of
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.errors import SolveError

@@ -6,10 +6,11 @@ import numpy as np
 
 from spherekit.design.conditions import Condition
 from spherekit.design.cutting_planes import Parts, least_greatest
-from spherekit.design.evaluate import DEG, Evaluator
+from spherekit.design.evaluate import Evaluator
 from spherekit.design.gradients import FigureGradients, with_derivatives
 from spherekit.design.held_modes import HeldMode
 from spherekit.design.sweep import Columns
+from spherekit.design.varied import DEG
 from spherekit.design.wanted import Sizing
 from spherekit.engine.arrays import ArrayFunction
 from spherekit.engine.row_quantities import row_quantities
@@ -61,7 +62,7 @@ class Descent:
 
     def moved(self, x: Floats, mode: HeldMode) -> HeldMode:
         """Return a mode that is followed from x, where there is a design, from now on."""
-        design = self.figures.evaluator.design_at(self.low + self.width * x)
+        design = self.figures.evaluator.varied.design_at(self.low + self.width * x)
         return mode if design is None else mode.moved(design)
 
     def at(self, x: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:

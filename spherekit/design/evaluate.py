@@ -1,7 +1,7 @@
 """Figures of merit of designs: by a kernel for all of them at once, or one by one."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from typing import Any, final
@@ -12,23 +12,20 @@ from numpy.typing import NDArray
 from spherekit.analysis.merit import Merit
 from spherekit.conventions import TURN
 from spherekit.design.all_solutions import StartSet, start_set
-from spherekit.design.at_samples import BLOCK, at_modes, at_variables, in_mode
-from spherekit.design.evaluated import (
+from spherekit.design.figures import (
+    BLOCK,
     IMPOSSIBLE,
     NEVER,
     NEVER_CLOSES,
     Evaluated,
-    none,
+    KernelFigures,
     refused,
-    without,
 )
-from spherekit.design.file_numbers import OK, UNLIKE, FileNumbers
+from spherekit.design.file_numbers import OK, UNLIKE
 from spherekit.design.followed_modes import Modes, followed_modes
 from spherekit.design.kernel_turns import KernelTurns
-from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles, tracks_of
+from spherekit.design.profile_numbers import tracks_of
 from spherekit.design.samples import DesignSamples
-from spherekit.design.size_keys import sizes_of
-from spherekit.design.taken_figures import TakenFigures
 from spherekit.design.variables import (
     ACTIONS,
     DesignVariable,
@@ -36,7 +33,9 @@ from spherekit.design.variables import (
     design_variable,
     designed,
     designed_pairs,
+    sizes_of,
 )
+from spherekit.design.varied import DEG, VariedMechanism
 from spherekit.engine.design_kernel import (
     DesignKernel,
     DesignTerms,
@@ -45,7 +44,7 @@ from spherekit.engine.design_kernel import (
 )
 from spherekit.engine.hinges import hinged
 from spherekit.engine.path_kernel import PathKernel, path_kernel
-from spherekit.engine.turns import TurningPairs, turning_pairs
+from spherekit.engine.turns import turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
@@ -73,22 +72,6 @@ COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
 
 SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
-DEG = np.pi / 180.0
-
-
-@final
-@dataclass(frozen=True)
-class DesignAt:
-    """What kernels have of a design.
-
-    `values` (variables,) in the file's units, `sizes` (k,) in rad and SI with their
-    derivatives `slopes` (k, variables) by the values, and profiles that are handed in.
-    """
-
-    values: Floats
-    sizes: Floats
-    slopes: Floats
-    profiles: ProfileNumbers | None
 
 
 @final
@@ -109,113 +92,42 @@ class Evaluator:
         merits: Sequence[Merit],
         samples: DesignSamples,
     ) -> None:
-        self.document = document
-        self.mechanism = mechanism
-        self.inputs = samples.inputs
-        self.variables = tuple(variables)
-        self.merits = tuple(merits)
-        self.samples = samples
-        self.figures = TakenFigures(mechanism, self.merits, samples)
+        self.document, self.mechanism, self.inputs = document, mechanism, samples.inputs
+        self.variables, self.samples = tuple(variables), samples
+        self.figures = KernelFigures(mechanism, merits, samples)
         if any(name.startswith("torque") for name in self.figures.columns):
             need_tabulated(mechanism, samples.rows[:, -1])
+        contacts = hinged(mechanism, self.inputs) if mechanism.has_contacts else None
+        self.varied = VariedMechanism(
+            document, mechanism, variables, self.inputs, contacts, self._masses_follow
+        )
         self._paths: tuple[PathKernel, StartSet] | None = None
-        self.numbers: FileNumbers | None = None
         self.kernel = self._kernel()
 
     def _kernel(self) -> DesignKernel | None:
         """Return the kernel of all designs, None where they have none."""
-        contacts = None
         if self.mechanism.has_contacts:
-            contacts = hinged(self.mechanism, self.inputs)
-            if contacts is None:
+            if self.varied.contacts is None:
                 return None
         elif any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
             return None
-        following = self.figures.read_inertia and self._masses_follow()
-        acting = any(v.path[0] in ACTIONS for v in self.variables)
-        if acting or following or contacts:
-            self.numbers = FileNumbers(
-                self.document,
-                self.mechanism,
-                self.variables,
-                self.inputs,
-                contacts,
-                following,
-            )
-        terms = self.terms()
-        if terms.closed_form:
-            return design_kernel(terms, self.figures.columns)
-        paths = path_kernel(terms)
-        start = start_set(paths, self._nominal, *self._every_size())
-        if start is None:
-            self.numbers = None
-            return None
-        self._paths = paths, start
+        terms = self.varied.terms()
+        if not terms.closed_form:
+            paths = path_kernel(terms)
+            start = start_set(paths, self.varied.nominal, *self._every_size())
+            if start is None:
+                return None
+            self._paths = paths, start
         return design_kernel(terms, self.figures.columns)
-
-    def terms(self, closed_form: bool | None = None) -> DesignTerms:
-        """Return what kernels of all designs are written in."""
-        names = [variable.name for variable in self.variables]
-        if self.is_profiled:
-            return self._profiled_terms()
-        if self.numbers is None:
-            return DesignTerms.of(
-                self.mechanism, self.inputs, names, self._designed, closed_form
-            )
-        contacts, read = self.numbers.hinged, self.numbers.of_contacts
-        if contacts is None:
-            return DesignTerms.of(
-                self.mechanism,
-                self.inputs,
-                names,
-                self._designed,
-                closed_form,
-                self.numbers.of_actions,
-            )
-        angles = {k: f"turned_{k}" for k in read}
-        return DesignTerms.of(
-            contacts.mechanism,
-            self.inputs,
-            [*names, *angles.values()],
-            lambda numbers: contacts.pairs({k: numbers[n] for k, n in angles.items()}),
-            closed_form,
-            self.numbers.of_actions,
-        )
-
-    def _profiled_terms(self) -> DesignTerms:
-        """Return the terms in which profiles are handed in."""
-        chosen = [self.variables[k] for k in self.sized]
-        return DesignTerms.of(
-            self.mechanism,
-            self.inputs,
-            [variable.name for variable in chosen],
-            lambda numbers: designed_pairs(self.mechanism, chosen, numbers, True),
-            closed_form=False,
-        )
-
-    @cached_property
-    def sized(self) -> list[int]:
-        """Which variables are sizes of the kernel, not numbers of profiles."""
-        return [k for k, v in enumerate(self.variables) if v.slot is not None]
-
-    @property
-    def _nominal(self) -> Floats:
-        """The sizes of the kernel (k,) in the file."""
-        sizes = self.radians(np.array([[v.value] for v in self.variables]))[:, 0]
-        if self.numbers is None:
-            return sizes
-        read = np.array(self.numbers.nominal)[list(self.numbers.differing)]
-        return np.concatenate([sizes, read])
 
     def _every_size(self) -> tuple[DesignTerms, Floats]:
         """Return terms of all sizes of the mechanism, and what these are in the file."""
-        contacts = self.numbers.hinged if self.numbers else None
+        contacts = self.varied.contacts
         if contacts is not None:
-            names = [f"turned_{k}" for k in range(len(contacts.numbers))]
             terms = DesignTerms.of(
                 contacts.mechanism,
                 self.inputs,
-                names,
+                [f"turned_{k}" for k in range(len(contacts.numbers))],
                 lambda numbers: contacts.pairs(dict(enumerate(numbers.values()))),
                 closed_form=False,
             )
@@ -231,67 +143,20 @@ class Evaluator:
         unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
         return terms, unit * np.array([variable.value for variable in every])
 
-    def _designed(self, numbers: Mapping[str, Any]) -> TurningPairs:
-        return designed_pairs(self.mechanism, self.variables, numbers)
-
-    def design_at(self, values: Floats) -> DesignAt | None:
-        """Return what the kernel has of a design (variables,), None if there is none."""
-        inputs = self.inputs_at(values)
-        if inputs is None:
-            return None
-        profiles = None
-        if self.is_profiled:
-            try:
-                profiles = ProfileNumbers.of_design(self.document, self.variables, values)
-            except SpherekitError:
-                return None
-        return DesignAt(values, *inputs, profiles)
-
-    @cached_property
-    def is_profiled(self) -> bool:
-        """Whether profiles are no circles, and what they are is handed in."""
-        return has_other_profiles(self.mechanism)
-
     @property
     def has_gradients(self) -> bool:
         """Whether the kernel knows how figures change with the variables."""
-        if self.kernel is not None:
-            return True
-        inertial = self.figures.read_inertia
-        return (
-            self.is_profiled
-            and all(v.slot is not None or "profiles" in v.path for v in self.variables)
-            and not (inertial and self._masses_follow())
+        of_profiles = self.varied.is_profiled and all(
+            v.slot is not None or "profiles" in v.path for v in self.variables
         )
+        return self.kernel is not None or (of_profiles and not self._masses_follow)
 
-    def inputs_at(self, values: Floats) -> tuple[Floats, Floats] | None:
-        """Return the kernel's sizes of a design (variables,) and their derivatives.
-
-        (sizes,) in rad and SI and (sizes, variables) by its numbers in the file's units;
-        None if there is no such design.
-        """
-        sizes = self.radians(values[:, None])[:, 0]
-        scale = np.diag(self.radians(np.ones((len(values), 1)))[:, 0])
-        if self.is_profiled:
-            return sizes[self.sized], scale[self.sized]
-        if self.numbers is None:
-            return sizes, scale
-        numbers, why = self.numbers.at(values[:, None])
-        if why[0] != OK:
-            return None
-        slopes = self.numbers.slopes(values)
-        return np.concatenate([sizes, numbers[:, 0]]), np.vstack([scale, slopes])
-
+    @property
     def _masses_follow(self) -> bool:
-        """Return whether the file states masses by sizes of links, which then follow."""
+        """Whether figures read masses, which the file states by sizes of links."""
         masses: Mapping[str, Mapping[str, Any]] = self.document.data.get("mass", {})
-        return any("tensor" not in mass for mass in masses.values())
-
-    def radians(self, values: Floats) -> Floats:
-        """Return values (variables, n) in the file's units in rad and SI."""
-        unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
-        scale = [unit if variable.is_angle else 1.0 for variable in self.variables]
-        return np.asarray(values * np.array(scale)[:, None])
+        follow = any("tensor" not in mass for mass in masses.values())
+        return self.figures.read_inertia and follow
 
     def classes(self, values: Floats) -> NDArray[np.str_] | None:
         """Return the Grashof class of four-bars (variables, n), None for others."""
@@ -302,21 +167,19 @@ class Evaluator:
         links, arcs = arc_function(
             self.mechanism, names, lambda numbers: design_geometry(self.variables, numbers)
         )
-        lengths = dict(zip(links, arcs(self.radians(values)), strict=True))
+        radians = values * self.varied.scale[:, None]
+        lengths = dict(zip(links, arcs(radians), strict=True))
         return class_of(*(lengths[k] for k in places))
 
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
-        parts = [none(self.merits)]
         together = BLOCK if self._paths is None else self._followed_together
+        parts = [Evaluated.of([], self.figures.names)]
         for start in range(0, values.shape[1], together):
             some = values[:, start : start + together]
             block = self._together(some) if self.kernel else self._one_by_one(some)
             parts.append(replace(block, design=block.design + start))
-        return self._joined(parts)
-
-    def _joined(self, parts: Sequence[Evaluated]) -> Evaluated:
-        return Evaluated.joined(parts, [merit.name for merit in self.merits])
+        return Evaluated.in_order(parts)
 
     def part(self, count: int) -> int:
         """Return how many of so many designs pay together."""
@@ -342,67 +205,64 @@ class Evaluator:
 
     def _together(self, values: Floats) -> Evaluated:
         assert self.kernel is not None
-        sizes = self.radians(values)
-        reason = self._impossible(values, sizes)
-        parts = []
-        if self.numbers is not None:
-            numbers, why = self.numbers.at(values)
-            sizes = np.concatenate([sizes, numbers])
-            reason = np.where(reason == OK, why, reason)
-            unlike = np.flatnonzero(reason == UNLIKE)
-            singly = self._one_by_one(values[:, unlike])
-            parts.append(replace(singly, design=unlike[singly.design]))
-        possible = np.flatnonzero(reason == OK)
+        kernel, names = self.kernel, self.figures.names
+        sizes, why = self.varied.sizes(values)
+        reason = self._impossible(values)
+        reason = np.where(reason == OK, why, reason)
+        unlike, possible = np.flatnonzero(reason == UNLIKE), np.flatnonzero(reason == OK)
         lacking = np.flatnonzero((reason != OK) & (reason != UNLIKE))
-        parts.append(without(lacking, IMPOSSIBLE, reason[lacking], self.merits))
+        parts = [
+            Evaluated.of(lacking, names, status=IMPOSSIBLE, reason=reason[lacking]),
+            _numbered(self._one_by_one(values[:, unlike]), unlike),
+        ]
         if len(possible) and self._paths is None:
-            closed = self._modes(self.kernel, sizes[:, possible])
-            parts.append(replace(closed, design=possible[closed.design]))
+            parts.append(_numbered(self._modes(kernel, sizes[:, possible]), possible))
         elif len(possible):
-            parted = sizes[:, possible], values[:, possible]
-            followed, lost = self._followed(self.kernel, *parted)
-            parts.append(replace(followed, design=possible[followed.design]))
-            singly = self._one_by_one(values[:, possible[lost]])
-            parts.append(replace(singly, design=possible[lost[singly.design]]))
-        return self._joined(parts)
+            made, lost = self._followed(kernel, sizes[:, possible], values[:, possible])
+            lost = possible[lost]
+            parts.append(_numbered(made, possible))
+            parts.append(_numbered(self._one_by_one(values[:, lost]), lost))
+        return Evaluated.in_order(parts)
 
-    def _impossible(self, values: Floats, sizes: Floats) -> NDArray[np.object_]:
+    def _impossible(self, values: Floats) -> NDArray[np.object_]:
         """Return why designs (n,) are impossible, OK where they are not."""
         reason = np.full(values.shape[1], OK, dtype=object)
-        for variable, row, given in zip(self.variables, sizes, values, strict=True):
+        geometry = self.mechanism.geometry
+        for variable, given, scale in zip(
+            self.variables, values, self.varied.scale, strict=True
+        ):
             if variable.slot is None or variable.slot[0] != "arcs":
                 continue
-            outside = ~((row > 0.0) & (row < np.pi)) & ~_signed(self.mechanism, variable)
+            assert isinstance(geometry, SizeGeometry)
+            row, signed = given * scale, geometry.links[variable.slot[1][0]].signed
+            outside = ~((row > 0.0) & (row < np.pi)) & (not signed)
             for k in np.flatnonzero(outside & (reason == OK)):
                 reason[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
         return reason
 
+    def _with_others(self, parts: list[Evaluated], n: int, claim: str) -> Evaluated:
+        """Return parts with a row for each of n designs that is in none of them."""
+        made = Evaluated.joined([Evaluated.of([], self.figures.names), *parts])
+        others = np.setdiff1d(np.arange(n), made.design)
+        none = Evaluated.of(
+            others, self.figures.names, status=NEVER_CLOSES, reason=NEVER, claim=claim
+        )
+        return Evaluated.in_order([made, none])
+
     def _modes(self, kernel: DesignKernel, sizes: Floats) -> Evaluated:
         """Return designs (variables, n) of a kernel in all their modes."""
-        n = sizes.shape[1]
+        n, parts = sizes.shape[1], []
         prepared = kernel.prepare(np.ascontiguousarray(sizes))
-        parts, closing = [], np.zeros(n, dtype=bool)
         for signs in product((1.0, -1.0), repeat=len(kernel.places)):
-            reducing, points = self.figures.reducing(n), self.figures.points()
-            turns, there = self.turns(kernel, prepared, signs)
-            closes = np.zeros(n)
-            with np.errstate(all="ignore"):
-                for sample, columns, closed in in_mode(
-                    kernel, prepared, signs, self.samples.rows, turns
-                ):
-                    closes += closed
-                    self.figures.take(reducing, sample, columns, closed)
-                for sample, columns, closed in in_mode(
-                    kernel, prepared, signs, points, there
-                ):
-                    self.figures.take(reducing, sample, columns, closed, True)
             label = "".join("+" if sign > 0 else "-" for sign in signs)
-            rows = np.flatnonzero(closes > 0)
-            parts.append(self.figures.rows(rows, [label] * n, closes, reducing, COMPLETE))
-            closing |= closes > 0
-        never = np.flatnonzero(~closing)
-        parts.append(without(never, NEVER_CLOSES, NEVER, self.merits, COMPLETE))
-        return self._joined(parts)
+            turns, places = self.turns(kernel, prepared, signs), self.places(signs, n)
+            parts.append(self.figures.of(kernel, prepared, places, turns, label, COMPLETE))
+        return self._with_others(parts, n, COMPLETE)
+
+    def places(self, signs: Sequence[float], n: int) -> Floats:
+        """Return the places (dyads, samples and points, n) of n designs in a mode."""
+        shape = len(signs), len(self.figures.rows), n
+        return np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape)
 
     def _followed(
         self, kernel: DesignKernel, sizes: Floats, of_file: Floats
@@ -412,36 +272,19 @@ class Evaluator:
         `of_file` (variables, n) are their values in the file's units.
         """
         assert self._paths is not None
-        _, start = self._paths
-        samples, points = self.samples.rows, self.figures.points()
+        claim = COMPLETE if self._paths[1].counted else SAMPLED
         modes, place = self.configurations(sizes)
         prepared = kernel.prepare(np.ascontiguousarray(sizes[:, modes.design]))
         values = modes.values[:, place]
-        count, k = len(modes.design), len(samples)
-        reducing = self.figures.reducing(count)
-        turns = np.zeros((len(kernel.turning), values.shape[1], count))
+        turns = np.zeros((len(kernel.turning), *values.shape[1:]))
         for design in np.unique(modes.design) if kernel.turning else ():
             here = np.flatnonzero(modes.design == design)
             of_design = of_file[:, design], values[:, :, here]
             turns[:, :, here] = self.turns_at(kernel, *of_design)
-        closes = np.zeros(count)
-        with np.errstate(all="ignore"):
-            for sample, columns, closed in at_modes(
-                kernel, prepared, values, samples, turns
-            ):
-                closes += closed
-                self.figures.take(reducing, sample, columns, closed)
-            for sample, columns, closed in at_modes(
-                kernel, prepared, values[:, k:], points, turns[:, k:]
-            ):
-                self.figures.take(reducing, sample, columns, closed, True)
-        rows = np.flatnonzero(closes > 0)
-        claim = COMPLETE if start.counted else SAMPLED
-        made = self.figures.rows(rows, modes.labels, closes, reducing, claim)
-        made = replace(made, design=modes.design[made.design])
-        others = np.setdiff1d(np.arange(sizes.shape[1]), [*modes.lost, *made.design])
-        nowhere = without(others, NEVER_CLOSES, NEVER, self.merits, claim)
-        return self._joined([made, nowhere]), modes.lost
+        made = self.figures.of(kernel, prepared, values, turns, modes.labels, claim)
+        made = _numbered(made, modes.design)
+        every = self._with_others([made], sizes.shape[1], claim)
+        return every.rows(~np.isin(every.design, modes.lost)), modes.lost
 
     def configurations(self, sizes: Floats) -> tuple[Modes, NDArray[np.intp]]:
         """Return all modes of designs with the kernel's sizes (k, n), by following.
@@ -449,19 +292,26 @@ class Evaluator:
         And where the samples, then the points of figures, are among their inputs.
         """
         assert self._paths is not None
-        lattice, place = self._followed_inputs(self.figures.points())
+        lattice, place = self._followed_inputs
         return followed_modes(*self._paths, sizes, lattice), place
 
-    def traced(self, mechanism: Mechanism) -> tuple[Tracer, Motion, Motion | None]:
-        """Return what traced one design, its motion, and that at the points of figures."""
-        tracer = self._tracer(mechanism)
-        motion, points = tracer.motion(), self.figures.points()
-        if not len(points):
-            return tracer, motion, None
-        if len(self.inputs) == 1:
-            return tracer, motion, tracer.at(points[:, :1])
-        _, place = self._followed_inputs(points)
-        return tracer, motion, tracer.samples(place[len(self.samples.rows) :])
+    def traced(self, mechanism: Mechanism) -> tuple[Tracer, list[Motion], Floats]:
+        """Return what traced one design, its motion, and that at the points of figures.
+
+        With the variables (v, samples and points, modes), NaN where a mode does not close.
+        """
+        lattice, points = self.samples.lattice, self.figures.points
+        if lattice.is_path:
+            tracer = Tracer(mechanism, self.inputs, path=lattice.q)
+        else:
+            tracer = Tracer(mechanism, self.inputs, samples=lattice.shape)
+        motions = [tracer.motion()]
+        if len(points) and len(self.inputs) == 1:
+            motions.append(tracer.at(points[:, :1]))
+        elif len(points):
+            _, place = self._followed_inputs
+            motions.append(tracer.samples(place[len(self.samples.rows) :]))
+        return tracer, motions, _by_mode(motions, lambda motion: motion.values)
 
     @cached_property
     def _anchor(self) -> Floats:
@@ -471,20 +321,16 @@ class Evaluator:
 
     def turns(
         self, kernel: DesignKernel, prepared: Floats, signs: Sequence[float]
-    ) -> tuple[Floats, Floats]:
-        """Return the turns of a kernel's pairs in a mode, at samples and at points.
+    ) -> Floats:
+        """Return the turns (pairs, samples and points, n) of a kernel's pairs in a mode.
 
-        (pairs, samples, n) and (pairs, points, n), rad, of designs prepared (k, n), all
-        groups being dyads.
+        In rad, of designs prepared (k, n), all groups being dyads.
         """
-        count, samples = len(self.inputs), self.samples.rows
-        where = samples[:, :count], self.figures.points()[:, :count]
-        contacts = self.numbers.hinged if self.numbers else None
+        count, rows = len(self.inputs), self.samples.rows
+        contacts = self.varied.contacts
         returns = contacts is None or contacts.train is None
-        of_mode = KernelTurns(
-            kernel, prepared, signs, samples.shape[1], self._anchor, returns
-        )
-        return of_mode.at(*where)
+        of_mode = KernelTurns(kernel, prepared, signs, rows.shape[1], self._anchor, returns)
+        return of_mode.at(rows[:, :count], self.figures.points[:, :count])
 
     def turns_at(self, kernel: DesignKernel, design: Floats, values: Floats) -> Floats:
         """Return the turns (pairs, k, modes), rad, of a kernel's pairs.
@@ -493,7 +339,7 @@ class Evaluator:
         (variables, k, modes) in the order of samples.
         """
         mechanism = designed(self.document, self.variables, design.tolist())
-        if self.numbers is not None and self.numbers.hinged is not None:
+        if self.varied.contacts is not None:
             contacts = hinged(mechanism, self.inputs)
             assert contacts is not None
             mechanism = contacts.mechanism
@@ -508,13 +354,14 @@ class Evaluator:
             made[:, rows, mode] = TURN * turned[:, pairs].T
         return made
 
-    def _followed_inputs(self, points: Floats) -> tuple[InputGrid, NDArray[np.intp]]:
-        """Return the inputs to follow modes over, and where samples and points are there.
+    @cached_property
+    def _followed_inputs(self) -> tuple[InputGrid, NDArray[np.intp]]:
+        """The inputs to follow modes over, and where samples and points are there.
 
         One input is followed as it grows; several from sample to neighbouring sample, so
         that points are samples.
         """
-        lattice, k = self.samples.lattice, len(self.inputs)
+        lattice, k, points = self.samples.lattice, len(self.inputs), self.figures.points
         if k == 1:
             every = np.concatenate([lattice.q[:, 0], points[:, 0]])
             q, place = np.unique(every, return_inverse=True)
@@ -534,14 +381,14 @@ class Evaluator:
     # One design after the other.
 
     def _one_by_one(self, values: Floats) -> Evaluated:
-        parts = [none(self.merits)]
+        parts = [Evaluated.of([], self.figures.names)]
         for k, design in enumerate(values.T):
             try:
                 of_design = self._single(designed(self.document, self.variables, design))
             except SpherekitError as problem:
-                of_design = refused(problem, self.merits)
+                of_design = refused(problem, self.figures.names)
             parts.append(replace(of_design, design=of_design.design + k))
-        return self._joined(parts)
+        return Evaluated.in_order(parts)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
         assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
@@ -549,58 +396,45 @@ class Evaluator:
             terms = DesignTerms.of(mechanism, self.inputs)
             kernel = design_kernel(terms, self.figures.columns, compiled=False)
             return self._modes(kernel, np.empty((0, 1)))
-        rows, points = self.samples.rows, self.figures.points()
-        tracer, motion, there = self.traced(mechanism)
-        profiled = has_other_profiles(mechanism)
+        tracer, motions, values = self.traced(mechanism)
+        profiled = self.varied.is_profiled
         terms = DesignTerms.of(
             mechanism,
             self.inputs,
             geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),
-            closed=motion,
+            closed=motions[0],
         )
-        tracks = tracks_of(mechanism) if profiled else ()
         kernel = design_kernel(terms, self.figures.columns, compiled=False)
-        modes = tracer.assembly_modes
-        count = len(modes)
-        reducing = self.figures.reducing(count)
-        closes = np.zeros(count)
-        with np.errstate(all="ignore"):
-            for sample, columns, closed in at_variables(
-                kernel, motion, rows, tracks, _turns_of(kernel, motion, tracer)
-            ):
-                closes += closed
-                self.figures.take(reducing, sample, columns, closed)
-            if there is not None:
-                for sample, columns, closed in at_variables(
-                    kernel, there, points, tracks, _turns_of(kernel, there, tracer)
-                ):
-                    self.figures.take(reducing, sample, columns, closed, True)
-        claim = tracer.claim.guarantee.value
-        if not np.any(closes):
-            one = np.zeros(1, dtype=np.int64)
-            return without(one, NEVER_CLOSES, NEVER, self.merits, claim)
-        labels = [f"{mode.number} {mode.label}" for mode in modes]
-        some = np.flatnonzero(closes > 0)
-        made = self.figures.rows(some, labels, closes, reducing, claim)
-        return replace(made, design=np.zeros_like(made.design))
+        modes, claim = tracer.assembly_modes, tracer.claim.guarantee.value
+        made = self.figures.of(
+            kernel,
+            kernel.prepare(np.empty((0, len(modes)))),
+            values,
+            _by_mode(motions, lambda motion: _turns_of(kernel, motion, tracer)),
+            [f"{mode.number} {mode.label}" for mode in modes],
+            claim,
+            tracks_of(mechanism) if profiled else (),
+        )
+        return self._with_others([replace(made, design=0 * made.design)], 1, claim)
 
-    def _tracer(self, mechanism: Mechanism) -> Tracer:
-        lattice = self.samples.lattice
-        if lattice.is_path:
-            return Tracer(mechanism, self.inputs, path=lattice.q)
-        return Tracer(mechanism, self.inputs, samples=lattice.shape)
+
+def _numbered(made: Evaluated, numbers: NDArray[np.intp]) -> Evaluated:
+    """Return rows whose designs have these numbers among others."""
+    return replace(made, design=numbers[made.design])
+
+
+def _by_mode(motions: Sequence[Motion], columns: Callable[[Motion], Floats]) -> Floats:
+    """Return columns (rows, k) of motions one after the other, (k, samples, modes)."""
+    modes = len(motions[0].assembly_modes)
+    parts = [columns(m).reshape(modes, m.samples, -1) for m in motions if modes]
+    if not parts:
+        return np.zeros((columns(motions[0]).shape[1], sum(m.samples for m in motions), 0))
+    return np.transpose(np.concatenate(parts, axis=1), (2, 1, 0))
 
 
 def _turns_of(kernel: DesignKernel, motion: Motion, tracer: Tracer) -> Floats:
-    """Return the turns (pairs, samples, modes), rad, of a kernel's pairs in a motion."""
+    """Return the turns (rows, pairs), rad, of a kernel's pairs in a motion."""
     angles = motion.mechanism.angles
     going_on = AngleMemory().continued(motion, kernel.turning, tracer.solver)
     every = [going_on[pair] - motion.values[:, angles[pair]] for pair in kernel.turning]
-    shape = len(every), len(motion.assembly_modes), motion.samples
-    return np.swapaxes(np.reshape(every, shape), 1, 2)
-
-
-def _signed(mechanism: Mechanism, variable: DesignVariable) -> bool:
-    """Return whether the file lets an arc run beyond half a turn."""
-    assert isinstance(mechanism.geometry, SizeGeometry) and variable.slot is not None
-    return mechanism.geometry.links[variable.slot[1][0]].signed
+    return np.reshape(every, (len(every), len(motion))).T

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.merit import Merit
-from spherekit.design.evaluate import DesignAt, Evaluator
+from spherekit.design.evaluate import Evaluator
 from spherekit.design.held_modes import HeldMode
+from spherekit.design.varied import DesignAt
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.derivatives import derivatives
 from spherekit.engine.design_kernel import design_kernel
@@ -27,14 +28,11 @@ class FigureGradients:
     """
 
     def __init__(self, evaluator: Evaluator) -> None:
-        self.evaluator = evaluator
-        terms = evaluator.terms()
-        self._kernel = design_kernel(terms, evaluator.figures.columns, gradients=True)
-        names = [*evaluator.figures.sample, *evaluator.figures.columns]
-        self._functions = [
-            with_derivatives(expression, names)
-            for expression in evaluator.figures.expressions
-        ]
+        self.evaluator, figures = evaluator, evaluator.figures
+        terms = evaluator.varied.terms()
+        self._kernel = design_kernel(terms, figures.columns, gradients=True)
+        names = [*figures.sample, *figures.columns]
+        self._functions = [with_derivatives(item, names) for item in figures.expressions]
 
     def at(self, values: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
         """Return figures (m,), gradients (m, variables), and the share that closes.
@@ -42,73 +40,58 @@ class FigureGradients:
         Values (variables,) are in the file's units, and derivatives by them; figures are in
         rad and SI, NaN where there is no such design, or the mode cannot be followed to it.
         """
-        merits = self.evaluator.merits
-        figures = np.full(len(merits), np.nan)
-        gradients = np.full((len(merits), len(values)), np.nan)
-        evaluator = self.evaluator
-        design = evaluator.design_at(values)
+        of = self.evaluator.figures
+        figures = np.full(len(of.merits), np.nan)
+        gradients = np.full((len(of.merits), len(values)), np.nan)
+        design = self.evaluator.varied.design_at(values)
         if design is None:
             return figures, gradients, 0.0
-        samples, points = evaluator.samples.rows, evaluator.figures.points()
-        places, k = mode.places(design, len(samples) + len(points)), len(samples)
-        turns = self._turns(design, places)
-        every = self._rows(design, places[:, :k], samples, turns[:, :k])
-        there = every
-        if len(points):
-            there = self._rows(design, places[:, k:], points, turns[:, k:])
-        for k, merit in enumerate(merits):
-            closed, quantities, changes = there if merit.point else every
+        closed, quantities, changes = self._rows(design, mode)
+        count, inputs = len(of.samples.rows), len(self.evaluator.inputs)
+        at_samples = np.arange(len(closed)) < count
+        for k, merit in enumerate(of.merits):
+            rows = at_samples
             if merit.point:
-                there_at = points[:, : len(merit.point)]
-                closed = closed & np.all(there_at == merit.point, axis=1)
-            if np.any(closed):
-                figures[k], by_values = self._reduced(merit, k, quantities, changes, closed)
+                rows = ~at_samples & np.all(of.rows[:, :inputs] == merit.point, axis=1)
+            rows = closed & rows
+            if np.any(rows):
+                figures[k], by_values = self._reduced(merit, k, quantities, changes, rows)
                 gradients[k] = by_values
-        return figures, gradients, float(np.mean(every[0]))
+        return figures, gradients, float(np.mean(closed[:count]))
 
     def _turns(self, design: DesignAt, places: Floats) -> Floats:
         """Return the turns (pairs, n), rad, at samples and points."""
         kernel, evaluator = self._kernel, self.evaluator
         if kernel.closed_form:
             prepared = kernel.prepare(design.sizes[:, None])
-            both = evaluator.turns(kernel, prepared, places[:, 0].tolist())
-            return np.concatenate(both, axis=1)[:, :, 0]
+            return evaluator.turns(kernel, prepared, places[:, 0].tolist())[:, :, 0]
         if not kernel.turning:
             return np.zeros((0, places.shape[1]))
         return evaluator.turns_at(kernel, design.values, places[:, :, None])[:, :, 0]
 
     def _rows(
-        self,
-        design: DesignAt,
-        places: Floats,
-        samples: Floats,
-        turns: Floats,
+        self, design: DesignAt, mode: HeldMode
     ) -> tuple[NDArray[np.bool_], Floats, Floats]:
-        """Return who closes (n,), quantities (c, n) and derivatives (values, c, n)."""
-        kernel, count = self._kernel, len(design.sizes)
-        prepared = kernel.prepare(design.sizes[:, None])
-        fixed = [turns, np.repeat(prepared, len(samples), axis=1)]
-        whole = np.all(np.isfinite(places), axis=0)
-        placed = [places]
+        """Return who closes (n,), quantities (c, n) and derivatives (values, c, n).
+
+        At samples, then at points.
+        """
+        kernel, samples = self._kernel, self.evaluator.figures.rows
+        places = mode.places(design, len(samples))
+        parts = [samples.T, places]
         if design.profiles is not None:
-            columns = np.full((9 * len(design.profiles.tracks), len(samples)), np.nan)
-            columns[:, whole] = design.profiles.columns(places[:, whole].T)
-            placed.append(columns)
+            parts.append(design.profiles.columns(places.T))
+        prepared = kernel.prepare(design.sizes[:, None])
+        parts += [self._turns(design, places), np.repeat(prepared, len(samples), axis=1)]
         with np.errstate(all="ignore"):
-            outputs = kernel.evaluate(np.concatenate([samples.T, *placed, *fixed]))
-        closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
-        closed &= whole
+            outputs = kernel.evaluate(np.concatenate(parts))
+        whole = np.all(np.isfinite(places), axis=0)
+        closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0) & whole
         first, width = len(self.evaluator.figures.sample), len(kernel.columns)
         made = outputs[kernel.reaches :].reshape(-1, width, len(samples))
-        quantities = np.concatenate([samples.T, made[0]])
-        changes = np.zeros((design.slopes.shape[1], first + width, len(samples)))
-        by_sizes = made[1 : count + 1]
-        changes[:, first:] = np.tensordot(design.slopes.T, by_sizes, 1)
-        if design.profiles is not None:
-            by_columns = made[count + 1 :][:, :, whole]
-            slopes = design.profiles.slopes(places[:, whole].T)
-            changes[:, first:, whole] += np.einsum("kpn,pcn->kcn", slopes, by_columns)
-        return closed, quantities, changes
+        changes = np.zeros((len(design.values), first + width, len(samples)))
+        changes[:, first:, whole] = design.by_values(made[1:, :, whole], places[:, whole].T)
+        return closed, np.concatenate([samples.T, made[0]]), changes
 
     def _reduced(
         self,
@@ -124,8 +107,9 @@ class FigureGradients:
         slope = np.einsum("cn,vcn->vn", partial, changes)
         match merit.reduction:
             case "swing":
-                samples = np.full(len(closed), np.nan)
-                samples[closed] = value
+                count = len(self.evaluator.samples.rows)
+                samples = np.full(count, np.nan)
+                samples[closed[:count]] = value
                 returns = self.evaluator.samples.returns
                 swing, low, high = widest_swing(samples, returns)
                 low, high = (int(np.sum(closed[:end])) for end in (low, high))

@@ -6,15 +6,13 @@ from functools import cached_property
 from typing import Protocol, final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spherekit.design.evaluate import DesignAt, Evaluator
-from spherekit.design.profile_numbers import columns_of
+from spherekit.design.evaluate import Evaluator
 from spherekit.design.solution_paths import SAME, apart
-from spherekit.design.verified_steps import Profiles, followed
+from spherekit.design.varied import DesignAt
+from spherekit.design.verified_steps import followed
 from spherekit.engine.design_kernel import NewtonKernel, newton_kernel
 from spherekit.errors import SpherekitError
-from spherekit.model.joints import Track
 from spherekit.sphere.rotation import Floats
 
 
@@ -75,7 +73,6 @@ class FollowedMode:
 
     label: str
     newton: NewtonKernel
-    evaluator: Evaluator
     design: DesignAt
     configurations: Floats
 
@@ -86,39 +83,18 @@ class FollowedMode:
         there = np.repeat(design.sizes[:, None], len(closes), axis=1)
         away = there - self.design.sizes[:, None]
         start = self.configurations[:, closes]
-        tracks = self._profiles_to(design) if design.profiles else None
-        values, arrived = followed(self.newton, start, there, away, tracks)
+        ways = None
+        if self.design.profiles is not None:
+            onward = design.values - self.design.values
+            ways = self.design.profiles.towards(onward[:, None])
+        values, arrived = followed(self.newton, start, there, away, ways)
         made[:, closes[arrived]] = values[:, arrived]
         return made
-
-    def _profiles_to(self, design: DesignAt) -> Profiles:
-        """Return the profiles on the way to a design."""
-        one, other = self.design.values, design.values
-        made: dict[float, Sequence[Track] | None] = {}
-        for t, end in ((0.0, self.design), (1.0, design)):
-            made[t] = end.profiles.tracks if end.profiles else None
-
-        def tracks(t: float) -> Sequence[Track] | None:
-            if t not in made:
-                between = self.evaluator.design_at(one + t * (other - one))
-                made[t] = between.profiles.tracks if between and between.profiles else None
-            return made[t]
-
-        def profiles(now: Floats, rows: NDArray[np.intp], ahead: Floats) -> Floats:
-            count = len(design.profiles.tracks) if design.profiles else 0
-            there = np.full((9 * count, len(rows)), np.nan)
-            for t in np.unique(ahead):
-                if (some := tracks(float(t))) is not None:
-                    at = np.flatnonzero(ahead == t)
-                    there[:, at] = columns_of(some, now[:, at].T)
-            return there
-
-        return profiles
 
     def moved(self, design: DesignAt) -> "FollowedMode":
         """Return the mode with the configurations that another design has."""
         values = self.places(design, self.configurations.shape[1])
-        return FollowedMode(self.label, self.newton, self.evaluator, design, values)
+        return FollowedMode(self.label, self.newton, design, values)
 
     def goes_on_in(self, other: HeldMode) -> bool:
         """Return whether the configurations, followed to another design, are its own.
@@ -142,12 +118,12 @@ class HeldModes:
 
     @cached_property
     def _newton(self) -> NewtonKernel:
-        return newton_kernel(self._evaluator.terms())
+        return newton_kernel(self._evaluator.varied.terms())
 
     @property
     def are_followed(self) -> bool:
         """Whether modes are followed from design to design, and have no signs."""
-        return self._evaluator.is_followed or self._evaluator.is_profiled
+        return self._evaluator.is_followed or self._evaluator.varied.is_profiled
 
     def of(self, designs: Floats, labels: Sequence[str]) -> list[HeldMode | None]:
         """Return the modes with labels (n,) of designs (variables, n), in the file's units.
@@ -166,8 +142,8 @@ class HeldModes:
 
     def every(self, designs: Floats) -> list[list[FollowedMode]]:
         """Return all modes of each design (variables, n), which are followed ones."""
-        there = [self._evaluator.design_at(design) for design in designs.T]
-        if self._evaluator.is_profiled:
+        there = [self._evaluator.varied.design_at(design) for design in designs.T]
+        if self._evaluator.varied.is_profiled:
             return [self._traced(design) if design else [] for design in there]
         made: list[list[FollowedMode]] = [[] for _ in there]
         possible = [k for k, design in enumerate(there) if design is not None]
@@ -183,26 +159,16 @@ class HeldModes:
         return made
 
     def _held(self, label: str, design: DesignAt, values: Floats) -> FollowedMode:
-        return FollowedMode(label, self._newton, self._evaluator, design, values)
+        return FollowedMode(label, self._newton, design, values)
 
     def _traced(self, design: DesignAt) -> list[FollowedMode]:
         """Return all modes of a design with profiles."""
         assert design.profiles is not None
         try:
-            tracer, *motions = self._evaluator.traced(design.profiles.mechanism)
+            tracer, _, values = self._evaluator.traced(design.profiles.mechanism)
         except SpherekitError:
             return []
-        modes = tracer.assembly_modes
-        parts = []
-        for motion in motions:
-            if motion is not None and len(modes):
-                values = np.where(motion.failed[:, None], np.nan, motion.values)
-                parts.append(values.reshape(len(modes), -1, values.shape[1]))
         return [
-            self._held(
-                f"{mode.number} {mode.label}",
-                design,
-                np.concatenate([part[k] for part in parts]).T,
-            )
-            for k, mode in enumerate(modes)
+            self._held(f"{mode.number} {mode.label}", design, values[:, :, k])
+            for k, mode in enumerate(tracer.assembly_modes)
         ]

@@ -50,24 +50,23 @@ class KernelTurns:
         self._signs, self._anchor, self._returns = np.array(signs), anchor, returns
         self._n = prepared.shape[1]
 
-    def at(self, q: Floats, points: Floats) -> tuple[Floats, Floats]:
-        """Return turns (rad) at samples (k, inputs) and at points (m, inputs).
+    def at(self, q: Floats, points: Floats) -> Floats:
+        """Return turns (pairs, k + m, n), rad, to be added to the angles of the kernel.
 
-        (pairs, k, n) and (pairs, m, n), to be added to the angles of the kernel.
+        At samples (k, inputs), then at points (m, inputs).
         """
         pairs = len(self._kernel.turning)
         if not pairs:
-            return np.zeros((0, len(q), self._n)), np.zeros((0, len(points), self._n))
+            return np.zeros((0, len(q) + len(points), self._n))
         with np.errstate(all="ignore"):
             if len(self._anchor) == 1:
-                every = self._along_one(np.concatenate([q, points])[:, 0])
-                return every[:, : len(q)], every[:, len(q) :]
+                return self._along_one(np.concatenate([q, points])[:, 0])
             turns = self._along_several(q)
             there = np.zeros((pairs, len(points), self._n))
             for k, point in enumerate(points):
                 near = int(np.argmin(np.max(np.abs(q - point), axis=1)))
                 there[:, k] = self._onward(q[near], point, turns[:, near])
-            return turns, there
+            return np.concatenate([turns, there], axis=1)
 
     def _angles(self, who: NDArray[np.intp], q: Floats) -> Floats:
         """Return the angles (pairs, m) of designs (m,) at inputs (m, inputs).

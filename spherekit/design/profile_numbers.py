@@ -1,7 +1,7 @@
 """What profiles are where contacts touch them, by any number of the file."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import final
@@ -9,11 +9,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.design.file_numbers import EIGHTH
-from spherekit.design.variables import DesignVariable, designed
+from spherekit.design.file_numbers import slope_by
+from spherekit.design.variables import ACTIONS, DesignVariable, designed
 from spherekit.design.verified_steps import Profiles
 from spherekit.errors import DesignError, SpherekitError
-from spherekit.files.change import with_numbers
 from spherekit.files.document import Document
 from spherekit.model.geometry import TOUCHING, geometry_of
 from spherekit.model.joints import Track
@@ -26,7 +25,6 @@ from spherekit.sphere.varied_curve import VariedCurve, varied_round, varied_thro
 
 STEPS = 2.0 ** -np.array([5.0, 9.0, 13.0])
 """Differences of numbers of the file that are tried until all of them are allowed."""
-DISTANCES = np.arange(1.0, len(EIGHTH) + 1.0)
 APART = 0.2
 """Profiles of a reference pose that deviations take off each other by less (rad) touch
 where they are nearest."""
@@ -50,37 +48,26 @@ class ProfileNumbers:
     """
 
     def __init__(
-        self, document: Document, mechanism: Mechanism, variables: Sequence[DesignVariable]
+        self,
+        document: Document,
+        variables: Sequence[DesignVariable],
+        values: Floats,
+        mechanism: Mechanism | None = None,
     ) -> None:
-        self.document, self.variables = document, tuple(variables)
-        self.values = np.array([variable.value for variable in variables])
-        self.mechanism = mechanism
-        self.tracks = tracks_of(mechanism)
-
-    @staticmethod
-    def of_design(
-        document: Document, variables: Sequence[DesignVariable], values: Floats
-    ) -> "ProfileNumbers":
-        """Return them at other numbers (variables,) of the file.
+        """Take them at numbers (variables,) of the file; `mechanism` is that, if known.
 
         Raises
         ------
         FileError, ModelError
             If there is no such mechanism.
         """
-        numbers = dict(zip([v.path for v in variables], map(float, values), strict=True))
-        there = [replace(variable, value=numbers[variable.path]) for variable in variables]
-        mechanism = designed(document, variables, list(values))
-        return ProfileNumbers(with_numbers(document, numbers), mechanism, there)
+        self.document, self.variables, self.values = document, tuple(variables), values
+        self.mechanism = mechanism or designed(document, variables, values.tolist())
+        self.tracks = tracks_of(self.mechanism)
 
     def columns(self, values: Floats) -> Floats:
         """Return the columns (9 profiles, n) at pair variables (n, w)."""
         return columns_of(self.tracks, values)
-
-    @property
-    def vary(self) -> bool:
-        """Whether profiles change with a variable."""
-        return any(self._varied)
 
     def towards(self, deviations: Floats) -> Profiles:
         """Return the profiles on the ways to deviating designs (variables, draws).
@@ -159,9 +146,14 @@ class ProfileNumbers:
         made: list[dict[int, VariedCurve]] = []
         for k, variable in enumerate(self.variables):
             made.append({})
-            if variable.slot is not None:
+            if variable.slot is not None or variable.path[0] in ACTIONS:
                 continue
-            changes = self._changes(k)
+            changes = slope_by(self._numbers, self.values, k, STEPS)
+            if changes is None:
+                raise DesignError(
+                    f"{self.document.name}: the file allows no other {variable.key}; vary "
+                    "a number that may change on its own"
+                )
             at = 0
             for place, (profile, backwards) in enumerate(profiles):
                 size = len(numbers_of(profile))
@@ -171,26 +163,13 @@ class ProfileNumbers:
                     made[-1][place] = varied(profile, change, backwards)
         return made
 
-    def _changes(self, k: int) -> Floats:
-        """Return the derivatives of the numbers of all profiles by a variable."""
-        for step in STEPS:
-            there = []
-            for away in np.concatenate([DISTANCES, -DISTANCES]):
-                values = self.values.copy()
-                values[k] += step * away
-                try:
-                    made = designed(self.document, self.variables, list(values))
-                except SpherekitError:
-                    break
-                profiles = profiles_of(made)
-                there.append(np.concatenate([numbers_of(item) for item, _ in profiles]))
-            else:
-                more, less = np.split(np.array(there), 2)
-                return np.asarray(np.array(EIGHTH) @ (more - less) / step)
-        raise DesignError(
-            f"{self.document.name}: the file allows no other {self.variables[k].key}; vary "
-            "a number that may change on its own"
-        )
+    def _numbers(self, values: Floats) -> Floats | None:
+        """Return the numbers of all profiles of a design, None if there is none."""
+        try:
+            made = designed(self.document, self.variables, list(values))
+        except SpherekitError:
+            return None
+        return np.concatenate([numbers_of(profile) for profile, _ in profiles_of(made)])
 
 
 @final
@@ -296,19 +275,21 @@ def _nearest(
 def columns_of(tracks: Sequence[Track], values: Floats, last: bool = True) -> Floats:
     """Return the columns (9 profiles, n) of profiles at pair variables (n, w).
 
-    With the `last` of each, or NaN there.
+    With the `last` of each, or NaN there; NaN where variables are.
     """
-    made = []
-    for track in tracks:
-        arcs = values[:, track.variable] + track.start
+    made = np.full((9 * len(tracks), len(values)), np.nan)
+    finite = np.flatnonzero(np.all(np.isfinite(values), axis=1))
+    for k, track in enumerate(tracks):
+        arcs = values[finite, track.variable] + track.start
         there = track.curve.at(arcs)
-        rows = [there.frame[:, :, 0].T, there.frame[:, :, 2].T]
-        rows += [there.curvature[None], there.curvature_rate[None]]
-        second = track.curve.curvature_second(arcs) if last else np.full(len(arcs), np.nan)
-        column = np.concatenate([*rows, second[None]])
+        column = np.full((9, len(finite)), np.nan)
+        column[:3], column[3:6] = there.frame[:, :, 0].T, there.frame[:, :, 2].T
+        column[6], column[7] = there.curvature, there.curvature_rate
+        if last:
+            column[8] = track.curve.curvature_second(arcs)
         column[:, ~there.inside] = np.nan
-        made.append(column)
-    return np.concatenate(made)
+        made[9 * k : 9 * k + 9, finite] = column
+    return made
 
 
 def _between(one: Floats, other: Floats, part: Floats) -> Floats:

@@ -7,22 +7,19 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import TURN, listing, nearest
-from spherekit.design.file_numbers import FileNumbers
-from spherekit.design.profile_numbers import APART, ProfileNumbers, has_other_profiles
-from spherekit.design.size_keys import (
-    coaxial_links,
-    link_sizes,
-    quantities_of,
-    sizes_of,
-)
+from spherekit.design.profile_numbers import APART, has_other_profiles
 from spherekit.design.variables import (
     ACTIONS,
     DesignVariable,
     check_variables,
+    coaxial_links,
     design_variable,
-    designed_pairs,
     is_angle_of_load,
+    link_sizes,
+    quantities_of,
+    sizes_of,
 )
+from spherekit.design.varied import DesignAt, VariedMechanism
 from spherekit.design.verified_steps import Profiles, followed
 from spherekit.engine.design_kernel import (
     DesignKernel,
@@ -90,18 +87,8 @@ class Sensitivity:
         every = tuple(self._variable(key) for key in self.keys)
         self._named = [variable.path for variable in every] if keys else []
         check_variables(self.document, every)
-        acting = [variable.path[0] in ACTIONS for variable in every]
-        self._shaping, self._acting = (
-            np.flatnonzero(~np.array(acting)),
-            np.flatnonzero(acting),
-        )
-        self.variables = tuple(every[k] for k in self._shaping)
-        self.actions: FileNumbers | None = None
-        if any(acting):
-            chosen = [every[k] for k in self._acting]
-            self.actions = FileNumbers(
-                self.document, mechanism, chosen, self.inputs, None, whole=False
-            )
+        self.variables = every
+        self._acting = np.array([variable.path[0] in ACTIONS for variable in every])
         self.quantities = tuple(quantities) or quantities_of(mechanism)
         try:
             possible = row_quantities(mechanism)
@@ -141,10 +128,6 @@ class Sensitivity:
         named = [path[1] for key in self.keys if (path := key.split("."))[0] == "links"]
         return tuple(x for x in coaxial_links(geometry) if x not in named)
 
-    @cached_property
-    def _profiled(self) -> bool:
-        return has_other_profiles(self.mechanism)
-
     def _variable(self, key: str) -> DesignVariable:
         if key in self._in_pose:
             return self._in_pose[key]
@@ -152,7 +135,9 @@ class Sensitivity:
         if variable.path[0] in ACTIONS:
             return variable
         of_contact = variable.path[0] == "pairs" and (
-            self._hinged is not None if not self._profiled else "profiles" in variable.path
+            "profiles" in variable.path
+            if has_other_profiles(self.mechanism)
+            else self._hinged is not None
         )
         if variable.slot is None and not of_contact:
             raise DesignError(
@@ -162,71 +147,43 @@ class Sensitivity:
             )
         return variable
 
-    @property
-    def _of_actions(self) -> list[int]:
-        """Which numbers of masses and loads the kernel has after its sizes."""
-        return [] if self.actions is None else self.actions.of_actions
-
     @cached_property
     def _hinged(self) -> Hinged | None:
         return hinged(self.mechanism, self.inputs)
 
     @cached_property
-    def _as_given(self) -> DesignTerms | None:
-        """Terms of the mechanism with its contacts; None if wheels repeat too much."""
-        chosen = self.variables
-        if self._profiled:
-            chosen = tuple(chosen[k] for k in self._sized)
-        try:
-            return DesignTerms.of(
-                self.mechanism,
-                self.inputs,
-                [variable.name for variable in chosen],
-                lambda numbers: designed_pairs(
-                    self.mechanism, chosen, numbers, self._profiled
-                ),
-                closed_form=False,
-                differing=self._of_actions,
-            )
-        except EngineError:
-            if self._hinged is None or self._hinged.train is None:
-                raise
-            return None
+    def _terms(self) -> DesignTerms:
+        """The terms of kernels, and `_varied` what designs have of them.
 
-    @cached_property
-    def _numbers(self) -> FileNumbers | None:
-        """The numbers of contacts that follow the sizes, where some are of contacts."""
-        sized = all(variable.slot is not None for variable in self.variables)
-        if self._profiled or (sized and self._as_given is not None):
-            return None
-        made = FileNumbers(
-            self.document,
-            self.mechanism,
-            self.variables,
-            self.inputs,
-            self._hinged,
-            False,
-            APART,
-        )
-        if not made.varied:
+        Of the mechanism with its contacts, or with these as links where some of their
+        numbers vary, or wheels repeat too much.
+        """
+        given = self.document, self.mechanism, self.variables, self.inputs
+        sized = np.array([variable.slot is not None for variable in self.variables])
+        if has_other_profiles(self.mechanism) or np.all(sized | self._acting):
+            self._varied = VariedMechanism(*given)
+            try:
+                return self._varied.terms(False)
+            except EngineError:
+                if self._hinged is None or self._hinged.train is None:
+                    raise
+        self._varied = VariedMechanism(*given, self._hinged, apart=APART)
+        if self._varied.numbers is not None and not self._varied.numbers.varied:
             raise DesignError(
                 f"{self.mechanism.name}: with other {listing(self.keys)} there is no such "
                 "mechanism: its profiles would not touch in the reference pose; vary "
                 "sizes of links"
             )
-        return made
+        return self._varied.terms(False)
 
     @cached_property
-    def _profiles(self) -> ProfileNumbers | None:
-        """What profiles other than circles are, None where there are none."""
-        if not self._profiled:
-            return None
-        return ProfileNumbers(self.document, self.mechanism, self.variables)
-
-    @cached_property
-    def _sized(self) -> list[int]:
-        """Which of the variables are sizes of the kernel, where profiles are handed in."""
-        return [k for k, variable in enumerate(self.variables) if variable.slot is not None]
+    def _design(self) -> DesignAt:
+        """What kernels have of the file."""
+        _ = self._terms
+        design = self._varied.design_at(self._varied.values, self.mechanism)
+        if design is None:
+            raise DesignError(f"{self.mechanism.name}: its file states no such mechanism")
+        return design
 
     @property
     def timed(self) -> bool:
@@ -251,11 +208,10 @@ class Sensitivity:
                     f"{self.mechanism.name}: a deviation of {key}, by which nothing is "
                     f"asked{nearest(key, self.keys) or ';'} it is by {listing(self.keys)}"
                 )
-        made = np.full(len(self.keys), size)
-        made[self._acting] = 0.0
+        made = np.where(self._acting, 0.0, size)
         for key, deviation in singly.items():
             place = self.keys.index(key)
-            is_angle = place in self._shaping or is_angle_of_load(self.document, key)
+            is_angle = not self._acting[place] or is_angle_of_load(self.document, key)
             made[place] = np.radians(deviation) if is_angle else deviation
         return tuple(made.tolist())
 
@@ -295,22 +251,6 @@ class Sensitivity:
         return np.concatenate([inputs, rest], axis=1)
 
     @cached_property
-    def _terms(self) -> DesignTerms:
-        if self._numbers is not None and self._hinged is not None:
-            contacts = self._hinged
-            names = {k: f"turned_{k}" for k in self._numbers.of_contacts}
-            return DesignTerms.of(
-                contacts.mechanism,
-                self.inputs,
-                tuple(names.values()),
-                lambda numbers: contacts.pairs({k: numbers[n] for k, n in names.items()}),
-                closed_form=False,
-                differing=self._of_actions,
-            )
-        assert self._as_given is not None
-        return self._as_given
-
-    @cached_property
     def _gradient(self) -> DesignKernel:
         return design_kernel(self._terms, self.quantities, gradients=True, compiled=False)
 
@@ -322,73 +262,10 @@ class Sensitivity:
     def _newton(self) -> NewtonKernel:
         return newton_kernel(self._terms, compiled=False)
 
-    @cached_property
-    def _nominal(self) -> Floats:
-        """What the kernel has as inputs (k, 1) in the file."""
-        sizes = np.array([[variable.value] for variable in self.variables]).reshape(-1, 1)
-        if self._numbers is not None:
-            sizes = np.array(self._numbers.nominal)[self._numbers.of_contacts][:, None]
-        elif self._profiled:
-            sizes = sizes[self._sized]
-        if self.actions is None:
-            return sizes
-        numbers = np.array(self.actions.nominal)[self._of_actions]
-        return np.concatenate([sizes, numbers[:, None]])
-
-    @property
-    def _acting_from(self) -> int:
-        """At which of the kernel's inputs numbers of masses and loads begin."""
-        return len(self._nominal) - len(self._of_actions)
-
-    def _by_sizes(self, gradients: Floats, values: Floats) -> Floats:
-        """Return derivatives (sizes, c, n) from those by what the kernel has as inputs.
-
-        At the configurations `values` (n, w).
-        """
-        first, last = self._acting_from, len(self._nominal)
-        made = np.empty((len(self.keys), *gradients.shape[1:]))
-        shape = np.concatenate([gradients[:first], gradients[last:]])
-        made[self._shaping] = self._by_shape(shape, values)
-        if self.actions is not None:
-            numbers = np.array([variable.value for variable in self.actions.variables])
-            slopes = self.actions.slopes(numbers)
-            made[self._acting] = np.tensordot(slopes.T, gradients[first:last], 1)
-        return made
-
-    def _by_shape(self, gradients: Floats, values: Floats) -> Floats:
-        """Return those by what says where links are."""
-        if self._profiles is not None:
-            count = len(self._sized)
-            slopes = self._profiles.slopes(values)
-            made = np.einsum("kpn,pcn->kcn", slopes, gradients[count:])
-            made[self._sized] += gradients[:count]
-            return np.asarray(made)
-        if self._numbers is None:
-            return gradients
-        values = np.array([variable.value for variable in self.variables])
-        count = len(self._numbers.of_contacts)
-        return np.tensordot(self._numbers.slopes(values)[:count].T, gradients, 1)
-
-    def _deviating(self, deviations: Floats) -> Floats:
-        """Return what the kernel has as inputs (k, draws); NaN where nothing is."""
-        shape, first = deviations[self._shaping], self._acting_from
-        if self._numbers is not None:
-            values = np.array([[variable.value] for variable in self.variables])
-            numbers, _ = self._numbers.at(values + shape)
-            made = numbers[: len(self._numbers.of_contacts)]
-        else:
-            made = self._nominal[:first] + (shape[self._sized] if self._profiled else shape)
-        if self.actions is None:
-            return made
-        values = np.array([[variable.value] for variable in self.actions.variables])
-        numbers, _ = self.actions.at(values + deviations[self._acting])
-        return np.concatenate([made, numbers])
-
     def _placed(self, values: Floats) -> Floats:
         """Return the variables (n, v) that the kernel has, from those of a motion."""
-        if self._numbers is None or self._hinged is None:
-            return values
-        return self._hinged.values(values)
+        contacts = self._varied.contacts
+        return values if contacts is None else contacts.values(values)
 
     def at(self, samples: Floats, values: Floats) -> tuple[Floats, Floats]:
         """Return quantities (c, n) and their derivatives (sizes, c, n).
@@ -408,15 +285,27 @@ class Sensitivity:
         """
         if any(name.startswith("torque") for name in self.quantities):
             need_tabulated(self.mechanism, samples[:, -1])
-        kernel = self._gradient
-        prepared = kernel.prepare(np.repeat(self._nominal, len(samples), axis=1))
-        rows = [samples.T, self._placed(values).T]
-        if self._profiles is not None:
-            rows.append(self._profiles.columns(values))
-        rows.append(np.zeros((len(kernel.turning), len(samples))))  # values count turns
-        columns = kernel.evaluate(np.concatenate([*rows, prepared]))
-        made = columns.reshape(-1, len(self.quantities), len(samples))
-        return made[0], self._by_sizes(made[1:], values)
+        kernel, design = self._gradient, self._design
+        columns = None if design.profiles is None else design.profiles.columns(values)
+        sizes = np.repeat(design.sizes[:, None], len(samples), axis=1)
+        made = self._evaluated(kernel, samples.T, self._placed(values).T, columns, sizes)
+        made = made.reshape(-1, len(self.quantities), len(samples))
+        return made[0], design.by_values(made[1:], values)
+
+    @staticmethod
+    def _evaluated(
+        kernel: DesignKernel,
+        samples: Floats,
+        values: Floats,
+        columns: Floats | None,
+        sizes: Floats,
+    ) -> Floats:
+        """Return what a kernel gives at samples, variables, profiles and sizes (k, n)."""
+        handed_in = [] if columns is None else [columns]
+        turned = np.zeros((len(kernel.turning), samples.shape[1]))  # values count turns
+        prepared = kernel.prepare(np.ascontiguousarray(sizes))
+        rows = np.concatenate([samples, values, *handed_in, turned, prepared])
+        return np.asarray(kernel.evaluate(rows))
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
         """Return the quantities (c, n, draws) of deviating mechanisms.
@@ -432,10 +321,11 @@ class Sensitivity:
         -----
         Followed from each configuration by Newton's method; NaN where none is there.
         """
-        draws = deviations.shape[1]
-        sizes, profiles = self._deviating(deviations), None
-        if self._profiles is not None:
-            profiles = self._profiles.towards(deviations[self._shaping])
+        draws, design = deviations.shape[1], self._design
+        sizes, _ = self._varied.sizes(design.values[:, None] + deviations)
+        profiles = None
+        if design.profiles is not None:
+            profiles = design.profiles.towards(deviations)
         together = max(1, TOGETHER // draws)
         made, working = [], Working(f"{self.mechanism.name}: deviating mechanisms")
         for k in range(0, len(samples), together):
@@ -451,21 +341,15 @@ class Sensitivity:
         n, draws = len(samples), of_draws.shape[1]
         start = np.repeat(self._placed(values).T, draws, axis=1)
         sizes = np.tile(of_draws, n)
-        away = self._away(sizes)
-        now, closed = followed(self._newton, start, sizes, away, profiles, short=True)
-        with np.errstate(all="ignore"):
-            kernel, placed = self._plain, [now]
-            if profiles is not None:
-                placed.append(profiles(now, np.arange(n * draws), np.ones(n * draws)))
-            placed.append(np.zeros((len(kernel.turning), n * draws)))
-            rows = [np.repeat(samples.T, draws, axis=1), *placed, kernel.prepare(sizes)]
-            result = kernel.evaluate(np.concatenate(rows))
-        return np.where(closed, result, np.nan).reshape(-1, n, draws)
-
-    def _away(self, sizes: Floats) -> Floats:
-        """Return what sizes (k, m) of the kernel are from those of the file."""
-        away = sizes - self._nominal
-        if self._numbers is not None:
-            angles = away[: self._acting_from]
+        away = sizes - self._design.sizes[:, None]
+        if self._varied.contacts is not None and self._varied.numbers is not None:
+            angles = away[: len(self._varied.numbers.of_contacts)]
             angles -= TURN * np.round(angles / TURN)  # those of wheels are of any turn
-        return away
+        now, closed = followed(self._newton, start, sizes, away, profiles, short=True)
+        there = np.repeat(samples.T, draws, axis=1)
+        with np.errstate(all="ignore"):
+            columns = None
+            if profiles is not None:
+                columns = profiles(now, np.arange(n * draws), np.ones(n * draws))
+            result = self._evaluated(self._plain, there, now, columns, sizes)
+        return np.where(closed, result, np.nan).reshape(-1, n, draws)

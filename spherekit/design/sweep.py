@@ -17,14 +17,13 @@ from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_c
 from spherekit.analysis.merit import Merit
 from spherekit.conventions import listing
 from spherekit.design.conditions import Condition, condition
-from spherekit.design.design_runs import DesignRuns
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.evaluated import NEVER_CLOSES, Evaluated
+from spherekit.design.figures import NEVER_CLOSES, Evaluated
 from spherekit.design.file_numbers import OK
+from spherekit.design.runs import ASSEMBLY, DesignRuns
 from spherekit.design.samples import DesignSamples
 from spherekit.design.space import DesignSpace
 from spherekit.design.sweep_identity import code_identity
-from spherekit.design.table_figures import ASSEMBLY, TableFigures
 from spherekit.design.variables import DesignVariable, check_variables, design_variable
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.errors import DesignError
@@ -146,15 +145,15 @@ class Sweep:
         if self.study is None:
             assert of_kernel is not None
             return of_kernel
-        runs = TableFigures(
+        return DesignRuns(
             self.document,
             self.study,
             self.variables,
             [merit for merit in self.merits if merit.table],
             self.analyses,
             self.tables,
+            of_kernel,
         )
-        return DesignRuns(runs, of_kernel)
 
     @property
     def angle(self) -> str:
@@ -217,7 +216,7 @@ class Sweep:
         evaluator = self.evaluator
         if merit.table:
             assert isinstance(evaluator, DesignRuns)
-            return merit.unit(evaluator.runs.units[merit.name])
+            return merit.unit(evaluator.units[merit.name])
         return merit.unit(row_quantities(self.mechanism))
 
     def units(self) -> dict[str, str]:

@@ -1,7 +1,6 @@
 """Configurations that follow from one design to another, in steps that do not leap."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import final
 
 import numpy as np
@@ -78,65 +77,85 @@ def followed(
     determinant of the closure equations changes its sign, so that none leaps to another
     assembly mode.
     """
-    m, shrinking = sizes.shape[1], SHRINKING[0 if short else 1]
-    gone, part = np.zeros(m), np.ones(m)
-    begun = np.concatenate(
-        [
-            _step(
-                newton,
-                start[:, some],
-                _prepared(newton, sizes[:, some] - (1.0 - SOON) * away[:, some]),
-                some,
-                np.full(len(some), SOON),
-                profiles,
-            )
-            for some in _blocks(np.arange(m))
-        ],
-        axis=1,
-    )
-    ways, side, folds = _Ways.of(start, begun), np.sign(begun[-2]), _Folds.at(begun[-2])
-    while len(left := np.flatnonzero((gone < 1.0) & (part >= SHORTEST))):
+    ways = _Ways(newton, start, sizes, away, profiles, short)
+    while len(left := np.flatnonzero((ways.gone < 1.0) & (ways.part >= SHORTEST))):
         for some in _blocks(left):
-            ahead = np.minimum(gone[some] + part[some], 1.0)
-            there = sizes[:, some] - (1.0 - ahead) * away[:, some]
-            foreseen = ways.predicted(some, ahead)
-            tried = _stepped(
-                newton, shrinking, *foreseen, there, side[some], some, ahead, profiles
-            )
-            holds, arrived = tried.holds, some[tried.holds]
-            longer = (ahead - gone[some]) * tried.longer(shrinking)
-            ways.arrive(arrived, ahead[holds], tried.now[:, holds])
-            gone[arrived] = ahead[holds]
-            if short:
-                longer[holds] = folds.shortened(
-                    arrived, ahead[holds], tried.determinant[holds], longer[holds]
-                )
-            part[some] = np.exp2(np.floor(np.log2(np.maximum(longer, 0.5 * SHORTEST))))
-    return ways.values[1], gone >= 1.0
+            ways.advance(some)
+    return ways.values[1], ways.gone >= 1.0
+
+
+def _blocks(rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Return rows in blocks that stay in the cache."""
+    return [rows[start : start + BLOCK] for start in range(0, len(rows), BLOCK)]
 
 
 @final
-@dataclass(frozen=True)
 class _Ways:
-    """The ways of variables so far, and on by a cubic through where they were.
+    """The ways of variables (v, m) so far, and on by a cubic through where they were.
 
-    `start` and `slope` (v, m) where they begin, `places` (2, m) and `values` (2, v, m) of
-    the last two arrivals.
+    `gone` and `part` (m,) are how far they have come and what is tried next, `slope` (v, m)
+    their direction at the start, `places` (2, m) and `values` (2, v, m) the last two
+    arrivals. The determinant has the sign `side` (m,); its `squares` at the last arrival
+    foresee `folds`, infinite where none.
     """
 
-    start: Floats
-    slope: Floats
-    places: Floats
-    values: Floats
+    def __init__(
+        self,
+        newton: NewtonKernel,
+        start: Floats,
+        sizes: Floats,
+        away: Floats,
+        profiles: Profiles | None,
+        short: bool,
+    ) -> None:
+        self.newton, self.profiles, self.short = newton, profiles, short
+        self.start, self.sizes, self.away = start, sizes, away
+        m, self.shrinking = sizes.shape[1], SHRINKING[0 if short else 1]
+        self.gone, self.part, self.folds = np.zeros(m), np.ones(m), np.full(m, np.inf)
+        self.places, self.values = np.zeros((2, m)), np.stack([start, start])
+        self.slope, self.side, self.squares = np.zeros_like(start), np.zeros(m), np.zeros(m)
+        for some in _blocks(np.arange(m)):
+            soon = np.full(len(some), SOON)
+            begun = self._step(start[:, some], self._prepared(some, soon), some, soon)
+            finite = np.all(np.isfinite(begun), axis=0)
+            self.slope[:, some] = np.where(finite, begun[:-2] / SOON, 0.0)
+            self.side[some], self.squares[some] = np.sign(begun[-2]), begun[-2] ** 2
 
-    @staticmethod
-    def of(start: Floats, begun: Floats) -> "_Ways":
-        """Return ways from where they begin; `begun` is Newton's step to `SOON` of them."""
-        slope, finite = begun[:-2] / SOON, np.all(np.isfinite(begun), axis=0)
-        slope = np.where(finite, slope, 0.0)
-        return _Ways(start, slope, np.zeros((2, start.shape[1])), np.stack([start, start]))
+    def advance(self, some: NDArray[np.intp]) -> None:
+        """Try the next parts of some ways; they become shorter where these do not hold."""
+        ahead = np.minimum(self.gone[some] + self.part[some], 1.0)
+        now, determinant, shrunk, holds = self._corrected(some, ahead)
+        arrived, there = some[holds], ahead[holds]
+        with np.errstate(all="ignore"):
+            factor = MARGIN * self.shrinking / shrunk
+        most = np.where(holds, LONGEST, 0.5)
+        part = (ahead - self.gone[some]) * np.minimum(np.maximum(factor, LEAST), most)
+        if self.short:
+            part[holds] = self._before_folds(
+                arrived, there, determinant[holds], part[holds]
+            )
+        self.gone[arrived] = there
+        self.places[:, arrived] = self.places[1, arrived], there
+        self.values[0][:, arrived] = self.values[1][:, arrived]
+        self.values[1][:, arrived] = now[:, holds]
+        self.part[some] = np.exp2(np.floor(np.log2(np.maximum(part, 0.5 * SHORTEST))))
 
-    def predicted(self, rows: NDArray[np.intp], t: Floats) -> tuple[Floats, Floats]:
+    def _before_folds(
+        self, rows: NDArray[np.intp], places: Floats, determinant: Floats, part: Floats
+    ) -> Floats:
+        """Return the next parts of ways that have come to places; 0 where they end."""
+        square = determinant**2
+        with np.errstate(all="ignore"):
+            falls = (self.squares[rows] - square) / (places - self.places[1, rows])
+            left = np.where(falls > 0.0, square / falls, np.inf)
+            fold = places + left
+            ends = np.abs(fold - self.folds[rows]) < SURE * left
+        ends &= fold + left < 1.0
+        self.squares[rows], self.folds[rows] = square, fold
+        shorter = np.minimum(part, np.maximum(TOWARDS * left, SHORTEST))
+        return np.where(ends, 0.0, shorter)
+
+    def _foreseen(self, rows: NDArray[np.intp], t: Floats) -> tuple[Floats, Floats]:
         """Return the variables (v, k) foreseen at places, and how far these are."""
         start, slope = self.start[:, rows], self.slope[:, rows]
         (one, two), (first, last) = self.places[:, rows], self.values[:, :, rows]
@@ -150,137 +169,59 @@ class _Ways:
         away = made - last
         return made, np.sqrt(np.einsum("vk,vk->k", away, away))
 
-    def arrive(self, rows: NDArray[np.intp], t: Floats, values: Floats) -> None:
-        """Note where ways have come to."""
-        self.places[0, rows], self.places[1, rows] = self.places[1, rows], t
-        self.values[0][:, rows], self.values[1][:, rows] = self.values[1][:, rows], values
+    def _prepared(self, rows: NDArray[np.intp], ahead: Floats) -> Floats:
+        sizes = self.sizes[:, rows] - (1.0 - ahead) * self.away[:, rows]
+        return np.asarray(self.newton.prepare(np.ascontiguousarray(sizes)))
 
-
-def _blocks(rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
-    """Yield rows in blocks that stay in the cache."""
-    for start in range(0, len(rows), BLOCK):
-        yield rows[start : start + BLOCK]
-
-
-@final
-@dataclass(frozen=True)
-class _Folds:
-    """Where ways fold, by the square of the determinant at the last place of each.
-
-    `places`, `squares` and `folds` (m,), the last as foreseen there; infinite where none.
-    """
-
-    places: Floats
-    squares: Floats
-    folds: Floats
-
-    @staticmethod
-    def at(determinant: Floats) -> "_Folds":
-        """Return what is known where ways begin."""
-        size = determinant.shape
-        return _Folds(np.zeros(size), determinant**2, np.full(size, np.inf))
-
-    def shortened(
-        self, rows: NDArray[np.intp], places: Floats, determinant: Floats, part: Floats
+    def _step(
+        self, now: Floats, prepared: Floats, rows: NDArray[np.intp], ahead: Floats
     ) -> Floats:
-        """Return the next parts of ways that have come to places; 0 where they end."""
-        square = determinant**2
+        """Return Newton's step at variables (v, k), determinant, square of the misfit."""
+        placed = [now]
+        if self.profiles is not None:
+            placed.append(self.profiles(now, rows, ahead))
         with np.errstate(all="ignore"):
-            falls = (self.squares[rows] - square) / (places - self.places[rows])
-            left = np.where(falls > 0.0, square / falls, np.inf)
-            fold = places + left
-            ends = np.abs(fold - self.folds[rows]) < SURE * left
-        ends &= fold + left < 1.0
-        self.places[rows], self.squares[rows], self.folds[rows] = places, square, fold
-        shorter = np.minimum(part, np.maximum(TOWARDS * left, SHORTEST))
-        return np.where(ends, 0.0, shorter)
+            given = np.ascontiguousarray(np.concatenate([*placed, prepared]))
+            return np.asarray(self.newton.step(given))
 
+    def _corrected(
+        self, rows: NDArray[np.intp], ahead: Floats
+    ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+        """Return where Newton's method leads from foreseen variables, and who holds.
 
-@final
-@dataclass(frozen=True)
-class _Tried:
-    """Where Newton's method leads: variables `now` (v, k), and which of them hold.
-
-    With the determinants there, and by what part of a step the worst one shrank.
-    """
-
-    now: Floats
-    holds: NDArray[np.bool_]
-    determinant: Floats
-    shrunk: Floats
-
-    def longer(self, shrinking: float) -> Floats:
-        """Return the factors (k,) of parts of ways with which steps shrink, nearly."""
+        With the determinants there, and by what part of a step the worst one shrank. It
+        holds where each step is this part of the one before at most (Kantorovich 1948), and
+        the determinant keeps its sign. A configuration is left where a step is too long,
+        and is there when the next step would be nothing, by how the last ones shrank; on
+        the way, when it would not matter.
+        """
+        made, before = self._foreseen(rows, ahead)
+        determinant, shrank = np.zeros((2, len(rows)))
+        holds = np.zeros(len(rows), dtype=bool)
+        left, goes_on = np.arange(len(rows)), np.ones(len(rows), dtype=bool)
+        enough = np.where(ahead < 1.0, NEARLY, NOTHING)
+        prepared = self._prepared(rows, ahead)
         with np.errstate(all="ignore"):
-            factor = MARGIN * shrinking / self.shrunk
-        most = np.where(self.holds, LONGEST, 0.5)
-        return np.asarray(np.minimum(np.maximum(factor, LEAST), most))
-
-
-def _step(
-    newton: NewtonKernel,
-    now: Floats,
-    prepared: Floats,
-    some: NDArray[np.intp],
-    ahead: Floats,
-    profiles: Profiles | None,
-) -> Floats:
-    """Return Newton's step at variables (v, k), determinant and square of the misfit."""
-    placed = [now] if profiles is None else [now, profiles(now, some, ahead)]
-    with np.errstate(all="ignore"):
-        rows = np.ascontiguousarray(np.concatenate([*placed, prepared]))
-        return np.asarray(newton.step(rows))
-
-
-def _prepared(newton: NewtonKernel, sizes: Floats) -> Floats:
-    return np.asarray(newton.prepare(np.ascontiguousarray(sizes)))
-
-
-def _stepped(
-    newton: NewtonKernel,
-    shrinking: float,
-    start: Floats,
-    before: Floats,
-    sizes: Floats,
-    side: Floats,
-    rows: NDArray[np.intp],
-    ahead: Floats,
-    profiles: Profiles | None,
-) -> _Tried:
-    """Return where Newton's method leads from variables (v, k), and whether straight.
-
-    These are foreseen, by steps of the length `before` (k,).
-
-    That is where each step is this part of the one before at most (Kantorovich 1948), and
-    the determinant has the sign `side` (k,). A configuration is left where a step is too
-    long, and is there when the next step would be nothing, by how the last ones shrank;
-    on the way, when it would not matter.
-    """
-    made = _Tried(start, np.zeros(len(side), dtype=bool), *np.zeros((2, len(side))))
-    left, goes_on = np.arange(len(side)), np.ones(len(side), dtype=bool)
-    enough = np.where(ahead < 1.0, NEARLY, NOTHING)
-    prepared = _prepared(newton, sizes)
-    with np.errstate(all="ignore"):
-        for _ in range(NEWTON_STEPS):
-            now = made.now if len(left) == len(side) else made.now[:, left]
-            result = _step(newton, now, prepared, rows[left], ahead[left], profiles)
-            step, off = result[:-2], result[-1]
-            length = np.sqrt(np.einsum("vk,vk->k", step, step))
-            shrinks = goes_on & (length <= np.maximum(shrinking * before, STILL))
-            shrunk = np.where(goes_on & (length > STILL), length / before, 0.0)
-            made.shrunk[left] = np.maximum(made.shrunk[left], shrunk)
-            still = length * (length / before) ** 2 < enough[left]
-            still &= off <= (MISSED * length) ** 2
-            ends = shrinks & (still | (off < CLOSED**2))
-            there = left[ends & (np.sign(result[-2]) == side[left])]
-            made.now[:, left[shrinks]] += step[:, shrinks]
-            made.determinant[left[goes_on]] = result[-2, goes_on]
-            made.holds[there] = True
-            goes_on, before = shrinks & ~ends, length
-            if not np.any(goes_on):
-                break
-            if 2 * np.count_nonzero(goes_on) < len(left):
-                left, before = left[goes_on], before[goes_on]
-                prepared = prepared[:, goes_on]
-                goes_on = np.ones(len(left), dtype=bool)
-    return made
+            for _ in range(NEWTON_STEPS):
+                now = made if len(left) == len(rows) else made[:, left]
+                result = self._step(now, prepared, rows[left], ahead[left])
+                step, off = result[:-2], result[-1]
+                length = np.sqrt(np.einsum("vk,vk->k", step, step))
+                shrinks = goes_on & (length <= np.maximum(self.shrinking * before, STILL))
+                shrunk = np.where(goes_on & (length > STILL), length / before, 0.0)
+                shrank[left] = np.maximum(shrank[left], shrunk)
+                still = length * (length / before) ** 2 < enough[left]
+                still &= off <= (MISSED * length) ** 2
+                ends = shrinks & (still | (off < CLOSED**2))
+                same_side = np.sign(result[-2]) == self.side[rows[left]]
+                holds[left[ends & same_side]] = True
+                made[:, left[shrinks]] += step[:, shrinks]
+                determinant[left[goes_on]] = result[-2, goes_on]
+                goes_on, before = shrinks & ~ends, length
+                if not np.any(goes_on):
+                    break
+                if 2 * np.count_nonzero(goes_on) < len(left):
+                    left, before = left[goes_on], before[goes_on]
+                    prepared = prepared[:, goes_on]
+                    goes_on = np.ones(len(left), dtype=bool)
+        return made, determinant, shrank, holds

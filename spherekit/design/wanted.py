@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import counted
-from spherekit.design.evaluated import NEVER_CLOSES
+from spherekit.design.figures import NEVER_CLOSES
 from spherekit.design.file_numbers import OK
 from spherekit.design.sweep import Columns, Sweep
 from spherekit.errors import DesignError, ModelError

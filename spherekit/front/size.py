@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from spherekit.checked import checked
-from spherekit.design.evaluate import DEG
 from spherekit.design.sizing import Sized, size
 from spherekit.design.space import DesignSpace, between
+from spherekit.design.varied import DEG
 from spherekit.design.wanted import Sizing
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of

@@ -6,7 +6,6 @@ is the whole pose: two freedoms, and closed forms both ways (Chen et al. 2021, s
 Which mechanisms have this form is found out by `spherekit.guidance.symmetry`.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import final
@@ -18,9 +17,6 @@ from spherekit.conventions import REACH_SLACK
 from spherekit.numeric.turns import wrap
 from spherekit.sphere.mirror import upward
 from spherekit.sphere.rotation import Floats, cross
-
-ROWS = 8192
-"""Poses computed at once: few enough for the processor's cache."""
 
 
 @final
@@ -161,45 +157,12 @@ class MidPlane:
         link points away from the middle of the base in mode -1 of the first leg and 1 of
         the second, Fig. 5(a), and towards it in the other ones.
         """
-        wanted = ((-1, 1), (-1, -1), (1, 1), (1, -1))
-        solutions = {modes: np.empty((len(normals), 2)) for modes in wanted}
-        for start in range(0, len(normals), ROWS):
-            rows = slice(start, start + ROWS)
-            for k, leg in enumerate(self.driven):
-                for mode, readings in self._both(leg, normals[rows]).items():
-                    for modes in wanted:
-                        if modes[k] == mode:
-                            solutions[modes][rows, k] = readings
-        return solutions
-
-    def _both(self, leg: int, normals: Floats) -> dict[int, Floats]:
-        """Return a leg's readings (n,) rad in its modes 1 and -1.
-
-        With the normal (u, v, s) in the leg's dial the elbow's azimuth is that of
-        -cos(arc) s (u, v) + root (v, -u).
-        """
-        arc = self.arcs[leg]
-        u, v, sine = self.dials[leg].T @ normals.T
-        along = -np.cos(arc) * sine
-        with np.errstate(invalid="ignore"):
-            root = np.sqrt(_left(arc, sine, np.hypot(u, v)))
-        x, y, aside, back = along * u, along * v, root * v, root * u
-        readings = {}
-        for mode in (1, -1):
-            azimuth = np.arctan2(y - mode * back, x + mode * aside) - self.phases[leg]
-            azimuth -= 2.0 * np.pi * (azimuth > np.pi)
-            azimuth += 2.0 * np.pi * (azimuth <= -np.pi)
-            readings[mode] = self.senses[leg] * azimuth
-        return readings
-
-    def folds(self, normals: Floats, legs: Sequence[int] | None = None) -> Floats:
-        """Return the angles (n, legs) rad between base and tip axes of each leg, or some.
-
-        A leg is folded at 0, stretched at twice its arc; the paper asks for 10 degrees.
-        """
-        axes = self.axes if legs is None else self.axes[list(legs)]
-        sine = np.abs(normals @ axes.T)
-        return np.asarray(2.0 * np.arcsin(np.clip(sine, 0.0, 1.0)))
+        driven, modes = list(self.driven), np.ones(len(self.arcs))
+        made = {}
+        for signs in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
+            modes[driven] = signs
+            made[signs] = self.readings(self.elbows(normals, modes)[0])[:, driven]
+        return made
 
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
         """Return the mid-plane (3,) nearest to one (3,), all legs within reach.
