@@ -1,10 +1,11 @@
 """Equivalent rotation: from one pose of an output to another about one fixed axis."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.plugin import (
     INPUTS,
@@ -270,94 +271,48 @@ class EquivalentRotation(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return axis, angle, feasibility, places of type II, and the duration."""
         result = self._found(batch)
-        turn, at = result.rotation, result.samples
-        departure, drift = _largest(at.departure), _largest(at.drift)
-        followed = turn.end == Status.OK
+        turn, at, start = result.rotation, result.samples, result.start
+        departure = _largest(at.departure)
         failed = ~np.isin(at.status, (Status.OK, Status.AT_SINGULARITY))
+        kept = departure < FEASIBLE and not np.any(failed)
         figures: dict[str, Any] = {
             "output": result.output.name,
             "axis": turn.axis.tolist(),
             "angle_rad": turn.angle,
-            "feasible": bool(followed and departure < FEASIBLE and not np.any(failed)),
+            "feasible": bool(turn.end == Status.OK and kept),
             "failed_rows": int(np.sum(failed)),
             "reached_rad": turn.reached,
             "end": Status(turn.end).name,
             "closed_form": isinstance(turn, MidPlaneRotation),
             "largest_departure_rad": departure,
-            "largest_drift_rad": drift,
+            "largest_drift_rad": _largest(at.drift),
             "crossings_rad": list(turn.crossings),
             "start": {
-                "mode": result.start.labels[result.number],
+                "mode": start.labels[result.number],
                 "number": result.number,
                 "configurations": [
                     {"mode": label, "inputs_rad": inputs.tolist()}
-                    for label, inputs in zip(
-                        result.start.labels, result.start.inputs, strict=True
-                    )
+                    for label, inputs in zip(start.labels, start.inputs, strict=True)
                 ],
             },
             "graph_differs_rad": result.graph,
         }
-        if result.form is not None:
-            figures["axis_in_mirror_axes"] = (turn.axis @ result.form.frame).tolist()
-        warnings = []
-        if not followed:
-            dead = dead_centre(turn)
-            warnings.append(
-                f"the rotation ends at {np.degrees(turn.reached):.6g} of "
-                f"{np.degrees(turn.angle):.6g} deg: {Status(turn.end).name}, "
-                + (f"input {dead} is at a dead centre there: " if dead else "")
-                + ENDS[Status(turn.end)]
-            )
-        elif np.any(failed):
-            first = int(np.argmax(failed))
-            warnings.append(
-                f"{int(np.sum(failed))} of {len(failed)} rows failed, the first at theta = "
-                f"{np.degrees(at.theta[first]):.6g} deg: {Status(at.status[first]).name}"
-            )
-        if not departure < FEASIBLE:
-            worst = int(np.nanargmax(at.departure))
-            warnings.append(
-                "the output link does not turn about a fixed axis: nearest to it, it "
-                f"departs by up to {np.degrees(departure):.4g} deg, at theta = "
-                f"{np.degrees(at.theta[worst]):.4g} deg, and its axis by "
-                f"{np.degrees(drift):.4g} deg"
-            )
-        if turn.crossings:
-            places = turn.at(np.array(turn.crossings))
-            for theta, inputs in zip(places.theta, places.inputs, strict=True):
-                where = f"theta = {np.degrees(theta):.4f} deg"
-                if np.all(np.isfinite(inputs)):
-                    where += "".join(
-                        f", {name} = {np.degrees(q) + 0.0:.4f}"
-                        for name, q in zip(turn.inputs, inputs, strict=True)
-                    )
-                warnings.append(
-                    f"the rotation meets a type II singularity at {where}, where the "
-                    "inputs do not hold the mechanism"
-                )
-        if result.graph is not None and not result.graph < AGREES:
-            warnings.append(
-                f"the closed form and the graph differ by {result.graph:.3g} rad in "
-                "an input"
-            )
-        if result.unchecked:
-            figures["graph"] = result.unchecked
-        if result.unscheduled:
-            warnings.append(f"there is no schedule: {result.unscheduled}")
-        if result.schedule is not None:
-            figures["schedule"] = _schedule_figures(result.schedule, self.shape)
         told = [(turn.axis, f"link {result.output.relative_to}")]
         if result.form is not None:
-            told.append((turn.axis @ result.form.frame, "the mirror (x0, y0, z0)"))
+            mirrored = turn.axis @ result.form.frame
+            figures["axis_in_mirror_axes"] = mirrored.tolist()
+            told.append((mirrored, "the mirror (x0, y0, z0)"))
+        if result.unchecked:
+            figures["graph"] = result.unchecked
         about = ", ".join(
             f"({', '.join(f'{x:.6f}' for x in axis)}) in axes of {frame}"
             for axis, frame in told
         )
         remarks = [f"{np.degrees(turn.angle):.6g} deg about {about}"]
         if result.schedule is not None:
+            figures["schedule"] = _schedule_figures(result.schedule, self.shape)
             remarks.append(f"it takes {result.schedule.duration:.6g} s within the limits")
-        return Findings(figures, tuple(warnings), tuple(remarks))
+        return Findings(figures, tuple(_warnings(result, failed)), tuple(remarks))
 
     def _found(self, batch: Batch) -> FoundRotation:
         return batch.once("found", lambda: self._rotation(batch))
@@ -447,6 +402,50 @@ class EquivalentRotation(AbstractAnalysis):
                 f"| set by | {most.quantity} of {most.input} at {most.t:.4f} s |",
             ]
         return "\n".join([*lines, "", *(f"- {text}" for text in warnings)])
+
+
+def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]:
+    """Yield what is not as it was asked for; `failed` are rows of the samples."""
+    turn, at = result.rotation, result.samples
+    departure = _largest(at.departure)
+    if turn.end != Status.OK:
+        dead = dead_centre(turn)
+        yield (
+            f"the rotation ends at {np.degrees(turn.reached):.6g} of "
+            f"{np.degrees(turn.angle):.6g} deg: {Status(turn.end).name}, "
+            + (f"input {dead} is at a dead centre there: " if dead else "")
+            + ENDS[Status(turn.end)]
+        )
+    elif np.any(failed):
+        first = int(np.argmax(failed))
+        yield (
+            f"{int(np.sum(failed))} of {len(failed)} rows failed, the first at theta = "
+            f"{np.degrees(at.theta[first]):.6g} deg: {Status(at.status[first]).name}"
+        )
+    if not departure < FEASIBLE:
+        worst = int(np.nanargmax(at.departure))
+        yield (
+            "the output link does not turn about a fixed axis: nearest to it, it "
+            f"departs by up to {np.degrees(departure):.4g} deg, at theta = "
+            f"{np.degrees(at.theta[worst]):.4g} deg, and its axis by "
+            f"{np.degrees(_largest(at.drift)):.4g} deg"
+        )
+    for place in turn.crossings:
+        there = turn.at([place])
+        where, inputs = f"theta = {np.degrees(place):.4f} deg", there.inputs[0]
+        if np.all(np.isfinite(inputs)):
+            where += "".join(
+                f", {name} = {np.degrees(q) + 0.0:.4f}"
+                for name, q in zip(turn.inputs, inputs, strict=True)
+            )
+        yield (
+            f"the rotation meets a type II singularity at {where}, where the "
+            "inputs do not hold the mechanism"
+        )
+    if result.graph is not None and not result.graph < AGREES:
+        yield f"the closed form and the graph differ by {result.graph:.3g} rad in an input"
+    if result.unscheduled:
+        yield f"there is no schedule: {result.unscheduled}"
 
 
 def _checked(

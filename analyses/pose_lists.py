@@ -15,28 +15,24 @@ from spherekit.plugin import (
 )
 from spherekit.plugin.rotations import (
     azimuth_tilt,
-    from_quaternion,
-    from_tilt_torsion,
     normals_of,
-    pointing,
     tilt_torsion,
 )
 from spherekit.plugin.workspace import OutputKinematics, columns_of, read_numbers
 
 from .pose_text import (
+    ANGLES,
     AZIMUTH_TILT,
     DIRECTION,
     MIRROR,
     QUATERNION,
     TILT_TORSION,
     VECTOR,
-    from_vector,
     numbers_of,
+    posed,
 )
 
 MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-ANGLES = frozenset((*TILT_TORSION, *MIRROR, *VECTOR))
-"""Columns that are angles."""
 NOT_ROTATION = 1e-6
 """A matrix whose R R^T differs from 1 by more is not a rotation."""
 MOST_POSES = 500_000
@@ -213,33 +209,21 @@ class Given:
         places: Sequence[str],
         where: str,
     ) -> Floats:
-        match names:
-            case ("x", "y", "z"):
-                return rows
-            case ("azimuth", "tilt"):
-                return pointing(rows)
-            case ("azimuth", "tilt", "torsion"):
-                return from_tilt_torsion(rows)
-            case ("qx", "qy", "qz", "qw"):
-                return np.asarray(from_quaternion(rows))
-            case ("rx", "ry", "rz"):
-                return np.asarray(from_vector(rows))
-            case ("phi", "gamma"):
-                form = solver.form
-                assert form is not None and solver.output.direction is not None
-                normals = normals_of(rows[:, 0], rows[:, 1])
-                lost = np.any(~np.isfinite(normals), axis=1)
-                _refuse(
-                    lost, places, where, "is not a mid-plane: phi and gamma are too large"
-                )
-                return np.asarray(
-                    form.orientations(normals) @ np.array(solver.output.direction)
-                )
-        matrices = rows.reshape(-1, 3, 3)
-        gap = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(axis=(1, 2))
-        turned = np.linalg.det(matrices) > 0.0
-        _refuse(~((gap < NOT_ROTATION) & turned), places, where, "is not a rotation matrix")
-        return matrices
+        if names == MIRROR:
+            form = solver.form
+            assert form is not None and solver.output.direction is not None
+            normals = normals_of(rows[:, 0], rows[:, 1])
+            lost = np.any(~np.isfinite(normals), axis=1)
+            why = "is not a mid-plane: phi and gamma are too large"
+            _refuse(lost, places, where, why)
+            turned = form.orientations(normals)
+            return np.asarray(turned @ np.array(solver.output.direction))
+        made = posed(names, rows)
+        if names == MATRIX:
+            gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))
+            proper = (gap < NOT_ROTATION) & (np.linalg.det(made) > 0.0)
+            _refuse(~proper, places, where, "is not a rotation matrix")
+        return made
 
 
 def _check_size(count: float, where: str) -> None:

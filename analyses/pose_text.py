@@ -28,6 +28,8 @@ TILT_TORSION = ("azimuth", "tilt", "torsion")
 QUATERNION = ("qx", "qy", "qz", "qw")
 VECTOR = ("rx", "ry", "rz")
 TURN = ("ux", "uy", "uz", "angle")
+ANGLES = frozenset((*TILT_TORSION, *MIRROR, *VECTOR))
+"""Terms that are angles."""
 
 
 def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
@@ -66,28 +68,45 @@ def read_end(
         ways = listing("+".join(f"{name}=.." for name in names) for names in kinds)
         raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {ways}')
     values = np.array([given[name] for name in kind])
+    if kind == inputs or ANGLES.issuperset(kind):
+        values = np.radians(values)
     if kind == inputs:
-        return AtInputs(np.radians(values))
+        return AtInputs(values)
     if kind == MIRROR:
-        return AtMirror(*np.radians(values))
-    if kind == AZIMUTH_TILT:
-        return AtDirection(pointing(np.radians(values)[None])[0])
-    if kind == VECTOR:
-        return AtOrientation(from_vector(np.radians(values)[None])[0])
-    if kind == TILT_TORSION:
-        return AtOrientation(from_tilt_torsion(np.radians(values)[None])[0])
-    length = float(np.linalg.norm(values if kind == QUATERNION else values[:3]))
-    if length == 0.0:
-        raise AnalysisError(f'{where}: "{text}" has no direction: all numbers are 0')
-    if kind == QUATERNION:
-        return AtOrientation(from_quaternion((values / length)[None])[0])
-    if kind == DIRECTION:
-        return AtDirection(values / length)
-    if not values[3] > 0.0:
-        raise AnalysisError(
-            f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
-        )
-    return AtRotation(values[:3] / length, float(np.radians(values[3])))
+        return AtMirror(*values)
+    if kind in (DIRECTION, QUATERNION, TURN):
+        length = float(np.linalg.norm(values[:3] if kind == TURN else values))
+        if length == 0.0:
+            raise AnalysisError(f'{where}: "{text}" has no direction: all numbers are 0')
+        if kind == TURN and not values[3] > 0.0:
+            raise AnalysisError(
+                f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
+            )
+        if kind == TURN:
+            return AtRotation(values[:3] / length, float(np.radians(values[3])))
+        values = values / length
+    pose = posed(kind, values[None])[0]
+    return AtDirection(pose) if pose.ndim == 1 else AtOrientation(pose)
+
+
+def posed(kind: tuple[str, ...], rows: Floats) -> Floats:
+    """Return directions (n, 3) or rotations (n, 3, 3) said in terms of one kind, in rad."""
+    match kind:
+        case ("azimuth", "tilt"):
+            return pointing(rows)
+        case ("azimuth", "tilt", "torsion"):
+            return from_tilt_torsion(rows)
+        case ("qx", "qy", "qz", "qw"):
+            return np.asarray(from_quaternion(rows))
+        case ("rx", "ry", "rz"):
+            half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
+            vector = 0.5 * np.sinc(half / np.pi) * rows
+            return np.asarray(
+                from_quaternion(np.concatenate([vector, np.cos(half)], axis=1))
+            )
+        case ("x", "y", "z"):
+            return rows
+    return rows.reshape(-1, 3, 3)
 
 
 def numbers_of(
@@ -118,10 +137,3 @@ def numbers_of(
             poses.append({})
         poses[-1][name] = number
     return poses
-
-
-def from_vector(vectors: Floats) -> Floats:
-    """Return the rotations (n, 3, 3) of rotation vectors (n, 3) rad."""
-    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
-    vector = 0.5 * np.sinc(half / np.pi) * vectors
-    return np.asarray(from_quaternion(np.concatenate([vector, np.cos(half)], axis=1)))

@@ -36,9 +36,16 @@ from spherekit.plugin.workspace import (
     orientation_workspaces,
 )
 
-from .limits import Limited, read_apart, read_limit
 from .pose_columns import DIRECTION, MIRROR, MODE, PLACE, place_columns
-from .posed_workspace import Row, Workspaces, given_poses, how_poses_fare
+from .posed_workspace import (
+    Limited,
+    Row,
+    Workspaces,
+    given_poses,
+    how_poses_fare,
+    read_apart,
+    read_limit,
+)
 from .workspace_scenes import WorkspaceScenes, sure_of
 
 COARSE = 1e-2

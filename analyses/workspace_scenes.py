@@ -33,7 +33,7 @@ from spherekit.plugin.workspace import (
     sphere_mesh,
 )
 
-from .limits import Limited
+from .posed_workspace import Limited
 
 ROWS, COLUMNS, TORSIONS = 24, 48, 36
 """Tilts, azimuths and torsions at which orientations are drawn."""

@@ -13,7 +13,7 @@ from benchmarks.report import Cell, Section
 from benchmarks.timing import median, ratio, rounds
 from spherekit.analysis.merit import parse_merit
 from spherekit.design.evaluate import FOLLOWED, Evaluator
-from spherekit.design.samples import DesignSamples
+from spherekit.design.figures import DesignSamples
 from spherekit.design.variables import design_variable, designed
 from spherekit.exchange.mjcf import mjcf
 from spherekit.files.change import document_of

@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from spherekit.front.trade import trade as trade
     from spherekit.guidance.follow import follow_rotation as follow_rotation
     from spherekit.guidance.follow import follow_to as follow_to
-    from spherekit.guidance.schedule import quickest as quickest
+    from spherekit.guidance.rotation import quickest as quickest
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
     from spherekit.model.bearings import Bearings as Bearings
     from spherekit.model.bearings import ContactFriction as ContactFriction

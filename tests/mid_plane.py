@@ -6,7 +6,7 @@ import numpy as np
 
 import spherekit as sk
 from spherekit.model.geometry import link_axes
-from spherekit.sphere.mirror import mirror_angles, normals_of
+from spherekit.sphere.mirror import mirror_angles, normals_of, reflections
 from spherekit.sphere.rotation import cross
 
 
@@ -34,8 +34,8 @@ def driven_variables(form):
 
 
 def folds_of(plane, normals):
-    """Return the angles (n, 2) rad between base and tip axes of the driven legs."""
-    sine = np.abs(normals @ plane.axes[list(plane.driven)].T)
+    """Return the angles (n, legs) rad between base and tip axes."""
+    sine = np.abs(normals @ plane.axes.T)
     return 2.0 * np.arcsin(np.clip(sine, 0.0, 1.0))
 
 
@@ -74,6 +74,27 @@ def inverse_jacobian(plane, phi, gamma, modes):
         np.stack([turn_x, 0.0 * x, -x * turn_x / z], axis=1),
         np.stack([0.0 * x, turn_y, -y * turn_y / z], axis=1),
     ):
-        rates = plane.rates(normals, slope, np.zeros_like(slope), modes)
-        columns.append(rates.first[:, list(plane.driven)])
+        first, _ = plane.rates(normals, slope, np.zeros_like(slope), modes)
+        columns.append(first[:, list(plane.driven)])
     return np.stack(columns, axis=2)
+
+
+def rates_of_links(form, normals, slopes, modes):
+    """Return angular velocities (n, links, 3) relative to the base, in its axes."""
+    plane = form.plane
+    elbows, _ = plane.elbows(normals, modes)
+    first, _ = plane.rates(normals, slopes, np.zeros_like(slopes), modes)
+    turned = plane.senses * first
+    moved = turned[..., None] * cross(np.broadcast_to(plane.axes, elbows.shape), elbows)
+    swing = cross(normals, slopes)
+    w = np.zeros((len(normals), len(form.mechanism.links), 3))
+    w[:, form.effector] = 2.0 * swing
+    for k, leg in enumerate(form.legs):
+        w[:, leg.near] = turned[:, k, None] * plane.axes[k]
+        image = np.einsum("nij,nj->ni", reflections(normals), w[:, leg.near])
+        w[:, leg.far] = 2.0 * swing - image
+    for carrier in form.carriers:
+        aside = cross(normals, elbows[:, carrier.leg])
+        about = np.sum(moved[:, carrier.leg] * aside, axis=1, keepdims=True)
+        w[:, carrier.link] = swing + about * normals
+    return w @ form.frame.T

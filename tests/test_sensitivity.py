@@ -7,8 +7,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.design.deviations import Deviations
-from spherekit.design.sensitivity import Sensitivity
+from spherekit.design.sensitivity import Deviations, Sensitivity
 from spherekit.design.variables import sizes_of
 from spherekit.engine.frames import DesignGeometry, revolute_frames
 from spherekit.errors import AnalysisError, DesignError, FileError

@@ -7,10 +7,10 @@ import pytest
 
 import spherekit as sk
 from spherekit.design.cutting_planes import least_greatest
-from spherekit.design.gradients import FigureGradients
+from spherekit.design.descent import FigureGradients
 from spherekit.design.held_modes import SignedMode
-from spherekit.design.pareto import nondominated
 from spherekit.design.sizing import one_linkage
+from spherekit.design.wanted import nondominated
 from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.files.library import find
 from spherekit.front.size import sizing_of

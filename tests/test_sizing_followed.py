@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.design.descent import FigureGradients
 from spherekit.design.file_numbers import EIGHTH
-from spherekit.design.gradients import FigureGradients
 from spherekit.design.held_modes import HeldModes
 from spherekit.errors import DesignError
 from spherekit.files.library import find

@@ -18,10 +18,9 @@ from common import bare
 import spherekit as sk
 from spherekit.analysis.merit import Merit, Reducing
 from spherekit.cli.main import main
-from spherekit.design.figures import refused
-from spherekit.design.gradients import FigureGradients
+from spherekit.design.descent import FigureGradients
+from spherekit.design.figures import DesignSamples, refused
 from spherekit.design.held_modes import SignedMode
-from spherekit.design.samples import DesignSamples
 from spherekit.design.space import DesignSpace, between, listed, variation
 from spherekit.design.sweep_parts import run_sweep
 from spherekit.design.variables import sizes_of

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.design.gradients import FigureGradients
+from spherekit.design.descent import FigureGradients
 from spherekit.design.held_modes import SignedMode
 from spherekit.design.sensitivity import Sensitivity
 from spherekit.files.change import document_of, number_path, with_numbers

@@ -1,25 +1,155 @@
 """Descents of sizings by exact gradients."""
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spherekit.design.conditions import Condition
+from spherekit.analysis.merit import Merit
 from spherekit.design.cutting_planes import Parts, least_greatest
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.gradients import FigureGradients, with_derivatives
 from spherekit.design.held_modes import HeldMode
 from spherekit.design.sweep import Columns
-from spherekit.design.varied import DEG
+from spherekit.design.varied import DEG, DesignAt
 from spherekit.design.wanted import Sizing
-from spherekit.engine.arrays import ArrayFunction
+from spherekit.engine.arrays import ArrayFunction, array_function
+from spherekit.engine.derivatives import derivatives
+from spherekit.engine.design_kernel import design_kernel
+from spherekit.engine.expression_graph import symbols
+from spherekit.engine.expression_terms import expression_terms
 from spherekit.engine.row_quantities import row_quantities
+from spherekit.model.expression import Expression
+from spherekit.numeric.turns import widest_swing
 from spherekit.sphere.rotation import Floats
 
 STEPS = 50
 """Most steps of a descent by quadratic programming."""
 SLACK = 1e-9
 """A condition that is missed by less, of its size, holds."""
+
+
+@final
+class FigureGradients:
+    """The figures of an evaluator with their derivatives by its variables.
+
+    Of the least and the greatest value it is the derivative at the sample where that is.
+    """
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self.evaluator, figures = evaluator, evaluator.figures
+        terms = evaluator.varied.terms()
+        self._kernel = design_kernel(terms, figures.columns, gradients=True)
+        names = [*figures.sample, *figures.columns]
+        self._functions = [with_derivatives(item, names) for item in figures.expressions]
+
+    def at(self, values: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
+        """Return figures (m,), gradients (m, variables), and the share that closes.
+
+        Values (variables,) are in the file's units, and derivatives by them; figures are in
+        rad and SI, NaN where there is no such design, or the mode cannot be followed to it.
+        """
+        of = self.evaluator.figures
+        figures = np.full(len(of.merits), np.nan)
+        gradients = np.full((len(of.merits), len(values)), np.nan)
+        design = self.evaluator.varied.design_at(values)
+        if design is None:
+            return figures, gradients, 0.0
+        closed, quantities, changes = self._rows(design, mode)
+        count, inputs = len(of.samples.rows), len(self.evaluator.inputs)
+        at_samples = np.arange(len(closed)) < count
+        for k, merit in enumerate(of.merits):
+            rows = at_samples
+            if merit.point:
+                rows = ~at_samples & np.all(of.rows[:, :inputs] == merit.point, axis=1)
+            rows = closed & rows
+            if np.any(rows):
+                figures[k], by_values = self._reduced(merit, k, quantities, changes, rows)
+                gradients[k] = by_values
+        return figures, gradients, float(np.mean(closed[:count]))
+
+    def _turns(self, design: DesignAt, places: Floats) -> Floats:
+        """Return the turns (pairs, n), rad, at samples and points."""
+        kernel, evaluator = self._kernel, self.evaluator
+        if kernel.closed_form:
+            prepared = kernel.prepare(design.sizes[:, None])
+            return evaluator.turns(kernel, prepared, places[:, 0].tolist())[:, :, 0]
+        if not kernel.turning:
+            return np.zeros((0, places.shape[1]))
+        return evaluator.turns_at(kernel, design.values, places[:, :, None])[:, :, 0]
+
+    def _rows(
+        self, design: DesignAt, mode: HeldMode
+    ) -> tuple[NDArray[np.bool_], Floats, Floats]:
+        """Return who closes (n,), quantities (c, n) and derivatives (values, c, n).
+
+        At samples, then at points.
+        """
+        kernel, samples = self._kernel, self.evaluator.figures.rows
+        places = mode.places(design, len(samples))
+        parts = [samples.T, places]
+        if design.profiles is not None:
+            parts.append(design.profiles.columns(places.T))
+        prepared = kernel.prepare(design.sizes[:, None])
+        parts += [self._turns(design, places), np.repeat(prepared, len(samples), axis=1)]
+        with np.errstate(all="ignore"):
+            outputs = kernel.evaluate(np.concatenate(parts))
+        whole = np.all(np.isfinite(places), axis=0)
+        closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0) & whole
+        first, width = len(self.evaluator.figures.sample), len(kernel.columns)
+        made = outputs[kernel.reaches :].reshape(-1, width, len(samples))
+        changes = np.zeros((len(design.values), first + width, len(samples)))
+        changes[:, first:, whole] = design.by_values(made[1:, :, whole], places[:, whole].T)
+        return closed, np.concatenate([samples.T, made[0]]), changes
+
+    def _reduced(
+        self,
+        merit: Merit,
+        k: int,
+        quantities: Floats,
+        changes: Floats,
+        closed: NDArray[np.bool_],
+    ) -> tuple[float, Floats]:
+        quantities, changes = quantities[:, closed], changes[:, :, closed]
+        both = self._functions[k](np.ascontiguousarray(quantities))
+        value, partial = both[0], both[1:]
+        kind, count = merit.reduction, len(value)
+        share = np.zeros(count)  # of each sample in the derivative
+        if kind in ("mean", "sum", "at", "rms"):
+            share[:] = 1.0 if kind == "sum" else 1.0 / count
+            size = float(np.sqrt(np.mean(value * value)))
+            figure = size if kind == "rms" else float(np.sum(share * value))
+            if kind == "rms":
+                share *= value / max(size, 1e-300)
+        elif kind == "swing":
+            samples = np.full(len(self.evaluator.samples.rows), np.nan)
+            samples[closed[: len(samples)]] = value
+            figure, *ends = widest_swing(samples, self.evaluator.samples.returns)
+            low, high = (int(np.sum(closed[:end])) for end in ends)
+            share[low], share[high] = -1.0, 1.0
+        else:
+            low, high = int(np.argmin(value)), int(np.argmax(value))
+            chosen = low if kind.endswith("min") else high
+            share[chosen], figure = 1.0, float(value[chosen])
+            if kind == "range":
+                share[low], figure = -1.0, float(value[high] - value[low])
+            if kind.startswith("arg"):
+                number = self.evaluator.inputs.index(merit.place) if merit.place else 0
+                figure = float(quantities[number, chosen])
+                return figure, np.full(len(changes), np.nan)
+        some = np.flatnonzero(share)
+        return figure, np.einsum(
+            "cn,vcn,n->v", partial[:, some], changes[:, :, some], share[some]
+        )
+
+
+def with_derivatives(expression: Expression, names: Sequence[str]) -> ArrayFunction:
+    """Return a function of named rows: the expression, then its derivative by each."""
+    terms = symbols(names)
+    item = expression_terms(expression, dict(zip(names, terms, strict=True)))
+    partial = [derivatives([item], term)[0] for term in terms]
+    return array_function([item, *partial], terms)
 
 
 @final
@@ -35,13 +165,13 @@ class Descent:
         self.width = (
             np.array([variation.high for variation in sweep.space.variations]) - self.low
         )
-        self.objectives = [
-            with_derivatives(objective, sizing.names) for objective in sizing.objectives
-        ]
-        self.conditions = [
-            (condition, self._slack(condition))
-            for condition in sweep.conditions
-            if "closes" not in condition.names
+        self.objectives = [self._differentiable(item) for item in sizing.objectives]
+        conditions = [item for item in sweep.conditions if "closes" not in item.names]
+        below = [item.sign.startswith("<") for item in conditions]
+        self.signs = np.where(below, 1.0, -1.0)
+        self.sides = [
+            [self._differentiable(getattr(item, side)) for item in conditions]
+            for side in ("left", "right")
         ]
         radians = DEG if sweep.angle == "deg" else 1.0
         quantities = row_quantities(sweep.mechanism)
@@ -49,11 +179,8 @@ class Descent:
         self.figure_unit = np.where(units, radians, 1.0)
         self._last: tuple[tuple[bytes, HeldMode], Any] | None = None
 
-    def _slack(self, condition: Condition) -> tuple[ArrayFunction, ArrayFunction]:
-        return tuple(  # type: ignore[return-value]
-            with_derivatives(side, self.sizing.names)
-            for side in (condition.left, condition.right)
-        )
+    def _differentiable(self, expression: Expression) -> ArrayFunction:
+        return with_derivatives(expression, self.sizing.names)
 
     def places(self, rows: Columns) -> Floats:
         """Return where rows of a sweep are (n, variables), in units of the ranges."""
@@ -97,9 +224,20 @@ class Descent:
 
     def wanted(self, x: Floats, mode: HeldMode) -> Floats:
         """Return the objectives (k,)."""
-        return np.array(
-            [self.value(objective, x, mode)[0] for objective in self.objectives]
-        )
+        return self._values(self.objectives, x, mode)[0]
+
+    def _values(
+        self, functions: Sequence[ArrayFunction], x: Floats, mode: HeldMode
+    ) -> tuple[Floats, Floats]:
+        """Return expressions (k,) and their gradients (k, variables)."""
+        made = [self.value(function, x, mode) for function in functions]
+        slopes = np.array([slope for _, slope in made]).reshape(-1, len(x))
+        return np.array([value for value, _ in made]), slopes
+
+    def _limits(self, x: Floats, mode: HeldMode) -> tuple[Floats, Floats]:
+        """Return by how much conditions are missed (k,), < 0 where they hold; gradients."""
+        left, right = (self._values(side, x, mode) for side in self.sides)
+        return self.signs * (left[0] - right[0]), self.signs[:, None] * (left[1] - right[1])
 
     def go(self, x: Floats, mode: HeldMode) -> Floats:
         """Return where a descent of the first objective from x ends.
@@ -120,23 +258,17 @@ class Descent:
             return value, slope
 
         def slack(y: Floats) -> Floats:
-            made = [self.at(y, mode)[2] - closes]
-            for condition, (left, right) in self.conditions:
-                sense = 1.0 if condition.sign.startswith("<") else -1.0
-                ends = [self.value(side, y, mode)[0] for side in (right, left)]
-                made.append(sense * (ends[0] - ends[1]))
-            for other, bound in zip(others, bounds, strict=True):
-                made.append(bound - self.value(other, y, mode)[0])
-            return np.asarray(np.nan_to_num(np.array(made), nan=-1e6))
+            closed, missed = self.at(y, mode)[2], self._limits(y, mode)[0]
+            rest = bounds - self._values(others, y, mode)[0]
+            made = np.concatenate([[closed - closes], -missed, rest])
+            return np.asarray(np.nan_to_num(made, nan=-1e6))
 
         def slopes(y: Floats) -> Floats:
-            made = [np.zeros_like(y)]
-            for condition, (left, right) in self.conditions:
-                sense = 1.0 if condition.sign.startswith("<") else -1.0
-                ends = [self.value(side, y, mode)[1] for side in (right, left)]
-                made.append(sense * (ends[0] - ends[1]))
-            made += [-self.value(other, y, mode)[1] for other in others]
-            return np.array(made)
+            by_limits, by_others = (
+                self._limits(y, mode)[1],
+                self._values(others, y, mode)[1],
+            )
+            return np.concatenate([np.zeros((1, len(y))), -by_limits, -by_others])
 
         result = minimize(  # type: ignore[call-overload]
             objective,
@@ -167,19 +299,127 @@ class Descent:
         def parts(y: Floats) -> Parts | None:
             if self.at(y, mode)[2] < closes:
                 return None
-            wanted = [self.value(objective, y, mode) for objective in self.objectives]
-            limits = []
-            for condition, sides in self.conditions:
-                left, right = (self.value(side, y, mode) for side in sides)
-                sense = 1.0 if condition.sign.startswith("<") else -1.0
-                limits.append((sense * (left[0] - right[0]), sense * (left[1] - right[1])))
-            missed = (np.array([value for value, _ in wanted]) - aim) / size
-            made = (
-                missed,
-                np.array([slope for _, slope in wanted]) / size[:, None],
-                np.array([value for value, _ in limits]),
-                np.array([slope for _, slope in limits]).reshape(-1, len(y)),
-            )
+            wanted, gradients = self._values(self.objectives, y, mode)
+            made = (wanted - aim) / size, gradients / size[:, None], *self._limits(y, mode)
             return made if all(np.all(np.isfinite(part)) for part in made) else None
 
         return least_greatest(parts, x, enough)
+
+
+BEATEN = 1e-6
+"""Part of the width of each objective along a front by less than which none is beaten."""
+ENOUGH = 0.1 * BEATEN
+"""Part of it by less than which a descent goes on no more."""
+ROUNDS = 12
+"""Most times that a descent is taken up again."""
+OTHERS = 3
+"""Other starts from which a point is attacked, those that come nearest to beating it."""
+BESIDE = 0.1
+"""Starts nearer than this part of every range lead to the same place."""
+
+
+@final
+@dataclass(frozen=True)
+class End:
+    """Where a descent ended: mode, place in units of the ranges, objectives and figures."""
+
+    mode: HeldMode
+    x: Floats
+    wanted: Floats
+    columns: Floats
+
+
+@final
+class Settling:
+    """Descents to where a sizing's objectives no longer fall.
+
+    Parameters
+    ----------
+    descent
+        The sizing's descents.
+    modes, places, wanted
+        Rows that are tried as other starts: modes (n,), places (n, variables) and
+        objectives (n, k).
+    """
+
+    def __init__(
+        self, descent: Descent, modes: NDArray[Any], places: Floats, wanted: Floats
+    ) -> None:
+        self.descent = descent
+        self.modes, self.places, self.wanted = modes, places, wanted
+        widths = np.ptp(wanted, axis=0)
+        several = (widths > 0.0) & (wanted.shape[1] > 1)
+        least = np.min(np.abs(wanted), axis=0)
+        self.size = np.where(several, widths, np.where(least > 0.0, least, 1.0))
+
+    @property
+    def tolerance(self) -> Floats:
+        """By how much of each objective (k,) a design has to be better to beat another."""
+        return BEATEN * self.size
+
+    def down(self, mode: HeldMode, x: Floats) -> End:
+        """Return where descents from x end for good, those of one objective and of all."""
+        descent = self.descent
+        for _ in range(ROUNDS):
+            before = descent.wanted(x, mode)
+            x = descent.go(x, mode)
+            mode = descent.moved(x, mode)
+            here = descent.wanted(x, mode)
+            x, _ = descent.towards(x, mode, here, self.size, ENOUGH)
+            mode = descent.moved(x, mode)
+            gain = (before - descent.wanted(x, mode)) / self.size
+            if not np.max(gain) > ENOUGH:
+                break
+        return self.here(mode, x)
+
+    def here(self, mode: HeldMode, x: Floats) -> End:
+        """Return a place as the end of a descent."""
+        columns, _, _ = self.descent.at(x, mode)
+        return End(mode, x, self.descent.wanted(x, mode), columns)
+
+    def attacked(self, end: End, ends: Sequence[End]) -> End:
+        """Return what is left where a design, also from other starts, beats an end."""
+        for _ in range(ROUNDS):
+            for start in self._others(end, ends):
+                x, missed = self.descent.towards(
+                    start, end.mode, end.wanted, self.size, ENOUGH
+                )
+                if missed < -BEATEN:
+                    end = self.down(end.mode, x)
+                    break
+            else:
+                break
+        return end
+
+    def _others(self, end: End, ends: Sequence[End]) -> Iterator[Floats]:
+        """Yield places apart from an end, those that come nearest to beating it first."""
+        rows = self.modes == end.mode.label
+        others = [other for other in ends if other.mode.goes_on_in(end.mode)]
+        places = np.concatenate([self.places[rows], *([other.x] for other in others)])
+        wanted = np.concatenate([self.wanted[rows], *([other.wanted] for other in others)])
+        missed = np.max((wanted - end.wanted) / self.size, axis=1)
+        taken = [end.x]
+        for k in np.argsort(missed, kind="stable"):
+            if len(taken) > OTHERS:
+                return
+            if all(np.max(np.abs(places[k] - place)) >= BESIDE for place in taken):
+                taken.append(places[k])
+                yield places[k]
+
+
+def unbeaten(ends: Sequence[End], tolerance: Floats) -> list[End]:
+    """Return the ends that none of their mode beats within a tolerance (k,).
+
+    One beats another that is less in an objective by more than the tolerance, and in
+    none greater by more.
+    """
+
+    def beats(one: End, other: End) -> bool:
+        less = other.wanted - one.wanted
+        return bool(np.all(less >= -tolerance) and np.any(less > tolerance))
+
+    return [
+        end
+        for end in ends
+        if not any(other.mode.goes_on_in(end.mode) and beats(other, end) for other in ends)
+    ]

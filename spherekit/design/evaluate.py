@@ -17,6 +17,7 @@ from spherekit.design.figures import (
     IMPOSSIBLE,
     NEVER,
     NEVER_CLOSES,
+    DesignSamples,
     Evaluated,
     KernelFigures,
     refused,
@@ -25,7 +26,6 @@ from spherekit.design.file_numbers import OK, UNLIKE
 from spherekit.design.followed_modes import Modes, followed_modes
 from spherekit.design.kernel_turns import KernelTurns
 from spherekit.design.profile_numbers import tracks_of
-from spherekit.design.samples import DesignSamples
 from spherekit.design.variables import (
     ACTIONS,
     DesignVariable,

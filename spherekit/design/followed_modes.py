@@ -16,9 +16,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.design.all_solutions import StartSet
-from spherekit.design.solution_paths import (
+from spherekit.design.all_solutions import (
     Flags,
+    StartSet,
     Way,
     apart,
     corrected,
@@ -67,12 +67,12 @@ def followed_modes(
     """Return the modes of designs (sizes, n) at inputs: a path, or a grid."""
     m = start.values.shape[1]
     following = _Following(kernel, np.repeat(sizes, m, axis=1), m)
-    q, strides = lattice.q, _strides(lattice.shape)
+    q, previous = lattice.q, lattice.neighbours()[1::2]
     sheets = _Sheets(len(q), sizes.shape[1], m)
     kept: dict[int, _Sample] = {}
     values = np.full((len(q), kernel.variables, sizes.shape[1] * m), np.nan)
     for k in range(len(q)):
-        before = [k - stride for stride in _behind(k, lattice.shape)]
+        before = sorted((int(row) for row in previous[:, k] if row >= 0), reverse=True)
         if not before:
             at = following.begun(start, q[k])
             sheets.begin(k, at.real)
@@ -86,7 +86,7 @@ def followed_modes(
             ]
             sheets.go_on(k, at.real, [(first, links), *more])
         kept[k] = at
-        kept.pop(k - strides[0], None)
+        kept.pop(k - len(q) // lattice.shape[0], None)
         values[k][:, at.real] = at.values[:, at.real].real
     lost = np.flatnonzero(following.lost)
     design, configurations = sheets.gathered(values, lost)
@@ -94,18 +94,6 @@ def followed_modes(
     return Modes(
         design, configurations, _labels(kernel, sizes, design, configurations), lost
     )
-
-
-def _strides(shape: tuple[int, ...]) -> list[int]:
-    """Return by how much the numbers of neighbours along each axis differ."""
-    return [int(np.prod(shape[axis + 1 :])) for axis in range(len(shape))]
-
-
-def _behind(k: int, shape: tuple[int, ...]) -> list[int]:
-    """Return by how much the numbers of the samples before one are less, nearest first."""
-    places = np.unravel_index(k, shape)
-    strides = zip(places, _strides(shape), strict=True)
-    return sorted(stride for place, stride in strides if place)
 
 
 def _ordered(design: NDArray[np.intp], values: Floats) -> tuple[NDArray[np.intp], Floats]:
@@ -131,10 +119,7 @@ def _labels(
 
 def _onward(h: Floats, rates: Numbers) -> Numbers:
     """Return rates (variables, n) while inputs go on by h (inputs,), from those of each."""
-    made = h[0] * rates[0]
-    for part, rate in zip(h[1:], rates[1:], strict=True):
-        made += part * rate
-    return np.asarray(made)
+    return np.asarray(np.tensordot(h, rates, 1))
 
 
 @final
@@ -224,9 +209,7 @@ class _Following:
     def begun(self, start: StartSet, q: Floats) -> _Sample:
         """Return the first sample."""
         n = len(self.lost)
-        base = np.repeat(start.sizes[:, None], n * self.m, axis=1)
-        ends = _everywhere(start.q, n * self.m), _everywhere(q, n * self.m)
-        way = Way((base, self.sizes), ends)
+        way = Way((start.sizes[:, None], self.sizes), (start.q[:, None], q[:, None]))
         values, arrived = tracked(self.kernel, way, np.tile(start.values, (1, n)))
         values[:, ~arrived] = np.nan
         values, real = self._real(values, np.ones(n * self.m, dtype=bool))
@@ -281,8 +264,7 @@ class _Following:
             if not np.any(again):
                 break
             rows = np.flatnonzero(np.repeat(again, self.m))
-            ends = _everywhere(before, len(rows)), _everywhere(there, len(rows))
-            sizes = self.sizes[:, rows]
+            sizes, ends = self.sizes[:, rows], (before[:, None], there[:, None])
             way = Way((sizes, sizes), ends, 1j * bend * h[:, None])
             arrivals, arrived = tracked(kernel, way, at.values[:, rows])
             arrivals[:, ~arrived] = np.nan
@@ -431,11 +413,6 @@ class _Following:
                 step[onward] *= 1.5
                 active = active[(t[active] < 1.0) & (step[active] >= SMALLEST)]
         return now, t >= 1.0
-
-
-def _everywhere(q: Numbers, n: int) -> Numbers:
-    """Return inputs (k,) for n rows, complex."""
-    return np.repeat(q[:, None], n, axis=1).astype(complex)
 
 
 def _smooth(

@@ -7,8 +7,8 @@ from typing import Protocol, final
 
 import numpy as np
 
+from spherekit.design.all_solutions import SAME, apart
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.solution_paths import SAME, apart
 from spherekit.design.varied import DesignAt
 from spherekit.design.verified_steps import followed
 from spherekit.engine.design_kernel import NewtonKernel, newton_kernel

@@ -1,6 +1,6 @@
 """Designs that are run one by one: tables of analyses, and figures of merit from them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, final
 
@@ -123,13 +123,20 @@ class DesignRuns:
         """Return no rows."""
         return Evaluated.of([], self.names)
 
-    def runs_of(self, values: Floats) -> Iterator[tuple[Evaluated, tuple[RunTable, ...]]]:
-        """Yield the rows of each design (variables, n), and its tables if it has some."""
+    def runs_of(
+        self, values: Floats, worth: Callable[[Floats, Evaluated], bool] | None = None
+    ) -> Iterator[tuple[Evaluated, tuple[RunTable, ...]]]:
+        """Yield the rows of each design (variables, n), and its tables if it has some.
+
+        Those are left out that by the rows of the kernel are not `worth` it.
+        """
         kernel = None
         if self.kernel_figures is not None:
             kernel = self.kernel_figures.at(values)
         for number, design in enumerate(values.T):
             rows = None if kernel is None else kernel.rows(kernel.design == number)
+            if rows is not None and worth is not None and not worth(design, rows):
+                continue
             run: DesignRun | SpherekitError
             try:
                 if rows is not None and np.all(rows.status == IMPOSSIBLE):

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import counted
-from spherekit.design.descent import Descent
+from spherekit.design.descent import BESIDE, Descent, End, Settling, unbeaten
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.held_modes import HeldMode, HeldModes, SignedMode
-from spherekit.design.pareto import front_of, nondominated
-from spherekit.design.settling import BESIDE, End, Settling, unbeaten
 from spherekit.design.sweep import Columns
 from spherekit.design.variables import ACTIONS, designed
-from spherekit.design.wanted import MATCH, Sizing
+from spherekit.design.wanted import MATCH, Sizing, front_of, nondominated
 from spherekit.errors import DesignError
 from spherekit.model.geometry import pair_frames
 from spherekit.model.mechanism import Mechanism
@@ -118,6 +116,55 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     EngineError
         If there is no kernel of the mechanism's designs.
     """
+    sweep, held = sizing.sweep, _held(sizing)
+    working = Working(f"{sweep.mechanism.name}: sizing")
+    rows, wanted, feasible = _looked_at(sizing, MOST * starts, working)
+    descent, several = Descent(sizing), len(sizing.minimise) > 1
+    places = descent.places(rows)
+    if several:
+        most = FRONT * starts
+        front = front_of(sizing, rows["mode"], places, wanted, most, working)
+        begun: list[Start] = [(SignedMode(mode), place) for mode, place in front]
+    else:
+        varied = np.stack([rows[variable.name] for variable in sweep.variables])
+        begun = _spread(
+            lambda some: held.of(varied[:, some], rows["mode"][some]),
+            places,
+            wanted[:, 0],
+            starts,
+        )
+    settling = Settling(descent, rows["mode"], places, wanted)
+    ends = []
+    for k, (mode, start) in enumerate(begun):
+        ends.append(settling.down(mode, start))
+        working.tell(f"{k + 1} of {counted(len(begun), 'descent')}".__str__)
+    if held.are_followed:
+        ends = _confirmed(held, settling, begun, ends)
+    if several:
+        ends = unbeaten(_apart(ends, settling), settling.tolerance)
+        for k in range(len(ends)):
+            ends[k] = settling.attacked(ends[k], ends)
+            working.tell(f"{k + 1} of {counted(len(ends), 'point')} attacked".__str__)
+    kept = _apart(ends, settling)
+    if several:
+        kept = unbeaten(kept, settling.tolerance)
+    names = [merit.name for merit in sweep.merits] + [MATCH] * bool(sizing.matched)
+    figures = np.array([end.columns[len(sweep.variables) :] for end in kept])
+    return Sized(
+        sizing,
+        np.array([descent.low + descent.width * end.x for end in kept]),
+        tuple(end.mode.label for end in kept),
+        np.array([end.wanted for end in kept]),
+        dict(zip(names, figures.T, strict=True)),
+        sweep.space.count,
+        feasible,
+        np.min(wanted, axis=0),
+        settling.tolerance,
+    )
+
+
+def _held(sizing: Sizing) -> HeldModes:
+    """Return the modes that descents hold on to; `DesignError` where there is no kernel."""
     sweep = sizing.sweep
     made = sweep.evaluator
     if not isinstance(made, Evaluator) or not made.has_gradients:
@@ -134,14 +181,19 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
             "signs, and some of its groups are no dyads; minimise one, and bound the "
             "others by conditions"
         )
-    working = Working(f"{sweep.mechanism.name}: sizing")
+    return held
+
+
+def _looked_at(sizing: Sizing, count: int, working: Working) -> tuple[Columns, Floats, int]:
+    """Return the best rows of the sweep, their objectives, and how many meet conditions."""
+    sweep = sizing.sweep
     parts, feasible = [], 0
     for number in range(sweep.parts):
         rows, wanted = sizing.rows_of(sweep.part(number))
         feasible += len(wanted)
-        parts.append(_best(rows, wanted, MOST * starts))
+        parts.append(_best(rows, wanted, count))
         done = min((number + 1) * sweep.part_size, sweep.space.count)
-        working.tell(lambda done=done: f"{done} designs looked at")  # type: ignore[misc]
+        working.tell(f"{done} designs looked at".__str__)
     if not feasible:
         raise DesignError(
             f"{sweep.mechanism.name}: none of {counted(sweep.space.count, 'design')} meets "
@@ -149,52 +201,7 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
             "at more with --designs"
         )
     rows = {name: np.concatenate([part[name] for part, _ in parts]) for name in rows}
-    wanted = np.concatenate([part for _, part in parts])
-    descent = Descent(sizing)
-    places = descent.places(rows)
-    if len(sizing.minimise) > 1:
-        most = FRONT * starts
-        front = front_of(sizing, rows["mode"], places, wanted, most, working)
-        begun: list[Start] = [(SignedMode(mode), place) for mode, place in front]
-    else:
-        varied = np.stack([rows[variable.name] for variable in sweep.variables])
-        begun = _spread(
-            lambda some: held.of(varied[:, some], rows["mode"][some]),
-            places,
-            wanted[:, 0],
-            starts,
-        )
-    settling = Settling(descent, rows["mode"], places, wanted)
-    ends = []
-    for k, (mode, start) in enumerate(begun):
-        ends.append(settling.down(mode, start))
-        working.tell(lambda k=k: f"{k + 1} of {counted(len(begun), 'descent')}")  # type: ignore[misc]
-    if held.are_followed:
-        ends = _confirmed(held, settling, begun, ends)
-    if len(sizing.minimise) > 1:
-        ends = unbeaten(_apart(ends, settling), settling.tolerance)
-        for k in range(len(ends)):
-            ends[k] = settling.attacked(ends[k], ends)
-            working.tell(lambda k=k: f"{k + 1} of {counted(len(ends), 'point')} attacked")  # type: ignore[misc]
-    kept = _apart(ends, settling)
-    if len(sizing.minimise) > 1:
-        kept = unbeaten(kept, settling.tolerance)
-    names = [merit.name for merit in sweep.merits] + [MATCH] * bool(sizing.matched)
-    first = len(sweep.variables)
-    return Sized(
-        sizing,
-        np.array([descent.low + descent.width * end.x for end in kept]),
-        tuple(end.mode.label for end in kept),
-        np.array([end.wanted for end in kept]),
-        {
-            name: np.array([end.columns[first + k] for end in kept])
-            for k, name in enumerate(names)
-        },
-        sweep.space.count,
-        feasible,
-        np.min(wanted, axis=0),
-        settling.tolerance,
-    )
+    return rows, np.concatenate([part for _, part in parts]), feasible
 
 
 def _best(rows: Columns, wanted: Floats, count: int) -> tuple[Columns, Floats]:

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,13 +16,11 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_columns
 from spherekit.analysis.merit import Merit
 from spherekit.conventions import listing
-from spherekit.design.conditions import Condition, condition
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.figures import NEVER_CLOSES, Evaluated
+from spherekit.design.figures import NEVER_CLOSES, DesignSamples, Evaluated
 from spherekit.design.file_numbers import OK
 from spherekit.design.runs import ASSEMBLY, DesignRuns
-from spherekit.design.samples import DesignSamples
-from spherekit.design.space import DesignSpace
+from spherekit.design.space import Condition, DesignSpace, condition
 from spherekit.design.sweep_identity import code_identity
 from spherekit.design.variables import DesignVariable, check_variables, design_variable
 from spherekit.engine.row_quantities import row_quantities
@@ -234,17 +232,15 @@ class Sweep:
         """
         start = number * self.part_size
         designs = self.space.designs(start, start + self.part_size)
-        rows = np.arange(start, start + designs.shape[1])
-        kept = self._possible(designs)
-        designs, rows = designs[:, kept], rows[kept]
+        own = [item for item in self.conditions if item.names <= self._before]
+        rows = np.flatnonzero(_hold(own, self._numbers(designs), designs.shape[1]))
+        designs, rows = designs[:, rows], start + rows
         evaluator = self.evaluator
         if not isinstance(evaluator, DesignRuns):
             return self._meeting(self.rows(designs, rows))
-        kept = self._worth_running(evaluator.kernel_figures, designs)
-        designs, rows = designs[:, kept], rows[kept]
         classes = evaluator.classes(designs)
         pieces = [self._shown(designs, rows, evaluator.none(), classes)]
-        for evaluated, of_run in evaluator.runs_of(designs):
+        for evaluated, of_run in evaluator.runs_of(designs, self._worth_running):
             made = self._meeting(self._shown(designs, rows, evaluated, classes))
             pieces.append(made)
             if tables is not None and len(made["design"]):
@@ -252,13 +248,15 @@ class Sweep:
                     tables.take(int(made["design"][0]), stem, table, data)
         return {name: np.concatenate([p[name] for p in pieces]) for name in pieces[0]}
 
+    def _numbers(self, designs: Floats) -> Columns:
+        """Return what is varied of designs (variables, n), by name."""
+        return dict(zip([v.name for v in self.variables], designs, strict=True))
+
     def _meeting(self, made: Columns) -> Columns:
         """Return the rows whose figures meet the conditions."""
-        for requirement in self.conditions:
-            if not requirement.names <= self._before:
-                holds = requirement.holds(made)
-                made = {name: values[holds] for name, values in made.items()}
-        return made
+        others = [item for item in self.conditions if not item.names <= self._before]
+        holds = _hold(others, made, len(made["design"]))
+        return {name: values[holds] for name, values in made.items()}
 
     def rows(self, designs: Floats, numbers: NDArray[np.intp]) -> Columns:
         """Return the rows of designs (variables, n), by their numbers, in all modes."""
@@ -274,9 +272,7 @@ class Sweep:
     ) -> Columns:
         """Return the rows of designs with their numbers and classes, in the file's unit."""
         design = evaluated.design
-        made: Columns = {"design": numbers[design]}
-        for variable, values in zip(self.variables, designs, strict=True):
-            made[variable.name] = values[design]
+        made: Columns = {"design": numbers[design], **self._numbers(designs[:, design])}
         made["mode"] = evaluated.mode
         if self.tables:
             made[ASSEMBLY] = evaluated.merits[ASSEMBLY]
@@ -306,16 +302,6 @@ class Sweep:
     def _before(self) -> frozenset[str]:
         return frozenset(variable.name for variable in self.variables)
 
-    def _possible(self, designs: Floats) -> Any:
-        """Return which designs meet the conditions on their own numbers."""
-        kept = np.ones(designs.shape[1], dtype=bool)
-        names = [variable.name for variable in self.variables]
-        columns = dict(zip(names, designs, strict=True))
-        for requirement in self.conditions:
-            if requirement.names <= self._before:
-                kept &= np.broadcast_to(requirement.holds(columns), kept.shape)
-        return kept
-
     def path_of(self, folder: str | os.PathLike[str], number: int) -> Path:
         """Return the path of a part of the table of designs."""
         return Path(folder) / (DESIGNS if self.tables else "") / part_name(number)
@@ -334,27 +320,16 @@ class Sweep:
             paths += [Path(folder) / TABLES / stem / path.name for stem in stems]
         return paths if all(made.exists() for made in paths) else []
 
-    def _worth_running(self, figures: Evaluator | None, designs: Floats) -> Any:
-        """Return which designs (variables, n) can meet the conditions on kernel figures."""
-        worth = np.ones(designs.shape[1], dtype=bool)
+    def _worth_running(self, design: Floats, rows: Evaluated) -> bool:
+        """Return whether a design (variables,) meets the conditions on kernel figures."""
         names = {merit.name for merit in self.merits if not merit.table}
         decided = [
-            requirement
-            for requirement in self.conditions
-            if requirement.names & names and requirement.names <= self._before | names
+            item
+            for item in self.conditions
+            if item.names & names and item.names <= self._before | names
         ]
-        if figures is None or not decided:
-            return worth
-        rows = figures.at(designs)
-        columns = dict(zip([v.name for v in self.variables], designs, strict=True))
-        columns = {name: values[rows.design] for name, values in columns.items()}
-        columns |= self._in_file_units(rows)
-        meets = np.ones(len(rows.design), dtype=bool)
-        for requirement in decided:
-            meets &= np.broadcast_to(requirement.holds(columns), meets.shape)
-        worth[:] = False
-        worth[rows.design[meets]] = True
-        return worth
+        columns = self._numbers(design) | self._in_file_units(rows)
+        return bool(np.any(_hold(decided, columns, len(rows.design))))
 
     def write(self, folder: str, number: int) -> int:
         """Write a part, and return its number."""
@@ -392,6 +367,12 @@ class Sweep:
         with part_tables(None, "", self.degrees) as tables:
             columns = self.part(number, tables if self.tables else None)
         return columns, tables.made
+
+
+def _hold(conditions: Sequence[Condition], columns: Columns, n: int) -> NDArray[np.bool_]:
+    """Return for which rows (n,) all of some conditions hold."""
+    every = [np.broadcast_to(item.holds(columns), n) for item in conditions]
+    return np.asarray(np.all([np.ones(n, dtype=bool), *every], axis=0))
 
 
 def part_name(number: int) -> str:

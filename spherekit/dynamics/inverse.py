@@ -19,7 +19,7 @@ from spherekit.dynamics.start import at_inputs
 from spherekit.dynamics.transmitted import Driven
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.guidance.schedule import Schedule
+from spherekit.guidance.rotation import Schedule
 from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure

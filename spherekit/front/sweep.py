@@ -10,7 +10,7 @@ import numpy as np
 from spherekit.analysis.merit import Merit, parse_merit
 from spherekit.analysis.registry import create
 from spherekit.checked import checked
-from spherekit.design.samples import DesignSamples
+from spherekit.design.figures import DesignSamples
 from spherekit.design.space import DesignSpace, Scheme, Variation, listed, variation
 from spherekit.design.sweep import Sweep
 from spherekit.design.sweep_parts import SweepResult, run_sweep

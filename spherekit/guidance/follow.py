@@ -163,8 +163,7 @@ class FollowedRotation:
         Near a configuration that was stepped over, where rounding grows without bound,
         from the polynomial through the derivatives at Chebyshev points around it.
         """
-        rates = near.rates(self.axis)
-        slopes, bends = rates.first, rates.second
+        slopes, bends, _ = near.rates(self.axis)
         for place in self.leaps:
             low, high = max(place - AROUND, 0.0), min(place + AROUND, self.reached)
             rows = (theta > low) & (theta < high)
@@ -175,15 +174,12 @@ class FollowedRotation:
             points = 0.5 * (low + high) + 0.5 * (high - low) * x
             wanted = rotation(self.axis, points) @ self.start
             around, _ = corrected(self.target, self._predict(points)[0], wanted, self.exact)
-            around_rates = around.rates(self.axis)
+            first, second, _ = around.rates(self.axis)
             distance = theta[rows, None] - points
             distance[distance == 0.0] = 1e-300
             weights = (-1.0) ** np.arange(POINTS) * np.sin(k * np.pi / POINTS) / distance
             weights /= np.sum(weights, axis=1, keepdims=True)
-            slopes[rows], bends[rows] = (
-                weights @ around_rates.first,
-                weights @ around_rates.second,
-            )
+            slopes[rows], bends[rows] = weights @ first, weights @ second
         return slopes, bends
 
 
@@ -326,5 +322,5 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> Node:
             f"are inputs ({target.freedoms}): it is at the limit of its reach, or does "
             "not move with all inputs; start elsewhere or choose another output"
         )
-    rates = near.rates(axis)
-    return Node(0.0, near, rates.first[0], rates.second[0], bool(rates.follows[0]))
+    (first,), (second,), (follows,) = near.rates(axis)
+    return Node(0.0, near, first, second, bool(follows))

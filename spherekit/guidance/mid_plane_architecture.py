@@ -75,20 +75,6 @@ class Carrier:
 
 @final
 @dataclass(frozen=True)
-class Proof:
-    """How well the closed form closes the graph.
-
-    `poses` were placed in all modes; `gap` (rad) is the largest angle between the axes of
-    a pair in its two links; `freedoms` is the mobility by rank at the poses, the least.
-    """
-
-    poses: int
-    gap: float
-    freedoms: int
-
-
-@final
-@dataclass(frozen=True)
 class MidPlaneArchitecture:
     """A mechanism in its mid-plane symmetric architecture.
 
@@ -107,8 +93,6 @@ class MidPlaneArchitecture:
         orientation is ``frame @ mirror(n) @ image``.
     legs, carriers
         What of the graph is what.
-    proof
-        The numbers that say so.
     """
 
     mechanism: Mechanism
@@ -279,42 +263,20 @@ class MidPlaneArchitecture:
         """Return the variables (n, pairs) rad of placed links, and gaps (n, pairs) rad."""
         return turns_of(self.mechanism.ends, revolutes(self.joints), placed)
 
-    def rates_of_links(self, normals: Floats, slopes: Floats, modes: ArrayLike) -> Floats:
-        """Return angular velocities (n, links, 3) relative to the base, in its axes.
+    def proof(self) -> tuple[float, int]:
+        """Return how well the closed form closes the graph, at poses over the reach.
 
-        `normals`, `slopes` (n, 3): mid-planes and their derivatives by a parameter.
+        In all modes: the largest angle (rad) between the axes of a pair in its two links,
+        and the least mobility by rank.
         """
-        elbows, _ = self.plane.elbows(normals, modes)
-        rates = self.plane.rates(normals, slopes, np.zeros_like(slopes), modes)
-        swing = cross(normals, slopes)
-        w = np.zeros((len(normals), len(self.mechanism.links), 3))
-        w[:, self.effector] = 2.0 * swing
-        mirrors = reflections(normals)
-        for k, leg in enumerate(self.legs):
-            turned = self.plane.senses[k] * rates.first[:, k, None]
-            w[:, leg.near] = turned * self.plane.axes[k]
-            image = np.einsum("nij,nj->ni", mirrors, w[:, leg.near])
-            w[:, leg.far] = 2.0 * swing - image
-        for carrier in self.carriers:
-            e, moved = elbows[:, carrier.leg], rates.elbows[:, carrier.leg]
-            about = np.sum(moved * cross(normals, e), axis=1, keepdims=True)
-            w[:, carrier.link] = swing + about * normals
-        return w @ self.frame.T
-
-    @cached_property
-    def proof(self) -> Proof:
-        """Place all links at poses spread over the reach, in all modes."""
         normals = _spread_normals(self.plane)
         gap = 0.0
-        placed = self.place(normals, [1] * len(self.legs))
         for side, *modes in product((1, -1), repeat=1 + len(self.legs)):
-            placed = self.place(normals, modes, float(side))
-            values, gaps = self.values(placed)
+            values, gaps = self.values(self.place(normals, modes, float(side)))
             gap = max(gap, float(np.max(gaps)))
         closure = Closure.of(self.mechanism, self.joints)
-        vectors = closure.at(values).vectors
-        freedoms = int(np.min(rank_mobility(closure.tree, vectors)))
-        return Proof(len(normals), gap, freedoms)
+        mobility = rank_mobility(closure.tree, closure.at(values).vectors)
+        return gap, int(np.min(mobility))
 
     def out_of_reach(self, normal: Floats) -> list[str]:
         """Return the pairs at the base of the legs that do not reach a mid-plane (3,)."""
@@ -451,7 +413,7 @@ class MidPlaneRotation:
         about = np.broadcast_to(form.frame.T @ self.axis, normals.shape)
         slopes = 0.5 * cross(about, normals)
         elbows, root = plane.elbows(normals, self.modes)
-        rates = plane.rates(normals, slopes, -0.25 * normals, self.modes)
+        first, second = plane.rates(normals, slopes, -0.25 * normals, self.modes)
         values, _ = form.values(form.place(normals, self.modes))
         inside = np.all(np.isfinite(values), axis=1)
         values[~inside] = np.nan
@@ -466,7 +428,7 @@ class MidPlaneRotation:
         status[inside & loose] = Status.AT_SINGULARITY
         orientation = form.orientations(normals)
         turned = rotation(self.axis, theta) @ form.orientations(self.start[None])
-        w = form.rates_of_links(normals, slopes, self.modes)[:, form.effector]
+        w = cross(normals, slopes) @ form.frame.T
         w /= np.linalg.norm(w, axis=1, keepdims=True)
 
         def kept(array: Floats) -> Floats:
@@ -477,8 +439,8 @@ class MidPlaneRotation:
         return RotationSamples(
             theta=theta,
             inputs=kept(inputs),
-            rates=kept(rates.first[:, driven]),
-            second_rates=kept(rates.second[:, driven]),
+            rates=kept(first[:, driven]),
+            second_rates=kept(second[:, driven]),
             values=values,
             orientation=kept(orientation),
             departure=kept(turns_between(form.orientations(normals), turned).angle),

@@ -21,19 +21,6 @@ from spherekit.sphere.rotation import Floats, cross
 
 @final
 @dataclass(frozen=True)
-class ReadingRates:
-    """First and second derivatives (n, legs) of the readings along a path of mid-planes.
-
-    `elbows` (n, legs, 3) are the first derivatives of the elbows.
-    """
-
-    first: Floats
-    second: Floats
-    elbows: Floats
-
-
-@final
-@dataclass(frozen=True)
 class MidPlane:
     """Legs between a base and its mirror image, in mirror axes.
 
@@ -131,8 +118,10 @@ class MidPlane:
 
     def rates(
         self, normals: Floats, slopes: Floats, bends: Floats, modes: ArrayLike
-    ) -> ReadingRates:
-        """Return the rates where the normals (n, 3) have these derivatives (n, 3).
+    ) -> tuple[Floats, Floats]:
+        """Return the first and second derivatives (n, legs) of the readings along a path.
+
+        Where the normals (n, 3) of the mid-planes have these derivatives (n, 3).
 
         From elbow . n = 0 differentiated once and twice; infinite or NaN at the limits of
         the reach.
@@ -148,7 +137,7 @@ class MidPlane:
             second += 2.0 * np.einsum("nlk,nk->nl", moved, slopes)
             second += np.einsum("nlk,nk->nl", elbows, bends)
             second = -second / root
-        return ReadingRates(self.senses * first, self.senses * second, moved)
+        return self.senses * first, self.senses * second
 
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
         """Return the driven readings (n, 2) rad in each mode of the driven legs.

@@ -216,28 +216,23 @@ class Optimality:
         open_by = self.at.gap
         return np.asarray(np.maximum(open_by, np.max(np.abs(pull), axis=1)))
 
-    def rates(self, axis: Floats) -> "NearestRates":
-        """Return first and second derivatives by theta as the target turns about an axis.
+    def rates(self, axis: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Return first and second derivatives (n, variables) by theta.
 
-        `axis` (3,) is a unit vector in the axes of body 0. The configurations have to be
+        As the target turns about an `axis` (3,), a unit vector in the axes of body 0; and
+        whether (n,) the output link turns exactly as wanted. The configurations have to be
         nearest ones. Where the link follows exactly, its rotation is one more equation of
         the motion, which also holds where the loops alone do not fix it.
         """
-        exact = self._exact_rates(axis)
+        first, second, misfit = self._exact_rates(axis)
         follows = np.linalg.norm(self.left, axis=1) < DEPARTED
-        follows &= exact.misfit < DEPARTED
-        if np.all(follows):
-            return exact.rates
-        near = self._nearest_rates(axis)
-        rows = follows[:, None]
-        return NearestRates(
-            np.where(rows, exact.rates.first, near.first),
-            np.where(rows, exact.rates.second, near.second),
-            np.where(rows, exact.rates.w, near.w),
-            follows,
-        )
+        follows &= misfit < DEPARTED
+        if not np.all(follows):
+            near, rows = self._nearest_rates(axis), follows[:, None]
+            first, second = np.where(rows, first, near[0]), np.where(rows, second, near[1])
+        return first, second, follows
 
-    def _exact_rates(self, axis: Floats) -> "_ExactRates":
+    def _exact_rates(self, axis: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the rates if the output link turns about the axis, and by how far not."""
         rows = self.system.shape[1]
         inverse = np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14)
@@ -255,11 +250,9 @@ class Optimality:
         size = 1.0 + np.max(np.abs(bias), axis=1)
         misfit = np.max(np.abs(left), axis=1)
         misfit = np.maximum(misfit, np.max(np.abs(further), axis=1) / size)
-        w = np.einsum("nkv,nv->nk", self.turning, first)
-        exact = np.ones(len(w), dtype=bool)
-        return _ExactRates(NearestRates(first, second, w, exact), misfit)
+        return first, second, misfit
 
-    def _nearest_rates(self, axis: Floats) -> "NearestRates":
+    def _nearest_rates(self, axis: Floats) -> tuple[Floats, Floats]:
         """Return the rates of the nearest configurations, from the condition for those."""
         inverse, free, _ = self._split
         log, backward = LogRate(self.left), LogRate(self.left, -1.0)
@@ -295,30 +288,7 @@ class Optimality:
         left_bias = log.changed(left_rate, about) - backward.changed(left_rate, w)
         left_bias -= backward.of(w_bias)
         second = held + along(np.einsum("nvj,nv->nj", free, force) + seen(left_bias))
-        return NearestRates(first, second, w, np.zeros(len(w), dtype=bool))
-
-
-@final
-@dataclass(frozen=True)
-class NearestRates:
-    """Derivatives (n, variables) by theta, and the angular velocity (n, 3) per theta.
-
-    `follows` (n,): whether the output link turns exactly as wanted.
-    """
-
-    first: Floats
-    second: Floats
-    w: Floats
-    follows: NDArray[np.bool_]
-
-
-@final
-@dataclass(frozen=True)
-class _ExactRates:
-    """Rates of an exact rotation, and how far (n,) the equations are from holding."""
-
-    rates: NearestRates
-    misfit: Floats
+        return first, second
 
 
 def _inverse(matrices: Floats) -> Floats:

@@ -1,13 +1,19 @@
 """What a rotation of the output link about a fixed axis is, sample by sample."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, final
+from types import MappingProxyType
+from typing import Literal, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import Status
+from spherekit.checked import checked
+from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import SolveError
+from spherekit.model.laws import Cycloidal, Law, Polynomial
+from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.extremes import largest
 from spherekit.sphere.poses import TURN_MEANING, TurnStatus, turns_between
 from spherekit.sphere.rotation import Floats
 
@@ -152,3 +158,247 @@ def within(theta: ArrayLike, angle: float) -> Floats:
             "angle of the rotation"
         )
     return np.asarray(np.clip(theta, 0.0, angle))
+
+
+SHAPES: Mapping[str, Law] = MappingProxyType(
+    {
+        "cycloidal": Cycloidal(0.0, 1.0, 1.0),
+        "cubic": Polynomial((0.0, 0.0, 3.0, -2.0)),
+        "quintic": Polynomial((0.0, 0.0, 0.0, 10.0, -15.0, 6.0)),
+        "septic": Polynomial((0.0, 0.0, 0.0, 0.0, 35.0, -84.0, 70.0, -20.0)),
+    }
+)
+"""Law shapes from 0 to 1 in unit time; all start and stop at rest, the cubic with a jump of
+acceleration."""
+
+TOLERANCE = 1e-9
+"""Relative error of the interpolants in which the largest values are looked for."""
+MOST_CELLS = 64
+MOST_ROWS = 1_000_000
+WHOLE = 1e-12
+"""Part of a duration by which it may miss a whole number of cycles: rounding."""
+
+
+@final
+@dataclass(frozen=True)
+class Extreme:
+    """The largest speed (rad/s) or acceleration (rad/s2) of an input, with its sign.
+
+    `t` (s) and `theta` (rad) say where; `limit` is what is allowed, infinite for no limit.
+    """
+
+    input: str
+    quantity: Literal["speed", "acceleration"]
+    value: float
+    t: float
+    theta: float
+    limit: float
+
+
+@final
+@dataclass(frozen=True)
+class Timetable:
+    """What a controller needs: n rows in time.
+
+    `t` (n,) s; `theta` (n,) rad; `inputs` rad, `rates` rad/s, `accelerations` rad/s2, all
+    (n, inputs), the inputs named by `names`; `type_2` (n,) and `status` (n,) as in
+    `RotationSamples`.
+    """
+
+    names: tuple[str, ...]
+    t: Floats
+    theta: Floats
+    inputs: Floats
+    rates: Floats
+    accelerations: Floats
+    type_2: Floats
+    status: NDArray[np.int8]
+
+
+@final
+@dataclass(frozen=True)
+class Schedule:
+    """A rotation in time.
+
+    `duration` in s; `extremes` for each input, speeds first; `error` is that of the
+    interpolants from which these were found, relative to the largest. `cycle` (s) is the
+    controller's, of which the duration is a whole number; None for none.
+    """
+
+    rotation: FixedAxisRotation
+    shape: Law
+    duration: float
+    extremes: tuple[Extreme, ...]
+    error: float
+    cycle: float | None = None
+
+    @property
+    def binding(self) -> Extreme:
+        """The extreme that sets the duration, at its limit but for whole cycles."""
+        return max(
+            self.extremes,
+            key=lambda extreme: (
+                abs(extreme.value) / extreme.limit
+                if extreme.quantity == "speed"
+                else np.sqrt(abs(extreme.value) / extreme.limit)
+            ),
+        )
+
+    def at(self, t: ArrayLike) -> Timetable:
+        """Return the rows at times t (n,) from 0 to the duration (s).
+
+        Raises
+        ------
+        SolveError
+            If a time is outside.
+        """
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        slack = 1e-12 * self.duration
+        if t.ndim != 1 or not np.all((t >= -slack) & (t <= self.duration + slack)):
+            raise SolveError(
+                f"t has to be an array (n,) of times from 0 to {self.duration:.6g} s"
+            )
+        part = np.clip(t / self.duration, 0.0, 1.0)
+        samples, motion = _moved(self.rotation, self.shape, part)
+        count = len(self.rotation.inputs)
+        return Timetable(
+            self.rotation.inputs,
+            t,
+            samples.theta,
+            samples.inputs,
+            motion[:, :count] / self.duration,
+            motion[:, count:] / self.duration**2,
+            samples.type_2,
+            samples.status,
+        )
+
+    def table(self, samples: int) -> Timetable:
+        """Return rows at equally spaced times, both ends included.
+
+        With a cycle there is a row for each, whatever number of samples is asked for.
+        """
+        if self.cycle is not None:
+            ticks = np.arange(round(self.duration / self.cycle) + 1)
+            return self.at(np.minimum(ticks * self.cycle, self.duration))
+        if samples < 2:
+            raise SolveError(f"samples: found {samples}, needs at least 2")
+        return self.at(np.linspace(0.0, self.duration, samples))
+
+
+@checked(SolveError)
+def quickest(
+    rotation: FixedAxisRotation,
+    speed: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
+    shape: str | Law = "cycloidal",
+    cycle: float | None = None,
+) -> Schedule:
+    """Return the shortest schedule of a law shape that keeps to the limits of the drives.
+
+    Parameters
+    ----------
+    rotation
+        Of a mechanism that follows it all the way.
+    speed, acceleration
+        Limits (rad/s, rad/s2) of the inputs: one for all, or one for each; None for none.
+    shape
+        A name in `SHAPES`, or a law from 0 at t = 0 to 1 at t = 1.
+    cycle
+        That of the controller (s): the duration is the shortest whole number of cycles.
+
+    Raises
+    ------
+    SolveError
+        If no limit is given or one is not positive, the shape is no such law, the cycle
+        is not positive or makes more than `MOST_ROWS` rows, or the mechanism does not
+        follow all the way.
+    """
+    law, count = _shape(shape), len(rotation.inputs)
+    if cycle is not None and not 0.0 < cycle < np.inf:
+        raise SolveError(f"cycle: found {cycle:g}, needs a time above 0 s")
+    given = {"speed": speed, "acceleration": acceleration}
+    limits = np.concatenate([_limits(what, x, count) for what, x in given.items()])
+    if not np.any(np.isfinite(limits)):
+        raise SolveError("a schedule needs a limit of speed or of acceleration")
+    fitted = PiecewiseChebyshev.fit(
+        lambda part: _moved(rotation, law, part)[1], 0.0, 1.0, TOLERANCE, most=MOST_CELLS
+    )
+    places = largest(fitted).places
+    values = np.diagonal(_moved(rotation, law, places)[1])
+    powers = np.repeat([1.0, 0.5], count)
+    duration = float(np.max((np.abs(values) / limits) ** powers))
+    if cycle is not None:
+        if duration / cycle > MOST_ROWS:
+            raise SolveError(
+                f"cycle: {duration:.6g} s in cycles of {cycle:g} s are more than "
+                f"{MOST_ROWS} rows; give a longer cycle"
+            )
+        duration = cycle * max(1.0, np.ceil(duration / cycle * (1.0 - WHOLE)))
+    names = [(name, what) for what in ("speed", "acceleration") for name in rotation.inputs]
+    reached = values / duration ** (1.0 / powers), duration * places
+    theta = rotation.angle * law.at(places)[0]
+    extremes = tuple(
+        Extreme(name, what, *map(float, row))  # type: ignore[arg-type]
+        for (name, what), row in zip(
+            names, np.stack([*reached, theta, limits], axis=1), strict=True
+        )
+    )
+    return Schedule(rotation, law, duration, extremes, fitted.error, cycle)
+
+
+def _shape(shape: str | Law) -> Law:
+    if isinstance(shape, str):
+        if shape not in SHAPES:
+            raise SolveError(
+                f'no law shape is named "{shape}"{nearest(shape, SHAPES) or "."} '
+                f"Shapes: {listing(SHAPES)}"
+            )
+        return SHAPES[shape]
+    part, _, _ = shape.at(np.linspace(0.0, 1.0, 1001))
+    if not (abs(part[0]) < 1e-12 and abs(part[-1] - 1.0) < 1e-12):
+        raise SolveError(
+            f"a law shape goes from 0 at t = 0 to 1 at t = 1, but this one goes from "
+            f"{part[0]:.6g} to {part[-1]:.6g}"
+        )
+    if np.min(part) < -1e-12 or np.max(part) > 1.0 + 1e-12:
+        raise SolveError("a law shape stays between 0 and 1, but this one leaves that")
+    return shape
+
+
+def _limits(what: str, given: ArrayLike | None, count: int) -> Floats:
+    if given is None:
+        return np.full(count, np.inf)
+    limits = np.asarray(given, dtype=float)
+    if limits.shape not in ((), (1,), (count,)) or not np.all(limits > 0.0):
+        raise SolveError(
+            f"{what}: found {limits.tolist()}, needs one limit above 0 for all inputs or "
+            f"one for each of {count}"
+        )
+    return np.broadcast_to(limits, (count,)).copy()
+
+
+def _moved(
+    rotation: FixedAxisRotation, law: Law, part: Floats
+) -> tuple[RotationSamples, Floats]:
+    """Return samples at parts (n,) of unit time, with speeds and accelerations there.
+
+    The latter (n, 2 inputs) are those of the inputs if the whole takes 1 s.
+    """
+    s, ds, dds = law.at(part)
+    whole = rotation.angle
+    samples = rotation.at(whole * np.clip(s, 0.0, 1.0))
+    lost = ~np.all(np.isfinite(samples.second_rates), axis=1)
+    if np.any(lost):
+        first = int(np.argmin(np.where(lost, samples.theta, np.inf)))
+        dead = dead_centre(rotation)
+        raise SolveError(
+            f"the mechanism does not follow all the way: at theta = "
+            f"{np.degrees(samples.theta[first]):.6g} of {np.degrees(whole):.6g} deg it is "
+            f"{Status(samples.status[first]).name}"
+            + (f", as input {dead} is at a dead centre" if dead else "")
+            + "; choose another start or end"
+        )
+    turned, swung = (whole * ds)[:, None], (whole * dds)[:, None]
+    speeds = samples.rates * turned
+    accelerations = samples.second_rates * turned**2 + samples.rates * swung
+    return samples, np.concatenate([speeds, accelerations], axis=1)

@@ -173,12 +173,13 @@ class March:
     def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[Node], NewtonSteps]:
         wanted = rotation(self.axis, theta) @ self.start
         near, steps = corrected(self.target, guess, wanted, self.exact)
-        rates = near.rates(self.axis)
+        first, second, follows = near.rates(self.axis)
         made = []
         for row, angle in enumerate(theta):
             one = self.target.at(near.values[row : row + 1], wanted[row : row + 1])
-            slope, bend = rates.first[row], rates.second[row]
-            made.append(Node(float(angle), one, slope, bend, bool(rates.follows[row])))
+            made.append(
+                Node(float(angle), one, first[row], second[row], bool(follows[row]))
+            )
         return made, steps
 
     def _advance(self, at: Node, goal: float) -> Node | None:

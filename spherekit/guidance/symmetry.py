@@ -89,12 +89,12 @@ def mid_plane_form(
         )
     driven = at_base[inputs[0]], at_base[inputs[1]]
     form = _assembled(made, joints, end, legs, carriers, driven)
-    proof = form.proof
-    if not (proof.gap < CLOSED and proof.freedoms == 2):
+    gap, freedoms = form.proof()
+    if not (gap < CLOSED and freedoms == 2):
         raise _refusal(
             made,
-            f"placed as mirror images its pairs stay open by {proof.gap:.3g} rad, and its "
-            f"mobility by rank is {proof.freedoms}, not 2",
+            f"placed as mirror images its pairs stay open by {gap:.3g} rad, and its "
+            f"mobility by rank is {freedoms}, not 2",
         )
     return form
 

@@ -8,8 +8,8 @@ from spherekit.plugin import _offer
 if TYPE_CHECKING:
     from spherekit.analysis.merit import REDUCTIONS as REDUCTIONS
     from spherekit.analysis.merit import Merit as Merit
-    from spherekit.design.deviations import Deviations as Deviations
-    from spherekit.design.deviations import Distribution as Distribution
+    from spherekit.design.sensitivity import Deviations as Deviations
+    from spherekit.design.sensitivity import Distribution as Distribution
     from spherekit.design.sensitivity import Sensitivity as Sensitivity
     from spherekit.engine.row_quantities import middle_pairs as middle_pairs
     from spherekit.engine.row_quantities import row_quantities as row_quantities

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from spherekit.guidance.poses import Pose as Pose
     from spherekit.guidance.poses import PoseCandidates as PoseCandidates
     from spherekit.guidance.poses import PoseFinder as PoseFinder
+    from spherekit.guidance.rotation import SHAPES as SHAPES
     from spherekit.guidance.rotation import FixedAxisRotation as FixedAxisRotation
     from spherekit.guidance.rotation import RotationSamples as RotationSamples
+    from spherekit.guidance.rotation import Schedule as Schedule
+    from spherekit.guidance.rotation import Timetable as Timetable
     from spherekit.guidance.rotation import dead_centre as dead_centre
-    from spherekit.guidance.schedule import SHAPES as SHAPES
-    from spherekit.guidance.schedule import Schedule as Schedule
-    from spherekit.guidance.schedule import Timetable as Timetable
-    from spherekit.guidance.schedule import quickest as quickest
+    from spherekit.guidance.rotation import quickest as quickest
     from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
     from spherekit.model.geometry import link_axes as link_axes
     from spherekit.model.outputs import chosen_output as chosen_output

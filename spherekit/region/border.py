@@ -5,17 +5,19 @@ is a curve of height h(u) towards the region, u from -1 to 1 along the chord, an
 between both is the integral of sin h by the arc of the chord, exactly.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import final
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from spherekit.conventions import EPS
 from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.numeric.rows import ArrayRows
-from spherekit.region.constraint_functions import Evaluator, chosen
-from spherekit.region.mesh import Bools, Indices
+from spherekit.region.margins import Evaluator, active, chosen, least
+from spherekit.region.mesh import Bools, Indices, unit
 from spherekit.sphere.rotation import Floats, arc, cross
 
 ORDERS = (2, 4, 8, 16)
@@ -269,3 +271,198 @@ def _heights(
     kept = np.arange(others.shape[1]) == number[some][:, None]
     sound[some] &= ~np.any((others < -evaluate.floor) & ~kept, axis=1)
     return part * widest, sound
+
+
+MOST_STEPS = 30
+SETTLED = 1e-14
+"""A corner is found when it moves by less than this (rad)."""
+BEYOND = 1e-7
+"""Where the smallest margin is exactly 0, the one that ends the region is looked for this
+much farther on, as part of the edge."""
+FARTHEST = 4.0
+"""A corner farther from its chord than this times the chord's arc is not its corner."""
+
+
+def along(start: Floats, end: Floats, angle: Floats) -> Floats:
+    """Return the points (n, 3) at angles (rad) from `start` on the arcs to `end`."""
+    side = cross(start, end - start)
+    toward = unit(cross(side, start))
+    return np.cos(angle)[:, None] * start + np.sin(angle)[:, None] * toward
+
+
+def crossings(
+    evaluate: Evaluator, inside: Floats, outside: Floats
+) -> tuple[Floats, Indices]:
+    """Return where arcs (n,) from inside to outside leave the region, and by which margin.
+
+    `inside` and `outside` are (n, 3); the second array holds the margins' numbers.
+    """
+    length = arc(inside, outside)
+
+    def rows(angle: Floats, which: Indices) -> Floats:
+        return evaluate(along(inside[which], outside[which], angle))
+
+    every, zero = np.arange(len(length)), np.zeros(len(length))
+    ends = least(evaluate(np.concatenate([inside, outside])))
+    place, beyond = bracketed_zeros(
+        lambda angle, which: least(rows(angle, which)),
+        zero,
+        length,
+        ends[: len(length)],
+        ends[len(length) :],
+        EPS,
+    )
+    at = least(rows(place, every))
+    after = rows(np.where(at == 0.0, place + BEYOND * length, beyond), every)
+    number = active(after, evaluate.floor)
+    still = np.flatnonzero(least(after) >= 0.0)
+    number[still] = active(rows(place[still], still), evaluate.floor)
+    return along(inside, outside, place), number
+
+
+def corners(
+    evaluate: Evaluator, start: Floats, end: Floats, third: Floats, pair: Indices
+) -> tuple[Floats, Bools]:
+    """Return the points (n, 3) near chords where two margins are 0, and whether found.
+
+    Parameters
+    ----------
+    start, end
+        Ends (n, 3) of the chords: the first margin is 0 at one, the second at the other.
+    third
+        (n, 3) points beside the chords.
+    pair
+        (n, 2) numbers of the margins.
+
+    Notes
+    -----
+    Broyden's method (C. G. Broyden, 1965) in the tangent plane, from the slopes over the
+    three points.
+    """
+    first = unit(start + end)
+    toward = unit(cross(cross(start, end - start), first))
+    frame = np.stack([toward, cross(first, toward)], axis=1)
+
+    def places(x: Floats, which: Indices) -> Floats:
+        return unit(first[which] + np.einsum("nd,ndx->nx", x, frame[which]))
+
+    def values(x: Floats, which: Indices) -> Floats:
+        rows = evaluate(places(x, which))
+        return np.stack([chosen(rows, pair[which, k]) for k in range(2)], axis=1)
+
+    def flat(points: Floats) -> Floats:
+        toward = np.einsum("nx,ndx->nd", points, frame)
+        return np.asarray(toward / np.sum(points * first, axis=1)[:, None])
+
+    every = np.arange(len(start))
+    a, b, c = flat(start), flat(end), flat(third)
+    fa, fb, fc = (values(x, every) for x in (a, b, c))
+    steps = np.stack([b - a, c - a], axis=2)
+    with np.errstate(all="ignore"):
+        usable = np.abs(np.linalg.det(steps)) > 0.0
+        steps[~usable] = np.eye(2)
+        slope = np.stack([fb - fa, fc - fa], axis=2) @ np.linalg.inv(steps)
+    exact = 0.01 * evaluate.floor[pair]
+    x, sound = _broyden(values, 0.5 * (a + b), slope, usable, arc(start, end), exact)
+    return np.where(sound[:, None], places(x, every), np.nan), sound
+
+
+def _broyden(
+    values: Callable[[Floats, Indices], Floats],
+    x: Floats,
+    slope: Floats,
+    usable: Bools,
+    length: Floats,
+    exact: Floats,
+) -> tuple[Floats, Bools]:
+    """Return where values (n, 2) are 0 from x (n, 2), and whether found near the start.
+
+    `slope` (n, 2, 2) is that at the start where it is `usable`, `length` (n,) that of
+    chords; values below `exact` (n, 2) are 0.
+    """
+    value, sound = values(x, np.arange(len(x))), np.zeros(len(x), dtype=bool)
+    going = np.flatnonzero(usable)
+    for _ in range(MOST_STEPS):
+        going = going[np.abs(np.linalg.det(slope[going])) > 0.0]
+        if not len(going):
+            break
+        step = -np.linalg.solve(slope[going], value[going][..., None])[..., 0]
+        size, most = np.linalg.norm(step, axis=1), FARTHEST * length[going]
+        step *= np.minimum(1.0, most / np.where(size > 0.0, size, 1.0))[:, None]
+        x[going] += step
+        new = values(x[going], going)
+        square = np.where(size > 0.0, np.sum(step**2, axis=1), 1.0)
+        miss = new - value[going] - np.einsum("nij,nj->ni", slope[going], step)
+        slope[going] += miss[:, :, None] * step[:, None, :] / square[:, None, None]
+        value[going] = new
+        zero = np.all(np.abs(new) <= exact[going], axis=1)
+        settled = (size < SETTLED) | zero & (size < 100.0 * SETTLED)
+        away = np.linalg.norm(x[going], axis=1)
+        sound[going[settled & (away < most)]] = True
+        going = going[~settled & (away < 3.0 * most)]
+    return x, sound
+
+
+SLACK = 1e4
+"""A point is in the region if no margin is below 0 by more than this times rounding."""
+STEPS = 32
+"""Steps along a piece between which its distance has one least value at most."""
+
+
+def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> Floats:
+    """Return the point (3,) of pieces of a border nearest to a direction (3,).
+
+    The pieces that can hold it are found anew at the highest order; there the distance's
+    slope, exact for the polynomial through the nodes, is 0, or the point is an end. Of a
+    piece that is not found only the ends count.
+    """
+    chords = border.chords
+    far = np.empty(len(border.margin))
+    for order in ORDERS:
+        some = np.flatnonzero(border.order == order)
+        gap = arc(border.points(some, order), place)
+        far[some] = np.min(gap, axis=1)
+    near = np.flatnonzero(far - chords.length <= np.min(far))
+    ends = border.chord_ends(near)
+    sought = np.ones(len(near), dtype=bool)
+    pieces = BoundarySegments.over(
+        evaluate, ends[:, 0], ends[:, 1], border.margin[near], sought
+    )
+    while np.any(rough := pieces.sound & (pieces.order < ORDERS[-1])):
+        pieces.raise_order(evaluate, np.flatnonzero(rough))
+    series = chebyshev.chebfit(nodes(ORDERS[-1]), pieces.height.T, ORDERS[-1])
+    slopes = chebyshev.chebder(series)
+    frames = pieces.chords
+    length = frames.length
+    parts = np.stack(
+        [vectors @ place for vectors in (frames.start, frames.along, frames.left)]
+    )
+
+    def rise(u: Floats, which: Indices) -> Floats:
+        """Return the slope by u of the cosine of the distance."""
+        angle = 0.5 * length[which] * (1.0 + u)
+        height = np.sum(chebyshev.chebvander(u, ORDERS[-1]) * series[:, which].T, axis=1)
+        slope = np.sum(chebyshev.chebvander(u, ORDERS[-1] - 1) * slopes[:, which].T, axis=1)
+        start, along, left = parts[:, which]
+        flat = np.cos(angle) * start + np.sin(angle) * along
+        turn = np.cos(angle) * along - np.sin(angle) * start
+        bend = np.cos(height) * left - np.sin(height) * flat
+        return np.asarray(slope * bend + 0.5 * length[which] * np.cos(height) * turn)
+
+    u = np.linspace(-1.0, 1.0, STEPS + 1)
+    every = np.repeat(np.arange(len(near)), len(u))
+    slope = rise(np.tile(u, len(near)), every).reshape(len(near), -1)
+    piece, step = np.nonzero((slope[:, :-1] >= 0.0) & (slope[:, 1:] < 0.0))
+    zero, _ = bracketed_zeros(
+        lambda x, which: rise(x, piece[which]),
+        u[step],
+        u[step + 1],
+        slope[piece, step],
+        slope[piece, step + 1],
+    )
+    height = np.sum(chebyshev.chebvander(zero, ORDERS[-1]) * series[:, piece].T, axis=1)
+    feet = frames.rows(piece).at(zero, height)[pieces.sound[piece]]
+    points = np.concatenate([feet, *np.moveaxis(ends, 1, 0)])
+    held = least(evaluate(points)) >= -SLACK * np.max(evaluate.floor)
+    points = points[held] if held.any() else points
+    return np.asarray(points[np.argmin(arc(points, place))])

@@ -11,10 +11,8 @@ from typing import final
 
 import numpy as np
 
-from spherekit.errors import RegionError
 from spherekit.progress import Working
-from spherekit.region.classify import VALUE_SLACK
-from spherekit.region.constraint_functions import Evaluator, Margins, least
+from spherekit.region.margins import VALUE_SLACK, Evaluator, Margins, check_positive, least
 from spherekit.region.mesh import Bools, Indices
 from spherekit.sphere.rotation import Floats
 
@@ -143,9 +141,7 @@ def find_orientations(
     Cells in which a margin may change its sign are halved in all three directions. In
     them every margin is a polynomial of degree 2 in each coordinate.
     """
-    for name, size in (("tolerance", tolerance), ("most", most)):
-        if not 0.0 < size < np.inf:
-            raise RegionError(f"{name} is {size}; it has to be positive and finite")
+    check_positive({"tolerance": tolerance, "most": most})
     cells = _Cells(Evaluator(margins))
     working = Working("measuring a set of orientations")
     while True:

@@ -3,10 +3,8 @@
 import numpy as np
 
 from spherekit.conventions import EPS
-from spherekit.region.border import ORDERS, BoundarySegments
-from spherekit.region.classify import TriangleClass, judge, samples
-from spherekit.region.constraint_functions import Evaluator, least
-from spherekit.region.crossings import corners, crossings
+from spherekit.region.border import ORDERS, BoundarySegments, corners, crossings
+from spherekit.region.margins import Evaluator, TriangleClass, judge, least
 from spherekit.region.mesh import (
     Bools,
     Indices,
@@ -15,6 +13,7 @@ from spherekit.region.mesh import (
     edges_of,
     icosahedron,
     triangle_areas,
+    unit,
 )
 from spherekit.sphere.rotation import Floats
 
@@ -168,12 +167,11 @@ class Refinement:
             return
         triangles = self.triangles[fresh]
         self.size[fresh] = edge_lengths(self.points, triangles).max(axis=1)
-        middles, checks, centres = samples(self.points, triangles)
         edges, sides = edges_of(triangles)
-        shown = np.empty(len(edges), dtype=np.intp)
-        shown[sides.ravel()] = np.arange(sides.size)
-        places = [middles.reshape(-1, 3)[shown], checks.reshape(-1, 3)[shown], centres]
-        margins = self.evaluate(np.concatenate(places))
+        low, high = np.moveaxis(self.points[edges], 1, 0)
+        centres = self.points[triangles].sum(axis=1)
+        places = unit(np.concatenate([low + high, 3.0 * low + high, centres]))
+        margins = self.evaluate(places)
         middle, check, centre = np.split(margins, [len(edges), 2 * len(edges)])
         rows = [self.values[triangles.T], middle[sides.T], check[sides.T], centre[None]]
         self.verdict[fresh], self.contested[fresh] = judge(
@@ -282,9 +280,8 @@ class Refinement:
         place = np.full(len(marked), -1, dtype=np.intp)
         place[origin[kept]] = np.flatnonzero(kept)
         self.verdict = np.where(kept, self.verdict[origin], -1)
-        self.size = np.where(kept, self.size[origin], 0.0)
-        self.contested = kept & self.contested[origin]
         self.looked = kept & self.looked[origin]
+        self.size, self.contested = self.size[origin], self.contested[origin]
         left = np.flatnonzero(place[self.owner] >= 0)
         self.pieces = self.pieces.rows(left)
         self.owner = place[self.owner[left]]

@@ -8,11 +8,15 @@ from typing import final
 import numpy as np
 
 from spherekit.errors import RegionError
-from spherekit.region.border import BoundarySegments
-from spherekit.region.classify import TriangleClass
-from spherekit.region.constraint_functions import Evaluator, Margins, least
+from spherekit.region.border import BoundarySegments, nearest_on
+from spherekit.region.margins import (
+    Evaluator,
+    Margins,
+    TriangleClass,
+    check_positive,
+    least,
+)
 from spherekit.region.mesh import Bools, Indices, labels
-from spherekit.region.nearest import nearest_on
 from spherekit.region.refine import Refinement
 from spherekit.sphere.rotation import Floats
 
@@ -57,9 +61,8 @@ class Boundary:
     @property
     def corners(self) -> Floats:
         """The points (c, 3) where arcs of different margins meet."""
-        if len(self.arcs) == 1:
-            return np.zeros((0, 3))
-        return np.stack([arc.points[0] for arc in self.arcs])
+        starts = [arc.points[0] for arc in self.arcs if len(self.arcs) > 1]
+        return np.reshape(starts, (-1, 3))
 
 
 @final
@@ -199,28 +202,20 @@ def find_region(
     RegionError
         A size is not positive, or the margins do not return a row for each place.
     """
-    for name, size in (
-        ("tolerance", tolerance),
-        ("spacing", spacing),
-        ("feature", feature),
-        ("most", most),
-    ):
-        if not 0.0 < size < np.inf:
-            raise RegionError(f"{name} is {size}; it has to be positive and finite")
+    sizes = {"tolerance": tolerance, "spacing": spacing, "feature": feature, "most": most}
+    check_positive(sizes)
     evaluate = Evaluator(margins)
     search = Refinement(evaluate, spacing)
     search.run(tolerance, feature, most)
-    open_area = search.open_area()
+    open_area, areas = search.open_area(), search.area_inside()
     counted = search.verdict[search.owner] != TriangleClass.OPEN
-    error = float(np.sum(search.pieces.error[counted])) + open_area + ROUNDING
-    areas = search.area_inside()
     components, gaps, boundaries = _parts(search, areas)
     excluding: tuple[tuple[int, ...], ...] = ()
     if not components:
         excluding = _excluding(evaluate, search.values, spacing, feature)
     return Region(
         float(np.sum(areas)),
-        error,
+        float(np.sum(search.pieces.error[counted])) + open_area + ROUNDING,
         open_area,
         components,
         gaps,
