@@ -77,7 +77,8 @@ class FigureGradients:
             return evaluator.turns(kernel, prepared, places[:, 0].tolist())[:, :, 0]
         if not kernel.turning:
             return np.zeros((0, places.shape[1]))
-        return evaluator.turns_at(kernel, design.values, places[:, :, None])[:, :, 0]
+        mechanism = evaluator.kernel_mechanism(design.values)
+        return evaluator.turns_at(kernel, mechanism, places[:, :, None])[:, :, 0]
 
     def _rows(
         self, design: DesignAt, mode: HeldMode

@@ -1,6 +1,6 @@
 """Figures of merit of designs: by a kernel for all of them at once, or one by one."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
@@ -52,7 +52,6 @@ from spherekit.model.actions import need_tabulated
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.continued import AngleMemory
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.assembly import plan_assembly
@@ -279,8 +278,8 @@ class Evaluator:
         turns = np.zeros((len(kernel.turning), *values.shape[1:]))
         for design in np.unique(modes.design) if kernel.turning else ():
             here = np.flatnonzero(modes.design == design)
-            of_design = of_file[:, design], values[:, :, here]
-            turns[:, :, here] = self.turns_at(kernel, *of_design)
+            mechanism = self.kernel_mechanism(of_file[:, design])
+            turns[:, :, here] = self.turns_at(kernel, mechanism, values[:, :, here])
         made = self.figures.of(kernel, prepared, values, turns, modes.labels, claim)
         made = _numbered(made, modes.design)
         every = self._with_others([made], sizes.shape[1], claim)
@@ -295,8 +294,8 @@ class Evaluator:
         lattice, place = self._followed_inputs
         return followed_modes(*self._paths, sizes, lattice), place
 
-    def traced(self, mechanism: Mechanism) -> tuple[Tracer, list[Motion], Floats]:
-        """Return what traced one design, its motion, and that at the points of figures.
+    def traced(self, mechanism: Mechanism) -> tuple[Tracer, Motion, Floats]:
+        """Return what traced one design, and its motion.
 
         With the variables (v, samples and points, modes), NaN where a mode does not close.
         """
@@ -311,7 +310,9 @@ class Evaluator:
         elif len(points):
             _, place = self._followed_inputs
             motions.append(tracer.samples(place[len(self.samples.rows) :]))
-        return tracer, motions, _by_mode(motions, lambda motion: motion.values)
+        modes, width = len(tracer.assembly_modes), motions[0].values.shape[1]
+        parts = [item.values.reshape(modes, item.samples, width) for item in motions]
+        return tracer, motions[0], np.transpose(np.concatenate(parts, axis=1), (2, 1, 0))
 
     @cached_property
     def _anchor(self) -> Floats:
@@ -332,20 +333,28 @@ class Evaluator:
         of_mode = KernelTurns(kernel, prepared, signs, rows.shape[1], self._anchor, returns)
         return of_mode.at(rows[:, :count], self.figures.points[:, :count])
 
-    def turns_at(self, kernel: DesignKernel, design: Floats, values: Floats) -> Floats:
+    def kernel_mechanism(self, design: Floats) -> Mechanism:
+        """Return the mechanism of a design (variables,) as the kernel has it."""
+        mechanism = designed(self.document, self.variables, design.tolist())
+        if self.varied.contacts is None:
+            return mechanism
+        contacts = hinged(mechanism, self.inputs)
+        assert contacts is not None
+        return contacts.mechanism
+
+    def turns_at(
+        self, kernel: DesignKernel, mechanism: Mechanism, values: Floats
+    ) -> Floats:
         """Return the turns (pairs, k, modes), rad, of a kernel's pairs.
 
-        Of a design (variables,), in the file's units, where its modes have these values
-        (variables, k, modes) in the order of samples.
+        Of one mechanism, where its modes have these values (variables, k, modes) in the
+        order of samples.
         """
-        mechanism = designed(self.document, self.variables, design.tolist())
-        if self.varied.contacts is not None:
-            contacts = hinged(mechanism, self.inputs)
-            assert contacts is not None
-            mechanism = contacts.mechanism
+        made = np.zeros((len(kernel.turning), *values.shape[1:]))
+        if not kernel.turning:
+            return made
         mechanism = mechanism.with_inputs(*self.inputs)
         solver = Solver(mechanism, plan_assembly(mechanism))
-        made = np.zeros((len(kernel.turning), *values.shape[1:]))
         pairs = [mechanism.angles[name] for name in kernel.turning]
         for mode, of_mode in enumerate(np.moveaxis(values, 2, 0)):
             rows = np.flatnonzero(np.all(np.isfinite(of_mode), axis=0))
@@ -396,13 +405,13 @@ class Evaluator:
             terms = DesignTerms.of(mechanism, self.inputs)
             kernel = design_kernel(terms, self.figures.columns, compiled=False)
             return self._modes(kernel, np.empty((0, 1)))
-        tracer, motions, values = self.traced(mechanism)
+        tracer, motion, values = self.traced(mechanism)
         profiled = self.varied.is_profiled
         terms = DesignTerms.of(
             mechanism,
             self.inputs,
             geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),
-            closed=motions[0],
+            closed=motion,
         )
         kernel = design_kernel(terms, self.figures.columns, compiled=False)
         modes, claim = tracer.assembly_modes, tracer.claim.guarantee.value
@@ -410,7 +419,7 @@ class Evaluator:
             kernel,
             kernel.prepare(np.empty((0, len(modes)))),
             values,
-            _by_mode(motions, lambda motion: _turns_of(kernel, motion, tracer)),
+            self.turns_at(kernel, mechanism, values),
             [f"{mode.number} {mode.label}" for mode in modes],
             claim,
             tracks_of(mechanism) if profiled else (),
@@ -421,20 +430,3 @@ class Evaluator:
 def _numbered(made: Evaluated, numbers: NDArray[np.intp]) -> Evaluated:
     """Return rows whose designs have these numbers among others."""
     return replace(made, design=numbers[made.design])
-
-
-def _by_mode(motions: Sequence[Motion], columns: Callable[[Motion], Floats]) -> Floats:
-    """Return columns (rows, k) of motions one after the other, (k, samples, modes)."""
-    modes = len(motions[0].assembly_modes)
-    parts = [columns(m).reshape(modes, m.samples, -1) for m in motions if modes]
-    if not parts:
-        return np.zeros((columns(motions[0]).shape[1], sum(m.samples for m in motions), 0))
-    return np.transpose(np.concatenate(parts, axis=1), (2, 1, 0))
-
-
-def _turns_of(kernel: DesignKernel, motion: Motion, tracer: Tracer) -> Floats:
-    """Return the turns (rows, pairs), rad, of a kernel's pairs in a motion."""
-    angles = motion.mechanism.angles
-    going_on = AngleMemory().continued(motion, kernel.turning, tracer.solver)
-    every = [going_on[pair] - motion.values[:, angles[pair]] for pair in kernel.turning]
-    return np.reshape(every, (len(every), len(motion))).T

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, final
+from typing import final
 
 import numpy as np
 
@@ -14,30 +14,6 @@ from spherekit.design.verified_steps import followed
 from spherekit.engine.design_kernel import NewtonKernel, newton_kernel
 from spherekit.errors import SpherekitError
 from spherekit.sphere.rotation import Floats
-
-
-class HeldMode(Protocol):
-    """An assembly mode at the samples of a sizing, then at the inputs of its figures."""
-
-    @property
-    def label(self) -> str:
-        """Its name among the modes of the design."""
-        ...
-
-    def places(self, design: DesignAt, count: int) -> Floats:
-        """Return the places of the kernel (w, count) for a design.
-
-        NaN where it does not close, or the mode cannot be followed to it.
-        """
-        ...
-
-    def moved(self, design: DesignAt) -> "HeldMode":
-        """Return the mode, to be followed from this design now."""
-        ...
-
-    def goes_on_in(self, other: "HeldMode") -> bool:
-        """Return whether this mode, followed to the design of another, is that one."""
-        ...
 
 
 @final
@@ -56,7 +32,7 @@ class SignedMode:
         """Return the mode, which is the same for all designs."""
         return self
 
-    def goes_on_in(self, other: HeldMode) -> bool:
+    def goes_on_in(self, other: "HeldMode") -> bool:
         """Return whether the signs are those of another."""
         return self.label == other.label
 
@@ -96,7 +72,7 @@ class FollowedMode:
         values = self.places(design, self.configurations.shape[1])
         return FollowedMode(self.label, self.newton, design, values)
 
-    def goes_on_in(self, other: HeldMode) -> bool:
+    def goes_on_in(self, other: "HeldMode") -> bool:
         """Return whether the configurations, followed to another design, are its own.
 
         At all samples at which both close, and at one at least.
@@ -107,6 +83,14 @@ class FollowedMode:
         both = np.all(np.isfinite(values) & np.isfinite(other.configurations), axis=0)
         gaps = apart(values[:, both], other.configurations[:, both])
         return bool(np.any(both) and np.max(gaps) < SAME)
+
+
+HeldMode = SignedMode | FollowedMode
+"""An assembly mode at the samples of a sizing, then at the inputs of its figures.
+
+Its `label` is its name among the modes of the design, `places` are those (w, count) that
+the kernel has of it for a design, NaN where it does not close or cannot be followed to it.
+"""
 
 
 @final

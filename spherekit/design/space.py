@@ -3,7 +3,7 @@
 import math
 import re
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
@@ -183,21 +183,18 @@ class Condition:
         """What it depends on."""
         return self.left.names | self.right.names
 
+    def _sides(self, columns: Mapping[str, Any]) -> Iterator[Any]:
+        for side in (self.left, self.right):
+            yield side.evaluate({name: columns[name] for name in side.names})
+
     def holds(self, columns: Mapping[str, Any]) -> NDArray[np.bool_]:
         """Return for which rows it holds, from columns (n,) by name."""
-        left, right = (
-            side.evaluate({name: columns[name] for name in side.names})
-            for side in (self.left, self.right)
-        )
         with np.errstate(invalid="ignore"):
-            return np.asarray(_HOLDS[self.sign](left, right))
+            return np.asarray(_HOLDS[self.sign](*self._sides(columns)))
 
     def slack(self, columns: Mapping[str, Any]) -> NDArray[np.float64]:
         """Return by how much it holds (n,): negative where it does not."""
-        left, right = (
-            side.evaluate({name: columns[name] for name in side.names})
-            for side in (self.left, self.right)
-        )
+        left, right = self._sides(columns)
         return np.asarray(right - left if self.sign.startswith("<") else left - right)
 
 

@@ -232,8 +232,8 @@ class Sweep:
         """
         start = number * self.part_size
         designs = self.space.designs(start, start + self.part_size)
-        own = [item for item in self.conditions if item.names <= self._before]
-        rows = np.flatnonzero(_hold(own, self._numbers(designs), designs.shape[1]))
+        on_numbers = [item for item in self.conditions if item.names <= self._before]
+        rows = np.flatnonzero(_hold(on_numbers, self._numbers(designs), designs.shape[1]))
         designs, rows = designs[:, rows], start + rows
         evaluator = self.evaluator
         if not isinstance(evaluator, DesignRuns):
