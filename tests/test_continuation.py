@@ -7,8 +7,13 @@ import pytest
 
 from spherekit.conventions import Status
 from spherekit.files.read import load
-from spherekit.motion.continuation import Verification
-from spherekit.motion.curve_path import STEP_PARTS, CurvePath, run_each, taylor
+from spherekit.motion.continuation import (
+    STEP_PARTS,
+    CurvePath,
+    Verification,
+    run_each,
+    taylor,
+)
 from spherekit.motion.guides import follow, follow_each
 from spherekit.motion.motion import Tracer
 

@@ -1,41 +1,46 @@
 """Following the configuration curve in its own arc length, step by safe step.
 
-The path is a `spherekit.motion.curve_path.CurvePath`. A step is predicted with exact first
-and second derivatives and corrected in the hyperplane normal to the tangent. Two curves
-that pass each other closely have bordered Jacobians of opposite orientation there, so that
-the test of their change keeps them apart.
+The path is a `CurvePath` of `spherekit.motion.continuation`. A step is predicted with exact
+first and second derivatives and corrected in the hyperplane normal to the tangent. Two
+curves that pass each other closely have bordered Jacobians of opposite orientation there,
+so that the test of their change keeps them apart.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, EQUAL_CURVATURE, Status
 from spherekit.errors import SolveError
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.closure import Closure
-from spherekit.motion.continuation import Verification
-from spherekit.motion.curve_path import (
+from spherekit.motion.continuation import (
     NEARLY_THERE,
     STEP_PARTS,
     CurvePath,
+    Rows,
+    Verification,
     run_each,
     taylor,
 )
-from spherekit.motion.limits import Limit, limits_of
+from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
+from spherekit.motion.newton import newton
+from spherekit.motion.pairs import contact_tracks
 from spherekit.motion.segments import (
-    Bordered,
     CurvePoints,
     Segments,
     bordered,
+    bordered_condition,
+    bordered_step,
     correct,
     curve_points,
 )
+from spherekit.numeric.rows import ArrayRows
 from spherekit.sphere.rotation import Floats
 
 LONGEST = 500.0
@@ -68,44 +73,103 @@ MOST_TEETH = 10_000
 
 @final
 @dataclass(frozen=True)
-class _Node:
-    """One of several points with their linearised equations, bordered by the tangents."""
+class _Limit:
+    """Where a curve has to end: a bound of a variable, or equal curvatures of profiles.
+
+    `margin` says of variables (variables,), with `curvatures` and `rates` (pairs, 2) of the
+    profiles, how far the limit is, negative beyond it, and the gradient of that.
+    """
+
+    status: Status
+    words: str
+    margin: Callable[[Floats, Floats, Floats], tuple[float, Floats]]
+
+
+def _bound(variable: int, value: float, sense: float, status: Status) -> _Limit:
+    """Return the limit of a variable from above (`sense` 1) or from below (-1)."""
+
+    def margin(values: Floats, _: Floats, __: Floats) -> tuple[float, Floats]:
+        gradient = sense * (np.arange(len(values)) == variable)
+        return sense * (float(values[variable]) - value), gradient
+
+    side = "lowest" if sense > 0.0 else "highest"
+    words = f"the {side} value {value:.6g} rad of variable {variable}"
+    return _Limit(status, words, margin)
+
+
+def _equal_curvatures(pair: int, along: Sequence[int]) -> _Limit:
+    """Return the limit of a contact pair, whose arc lengths are the variables `along`."""
+
+    def margin(values: Floats, bends: Floats, rates: Floats) -> tuple[float, Floats]:
+        gradient = np.zeros(len(values))
+        np.add.at(gradient, along, rates[pair] * [1.0, -1.0])
+        return float(bends[pair, 0] - bends[pair, 1]) - EQUAL_CURVATURE, gradient
+
+    words = f"equal curvatures of the profiles of pair {pair}"
+    return _Limit(Status.CURVATURE, words, margin)
+
+
+def _limits_of(
+    closure: Closure, stops: Mapping[int, tuple[float, float]]
+) -> tuple[_Limit, ...]:
+    """Return the ends of open profiles, equal curvatures, and stops.
+
+    `stops` has the lowest and the highest value (rad) of variables by their numbers.
+    """
+    limits: list[_Limit] = []
+    bounds = [(variable, *ends, Status.OK) for variable, ends in stops.items()]
+    for pair, tracks in contact_tracks(closure.joints):
+        limits.append(_equal_curvatures(pair, [track.variable for track in tracks]))
+        for track in tracks:
+            if not track.curve.closed:
+                ends = -track.start, track.curve.length - track.start
+                bounds.append((track.variable, *ends, Status.OFF_PROFILE))
+    for variable, low, high, status in bounds:
+        limits.append(_bound(variable, low, 1.0, status))
+        limits.append(_bound(variable, high, -1.0, status))
+    return tuple(limits)
+
+
+@final
+@dataclass(frozen=True)
+class _Nodes(ArrayRows):
+    """Points with their equations (n, 3 loops + 1, variables), bordered by the tangents.
+
+    `inverse` and `reciprocal_condition` (n,) are those of the equations; `curvatures`,
+    `curvature_rates` (n, pairs, 2) those of profiles. A single one is a node of a path.
+    """
 
     points: CurvePoints
-    equations: Bordered
-    row: int = 0
+    equations: Floats
+    inverse: Floats
+    reciprocal_condition: Floats
+    curvatures: Floats
+    curvature_rates: Floats
+
+    @staticmethod
+    def of(at: Linearisation, points: CurvePoints) -> "_Nodes":
+        """Return the nodes at points, the closure `at` these."""
+        equations = bordered(at.jacobian, points.tangents)
+        inverse = left_inverse(equations)
+        condition = bordered_condition(equations, inverse)
+        bends = at.states.curvatures, at.states.curvature_rates
+        return _Nodes(points, equations, inverse, condition, *bends)
 
     @property
     def values(self) -> Floats:
-        return np.asarray(self.points.values[self.row])
+        return np.asarray(self.points.values[0])
 
     @property
     def tangent(self) -> Floats:
-        return np.asarray(self.points.tangents[self.row])
+        return np.asarray(self.points.tangents[0])
 
     @property
     def bend(self) -> Floats:
-        return np.asarray(self.points.bends[self.row])
+        return np.asarray(self.points.bends[0])
 
-    @property
-    def reciprocal_condition(self) -> float:
-        return float(self.equations.reciprocal_condition[self.row])
-
-    def margin(self, limit: Limit) -> tuple[float, Floats]:
+    def margin(self, limit: _Limit) -> tuple[float, Floats]:
         """Return how far the limit is, and the gradient (variables,) of that."""
-        states = self.equations.at.states
-        k = self.row
-        return limit.margin(self.values, states.curvatures[k], states.curvature_rates[k])
-
-
-def _points(nodes: Sequence[_Node]) -> CurvePoints:
-    """Return nodes as points of a curve."""
-    return CurvePoints(
-        *(
-            np.stack([getattr(node.points, item.name)[node.row] for node in nodes])
-            for item in fields(CurvePoints)
-        )
-    )
+        return limit.margin(self.values, self.curvatures[0], self.curvature_rates[0])
 
 
 def follow_arc(
@@ -164,8 +228,8 @@ def _begun(
     step: float,
 ) -> "tuple[_ArcPath, _ArcPath]":
     """Return the beginnings of a curve in both senses."""
-    start = _started(closure, np.asarray(values, dtype=float))
-    limits = limits_of(closure, stops)
+    start, at = _started(closure, np.asarray(values, dtype=float))
+    limits = _limits_of(closure, stops)
     periods = periods_of(closure)
     for limit in limits:
         margin, _ = start.margin(limit)
@@ -176,7 +240,7 @@ def _begun(
             )
     ahead, behind = (
         _ArcPath(first, periods, longest, step, closure, limits)
-        for first in (start, _turned(start))
+        for first in (start, _Nodes.of(at, start.points.reversed))
     )
     return ahead, behind
 
@@ -192,7 +256,7 @@ def _curve(ahead: "_ArcPath", behind: "_ArcPath") -> ArcCurve:
     closure, periods = ahead.closure, ahead.periods
     for path in (ahead, behind):
         if path.closed:
-            segments = Segments(closure, _points([path.start, *path.nodes]))
+            segments = Segments(closure, path.points)
             ends = (Status.OK, Status.OK)
             return ArcCurve(segments, periods, True, path.winding, ends, 0)
     count = len(behind.nodes)
@@ -200,10 +264,8 @@ def _curve(ahead: "_ArcPath", behind: "_ArcPath") -> ArcCurve:
         raise SolveError(
             "the configuration to follow has its limits on both sides; widen the stops"
         )
-    back = _points([behind.start, *behind.nodes]).reversed
-    points = CurvePoints.joined(
-        [back.rows(slice(-1)), _points([ahead.start, *ahead.nodes])]
-    )
+    back = behind.points.reversed.rows(slice(-1))
+    points = CurvePoints.joined([back, ahead.points])
     winding = np.zeros(len(periods), dtype=np.int64)
     ends = (behind.end or Status.OK, ahead.end or Status.OK)
     return ArcCurve(Segments(closure, points), periods, False, winding, ends, count)
@@ -214,7 +276,7 @@ def periods_of(closure: Closure) -> Floats:
     return np.array([period for joint in closure.joints for period in joint.periods])
 
 
-def _started(closure: Closure, values: Floats) -> _Node:
+def _started(closure: Closure, values: Floats) -> tuple[_Nodes, Linearisation]:
     """Return the node of a configuration, after closing it exactly."""
     if not np.all(np.isfinite(values)):
         raise SolveError("the configuration to follow has to be finite, but is not")
@@ -227,11 +289,11 @@ def _started(closure: Closure, values: Floats) -> _Node:
     border = _motion(closure, values)
     target = np.array([border @ values])
     values, _ = correct(closure, values[None], border[None], target)
-    point, equations = curve_points(closure, values, border[None])
-    node = _Node(point, equations.rebordered(slice(1), point.tangents))
-    if not node.reciprocal_condition > SINGULAR:
+    points, at = curve_points(closure, values, border[None])
+    node = _Nodes.of(at, points)
+    if not node.reciprocal_condition[0] > SINGULAR:
         raise SolveError(SINGULAR_START)
-    return node
+    return node, at
 
 
 def _motion(closure: Closure, values: Floats) -> Floats:
@@ -248,15 +310,9 @@ def _motion(closure: Closure, values: Floats) -> Floats:
     return np.asarray(tangent * np.sign(tangent[np.argmax(np.abs(tangent))]))
 
 
-def _turned(node: _Node) -> _Node:
-    """Return the node with the curve run backwards."""
-    back = node.points.reversed
-    return _Node(back, node.equations.rebordered(slice(1), back.tangents))
-
-
 @final
 @dataclass
-class _ArcPath(CurvePath[_Node]):
+class _ArcPath(CurvePath[_Nodes]):
     """One sense of a configuration curve."""
 
     verification = Verification()
@@ -265,11 +321,16 @@ class _ArcPath(CurvePath[_Node]):
     most_nodes = 100_000
 
     closure: Closure
-    limits: tuple[Limit, ...]
+    limits: tuple[_Limit, ...]
+
+    @property
+    def points(self) -> CurvePoints:
+        """All nodes, the start first."""
+        return CurvePoints.joined([node.points for node in (self.start, *self.nodes)])
 
     def exhausted(self) -> Status | None:
         """Return AT_SINGULARITY at a crossing of curves."""
-        return Status.AT_SINGULARITY if self.at.reciprocal_condition < SINGULAR else None
+        return Status.AT_SINGULARITY if self.at.reciprocal_condition[0] < SINGULAR else None
 
     @property
     def allowed(self) -> float:
@@ -279,47 +340,46 @@ class _ArcPath(CurvePath[_Node]):
 
     @staticmethod
     def steps_to(
-        paths: "Sequence[CurvePath[_Node]]", ats: Sequence[_Node], ways: Floats
-    ) -> list[tuple[_Node, float] | None]:
+        paths: "Sequence[CurvePath[_Nodes]]", ats: Sequence[_Nodes], ways: Floats
+    ) -> list[tuple[_Nodes, float] | None]:
         """Return the nodes at projections (n,) on the tangents that pass all tests."""
         tests = _ArcPath.verification
         closures = [path.closure for path in paths if isinstance(path, _ArcPath)]
         closure = Closure.stacked(closures).take(np.repeat(np.arange(len(ats)), 2))
-        here = _points(ats)
+        nodes = _Nodes.joined(ats)
+        here = nodes.points
         parts = ways[:, None] * STEP_PARTS
         guess = taylor(here.values, here.tangents, here.bends, parts)
         borders = np.repeat(here.tangents, 2, axis=0)
         targets = np.sum(here.tangents * here.values, axis=1)[:, None] + parts
         values, steps = correct(closure, guess, borders, targets.ravel())
-        sizes = np.repeat(ways, 2)
         good = np.all(np.isfinite(values), axis=1)
-        good &= tests.corrected(steps.first, steps.ratio, sizes)
+        good &= tests.corrected(steps.first, steps.ratio, np.repeat(ways, 2))
         values[~good] = np.repeat(here.values, 2, axis=0)[~good]
-        points, equations = curve_points(closure, values, borders)
+        points, at = curve_points(closure, values, borders)
         good &= points.residual < CLOSURE_TOLERANCE
-        jacobian = np.stack([at.equations.jacobian[at.row] for at in ats])
-        inverse = np.stack([at.equations.inverse[at.row] for at in ats])
-        change = equations.jacobian - np.repeat(jacobian, 2, axis=0)
-        moved = np.linalg.norm(np.repeat(inverse, 2, axis=0) @ change, axis=(1, 2))
+        before = np.repeat(nodes.equations, 2, axis=0)
+        change = bordered(at.jacobian, borders) - before
+        inverse = np.repeat(nodes.inverse, 2, axis=0)
+        moved = np.linalg.norm(inverse @ change, axis=(1, 2))
         good &= tests.regular(moved, np.sum(points.tangents * borders, axis=1))
-        last = points.rows(slice(1, None, 2))
+        ends = slice(1, None, 2)
+        last = _Nodes.of(at.take(ends), points.rows(ends))
         middles, holds = values[::2], np.all(good.reshape(-1, 2), axis=1)
-        miss = _misses(closure, here, last, middles, holds)
-        rounding = 8.0 * EPS / np.array([at.reciprocal_condition for at in ats])
-        holds &= tests.predicted(miss, ways, rounding)
-        ends = equations.rebordered(slice(1, None, 2), last.tangents)
+        miss = _misses(closure, here, last.points, middles, holds)
+        holds &= tests.predicted(miss, ways, 8.0 * EPS / nodes.reciprocal_condition)
         most = np.max(moved.reshape(-1, 2), axis=1).tolist()
         return [
-            (_Node(last, ends, row), most[row]) if held else None
+            (last.rows(slice(row, row + 1)), most[row]) if held else None
             for row, held in enumerate(holds.tolist())
         ]
 
-    def again(self, at: _Node, values: Floats) -> _Node:
+    def again(self, at: _Nodes, values: Floats) -> _Nodes:
         """Return the start at values whole periods on."""
-        start = self.start
-        return _Node(replace(start.points, values=values[None]), start.equations)
+        points = replace(self.start.points, values=values[None])
+        return replace(self.start, points=points)
 
-    def within(self, step: float, node: _Node | None) -> bool:
+    def within(self, step: float, node: _Nodes | None) -> bool:
         """Return whether a node is within all limits; land on one that a step passes."""
         if node is not None and not self._passed(node):
             return True
@@ -330,14 +390,14 @@ class _ArcPath(CurvePath[_Node]):
             self.end = limit.status
         return False
 
-    def _passed(self, node: _Node) -> bool:
+    def _passed(self, node: _Nodes) -> bool:
         """Return whether a node is beyond a limit."""
         return any(node.margin(limit)[0] < 0.0 for limit in self.limits)
 
-    def _landing(self, step: float) -> tuple[_Node, Limit] | None:
+    def _landing(self, step: float) -> tuple[_Nodes, _Limit] | None:
         """Return the first limit within a step, and the node exactly on it."""
         at = self.at
-        best: tuple[_Node, Limit, float] | None = None
+        best: tuple[_Nodes, _Limit, float] | None = None
         for limit in self.limits:
             margin, gradient = at.margin(limit)
             rate, bend = float(gradient @ at.tangent), float(gradient @ at.bend)
@@ -357,23 +417,18 @@ class _ArcPath(CurvePath[_Node]):
                 best = made[0], limit, way
         return None if best is None else best[:2]
 
-    def _onto(self, limit: Limit, start: Floats) -> Floats | None:
+    def _onto(self, limit: _Limit, start: Floats) -> Floats | None:
         """Return the closed configuration (variables,) on a limit, by Newton's method."""
-        values = start[None]
-        for _ in range(12):
+
+        def change(values: Floats, _: Rows) -> Floats:
             at = self.closure.at(values)
             margin, gradient = limit.margin(
                 values[0], at.states.curvatures[0], at.states.curvature_rates[0]
             )
-            inverse = left_inverse(bordered(at.jacobian, gradient[None]))[0]
-            gap = np.append(at.residual[0], margin)
-            change = -inverse @ gap
-            if not np.all(np.isfinite(change)):
-                return None
-            values = values + change
-            if np.max(np.abs(change)) < 1e-14:
-                break
-        return np.asarray(values[0])
+            return bordered_step(at, gradient[None], np.array([-margin]))
+
+        values, _ = newton(change, start[None], 12, 1e-14)
+        return values[0] if np.all(np.isfinite(values)) else None
 
     def beyond(self) -> Status:
         """Return the status of what lies beyond the last node."""
@@ -384,7 +439,7 @@ class _ArcPath(CurvePath[_Node]):
                 return limit.status
         return (
             Status.AT_SINGULARITY
-            if at.reciprocal_condition < NEARLY_FLAT
+            if at.reciprocal_condition[0] < NEARLY_FLAT
             else Status.MODE_LOST
         )
 

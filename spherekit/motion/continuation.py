@@ -15,19 +15,28 @@ Otherwise it is halved. After a step that holds, the next one may be longer. A p
 where it arrives, where its owner says so (a limit, a closed lap), or where no step holds.
 """
 
-from dataclasses import dataclass
-from typing import Protocol, final
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Generic, Protocol, Self, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.motion.turns import whole_laps
 from spherekit.sphere.rotation import Floats
 
 Rows = NDArray[np.intp]
 
 CONTRACTION = 0.1
 """The second step of Newton's method may be this part of the first."""
+NEARLY_THERE = 1e-6
+"""How near (rad) a node is to the start of a lap, or to a limit, that it has reached."""
+AIMED = 0.6
+"""Part of the allowed change of the equations that the next step aims at."""
+STEP_PARTS = np.array([0.5, 1.0])
+"""Where a step is verified."""
 
 
 @final
@@ -105,3 +114,214 @@ def follow_paths(paths: Paths, step: Floats) -> None:
         for row in failed[~(step[failed] > paths.smallest(failed))]:
             paths.stop(int(row))
         step[rows] *= np.where(held, growth, 0.5)
+
+
+class CurveNode(Protocol):
+    """A point of a curve in the space of the variables, and how the curve goes on."""
+
+    @property
+    def values(self) -> Floats:
+        """(variables,) rad."""
+
+    @property
+    def tangent(self) -> Floats:
+        """(variables,) of unit length."""
+
+    @property
+    def bend(self) -> Floats:
+        """(variables,) second derivatives by arc length."""
+
+
+Node = TypeVar("Node", bound=CurveNode)
+
+
+def taylor(values: Floats, tangents: Floats, bends: Floats, ways: Floats) -> Floats:
+    """Return curves at arc lengths (n, k) from points (n, variables), to second order.
+
+    Row after row, (n k, variables).
+    """
+    way = ways[:, :, None]
+    there = values[:, None] + way * tangents[:, None] + 0.5 * way**2 * bends[:, None]
+    return np.asarray(there.reshape(-1, values.shape[1]))
+
+
+@dataclass
+class CurvePath(ABC, Generic[Node]):
+    """One sense of a curve, from a node on.
+
+    Attributes
+    ----------
+    verification, smallest_step, same, most_nodes
+        The tests of a step, the step at which the curve ends if not even that holds, how
+        near (rad) to its start a lap ends, and the most nodes.
+    start
+        The first node.
+    periods
+        (variables,) growth of each variable that changes nothing.
+    longest, largest
+        Length (rad) after which the curve is ended, and the longest step.
+    nodes
+        What was reached, without the start.
+    end
+        The status of what lies beyond; None while the curve goes on.
+    closed
+        Whether the last node is the start again, whole periods on.
+    """
+
+    verification: ClassVar[Verification]
+    smallest_step: ClassVar[float]
+    same: ClassVar[float]
+    most_nodes: ClassVar[int]
+
+    start: Node
+    periods: Floats
+    longest: float
+    largest: float
+    nodes: list[Node] = field(default_factory=list, init=False)
+    end: Status | None = field(default=None, init=False)
+    closed: bool = field(default=False, init=False)
+    way: float = field(default=0.0, init=False)
+
+    @property
+    def at(self) -> Node:
+        """The last node."""
+        return self.nodes[-1] if self.nodes else self.start
+
+    def run(self, first_step: float) -> Self:
+        """Follow the curve to its end."""
+        run_each([self], first_step)
+        return self
+
+    @staticmethod
+    @abstractmethod
+    def steps_to(
+        paths: "Sequence[CurvePath[Node]]", ats: Sequence[Node], ways: Floats
+    ) -> list[tuple[Node, float] | None]:
+        """Return the nodes at projections (n,) on the tangents where they pass all tests.
+
+        And the relative changes of the equations. Paths are of one class, and alike but for
+        where they run.
+        """
+
+    def step_to(self, at: Node, way: float) -> tuple[Node, float] | None:
+        """Return what `steps_to` does of this path."""
+        return self.steps_to([self], [at], np.array([way]))[0]
+
+    @abstractmethod
+    def again(self, at: Node, values: Floats) -> Node | None:
+        """Return the start at values whole periods on, None if it is another one."""
+
+    @abstractmethod
+    def within(self, step: float, node: Node | None) -> bool:
+        """Return whether a step is to be taken; end the curve where a limit is reached."""
+
+    @abstractmethod
+    def beyond(self) -> Status:
+        """Return the status of what lies beyond the last node, which no step leaves."""
+
+    def exhausted(self) -> Status | None:
+        """Return why not to go on from the last node, if there is a reason."""
+        return None
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the curve has not ended."""
+        if self.end is None:
+            if self.way >= self.longest:
+                self.end = Status.OK
+            elif len(self.nodes) >= self.most_nodes:
+                self.end = Status.MODE_LOST
+            else:
+                self.end = self.exhausted()
+        return self.end is None
+
+    @property
+    def allowed(self) -> float:
+        """The longest step from here."""
+        return self.largest
+
+    def take(self, length: float, made: tuple[Node, float] | None) -> float:
+        """Go on to what a step made; return how the next may grow, 0 if none holds."""
+        at = self.at
+        if made is not None and self.way > 4.0 * NEARLY_THERE:
+            end = self._closing(length, made[0])
+            if end is not None:
+                if np.max(np.abs(end.values - at.values)) < NEARLY_THERE:
+                    self.nodes.pop()
+                self.nodes.append(end)
+                self.end, self.closed = Status.OK, True
+                return 1.0
+        if not self.within(length, None if made is None else made[0]):
+            return 0.0 if self.end is None else 1.0
+        assert made is not None
+        node, change = made
+        self.nodes.append(node)
+        self.way += float(np.linalg.norm(node.values - at.values))
+        growth = AIMED * self.verification.change / (change + 1e-300)
+        return min(2.0, max(0.5, growth))
+
+    def _closing(self, step: float, new: Node) -> Node | None:
+        """Return the start, whole periods on, if a verified step runs through it."""
+        at, start = self.at, self.start
+        middle = 0.5 * (at.values + new.values)
+        values = start.values + whole_laps(middle - start.values, self.periods)
+        way = float(at.tangent @ (values - at.values))
+        if not -NEARLY_THERE < way <= step or start.tangent @ at.tangent < 0.8:
+            return None
+        there = at.values + way * at.tangent + 0.5 * way**2 * at.bend
+        miss = np.max(np.abs(values - there))
+        if miss > self.verification.correction * step:
+            return None
+        if abs(way) > NEARLY_THERE:
+            made = self.step_to(at, way)
+            if made is None or np.max(np.abs(made[0].values - values)) > self.same:
+                return None
+        elif miss > self.same:
+            return None
+        return self.again(at, values)
+
+    @property
+    def winding(self) -> NDArray[np.int64]:
+        """(variables,) whole periods of one lap of a closed curve."""
+        laps = (self.nodes[-1].values - self.start.values) / self.periods
+        return np.round(laps).astype(np.int64)
+
+
+class _SideBySide(Generic[Node]):
+    """Curves of one class that are followed together."""
+
+    def __init__(self, paths: Sequence[CurvePath[Node]]) -> None:
+        self.paths = paths
+        self._left = list(range(len(paths)))
+
+    @property
+    def going(self) -> Rows:
+        """The curves that have not ended."""
+        self._left = [k for k in self._left if self.paths[k].goes_on]
+        return np.array(self._left, dtype=np.intp)
+
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
+        """Return the steps (k,), no longer than the longest."""
+        return np.minimum(step, [self.paths[k].allowed for k in rows])
+
+    def smallest(self, rows: Rows) -> Floats:
+        """Return the steps (k,) at which curves end."""
+        return np.full(len(rows), self.paths[0].smallest_step)
+
+    def stop(self, row: int) -> None:
+        """End a curve at its last node."""
+        path = self.paths[row]
+        path.end = path.beyond()
+
+    def advance(self, rows: Rows, step: Floats) -> Floats:
+        """Go on by a step each."""
+        paths = [self.paths[k] for k in rows]
+        made = paths[0].steps_to(paths, [path.at for path in paths], step)
+        trials = zip(paths, step.tolist(), made, strict=True)
+        return np.array([path.take(length, new) for path, length, new in trials])
+
+
+def run_each(paths: Sequence[CurvePath[Node]], first_step: float) -> None:
+    """Follow curves of one class to their ends, all steps of a kind at once."""
+    if paths:
+        follow_paths(_SideBySide(paths), np.full(len(paths), first_step))

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.segments import bordered
+from spherekit.motion.newton import newton
+from spherekit.motion.segments import bordered_step
 from spherekit.sphere.rotation import Floats
 
 NEARLY_NULL = 3e-3
@@ -28,6 +30,10 @@ MISSED = 1e-9
 """Configurations that miss closing and rank loss by more (rad) are not crossings."""
 DEGENERATE = 1e-7
 """Second-order terms below this, relative, do not decide how many curves cross."""
+ON_BOTH = 1e-7
+"""Unit vectors that miss two conics by less lie on both, and are one if that near."""
+MOST_FLAT = 1e4
+"""Where the inverse of their equations is larger, two common points may be one."""
 RADIUS = 0.02
 """How far (rad) from a configuration points on the ways out of it are looked for."""
 MOVES = 1e-4
@@ -96,17 +102,15 @@ def ways_out(closure: Closure, values: Floats) -> Floats:
     if not len(motions):
         return np.zeros((0, len(values)))
     forms = _second_order(closure, values, left[:, rank:], motions)
-    start = values + RADIUS * _leaving(forms) @ motions
-    for _ in range(MOST_STEPS):
-        at = closure.at(start)
-        away = start - values
+
+    def change(here: Floats, _: NDArray[np.intp]) -> Floats:
+        away = here - values
         length = np.linalg.norm(away, axis=1)
-        inverse = left_inverse(bordered(at.jacobian, away / length[:, None]))
-        change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
-        change += inverse[:, :, -1] * (RADIUS - length)[:, None]
-        moved = np.max(np.abs(change), axis=1)
-        change *= np.minimum(1.0, 0.5 * RADIUS / np.maximum(moved, 1e-300))[:, None]
-        start = start + np.nan_to_num(change)
+        borders = away / length[:, None]
+        return np.nan_to_num(bordered_step(closure.at(here), borders, RADIUS - length))
+
+    start = values + RADIUS * _leaving(forms) @ motions
+    start, _ = newton(change, start, MOST_STEPS, trust=0.5 * RADIUS)
     length = np.linalg.norm(start - values, axis=1)
     closed = closure.at(start).gap < CLOSURE_TOLERANCE
     closed &= np.abs(length - RADIUS) < SAME * RADIUS
@@ -128,6 +132,11 @@ def _leaving(forms: Floats) -> Floats:
     along = _directions(forms)
     if along is not None and len(along):
         return np.concatenate([along, -along])
+    return _spread(count)
+
+
+def _spread(count: int) -> Floats:
+    """Return unit vectors (n, count) spread over the sphere."""
     if count == 2:
         turn = 2.0 * np.pi * (np.arange(SPREAD) + 0.5) / SPREAD
         return np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -247,35 +256,23 @@ def _lines(form: Floats) -> Floats | None:
 def _conics(first: Floats, second: Floats) -> Floats | None:
     """Return the common points of two conics, unit vectors (0 to 4, 3).
 
-    In turned coordinates (u, v, 1) the resultant by v is a polynomial of degree four in
-    u; its real roots are polished on the forms. None where two points are one.
+    Newton's method leads to each from vectors spread over the sphere. None where two points
+    are one, or nearly.
     """
-    turn = np.linalg.qr(np.cos(1.0 + np.arange(9.0)).reshape(3, 3))[0]
-    a, b = (turn.T @ form @ turn for form in (first, second))
-    powers = []
-    for form in (a, b):
-        powers.append(
-            (
-                np.array([form[1, 1]]),
-                np.array([2.0 * form[0, 1], 2.0 * form[1, 2]]),
-                np.array([form[0, 0], 2.0 * form[0, 2], form[2, 2]]),
-            )
-        )
-    (a2, a1, a0), (b2, b1, b0) = powers
-    across: Floats = np.polysub(np.polymul(a2, b0), np.polymul(b2, a0))
-    linear = np.polysub(np.polymul(a2, b1), np.polymul(b2, a1))
-    last = np.polysub(np.polymul(a1, b0), np.polymul(b1, a0))
-    roots = np.roots(np.polysub(np.polymul(across, across), np.polymul(linear, last)))
-    apart = np.abs(roots[:, None] - roots)[~np.eye(len(roots), dtype=bool)]
-    if len(roots) < 4 or np.min(apart) < 1e-5 * np.max(np.abs(roots)):
-        return None
-    points = []
-    for u in roots[np.abs(roots.imag) < 1e-7].real:
-        v = -np.polyval(across, u) / np.polyval(linear, u)
-        y = np.array([u, v, 1.0])
-        for _ in range(4):
-            y /= np.linalg.norm(y)
-            matrix = np.stack([2.0 * a @ y, 2.0 * b @ y, y])
-            y = y - np.linalg.solve(matrix, np.array([y @ a @ y, y @ b @ y, 0.0]))
-        points.append(turn @ (y / np.linalg.norm(y)))
+    forms = np.stack([first, second])
+    y = _spread(3)
+    for _ in range(MOST_STEPS):
+        slopes = np.einsum("fij,nj->nfi", forms, y)
+        rest = np.append(np.sum(slopes * y[:, None], axis=2), np.zeros((len(y), 1)), axis=1)
+        inverse = left_inverse(np.concatenate([2.0 * slopes, y[:, None]], axis=1))
+        y = y - (inverse @ rest[..., None])[..., 0]
+        y = y / np.linalg.norm(y, axis=1, keepdims=True)
+    points: list[Floats] = []
+    for point, off, flat in zip(
+        y, np.max(np.abs(rest), axis=1), np.linalg.norm(inverse, axis=(1, 2)), strict=True
+    ):
+        if off < ON_BOTH and not flat < MOST_FLAT:
+            return None
+        if off < ON_BOTH and all(abs(point @ other) < 1.0 - ON_BOTH for other in points):
+            points.append(point)
     return np.array(points).reshape(-1, 3)

@@ -19,7 +19,7 @@ from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.newton import NewtonSteps
+from spherekit.motion.newton import NewtonSteps, newton
 from spherekit.numeric.hermite import hermite
 from spherekit.numeric.rows import ArrayRows
 from spherekit.sphere.rotation import Floats
@@ -53,55 +53,31 @@ class CurvePoints(ArrayRows):
         return replace(back, tangents=-back.tangents)
 
 
-@final
-@dataclass(frozen=True)
-class Bordered:
-    """The equations `at` n points, with a border (n, variables) below the Jacobian."""
-
-    at: Linearisation
-    borders: Floats
-
-    def rebordered(self, rows: slice, borders: Floats) -> "Bordered":
-        """Return some points with other borders (k, variables)."""
-        return Bordered(self.at.take(rows), borders)
-
-    @cached_property
-    def jacobian(self) -> Floats:
-        """(n, 3 loops + 1, variables)."""
-        return bordered(self.at.jacobian, self.borders)
-
-    @cached_property
-    def inverse(self) -> Floats:
-        """(n, variables, 3 loops + 1); NaN where singular."""
-        return left_inverse(self.jacobian)
-
-    @cached_property
-    def reciprocal_condition(self) -> Floats:
-        """(n,) reciprocal condition of the bordered equations; 0 where singular."""
-        size = np.linalg.norm(self.jacobian, axis=(1, 2))
-        inverse = np.linalg.norm(self.inverse, axis=(1, 2))
-        return np.asarray(np.nan_to_num(1.0 / (inverse * size)))
-
-
 def bordered(jacobian: Floats, borders: Floats) -> Floats:
     """Return the equations (n, rows + 1, variables) with the borders as last row."""
     return np.concatenate([jacobian, borders[:, None, :]], axis=1)
 
 
+def bordered_condition(equations: Floats, inverse: Floats) -> Floats:
+    """Return the reciprocal condition (n,) of bordered equations; 0 where singular."""
+    size = np.linalg.norm(equations, axis=(1, 2))
+    return np.asarray(np.nan_to_num(1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)))
+
+
 def curve_points(
     closure: Closure, values: Floats, borders: Floats
-) -> tuple[CurvePoints, Bordered]:
+) -> tuple[CurvePoints, Linearisation]:
     """Return the curve at closed configurations, its tangents along the borders.
 
     `values`, `borders` (n, variables); a border only has to have a part along the curve.
     """
     at = closure.at(values)
-    equations = Bordered(at, borders)
-    tangents = equations.inverse[:, :, -1]
+    inverse = left_inverse(bordered(at.jacobian, borders))
+    tangents = inverse[:, :, -1]
     tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
-    bends = -np.einsum("nij,nj->ni", equations.inverse[:, :, :-1], at.bias(tangents))
+    bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], at.bias(tangents))
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
-    return CurvePoints(values, tangents, bends, at.gap), equations
+    return CurvePoints(values, tangents, bends, at.gap), at
 
 
 def correct(
@@ -112,21 +88,22 @@ def correct(
     `values`, `borders` (n, variables), `targets` (n,). What does not converge is NaN or
     has a residual; the caller judges.
     """
-    steps = NewtonSteps(len(values))
-    values = values.copy()
-    active = np.arange(len(values))
-    for _ in range(MOST_CORRECTIONS):
-        at = closure.take(active).at(values[active])
-        inverse = left_inverse(bordered(at.jacobian, borders[active]))
-        miss = targets[active] - np.sum(borders[active] * at.values, axis=1)
-        change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
-        change += inverse[:, :, -1] * miss[:, None]
-        length = np.max(np.abs(change), axis=1)
-        values[active] += change * steps.part(length, active)
-        active = active[length > CORRECTED]
-        if not len(active):
-            break
-    return values, steps
+
+    def change(here: Floats, rows: NDArray[np.intp]) -> Floats:
+        miss = targets[rows] - np.sum(borders[rows] * here, axis=1)
+        return bordered_step(closure.take(rows).at(here), borders[rows], miss)
+
+    return newton(change, values, MOST_CORRECTIONS, CORRECTED)
+
+
+def bordered_step(at: Linearisation, borders: Floats, miss: Floats) -> Floats:
+    """Return Newton's steps (n, variables) that close the loops and make up for a miss.
+
+    `miss` (n,) is by how much border . values has to grow, `borders` (n, variables).
+    """
+    inverse = left_inverse(bordered(at.jacobian, borders))
+    change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
+    return np.asarray(change + inverse[:, :, -1] * miss[:, None])
 
 
 @final
@@ -155,11 +132,10 @@ class Segments:
     @cached_property
     def rounding(self) -> Floats:
         """Relative error (k - 1,) of a tangent between two nodes, from their condition."""
-        _, equations = curve_points(self.closure, self.nodes.values, self.nodes.tangents)
-        flattest = np.minimum(
-            equations.reciprocal_condition[:-1], equations.reciprocal_condition[1:]
-        )
-        return np.asarray(8.0 * EPS / flattest)
+        jacobian = self.closure.at(self.nodes.values).jacobian
+        equations = bordered(jacobian, self.nodes.tangents)
+        condition = bordered_condition(equations, left_inverse(equations))
+        return np.asarray(8.0 * EPS / np.minimum(condition[:-1], condition[1:]))
 
     def predict(self, which: NDArray[np.intp], along: Floats) -> Floats:
         """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""

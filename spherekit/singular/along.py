@@ -14,8 +14,9 @@ import numpy as np
 from spherekit.conventions import EPS
 from spherekit.errors import PlanError
 from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import Motion, Tracer, motion_of
-from spherekit.motion.segments import Bordered, CurvePoints
+from spherekit.motion.segments import CurvePoints, bordered, bordered_condition
 from spherekit.numeric.rows import ArrayRows
 from spherekit.numeric.zeros import Zeros, zeros
 from spherekit.planning.plan import plan
@@ -250,7 +251,8 @@ class AlongCurve:
         w = at.body_rates(points.tangents)
         dw = at.body_rates(points.bends)
         dw += at.tree.body_rates(at.turned(w).vectors, points.tangents)
-        reciprocal_condition = Bordered(at, points.tangents).reciprocal_condition
+        equations = bordered(at.jacobian, points.tangents)
+        reciprocal_condition = bordered_condition(equations, left_inverse(equations))
         return Moving(points, motion, LinkRates(w, dw, reciprocal_condition))
 
     def _plan(self, poles: tuple[Pole, ...]) -> Plan | None:

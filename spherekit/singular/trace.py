@@ -1,6 +1,6 @@
 """Following a curve of singular configurations, step by verified step.
 
-The path is a `spherekit.motion.curve_path.CurvePath`, its bend that of the last step.
+The path is a `spherekit.motion.continuation.CurvePath`, its bend that of the last step.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,13 @@ import numpy as np
 from spherekit.budget import Budget
 from spherekit.conventions import Status
 from spherekit.motion.arc_length import periods_of
-from spherekit.motion.continuation import Verification
-from spherekit.motion.curve_path import STEP_PARTS, CurvePath, run_each, taylor
+from spherekit.motion.continuation import (
+    STEP_PARTS,
+    CurvePath,
+    Verification,
+    run_each,
+    taylor,
+)
 from spherekit.singular.curve import SingularCurve, predict
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.sphere.rotation import Floats
