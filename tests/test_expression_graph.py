@@ -10,7 +10,9 @@ import pytest
 
 from spherekit.engine.algebra import SeriesExpressions, length, vector
 from spherekit.engine.arrays import BLOCK, array_function
-from spherekit.engine.complex_terms import compile_complex
+from spherekit.engine.design_kernel import (
+    compile_complex,
+)
 from spherekit.engine.expression_graph import (
     ExpressionNode,
     function,

@@ -13,8 +13,10 @@ from spherekit.model.parts import Input
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
-from spherekit.rates.request import request
-from spherekit.rates.routes import ROUTES
+from spherekit.rates.request import (
+    ROUTES,
+    request,
+)
 from spherekit.rates.signs import SignMemory
 
 SHARP = 2e-10

@@ -24,8 +24,10 @@ from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.pole_field import PoleField
-from spherekit.rates.request import request
-from spherekit.rates.routes import Route
+from spherekit.rates.request import (
+    Route,
+    request,
+)
 
 BEYOND = float("inf")
 """Conditioning where there is no configuration, or no rate."""

@@ -12,7 +12,9 @@ from benchmarks.extremes.shapes import four_bar, point_of
 from benchmarks.samples import EIGHT_BARS, mechanism, random_axes
 from spherekit.model.geometry import geometry_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.rates.routes import Route
+from spherekit.rates.request import (
+    Route,
+)
 
 FAMILY = "parallel axes"
 APART = "angle between, rad"

@@ -13,8 +13,14 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.design_kernel import DesignTerms
-from spherekit.engine.path_kernel import Numbers, PathKernel, path_kernel
+from spherekit.engine.design_kernel import (
+    Numbers,
+    PathKernel,
+    path_kernel,
+)
+from spherekit.engine.row_quantities import (
+    DesignTerms,
+)
 from spherekit.model.parts import Input
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver

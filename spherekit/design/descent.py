@@ -15,10 +15,12 @@ from spherekit.design.sweep import Columns
 from spherekit.design.varied import DEG, DesignAt
 from spherekit.design.wanted import Sizing
 from spherekit.engine.arrays import ArrayFunction, array_function
-from spherekit.engine.derivatives import derivatives
 from spherekit.engine.design_kernel import design_kernel
-from spherekit.engine.expression_graph import symbols
-from spherekit.engine.expression_terms import expression_terms
+from spherekit.engine.expression_graph import (
+    derivatives,
+    expression_terms,
+    symbols,
+)
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.model.expression import Expression
 from spherekit.numeric.turns import widest_swing

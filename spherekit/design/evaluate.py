@@ -38,12 +38,15 @@ from spherekit.design.variables import (
 from spherekit.design.varied import DEG, VariedMechanism
 from spherekit.engine.design_kernel import (
     DesignKernel,
-    DesignTerms,
+    PathKernel,
     arc_function,
     design_kernel,
+    path_kernel,
 )
 from spherekit.engine.hinges import hinged
-from spherekit.engine.path_kernel import PathKernel, path_kernel
+from spherekit.engine.row_quantities import (
+    DesignTerms,
+)
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document

@@ -26,7 +26,10 @@ from spherekit.design.all_solutions import (
     settled,
     tracked,
 )
-from spherekit.engine.path_kernel import Numbers, PathKernel
+from spherekit.engine.design_kernel import (
+    Numbers,
+    PathKernel,
+)
 from spherekit.motion.input_grid import InputGrid
 from spherekit.sphere.rotation import Floats
 

@@ -24,13 +24,16 @@ from spherekit.design.varied import DesignAt, VariedMechanism
 from spherekit.design.verified_steps import Profiles, followed
 from spherekit.engine.design_kernel import (
     DesignKernel,
-    DesignTerms,
     NewtonKernel,
     design_kernel,
     newton_kernel,
 )
 from spherekit.engine.hinges import Hinged, hinged
-from spherekit.engine.row_quantities import row_quantities, sample_names
+from spherekit.engine.row_quantities import (
+    DesignTerms,
+    row_quantities,
+    sample_names,
+)
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.change import document_of
 from spherekit.model.actions import acting_links, need_tabulated, wound_pairs

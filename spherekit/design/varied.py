@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from spherekit.design.file_numbers import OK, FileNumbers
 from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles
 from spherekit.design.variables import ACTIONS, DesignVariable, designed_pairs
-from spherekit.engine.design_kernel import DesignTerms
 from spherekit.engine.hinges import Hinged
+from spherekit.engine.row_quantities import (
+    DesignTerms,
+)
 from spherekit.errors import SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.mechanism import Mechanism

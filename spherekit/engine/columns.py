@@ -23,8 +23,11 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
+from spherekit.rates.pole_field import (
+    TURN_KNOWN,
+    axis_pairs,
+)
 from spherekit.rates.request import Request
-from spherekit.rates.turning import TURN_KNOWN, axis_pairs
 from spherekit.sphere.rotation import Floats
 
 LARGEST_ERROR = 1e-9

@@ -1,38 +1,128 @@
 """Kernels of which sizes are inputs: one for a topology, whatever its geometry.
 
 What does not depend on the configuration is computed once a design (`prepare`), the rest
-at every row (`evaluate`): a row is one sample of one design in one assembly mode.
+at every row (`evaluate`): a row is one sample of one design in one assembly mode. Closure
+equations are there at complex inputs too: they are analytic, and off the real axis their
+solutions neither meet nor vanish; compiled, real and imaginary parts are terms.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spherekit.engine.actions import Actions
 from spherekit.engine.algebra import Exprs, constants, cross, dot
 from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
-from spherekit.engine.derivatives import derivatives
-from spherekit.engine.dyads import ClosedDyad, place_by_inputs
+from spherekit.engine.coordinate_rates import (
+    answers,
+    misfits,
+    newton_step,
+    openness,
+    rates_by_inputs,
+)
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
     function,
     hoisted,
+    rewrite,
     symbols,
 )
 from spherekit.engine.frames import DesignGeometry
-from spherekit.engine.kinematics import Structure
-from spherekit.engine.misfits import answers, misfit_rates, misfits, newton_step
-from spherekit.engine.pose import LinkOrientation, place_by_variables
-from spherekit.engine.profile_columns import ProfileColumns
-from spherekit.engine.row_quantities import RowQuantities, sample_names
-from spherekit.engine.turns import TurningPairs, turning_pairs
-from spherekit.model.actions import wound_pairs
+from spherekit.engine.pose import spin_vectors
+from spherekit.engine.row_quantities import DesignTerms, RowQuantities
+from spherekit.engine.turns import turning_pairs
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Motion
+from spherekit.sphere.rotation import Floats
+
+Parts = tuple[Expr, Expr]
+"""The real and the imaginary part."""
+
+
+@final
+@dataclass(frozen=True)
+class ComplexFunction:
+    """A compiled function of complex variables and real numbers, with complex values.
+
+    `function` is of the variables' real parts, their imaginary parts, and the numbers; it
+    gives real parts, then imaginary ones.
+    """
+
+    function: CompiledFunction
+
+    def __call__(self, values: NDArray[Any], numbers: Floats) -> NDArray[Any]:
+        """Return the values (outputs, n) at variables (variables, n), numbers (k, n)."""
+        columns = self.function(np.concatenate([values.real, values.imag, numbers]))
+        half = len(columns) // 2
+        made = np.empty((half, values.shape[1]), dtype=complex)
+        made.real, made.imag = columns[:half], columns[half:]
+        return made
+
+
+def compile_complex(
+    outputs: Sequence[Expr],
+    variables: Sequence[ExpressionNode],
+    numbers: Sequence[ExpressionNode],
+) -> ComplexFunction:
+    """Compile expressions of variables that are complex, and of real numbers.
+
+    Raises
+    ------
+    KeyError
+        If a term is no sum, product, quotient, sine or cosine.
+    """
+    real = symbols(f"real_{k}" for k in range(len(variables)))
+    imaginary = symbols(f"imaginary_{k}" for k in range(len(variables)))
+    parts = dict(zip(variables, zip(real, imaginary, strict=True), strict=True))
+
+    def apply(term: ExpressionNode, arguments: list[Parts]) -> Parts:
+        if term.operation == "variable":
+            return parts.get(term, (term, 0.0))
+        return _OPERATIONS[term.operation](*arguments)
+
+    made = rewrite(outputs, lambda number: (number, 0.0), apply)
+    columns = [part[k] for k in (0, 1) for part in made]
+    return ComplexFunction(compile_function(columns, [*real, *imaginary, *numbers]))
+
+
+def _product(one: Parts, other: Parts) -> Parts:
+    (a, b), (c, d) = one, other
+    return a * c - b * d, a * d + b * c
+
+
+def _quotient(one: Parts, other: Parts) -> Parts:
+    (a, b), (c, d) = one, other
+    square = c * c + d * d
+    return (a * c + b * d) / square, (b * c - a * d) / square
+
+
+def _sine(angle: Parts) -> Parts:
+    a, b = angle
+    return (
+        function("sin", a) * function("cosh", b),
+        function("cos", a) * function("sinh", b),
+    )
+
+
+def _cosine(angle: Parts) -> Parts:
+    a, b = angle
+    return (
+        function("cos", a) * function("cosh", b),
+        -(function("sin", a) * function("sinh", b)),
+    )
+
+
+_OPERATIONS: Mapping[str, Callable[..., Parts]] = {
+    "+": lambda x, y: (x[0] + y[0], x[1] + y[1]),
+    "-": lambda x, y: (x[0] - y[0], x[1] - y[1]),
+    "*": _product,
+    "/": _quotient,
+    "sin": _sine,
+    "cos": _cosine,
+}
 
 
 @final
@@ -64,146 +154,6 @@ class DesignKernel:
     def reaches(self) -> int:
         """How many outputs come before the columns."""
         return len(self.places) if self.closed_form else 0
-
-
-Geometry = Callable[[Mapping[str, Expr]], TurningPairs]
-"""The pairs in which sizes, by name, are terms."""
-
-
-@final
-@dataclass(frozen=True)
-class DesignTerms:
-    """What kernels of a topology are written in.
-
-    Attributes
-    ----------
-    structure
-        The kinematics, with `sizes` for the numbers of the mechanism.
-    actions
-        Its masses and loads; numbers of these that differ are among the sizes too.
-    sample, places
-        The variables of `sample_names`, and the signs of dyads or the variables of pairs.
-    variables
-        Of pairs, where these are the places; those that follow from others as terms.
-    links, dyads
-        The links placed by these, and the dyads in closed form.
-    turns
-        Of passive pairs whose variables loads depend on, by name: what their turns (rad)
-        add to angles that places give.
-    """
-
-    structure: Structure
-    actions: Actions
-    sizes: tuple[ExpressionNode, ...]
-    sample: tuple[ExpressionNode, ...]
-    places: tuple[ExpressionNode, ...]
-    variables: tuple[Expr, ...]
-    links: tuple[LinkOrientation, ...]
-    dyads: tuple[ClosedDyad, ...]
-    turns: Mapping[str, ExpressionNode]
-
-    @staticmethod
-    def of(
-        mechanism: Mechanism,
-        inputs: Sequence[str],
-        sizes: Sequence[str] = (),
-        geometry: Geometry | None = None,
-        closed_form: bool | None = None,
-        differing: Sequence[int] = (),
-        closed: Motion | None = None,
-    ) -> "DesignTerms":
-        """Return the terms of a mechanism; by default in closed form where there is one.
-
-        `differing` says which of the numbers of `Actions` are terms, after the sizes;
-        `closed` is a motion of the mechanism, if one is known.
-
-        Raises
-        ------
-        EngineError
-            If the engine does not know the mechanism's pairs or groups.
-        """
-        terms = symbols(sizes)
-        pairs = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
-        structure = Structure.of(mechanism, inputs, pairs, closed)
-        sample = symbols(sample_names(inputs))
-        if closed_form is None:
-            closed_form = structure.assembly.has_closed_form
-        dyads: list[ClosedDyad] = []
-        variables: list[Expr] = []
-        if closed_form:
-            places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
-            placed = place_by_inputs(structure, sample[: len(inputs)], places)
-            links, dyads = placed.links, placed.dyads
-        else:
-            places = symbols(mechanism.variable_names)
-            following = structure.following([places[v] for v in structure.inputs])
-            variables = [following.get(v, place) for v, place in enumerate(places)]
-            links = place_by_variables(mechanism, structure.pairs, variables)
-        actions = Actions.of(mechanism)
-        numbers: list[Expr] = list(actions.numbers)
-        more = symbols([f"number_{k}" for k in differing])
-        for k, term in zip(differing, more, strict=True):
-            numbers[k] = term
-        return DesignTerms(
-            structure,
-            actions.replaced(numbers),
-            sizes=(*terms, *more),
-            sample=tuple(sample),
-            places=tuple(places),
-            variables=tuple(variables),
-            links=tuple(links),
-            dyads=tuple(dyads),
-            turns={
-                pair: symbols([f"turns_of_{pair}"])[0]
-                for pair in wound_pairs(structure.mechanism)
-                if pair not in inputs
-            },
-        )
-
-    @property
-    def closed_form(self) -> bool:
-        """Whether the links are placed by the signs of dyads."""
-        return bool(self.dyads) or not self.places
-
-    @property
-    def profiles(self) -> tuple[ProfileColumns, ...]:
-        """The profiles whose columns are handed in after the places."""
-        return self.structure.pairs.columns
-
-    @property
-    def handed_in(self) -> list[ExpressionNode]:
-        """The columns of profiles."""
-        both = ((*profile.terms, profile.last) for profile in self.profiles)
-        return [term for terms in both for term in terms]
-
-    def _by_place(self, items: Sequence[Expr], v: int) -> list[Expr]:
-        """Return the derivatives by a variable, along the profiles that run with it."""
-        total = derivatives(items, self.places[v])
-        for profile in self.profiles:
-            if profile.variable == v:
-                for term, along in zip(profile.terms, profile.along, strict=True):
-                    partial = derivatives(items, term)
-                    total = [x + y * along for x, y in zip(total, partial, strict=True)]
-        return total
-
-    def by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
-        """Return the derivatives of expressions by each size, the loops kept closed.
-
-        Then by the columns of profiles but for the last of each, if some are handed in.
-        """
-        if self.closed_form:
-            return [derivatives(items, size) for size in self.sizes]
-        by_places = [self._by_place(items, v) for v in range(len(self.places))]
-        columns = [term for profile in self.profiles for term in profile.terms]
-        made = []
-        for size in (*self.sizes, *columns):
-            rates = misfit_rates(self.structure, self.links, self.variables, size)
-            moved = answers(self.structure, self.links, rates)
-            total = derivatives(items, size)
-            for change, partial in zip(moved, by_places, strict=True):
-                total = [x + y * change for x, y in zip(total, partial, strict=True)]
-            made.append(total)
-        return made
 
 
 def design_kernel(
@@ -320,3 +270,111 @@ def arc_function(
         normal = cross(one, other)
         arcs.append(function("atan2", np.sqrt(dot(normal, normal)), dot(one, other)))
     return links, array_function(arcs, terms)
+
+
+Numbers = NDArray[Any]
+"""An array of real or complex numbers."""
+
+
+@final
+@dataclass(frozen=True)
+class At:
+    """Equations at n places: Newton's `step` (variables, n) and the `rates` by the inputs.
+
+    `rates` (inputs, variables, n), `determinant` (n,) of the equations, `open` (n,) the
+    square of how far loops are open.
+    """
+
+    step: Numbers
+    rates: Numbers
+    determinant: Numbers
+    open: Numbers
+
+
+@final
+@dataclass(frozen=True)
+class PathKernel:
+    """Newton's step and the rates of a topology whose sizes are inputs.
+
+    `prepare` takes the sizes (sizes, n) to what is the same at all samples of a design,
+    `real` and `complex` variables and these to `At`; `turning` to the triple products that
+    dyads are named by, `groups` has ``+`` for each of them and ``~`` for other groups.
+    """
+
+    variables: int
+    driven: list[int]
+    prepare: ArrayFunction
+    real: ArrayFunction | CompiledFunction
+    complex: Callable[[Numbers, Floats], Numbers]
+    groups: str
+    turning: ArrayFunction
+
+    def labels(self, values: Floats, prepared: Floats) -> list[str]:
+        """Return the signs of dyads, ``~`` for other groups, at closed configurations."""
+        rows = np.concatenate([values, prepared])
+        signs = iter(np.where(self.turning(rows) >= 0.0, "+", "-"))
+        columns = [next(signs) if g == "+" else None for g in self.groups]
+        width = values.shape[1]
+        return [
+            "".join("~" if column is None else str(column[k]) for column in columns)
+            for k in range(width)
+        ]
+
+    def at(self, values: Numbers, prepared: Floats) -> At:
+        """Return what the equations are at values (variables, n) and prepared (k, n)."""
+        if np.iscomplexobj(values):
+            columns = self.complex(values, prepared)
+        else:
+            columns = self.real(np.concatenate([values, prepared]))
+        v, k = self.variables, len(self.driven)
+        rates = columns[v : (k + 1) * v].reshape(k, v, -1)
+        return At(columns[:v], rates, columns[-2], columns[-1])
+
+
+def _on_arrays(
+    outputs: Sequence[Expr],
+    variables: Sequence[ExpressionNode],
+    numbers: Sequence[ExpressionNode],
+) -> Callable[[Numbers, Floats], Numbers]:
+    made = array_function(outputs, [*variables, *numbers], complex)
+
+    def at(values: Numbers, prepared: Floats) -> Numbers:
+        return np.asarray(made(np.concatenate([values, prepared.astype(complex)])))
+
+    return at
+
+
+def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
+    """Return the kernel; `terms` are of variables, not of signs."""
+    structure, links, places = terms.structure, terms.links, terms.places
+    change = answers(structure, links, misfits(structure, links, terms.variables))
+    for variable, angle in enumerate(terms.variables):
+        if angle is not places[variable]:
+            change[variable] = angle - places[variable]
+    rates, determinant = rates_by_inputs(structure, links)
+    outputs = [*change, *(rate for row in rates for rate in row), determinant]
+    outputs.append(openness(structure, links, terms.variables))
+    dyads = [group for group in structure.assembly.groups if group.is_dyad]
+    turning = []
+    for group in dyads:
+        axes = []
+        for pair in group.pairs:
+            (variable,) = structure.mechanism.variables_of(pair)
+            (spin,) = spin_vectors(structure.pairs, links, variable)
+            axes.append(spin.axis)
+        turning.append(dot(axes[0], cross(axes[1], axes[2])))
+    rows, fixed = hoisted([*outputs, *turning], places, "design_")
+    rows, turning = rows[: len(outputs)], rows[len(outputs) :]
+    inputs = [*places, *fixed]
+    compiles = compiled and available()
+    make = compile_function if compiles else array_function
+    off_axis = compile_complex if compiles else _on_arrays
+    return PathKernel(
+        len(places),
+        list(structure.inputs),
+        array_function(list(fixed.values()), terms.sizes),
+        make(rows, inputs),
+        off_axis(rows, places, list(fixed)),
+        "".join("+" if group.is_dyad else "~" for group in structure.assembly.groups),
+        array_function(turning, inputs),
+    )

@@ -9,6 +9,9 @@ from itertools import count
 from typing import Any, final
 from weakref import WeakValueDictionary
 
+from spherekit.errors import EngineError
+from spherekit.model.expression import Expression, fold
+
 Expr = Any
 """A number, a term, or a `spherekit.engine.algebra.Series` of these."""
 
@@ -278,3 +281,113 @@ def hoisted(
                 term.operation, *(of(argument) for argument in term.arguments)
             )
     return [of(item) for item in items], {new: term for term, new in fixed.items()}
+
+
+_Chain = Callable[[ExpressionNode, Sequence[Expr], Sequence[Expr]], Expr]
+"""The derivative of a node from its arguments and their derivatives."""
+
+
+def _quotient_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> Expr:
+    return (dx[0] - node * dx[1]) / x[1]
+
+
+def _power_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> Expr:
+    base, exponent = x
+    total: Expr = exponent * power(base, exponent - 1.0) * dx[0]
+    if isinstance(dx[1], ExpressionNode) or dx[1] != 0.0:
+        total = total + node * function("log", base) * dx[1]
+    return total
+
+
+def _atan2_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> Expr:
+    y, z = x
+    return (z * dx[0] - y * dx[1]) / (y * y + z * z)
+
+
+_DERIVATIVES: Mapping[str, _Chain] = {
+    "+": lambda node, x, dx: dx[0] + dx[1],
+    "-": lambda node, x, dx: dx[0] - dx[1],
+    "*": lambda node, x, dx: dx[0] * x[1] + x[0] * dx[1],
+    "/": _quotient_rate,
+    "**": _power_rate,
+    "sin": lambda node, x, dx: function("cos", x[0]) * dx[0],
+    "cos": lambda node, x, dx: -1.0 * (function("sin", x[0]) * dx[0]),
+    "tan": lambda node, x, dx: (1.0 + node * node) * dx[0],
+    "asin": lambda node, x, dx: dx[0] / function("sqrt", 1.0 - x[0] * x[0]),
+    "acos": lambda node, x, dx: -1.0 * dx[0] / function("sqrt", 1.0 - x[0] * x[0]),
+    "atan": lambda node, x, dx: dx[0] / (1.0 + x[0] * x[0]),
+    "atan2": _atan2_rate,
+    "sqrt": lambda node, x, dx: 0.5 * dx[0] / node,
+    "exp": lambda node, x, dx: node * dx[0],
+    "log": lambda node, x, dx: dx[0] / x[0],
+    "tanh": lambda node, x, dx: (1.0 - node * node) * dx[0],
+    "sign": lambda node, x, dx: 0.0,
+}
+
+
+def derivatives(items: Sequence[Expr], by: ExpressionNode) -> list[Expr]:
+    """Return the derivatives of expressions by a variable; 0.0 of what is without it.
+
+    Kinks and jumps have the derivative of the side they are on.
+    """
+    made: dict[ExpressionNode, Expr] = {}
+
+    def of(item: Any) -> Expr:
+        return made[item] if isinstance(item, ExpressionNode) else 0.0
+
+    for node in in_order(items):
+        if node.operation == "variable":
+            made[node] = 1.0 if node is by else 0.0
+            continue
+        changes = [of(argument) for argument in node.arguments]
+        if all(isinstance(change, float) and change == 0.0 for change in changes):
+            made[node] = 0.0
+        else:
+            made[node] = _DERIVATIVES[node.operation](node, node.arguments, changes)
+    return [of(item) for item in items]
+
+
+def _size(x: Expr) -> Expr:
+    return x * function("sign", x)
+
+
+def _larger(*items: Expr) -> Expr:
+    best = items[0]
+    for item in items[1:]:
+        best = 0.5 * (best + item + _size(best - item))
+    return best
+
+
+def need_divisor(law: Expression, name: str, parts: Sequence[Expr]) -> None:
+    """Refuse a quotient by terms that cancel each other."""
+    if name == "/" and parts[1] == 0.0:
+        what = f'"{law.text}"' if law.text else "a load"
+        raise EngineError(f"{what} divides by what is zero everywhere")
+
+
+BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+    "/": lambda a, b: a / b,
+    "**": power,
+    "negative": lambda a: -1.0 * a,
+}
+
+_BY_TERMS: Mapping[str, Callable[..., Expr]] = {
+    **BY_OPERATOR,
+    "abs": _size,
+    "max": _larger,
+    "min": lambda *items: -1.0 * _larger(*(-1.0 * item for item in items)),
+}
+
+
+def expression_terms(expression: Expression, named: Mapping[str, Expr]) -> Expr:
+    """Return an expression in terms, from the terms of its names."""
+
+    def apply(name: str, parts: list[Any]) -> Expr:
+        need_divisor(expression, name, parts)
+        made = _BY_TERMS.get(name)
+        return made(*parts) if made else function(name, *parts)
+
+    return fold(expression.root, float, lambda name: named[name], apply)

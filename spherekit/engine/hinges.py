@@ -32,8 +32,11 @@ from spherekit.model.geometry import geometry_of
 from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import LinkSizes, Pair, SizeGeometry
-from spherekit.planning.wheel_train import WheelTrain, wheel_train
-from spherekit.planning.wheels import ONE_LINE
+from spherekit.planning.wheels import (
+    ONE_LINE,
+    WheelTrain,
+    wheel_train,
+)
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward
 
 

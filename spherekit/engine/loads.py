@@ -13,8 +13,12 @@ import numpy as np
 
 from spherekit.conventions import TURN
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
-from spherekit.engine.expression_graph import Expr, function
-from spherekit.engine.expression_terms import BY_OPERATOR, need_divisor
+from spherekit.engine.expression_graph import (
+    BY_OPERATOR,
+    Expr,
+    function,
+    need_divisor,
+)
 from spherekit.engine.kinematics import RateExpressions
 from spherekit.engine.pose import LinkOrientation
 from spherekit.model.expression import Expression, fold

@@ -14,7 +14,6 @@ from spherekit.engine.arrays import ArrayFunction, array_function
 from spherekit.engine.block_elimination import Pivot, pivots_of
 from spherekit.engine.cache import COMPILED
 from spherekit.engine.carried_vectors import largest, root
-from spherekit.engine.closed_positions import closed_form, lost_by
 from spherekit.engine.columns import (
     ERRORS,
     LARGEST_ERROR,
@@ -24,6 +23,10 @@ from spherekit.engine.columns import (
     Terms,
 )
 from spherekit.engine.compiler import CompiledFunction, compile_function
+from spherekit.engine.dyads import (
+    closed_form,
+    lost_by,
+)
 from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted
 from spherekit.engine.profile_columns import ProfileColumns, with_columns
 from spherekit.motion.motion import Motion

@@ -1,29 +1,42 @@
 """What rows of designs may be asked for, as expressions."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 
 from spherekit.conventions import TURN, listing, nearest
-from spherekit.engine.algebra import Exprs, SeriesExpressions, by_coordinate, cross, dot
-from spherekit.engine.coordinate_rates import CoordinateRates
-from spherekit.engine.expression_graph import Expr, function
-from spherekit.engine.inertia import inertia
-from spherekit.engine.input_moments import InputMoments
-from spherekit.engine.kinematics import RateExpressions
+from spherekit.engine.actions import Actions
+from spherekit.engine.algebra import Exprs, cross, dot, sum_of
+from spherekit.engine.coordinate_rates import (
+    CoordinateRates,
+    InputMoments,
+    answers,
+    misfit_rates,
+)
+from spherekit.engine.dyads import ClosedDyad, place_by_inputs
+from spherekit.engine.expression_graph import (
+    Expr,
+    ExpressionNode,
+    derivatives,
+    function,
+    symbols,
+)
+from spherekit.engine.kinematics import Structure
 from spherekit.engine.loads import LoadState, forces_of
-from spherekit.engine.pose import spin_vectors
+from spherekit.engine.pose import LinkOrientation, place_by_variables, spin_vectors
+from spherekit.engine.profile_columns import ProfileColumns
+from spherekit.engine.turns import TurningPairs
 from spherekit.errors import EngineError
+from spherekit.model.actions import wound_pairs
 from spherekit.model.bearings import need_no_rubbing
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion
 from spherekit.planning.assembly import Group, plan_assembly
 from spherekit.planning.inputs import driven_pairs
-
-if TYPE_CHECKING:
-    from spherekit.engine.design_kernel import DesignTerms
 
 
 def sample_names(inputs: Sequence[str]) -> tuple[str, ...]:
@@ -79,85 +92,219 @@ def _quantities(
     return made
 
 
+Geometry = Callable[[Mapping[str, Expr]], TurningPairs]
+"""The pairs in which sizes, by name, are terms."""
+
+
+@final
+@dataclass(frozen=True)
+class DesignTerms:
+    """What kernels of a topology are written in.
+
+    Attributes
+    ----------
+    structure
+        The kinematics, with `sizes` for the numbers of the mechanism.
+    actions
+        Its masses and loads; numbers of these that differ are among the sizes too.
+    sample, places
+        The variables of `sample_names`, and the signs of dyads or the variables of pairs.
+    variables
+        Of pairs, where these are the places; those that follow from others as terms.
+    links, dyads
+        The links placed by these, and the dyads in closed form.
+    turns
+        Of passive pairs whose variables loads depend on, by name: what their turns (rad)
+        add to angles that places give.
+    """
+
+    structure: Structure
+    actions: Actions
+    sizes: tuple[ExpressionNode, ...]
+    sample: tuple[ExpressionNode, ...]
+    places: tuple[ExpressionNode, ...]
+    variables: tuple[Expr, ...]
+    links: tuple[LinkOrientation, ...]
+    dyads: tuple[ClosedDyad, ...]
+    turns: Mapping[str, ExpressionNode]
+
+    @staticmethod
+    def of(
+        mechanism: Mechanism,
+        inputs: Sequence[str],
+        sizes: Sequence[str] = (),
+        geometry: Geometry | None = None,
+        closed_form: bool | None = None,
+        differing: Sequence[int] = (),
+        closed: Motion | None = None,
+    ) -> "DesignTerms":
+        """Return the terms of a mechanism; by default in closed form where there is one.
+
+        `differing` says which of the numbers of `Actions` are terms, after the sizes;
+        `closed` is a motion of the mechanism, if one is known.
+
+        Raises
+        ------
+        EngineError
+            If the engine does not know the mechanism's pairs or groups.
+        """
+        terms = symbols(sizes)
+        pairs = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
+        structure = Structure.of(mechanism, inputs, pairs, closed)
+        sample = symbols(sample_names(inputs))
+        if closed_form is None:
+            closed_form = structure.assembly.has_closed_form
+        dyads: list[ClosedDyad] = []
+        variables: list[Expr] = []
+        if closed_form:
+            places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
+            placed = place_by_inputs(structure, sample[: len(inputs)], places)
+            links, dyads = placed.links, placed.dyads
+        else:
+            places = symbols(mechanism.variable_names)
+            following = structure.following([places[v] for v in structure.inputs])
+            variables = [following.get(v, place) for v, place in enumerate(places)]
+            links = place_by_variables(mechanism, structure.pairs, variables)
+        actions = Actions.of(mechanism)
+        numbers: list[Expr] = list(actions.numbers)
+        more = symbols([f"number_{k}" for k in differing])
+        for k, term in zip(differing, more, strict=True):
+            numbers[k] = term
+        return DesignTerms(
+            structure,
+            actions.replaced(numbers),
+            sizes=(*terms, *more),
+            sample=tuple(sample),
+            places=tuple(places),
+            variables=tuple(variables),
+            links=tuple(links),
+            dyads=tuple(dyads),
+            turns={
+                pair: symbols([f"turns_of_{pair}"])[0]
+                for pair in wound_pairs(structure.mechanism)
+                if pair not in inputs
+            },
+        )
+
+    @property
+    def closed_form(self) -> bool:
+        """Whether the links are placed by the signs of dyads."""
+        return bool(self.dyads) or not self.places
+
+    @property
+    def profiles(self) -> tuple[ProfileColumns, ...]:
+        """The profiles whose columns are handed in after the places."""
+        return self.structure.pairs.columns
+
+    @property
+    def handed_in(self) -> list[ExpressionNode]:
+        """The columns of profiles."""
+        both = ((*profile.terms, profile.last) for profile in self.profiles)
+        return [term for terms in both for term in terms]
+
+    def _by_place(self, items: Sequence[Expr], v: int) -> list[Expr]:
+        """Return the derivatives by a variable, along the profiles that run with it."""
+        total = derivatives(items, self.places[v])
+        for profile in self.profiles:
+            if profile.variable == v:
+                for term, along in zip(profile.terms, profile.along, strict=True):
+                    partial = derivatives(items, term)
+                    total = [x + y * along for x, y in zip(total, partial, strict=True)]
+        return total
+
+    def by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
+        """Return the derivatives of expressions by each size, the loops kept closed.
+
+        Then by the columns of profiles but for the last of each, if some are handed in.
+        """
+        if self.closed_form:
+            return [derivatives(items, size) for size in self.sizes]
+        by_places = [self._by_place(items, v) for v in range(len(self.places))]
+        columns = [term for profile in self.profiles for term in profile.terms]
+        made = []
+        for size in (*self.sizes, *columns):
+            rates = misfit_rates(self.structure, self.links, self.variables, size)
+            moved = answers(self.structure, self.links, rates)
+            total = derivatives(items, size)
+            for change, partial in zip(moved, by_places, strict=True):
+                total = [x + y * change for x, y in zip(total, partial, strict=True)]
+            made.append(total)
+        return made
+
+
 BENDS = 200
 """Rows of a table of torques that a kernel may have."""
 
 
 @final
 class RowQuantities:
-    """The quantities of a row as expressions, each formed when it is asked for."""
+    """The quantities of a row as expressions, each formed when it is asked for.
 
-    def __init__(self, terms: "DesignTerms") -> None:
-        self.structure, self.actions = terms.structure, terms.actions
-        self.links = terms.links
-        self.dyads = terms.dyads
-        self._turns = terms.turns
-        mechanism = self.structure.mechanism
-        pairs = self.structure.input_pairs
-        self.inputs = [mechanism.pairs[pair].name for pair in pairs]
+    Rates are those of one input while the others rest; with one input it is that.
+    """
+
+    def __init__(self, terms: DesignTerms) -> None:
+        self.terms, self.structure = terms, terms.structure
+        mechanism = self.mechanism = terms.structure.mechanism
+        self.inputs = [mechanism.pairs[pair].name for pair in terms.structure.input_pairs]
         self.sample = dict(zip(sample_names(self.inputs), terms.sample, strict=True))
-        self.variables = None if terms.closed_form else terms.variables
-        self._flows: dict[int, RateExpressions] = {}
+
+    @cached_property
+    def _flow(self) -> CoordinateRates:
+        return CoordinateRates(self.structure, self.terms.links)
+
+    @cached_property
+    def _moments(self) -> InputMoments:
+        tensors = self.terms.actions.by_link(self.mechanism)
+        return InputMoments(self._flow, self.terms.links, tensors)
 
     def of(self, name: str) -> Expr:
         """Return a quantity by its name; `EngineError` if there is none of it."""
-        mechanism = self.structure.mechanism
         groups = self.structure.assembly.groups
-        quantities = _quantities(mechanism, self.inputs, _middles(mechanism, groups))
+        middle = _middles(self.mechanism, groups)
+        quantities = _quantities(self.mechanism, self.inputs, middle)
         if name not in quantities:
             hint = nearest(name, quantities) or "."
             raise EngineError(
-                f'{mechanism.name}: "{name}" is no quantity of a configuration{hint} '
+                f'{self.mechanism.name}: "{name}" is no quantity of a configuration{hint} '
                 f"Quantities: {listing(quantities)}"
             )
         if name in self.sample:
             return self.sample[name]
+        stem, moving = self._split(name)
         for prefix, make in (
             ("theta_", self.angle),
             ("transmission_angle_", self._transmission_angle),
         ):
             if name.startswith(prefix):
                 return make(name.removeprefix(prefix))
-        if len(self.inputs) > 1:
-            stem, moving = self._split(name)
-            return self._several(stem, moving)
-        if name.startswith("rate_"):
-            return self._rate(name.removeprefix("rate_"))
-        if name in ("B", "dB_dq", "torque"):
-            return self._inertia(name)
-        kind, _, links = name.partition("_coefficient_")
-        return self._coefficient(links, ("velocity", "acceleration").index(kind))
-
-    # Several inputs: one moves while the others rest.
+        if stem == "torque":
+            return self._torque(moving)
+        if stem == "dB_dq":
+            # B q'' + dB_dq q'^2 / 2 is what links resist.
+            return 2.0 * self._moments.moving([1.0]).resistance(0, [0.0])
+        if stem.startswith("rate_"):
+            variable = self._variable(stem.removeprefix("rate_"))
+            return self._flow.tau[moving][variable] / self._flow.scale
+        kind, _, text = stem.partition("_coefficient_")
+        if kind == stem:
+            one = stem.removeprefix("B").removeprefix("_")
+            return self._moments.inertia(self.inputs.index(one) if one else 0, moving)
+        return self._coefficient(kind, text, moving)
 
     def _split(self, name: str) -> tuple[str, int]:
         """Return a name without the input that moves, and the number of that."""
         ends = [f"_by_{pair}" for pair in self.inputs]
         fitting = [k for k, end in enumerate(ends) if name.endswith(end)]
+        if len(self.inputs) == 1 or not fitting:
+            return name, 0
         # Of pairs whose names end alike the longest is meant.
         moving = max(fitting, key=lambda k: len(ends[k]))
         return name.removesuffix(ends[moving]), moving
 
-    @cached_property
-    def _rates(self) -> CoordinateRates:
-        return CoordinateRates(self.structure, self.links)
-
-    @cached_property
-    def _moments(self) -> InputMoments:
-        tensors = self.actions.by_link(self.structure.mechanism)
-        return InputMoments(self._rates, self.links, tensors)
-
-    def _several(self, stem: str, moving: int) -> Expr:
-        flow = self._rates
-        if stem == "torque":
-            return self._torque(moving)
-        if stem.startswith("B_"):
-            return self._moments.inertia(self.inputs.index(stem.removeprefix("B_")), moving)
-        if stem.startswith("rate_"):
-            number = self._variable(stem.removeprefix("rate_"))
-            return flow.tau[moving][number] / flow.scale
-        kind, _, text = stem.partition("_coefficient_")
-        mechanism = self.structure.mechanism
+    def _coefficient(self, kind: str, text: str, moving: int) -> Expr:
+        """Return a coefficient of two links: along the axis of a pair, or its size."""
+        flow, mechanism = self._flow, self.mechanism
         link, other = (mechanism.link(name) for name in self._two_links(text))
         share = 1.0 / flow.scale
         rates = [rate * share for rate in flow.tau[moving]]
@@ -179,14 +326,19 @@ class RowQuantities:
         return dot(np.asarray(turned[link] - turned[other]), along)
 
     def _torque(self, moving: int) -> Expr:
-        mechanism, flow = self.structure.mechanism, self._rates
+        """Return the torque of an input: what links resist less what loads do."""
+        mechanism, flow = self.mechanism, self._flow
         count, sample = len(self.inputs), list(self.sample.values())
         speeds, accelerations = sample[count : 2 * count], sample[2 * count : 3 * count]
         motion = self._moments.moving(speeds)
+        name = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
+        figure = "eksergian.eksergian: abs(tau)" if count == 1 else name
+        what = f'a kernel of designs does not solve for; runs do: --reduce "max({figure})"'
+        need_no_rubbing(mechanism, what)
         angles = self._angles()
         state = LoadState(
             mechanism,
-            self.links,
+            self.terms.links,
             flow.tau,
             flow.w,
             angles,
@@ -196,83 +348,46 @@ class RowQuantities:
             _sign,
             self._table,
         )
-        force = self._force(state, moving)
+        force = sum_of(
+            forces_of(parts, state)[moving] for parts in self.terms.actions.loads
+        )
         return motion.resistance(moving, accelerations) - force / flow.scale
 
     def _angles(self) -> list[Expr]:
         """Return the variables of R pairs; those of contacts are zero, loads have none."""
-        mechanism = self.structure.mechanism
-        angles: list[Expr] = [0.0] * len(mechanism.variable_owners)
-        for pair, variable in mechanism.angles.items():
+        angles: list[Expr] = [0.0] * len(self.mechanism.variable_owners)
+        for pair, variable in self.mechanism.angles.items():
             if pair in self.inputs:
-                angles[variable] = self.sample[self._of_input("q", pair)]
+                angles[variable] = self.terms.sample[self.inputs.index(pair)]
             else:
-                angles[variable] = self.angle(pair) + self._turns.get(pair, 0.0)
+                angles[variable] = self.angle(pair) + self.terms.turns.get(pair, 0.0)
         return angles
-
-    def _of_input(self, kind: str, pair: str) -> str:
-        return kind if len(self.inputs) == 1 else f"{kind}_{pair}"
 
     def needs_turns(self, columns: Sequence[str]) -> bool:
         """Return whether some of these depend on how often pairs have turned."""
         return any(column.split("_by_")[0] == "torque" for column in columns)
 
-    def _force(self, state: LoadState, moving: int) -> Expr:
-        """Return the generalised force of all loads on an input, by its number."""
-        mechanism = self.structure.mechanism
-        table = (
-            "eksergian.eksergian: abs(tau)"
-            if len(self.inputs) == 1
-            else (f"dynamics.dynamics: abs(tau_{self.inputs[moving]})")
-        )
-        what = f'a kernel of designs does not solve for; runs do: --reduce "max({table})"'
-        need_no_rubbing(mechanism, what)
-        force: Expr = 0.0
-        for parts in self.actions.loads:
-            force = force + forces_of(parts, state)[moving]
-        return force
-
-    # One input.
-
-    def _flow(self, order: int) -> RateExpressions:
-        if order not in self._flows:
-            self._flows[order] = RateExpressions(self.structure, self.links, order)
-        return self._flows[order]
-
-    def _by_q(self, flow: RateExpressions) -> SeriesExpressions:
-        return 1.0 / flow.rate_of(self.structure.driven)
-
     def _variable(self, pair: str) -> int:
-        mechanism = self.structure.mechanism
-        return mechanism.variables_of(mechanism.pair_number[pair])[0]
+        return self.mechanism.variables_of(self.mechanism.pair_number[pair])[0]
 
     def angle(self, pair: str) -> Expr:
         """Return the variable of an R pair, less its turns in closed form."""
-        structure = self.structure
-        if self.variables is not None:
-            return self.variables[self._variable(pair)]
-        number = structure.mechanism.pair_number[pair]
-        chain = structure.pairs.chains[number]
-        first, second = (self.links[k] for k in structure.mechanism.ends[number])
+        if not self.terms.closed_form:
+            return self.terms.variables[self._variable(pair)]
+        number = self.mechanism.pair_number[pair]
+        chain = self.structure.pairs.chains[number]
+        first, second = (self.terms.links[k] for k in self.mechanism.ends[number])
         zero = first.direction(chain.constants[0][:, 0])
         side = first.direction(chain.constants[0][:, 1])
         reached = second.direction(chain.constants[1][0])
         return function("atan2", dot(side, reached), dot(zero, reached))
 
-    def _rate(self, pair: str) -> Expr:
-        flow = self._flow(0)
-        variable = self._variable(pair)
-        if variable == self.structure.driven:
-            return 1.0
-        return flow.tau[0][variable] / flow.tau[0][self.structure.driven]
-
     def _transmission_angle(self, pair: str) -> Expr:
-        mechanism = self.structure.mechanism
-        number = mechanism.pair_number[pair]
-        groups = {g.middle: g for g in self.structure.assembly.groups if g.is_dyad}
-        closed = {dyad.middle: dyad.transmission_angle for dyad in self.dyads}
+        number = self.mechanism.pair_number[pair]
+        closed = {dyad.middle: dyad.transmission_angle for dyad in self.terms.dyads}
         if number in closed:
             return closed[number]
+        groups = {g.middle: g for g in self.structure.assembly.groups if g.is_dyad}
         group = groups[number]
         near, middle, far = (self._axis(group.pairs[k]) for k in group.dyad_places)
         one, other = cross(near, middle), cross(middle, far)
@@ -281,66 +396,29 @@ class RowQuantities:
         return function("atan2", function("sqrt", sine), function("sqrt", cosine))
 
     def _axis(self, pair: int) -> Exprs:
-        (variable,) = self.structure.mechanism.variables_of(pair)
-        (spin,) = spin_vectors(self.structure.pairs, self.links, variable)
+        (variable,) = self.mechanism.variables_of(pair)
+        (spin,) = spin_vectors(self.structure.pairs, self.terms.links, variable)
         return spin.axis
 
     def _two_links(self, text: str) -> tuple[str, str]:
-        mechanism = self.structure.mechanism
-        both = [
-            (a, b) for a in mechanism.links for b in mechanism.links if f"{a}_{b}" == text
-        ]
+        names = self.mechanism.links
+        both = [(a, b) for a in names for b in names if f"{a}_{b}" == text]
         if len(both) > 1:
             raise EngineError(
-                f'{mechanism.name}: "{text}" may be of links {both[0][0]} and {both[0][1]} '
-                f"or of {both[1][0]} and {both[1][1]}; give links other names"
+                f'{self.mechanism.name}: "{text}" may be of links {both[0][0]} and '
+                f"{both[0][1]} or of {both[1][0]} and {both[1][1]}; give links other names"
             )
-        (links,) = both
-        return links
-
-    def _coefficient(self, text: str, order: int) -> Expr:
-        mechanism = self.structure.mechanism
-        link, other = (mechanism.link(name) for name in self._two_links(text))
-        flow = self._flow(order)
-        _, rate = flow.pole((other, link))
-        scale = self._by_q(flow)
-        made = by_coordinate(rate * scale, scale)[order]
-        # The axis of a pair has a sense; without one it is that of the rotation itself.
-        axis = mechanism.angle_between(link, other)
-        return made * _sign(scale.coefficients[0]) if axis is None else made
-
-    def _inertia(self, name: str) -> Expr:
-        flow = self._flow(0 if name == "B" else 1)
-        scale = self._by_q(flow)
-        whole = inertia(flow, self.actions.by_link(self.structure.mechanism))
-        made = by_coordinate(whole * scale * scale, scale)
-        if name != "torque":
-            return made[0 if name == "B" else 1]
-        _, dq, ddq, t = self.sample.values()
-        angles = self._angles()
-        speed = dq * scale.coefficients[0]
-        state = LoadState.along(
-            flow,
-            angles,
-            [0.0] * len(angles),
-            speed,
-            t,
-            _sign,
-            self._table,
-        )
-        force = self._force(state, 0)
-        return made[0] * ddq + 0.5 * made[1] * (dq * dq) - force * scale.coefficients[0]
+        return both[0]
 
     def _table(self, name: str) -> Expr:
         """Return a torque over time: straight pieces, with a bend at each of its times."""
-        mechanism = self.structure.mechanism
-        (table,) = (load for load in mechanism.loads if load.name == name)
+        (table,) = (load for load in self.mechanism.loads if load.name == name)
         assert isinstance(table, TorqueTable)
         if len(table.times) > BENDS:
             raise EngineError(
-                f"{mechanism.name}: loads.{name}: a table of {len(table.times)} torques "
-                f"cannot be part of a kernel, one of {BENDS} can; write the torque as an "
-                "expression"
+                f"{self.mechanism.name}: loads.{name}: a table of {len(table.times)} "
+                f"torques cannot be part of a kernel, one of {BENDS} can; write the torque "
+                "as an expression"
             )
         start, t = table.times[0], self.sample["t"]
         if table.periodic:

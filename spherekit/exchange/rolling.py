@@ -7,7 +7,9 @@ from typing import final
 from spherekit.errors import ModelError
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.planning.wheel_train import on_carrier
+from spherekit.planning.wheels import (
+    on_carrier,
+)
 
 
 @final

@@ -34,7 +34,10 @@ from spherekit.motion.trains import Frames, WheelPlacement, train_of
 from spherekit.motion.unwrapping import Unwrapping
 from spherekit.numeric.turns import wrap
 from spherekit.planning.assembly import Assembly
-from spherekit.planning.wheel_train import WheelTrain, wheel_train
+from spherekit.planning.wheels import (
+    WheelTrain,
+    wheel_train,
+)
 from spherekit.sphere.rotation import Floats
 
 FLAT_DYAD = 1e-6

@@ -24,8 +24,10 @@ from spherekit.motion.locked import Locked, lock
 from spherekit.motion.pairs import rolled_lengths
 from spherekit.motion.search import Distinct, search
 from spherekit.motion.turns import whole_laps
-from spherekit.planning.wheel_train import WheelTrain
-from spherekit.planning.wheels import SAME_LENGTH
+from spherekit.planning.wheels import (
+    SAME_LENGTH,
+    WheelTrain,
+)
 from spherekit.sphere.rotation import Floats
 
 SAME_RATIO = 1e-9

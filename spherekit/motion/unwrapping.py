@@ -18,7 +18,9 @@ from spherekit.motion.guides import ModeCurve, follow
 from spherekit.motion.meshes import Meshes
 from spherekit.motion.steps import walk
 from spherekit.motion.turns import into_range, whole_laps
-from spherekit.planning.wheel_train import WheelTrain
+from spherekit.planning.wheels import (
+    WheelTrain,
+)
 from spherekit.sphere.rotation import Floats
 
 SAME = 0.3

@@ -14,7 +14,9 @@ from spherekit.errors import CountError, PlanError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import driven_pairs, merged
 from spherekit.planning.rigidity import FREEDOMS, Pebbles, counted_freedom
-from spherekit.planning.wheel_train import held_meshes
+from spherekit.planning.wheels import (
+    held_meshes,
+)
 
 
 @final

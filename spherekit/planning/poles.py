@@ -6,12 +6,87 @@ from functools import cached_property
 from itertools import combinations
 from typing import final
 
+import numpy as np
+
 from spherekit.conventions import counted, nearest
 from spherekit.errors import PlanError
 from spherekit.markup import html_table
+from spherekit.model.geometry import SAME_AXIS, link_axes
+from spherekit.model.graph import joined
 from spherekit.model.mechanism import Mechanism
-from spherekit.planning.cells import cells
-from spherekit.planning.coaxial import coaxial_links
+
+
+@final
+@dataclass(frozen=True)
+class Coaxial:
+    """Links whose relative motions share one axis, that of R pair `pair`.
+
+    `exactly` says that the axes are equal numbers; others are equal but for rounding.
+    """
+
+    links: frozenset[int]
+    pair: int
+    exactly: bool
+
+
+def coaxial_links(mechanism: Mechanism) -> tuple[Coaxial, ...]:
+    """Return the sets of three or more links that turn about a common axis."""
+    number = mechanism.pair_number
+    couples: list[tuple[int, int]] = []
+    rounded: set[int] = set()
+    for axes in link_axes(mechanism).values():
+        for one, other in combinations(axes, 2):
+            if np.linalg.norm(np.cross(axes[one], axes[other])) < SAME_AXIS:
+                couples.append((number[one], number[other]))
+                same = [np.array_equal(axes[one], s * axes[other]) for s in (1.0, -1.0)]
+                rounded |= set() if any(same) else set(couples[-1])
+    owner = joined(len(mechanism.pairs), couples)
+    sets = []
+    for first in sorted(set(owner)):
+        pairs = [
+            pair for pair, representative in enumerate(owner) if representative == first
+        ]
+        if len(pairs) > 1:
+            links = frozenset(link for pair in pairs for link in mechanism.ends[pair])
+            sets.append(Coaxial(links, first, not rounded & set(pairs)))
+    return tuple(sets)
+
+
+PRIMARY_MARK = "x"
+SELF_MARK = "■"
+
+
+def roman(number: int) -> str:
+    """Return a positive integer in Roman numerals."""
+    parts = (
+        (1000, "M"), (900, "CM"), (500, "D"), (400, "CD"), (100, "C"), (90, "XC"),
+        (50, "L"), (40, "XL"), (10, "X"), (9, "IX"), (5, "V"), (4, "IV"), (1, "I"),
+    )  # fmt: skip
+    text = ""
+    for value, sign in parts:
+        text += sign * (number // value)
+        number %= value
+    return text
+
+
+def cells(plan: "Plan") -> list[list[str]]:
+    """Return the Table's entries, row by row, without headings; empty where unplanned."""
+    place = {body: k for k, body in enumerate(plan.bodies)}
+    grid = [["" for _ in place] for _ in place]
+    starred = {
+        pole
+        for block in plan.blocks
+        for pole, number in block.rounds.items()
+        if number == block.round
+    }
+    for k in range(len(place)):
+        grid[k][k] = SELF_MARK
+    for (i, j), number in plan.rounds.items():
+        mark = PRIMARY_MARK if number == 0 else roman(number)
+        a, b = place[i], place[j]
+        grid[a][b] = grid[b][a] = mark + ("*" if (i, j) in starred else "")
+    return grid
+
 
 Pole = tuple[int, int]
 """Two link numbers, smaller first; the pole of the second relative to the first."""

@@ -8,7 +8,6 @@ from typing import Any
 
 from spherekit.checked import checked
 from spherekit.errors import PlanError
-from spherekit.planning.cells import cells, roman
 from spherekit.planning.poles import (
     BlockPoles,
     CoaxialPole,
@@ -17,7 +16,9 @@ from spherekit.planning.poles import (
     Pole,
     PrimaryPole,
     Step,
+    cells,
     pole_of,
+    roman,
 )
 
 

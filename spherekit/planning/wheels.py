@@ -13,7 +13,10 @@ from typing import Protocol, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.model.joints import Joint, revolute
+from spherekit.conventions import TURN
+from spherekit.model.geometry import geometry_of
+from spherekit.model.joints import Joint, Track, revolute
+from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross
 
 ONE_LINE = 1e-9
@@ -211,3 +214,245 @@ def least_rolled(
     for place, count in zip(places, best, strict=True):
         turns[place] = count
     return turns
+
+
+SINGULAR = 1e-9
+"""Relations of a smaller relative singular value do not fix the angles."""
+MOST_TEETH = 64
+"""Whole turns by which wheels are tried whose contact repeats those of others."""
+
+
+@final
+@dataclass(frozen=True)
+class WheelTrain:
+    """The angles of pairs, and the lengths rolled, that follow from the inputs.
+
+    `followers` are the numbers of pairs; `ratios` (followers, inputs) the rates of their
+    angles, and `offsets` (followers,) these at inputs of zero, rad. Of `contacts`, pairs as
+    well, `length_ratios` (contacts, inputs) and `lengths` (contacts,), rad, say the same.
+    """
+
+    followers: tuple[int, ...]
+    ratios: Floats
+    offsets: Floats
+    contacts: tuple[int, ...]
+    length_ratios: Floats
+    lengths: Floats
+
+    @property
+    def numbers(self) -> list[float]:
+        """The ratios and the offset of each follower."""
+        both = np.column_stack([self.ratios, self.offsets])
+        return [float(number) for number in both.ravel()]
+
+
+@final
+@dataclass(frozen=True)
+class _Wheel:
+    """A circle in its link: its centre on the side of the contact's normal, and radius.
+
+    Azimuths about the centre are counted from `ahead`; the length along it is the sine of
+    the radius times the azimuth, less `start`.
+    """
+
+    centre: Floats
+    ahead: Floats
+    radius: float
+    start: float
+
+    @staticmethod
+    def of(track: Track) -> "_Wheel":
+        at = track.curve.at(np.zeros(1))
+        _, normal, point = at.frame[0].T
+        bend = float(at.curvature[0])
+        size = np.hypot(1.0, bend)
+        return _Wheel(
+            (normal + bend * point) / size,
+            (point - bend * normal) / size,
+            float(np.arctan2(1.0, bend)),
+            track.start,
+        )
+
+    def length(self, direction: Floats) -> float:
+        """Return the length (rad) where the contact lies in a direction (3,)."""
+        side = cross(self.centre, self.ahead)
+        azimuth = float(np.arctan2(side @ direction, self.ahead @ direction))
+        return float(np.sin(self.radius)) * azimuth - self.start
+
+
+@final
+@dataclass(frozen=True)
+class RollingOnCarrier:
+    """A contact with both its wheels, on a carrier."""
+
+    mesh: Mesh
+    wheels: tuple[_Wheel, _Wheel]
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """The sines of both radii, the second with its sense."""
+        one, other = (float(np.sin(wheel.radius)) for wheel in self.wheels)
+        return one, -other
+
+    def lengths(self, joints: Sequence[Joint]) -> list[float]:
+        """Return the lengths (2,) along both circles, rad, where all angles are zero."""
+        one, other = (
+            _carried(joints, wheel.centre, way)
+            for wheel, way in zip(self.wheels, self.mesh.ways, strict=True)
+        )
+        arc = self.wheels[0].radius - self.wheels[1].radius
+        sense = np.sign(np.sin(arc))
+        towards = other - (one @ other) * one, (one @ other) * other - one
+        return [
+            wheel.length(sense * _carried(joints, direction, back(way)))
+            for wheel, direction, way in zip(
+                self.wheels, towards, self.mesh.ways, strict=True
+            )
+        ]
+
+
+def _carried(joints: Sequence[Joint], vector: Floats, way: Way) -> Floats:
+    """Return a vector (3,) of the first link of a way in the last, all angles zero."""
+    for pair, side in way:
+        joint = revolute(joints[pair])
+        frames = joint.first, joint.second
+        vector = frames[1 - side] @ (frames[side].T @ vector)
+    return vector
+
+
+def held_meshes(mechanism: Mechanism) -> frozenset[int]:
+    """Return the numbers of the rolling pairs whose wheels another link carries.
+
+    That the wheels touch is then said twice, by the contact and by the link that carries
+    both axes; of the two constraints of the contact one is left, that they roll.
+    """
+    joints = geometry_of(mechanism).joints
+    return frozenset(n for n in _rolling(joints) if on_carrier(mechanism, joints, n))
+
+
+def _rolling(joints: Sequence[Joint]) -> list[int]:
+    return [number for number, joint in enumerate(joints) if joint.rolled]
+
+
+def on_carrier(
+    mechanism: Mechanism,
+    joints: Sequence[Joint],
+    number: int,
+    apart: float = np.inf,
+    pairs: Iterable[int] | None = None,
+) -> RollingOnCarrier | None:
+    """Return a rolling contact on its carrier; None unless a link carries two circles.
+
+    Wheels may miss each other by less than `apart` (rad). Only R pairs among `pairs`, where
+    these are given, lead to the carrier.
+    """
+    profiles = mechanism.pairs[number].profiles or ()
+    shaped = any(profile.round_axis is None for profile in profiles)
+    if shaped or not joints[number].rolled:
+        return None
+    one, other = (_Wheel.of(track) for track in joints[number].tracks)
+    made = mesh_of(
+        mechanism.ends,
+        axes_of(joints, pairs),
+        (number, mechanism.ends[number]),
+        (one.centre, other.centre),
+        float(np.cos(one.radius - other.radius)),
+        apart,
+    )
+    return None if made is None else RollingOnCarrier(made, (one, other))
+
+
+def wheel_train(
+    mechanism: Mechanism,
+    driven: Sequence[int],
+    apart: float = ONE_LINE,
+    whole: bool = True,
+) -> WheelTrain | None:
+    """Return how wheels follow the inputs, pairs `driven`.
+
+    None without rolling contacts; of a `whole` train also if one of them has no common
+    carrier, or if they do not just fix all the angles that they relate: else contacts are
+    left out that turn by more than the inputs. Wheels are put together as the reference
+    pose has them, without one so that they have rolled least at inputs of zero. Circles
+    that miss each other by less than `apart` (rad) roll where they are
+    nearest, as gears do.
+    """
+    geometry = geometry_of(mechanism)
+    joints, contacts = geometry.joints, _rolling(geometry.joints)
+    rolling = [on_carrier(mechanism, joints, number, apart) for number in contacts]
+    made = [contact for contact in rolling if contact is not None]
+    if whole and len(made) < len(contacts):
+        return None
+    while made:
+        rows, first = np.zeros((2, len(made), len(mechanism.pairs)))
+        for k, contact in enumerate(made):
+            for pair, factor in contact.mesh.relation(contact.sizes).items():
+                rows[k, pair] = factor
+            for pair in contact.mesh.turned[0]:
+                first[k, pair] = rows[k, pair]
+        related = set().union(*(contact.mesh.pairs for contact in made))
+        followers = sorted(related - set(driven))
+        square = rows[:, followers]
+        _, sizes, right = np.linalg.svd(square)
+        rank = int(np.sum(sizes > SINGULAR * np.max(sizes, initial=0.0)))
+        loose = np.any(np.abs(right[rank:]) > SINGULAR, axis=0)
+        held = ~np.any(square[:, loose] != 0.0, axis=1)
+        if np.all(held) and (rank == len(made) or not whole):
+            return _fixed(mechanism, list(driven), made, followers, rows, first)
+        if whole or np.all(held):
+            return None
+        made = [contact for contact, fixed in zip(made, held, strict=True) if fixed]
+    return None
+
+
+def _fixed(
+    mechanism: Mechanism,
+    inputs: list[int],
+    made: Sequence[RollingOnCarrier],
+    followers: list[int],
+    rows: Floats,
+    first: Floats,
+) -> WheelTrain | None:
+    """Return the train of contacts whose relations `rows` (contacts, pairs) fix all angles.
+
+    `first` are the parts of the first wheels in these. Contacts that repeat others are
+    put together as those say; None where they cannot be.
+    """
+    geometry = geometry_of(mechanism)
+    basis: list[int] = []
+    for k in range(len(made)):
+        if np.linalg.matrix_rank(rows[[*basis, k]][:, followers]) > len(basis):
+            basis.append(k)
+    square, by_angles = rows[basis][:, followers], first[:, followers]
+    ratios = np.asarray(-np.linalg.solve(square, rows[basis][:, inputs]))
+    if np.max(np.abs(rows[:, followers] @ ratios + rows[:, inputs])) > SINGULAR:
+        return None
+    length_ratios = -(by_angles @ ratios + first[:, inputs])
+    contacts = [contact.mesh.contact for contact in made]
+    if geometry.reference is not None:
+        at, turned, rolled = (
+            geometry.reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
+            for pairs in (inputs, followers, contacts)
+        )
+        offsets, lengths = turned - ratios @ at, rolled - length_ratios @ at
+    else:
+        unrolled = np.array([contact.lengths(geometry.joints) for contact in made])
+        laps = TURN * np.abs([contact.sizes for contact in made])
+        turns = least_rolled(unrolled[basis], laps[basis], by_angles[basis], square)
+        if turns is None:
+            return None
+        unrolled[basis] += turns * laps[basis]
+        offsets = np.linalg.solve(square, unrolled[basis, 0] - unrolled[basis, 1])
+        counts = np.indices((2 * MOST_TEETH + 1,) * 2).reshape(2, -1).T - MOST_TEETH
+        for k in set(range(len(made))) - set(basis):
+            tried = unrolled[k] + counts * laps[k]
+            away = np.abs(tried[:, 0] - tried[:, 1] - rows[k, followers] @ offsets)
+            fits = tried[away < SAME_LENGTH]
+            if not len(fits):
+                return None
+            rolled = np.round(np.abs(fits[:, 0] - by_angles[k] @ offsets) / SAME_LENGTH)
+            unrolled[k] = fits[np.lexsort([-fits[:, 0], rolled])[0]]
+        lengths = unrolled[:, 0] - by_angles @ offsets
+    return WheelTrain(
+        tuple(followers), ratios, offsets, tuple(contacts), length_ratios, lengths
+    )

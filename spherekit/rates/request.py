@@ -3,10 +3,13 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import final
+from typing import Literal, final
 
 from spherekit.model.mechanism import Mechanism
-from spherekit.planning.plan import plan
+from spherekit.planning.plan import (
+    plan,
+    prune,
+)
 from spherekit.planning.poles import (
     BlockPoles,
     CoaxialPole,
@@ -15,7 +18,16 @@ from spherekit.planning.poles import (
     PrimaryPole,
     pole_of,
 )
-from spherekit.planning.pruning import prune
+
+Route = Literal["best", "first", "conditioned", "equations"]
+
+ROUTES: dict[Route, str] = {
+    "best": "two best great circles, velocity equations where these are doubtful",
+    "first": "first two great circles of the plan",
+    "conditioned": "two best great circles",
+    "equations": "velocity equations of the whole mechanism",
+}
+"""Only ``best`` changes over to another source; the others give a status instead."""
 
 
 @final

@@ -30,7 +30,9 @@ from spherekit.planning.poles import (
     pole_of,
 )
 from spherekit.rates.core import NullMotion, null_motion, null_motion_rate
-from spherekit.rates.routes import Route
+from spherekit.rates.request import (
+    Route,
+)
 from spherekit.rates.vectors import cross, dot, norm
 from spherekit.sphere.rotation import Floats
 

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from spherekit.motion.motion import Motion
 from spherekit.numeric.hermite import cubic
 from spherekit.planning.poles import Pole
-from spherekit.rates.pole_field import PoleField
+from spherekit.rates.pole_field import (
+    PoleField,
+    axis_pairs,
+)
 from spherekit.rates.request import Request
-from spherekit.rates.turning import axis_pairs
 from spherekit.rates.vectors import dot
 from spherekit.sphere.rotation import Floats
 

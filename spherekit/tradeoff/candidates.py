@@ -2,7 +2,9 @@
 
 from spherekit.analysis.running.setting import ENGINES, Integrator, Setting
 from spherekit.dynamics.forward import LEAST
-from spherekit.rates.routes import ROUTES
+from spherekit.rates.request import (
+    ROUTES,
+)
 
 NODES = (32, 64, 128, 256, 512, 1024, 4096)
 """Nodes of functions of the input, for each assembly mode."""

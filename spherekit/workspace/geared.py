@@ -16,7 +16,10 @@ from spherekit.output.dyads import Signs
 from spherekit.output.inverse import InverseKinematics
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.part import of_pairs
-from spherekit.planning.wheel_train import WheelTrain, wheel_train
+from spherekit.planning.wheels import (
+    WheelTrain,
+    wheel_train,
+)
 from spherekit.sphere.rotation import Floats
 from spherekit.workspace.dyads import DyadKinematics
 from spherekit.workspace.kinematics import ClosedKinematics

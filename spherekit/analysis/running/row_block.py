@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.running.in_turn import each_at_once
 from spherekit.analysis.running.kernel_columns import MEMORY, Numbers, Part
 from spherekit.conventions import Status
-from spherekit.engine.closed_positions import (
+from spherekit.engine.dyads import (
     ClosedPositions,
     closed_positions,
     given_by,

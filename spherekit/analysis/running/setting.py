@@ -5,7 +5,10 @@ from typing import Literal, final
 
 from spherekit.checked import checked_class
 from spherekit.errors import AnalysisError
-from spherekit.rates.routes import ROUTES, Route
+from spherekit.rates.request import (
+    ROUTES,
+    Route,
+)
 
 RateEngine = Literal["numpy", "compiled", "extended"]
 Representation = Literal["every", "linear", "cubic", "spectral"]
