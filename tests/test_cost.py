@@ -160,7 +160,7 @@ def test_recordings_hold_what_was_asked(twelve, tmp_path):
     found, sizes = {}, {}
     for name, text in (("narrow", NARROW), ("wide", WIDE)):
         path = tmp_path / f"{name}.rrd"
-        with RerunRecorder.to_file(path, "twelve_bar") as recorder:
+        with RerunRecorder("twelve_bar", path=path) as recorder:
             result = sk.run(twelve, text, samples=9, assembly_mode=0, recorder=recorder)
         found[name], sizes[name] = logged(path), path.stat().st_size
         cost = result.summary["cost"]["recording"]

@@ -671,10 +671,10 @@ def test_two_runs_do_not_record_into_one_file(tmp_path):
     from spherekit.view.rerun_view import RerunRecorder
 
     path = tmp_path / "x.rrd"
-    with RerunRecorder.to_file(path, "four_bar") as first:
+    with RerunRecorder("four_bar", path=path) as first:
         with (
             pytest.raises(OutputError, match="another run is recording there"),
-            RerunRecorder.to_file(path, "four_bar"),
+            RerunRecorder("four_bar", path=path),
         ):
             pass
         four_bar(recorder=first)

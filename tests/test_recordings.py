@@ -45,7 +45,7 @@ class Listener:
 
 def recorded(path, name, *args, **options):
     """Record a run, return its result and the titles of the pages in order."""
-    with RerunRecorder.to_file(path, name) as recorder:
+    with RerunRecorder(name, path=path) as recorder:
         result = sk.run(name, *args, recorder=recorder, **options)
         recorder.finish()
         pages = recorder._layout.blueprint().root_container.contents

@@ -16,7 +16,7 @@ FEW = "singularities:slices=3,input_grid=5,near=10"
 def five_bar(tmp_path_factory):
     path = tmp_path_factory.mktemp("singular") / "five_bar.rrd"
     made = sk.load("five_bar")
-    with RerunRecorder.to_file(path, "five bar") as recorder:
+    with RerunRecorder("five bar", path=path) as recorder:
         result = sk.run(made, FEW, samples=[7, 7], recorder=recorder)
     return result, path
 

@@ -165,7 +165,7 @@ def test_a_connected_viewer_has_rows_before_the_simulation_is_over(monkeypatch, 
         assert until(lambda: socket.create_connection(("127.0.0.1", port), 1.0))
         Order(monkeypatch, wait)
         url = f"rerun+http://127.0.0.1:{port}/proxy"
-        with RerunRecorder.connected(url, "four_bar") as recorder:
+        with RerunRecorder("four_bar", url=url) as recorder:
             simulated("numpy", recorder=recorder)
     finally:
         os.killpg(server.pid, signal.SIGTERM)  # the program behind it too

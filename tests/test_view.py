@@ -258,7 +258,7 @@ def test_block_size_does_not_matter(
 def of_assembly_modes(path: Path, count: int) -> Path:
     """Record five samples of so many assembly modes."""
     samples = SAMPLES[:5]
-    with RerunRecorder.to_file(path, "x") as recorder:
+    with RerunRecorder("x", path=path) as recorder:
         titles = {k: f"Mode {k}" for k in range(count)}
         recorder.start(RecordingHead([], INPUTS, titles))
         for mode in range(count):
@@ -397,7 +397,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     ]:
         with (
             pytest.raises(OutputError, match=words.replace("*", r"\*")),
-            RerunRecorder.to_file(path, "x"),
+            RerunRecorder("x", path=path),
         ):
             pass
     assert list(tmp_path.iterdir()) == [folder]
@@ -422,7 +422,7 @@ def test_interrupted_run_keeps_its_part(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with (
         pytest.raises(KeyboardInterrupt) as caught,
-        RerunRecorder.to_file(path, "four bar") as recorder,
+        RerunRecorder("four bar", path=path) as recorder,
     ):
         recorder.start(RecordingHead([resting(FOUR_BAR_ARCS)], INPUTS))
         recorder.log(block(0, SAMPLES[:50]), SAMPLES[:50], INPUTS[:50])
@@ -436,7 +436,7 @@ def test_interrupted_run_keeps_its_part(tmp_path: Path) -> None:
 def test_wrong_number_of_rows(tmp_path: Path) -> None:
     with (
         pytest.raises(ValueError, match="link/2 has 50 rows, the block has 49"),
-        RerunRecorder.to_file(tmp_path / "a.rrd", "four bar") as recorder,
+        RerunRecorder("four bar", path=tmp_path / "a.rrd") as recorder,
     ):
         recorder.start(RecordingHead([], INPUTS))
         recorder.log(block(0, SAMPLES[:50]), SAMPLES[:49], INPUTS[:49])
@@ -446,7 +446,7 @@ def test_no_viewer_listens(tmp_path: Path) -> None:
     for url in ("127.0.0.1", "http://x:1/", "rerun+http://127.0.0.1/proxy"):
         with (
             pytest.raises(OutputError, match="looks like"),
-            RerunRecorder.connected(url, "x"),
+            RerunRecorder("x", url=url),
         ):
             pass
     with socket.socket() as other:
@@ -477,14 +477,14 @@ def test_port_in_use() -> None:
         port = other.getsockname()[1]
         with (
             pytest.raises(OutputError, match="cannot serve"),
-            RerunRecorder.serving(port, "x"),
+            RerunRecorder("x", port=port),
         ):
             pass
 
 
 def test_file_and_live_together(tmp_path: Path, recording: Path) -> None:
     port = free_port()
-    with RerunRecorder.serving(port, "server") as server:
+    with RerunRecorder("server", port=port) as server:
         assert server.url == f"rerun+http://127.0.0.1:{port}/proxy"
         path = record(tmp_path / "a.rrd", 3, url=server.url)
     assert differences(path, recording) == []
@@ -492,7 +492,7 @@ def test_file_and_live_together(tmp_path: Path, recording: Path) -> None:
 
 def test_lost_viewer_does_not_stop_the_file(tmp_path: Path, recording: Path) -> None:
     port = free_port()
-    server = RerunRecorder.serving(port, "server")
+    server = RerunRecorder("server", port=port)
     url = f"rerun+http://127.0.0.1:{port}/proxy"
     with server, RerunRecorder("four bar", path=tmp_path / "a.rrd", url=url) as recorder:
         titles = {0: "0", 1: "1"}

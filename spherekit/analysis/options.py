@@ -1,20 +1,16 @@
 """Options of public functions that are fields of a study, or of a second object."""
 
 import inspect
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, replace
 from typing import Any, TypeVar
 
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
-from spherekit.files.study import load_study
-from spherekit.model.mechanism import Mechanism
+from spherekit.files.study import Subject as Subject
+from spherekit.files.study import study_of as of_subject
 from spherekit.model.study import Study
 from spherekit.planning.inputs import driven_at
-
-Subject = Study | Mechanism | str | os.PathLike[str]
-"""What is run: a study, a mechanism, or the path or shipped name of either."""
 
 Second = TypeVar("Second")
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -58,10 +54,7 @@ def study_of(
                 f'{function}: there is no option "{name}"{nearest(name, allowed) or ";"} '
                 f"options: {listing(sorted(allowed), len(allowed))}"
             )
-    if isinstance(subject, Mechanism):
-        study = Study(subject.name, subject)
-    else:
-        study = subject if isinstance(subject, Study) else load_study(subject)
+    study = of_subject(subject)
     changes = {k: v for k, v in options.items() if k not in extra and k != "input_pair"}
     pairs = options.get("input_pair")
     if "samples" in changes or pairs is not None:

@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--recording",
+        dest="recorded",
         action="store_true",
         help="predict the recording too, from three short ones (needs a second or two)",
     )
@@ -46,30 +47,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
-    from spherekit.analysis.folder.resource_check import memory_at_once, size_text
     from spherekit.analysis.registry import create
-    from spherekit.analysis.requests import needs_of, requests_for
-    from spherekit.analysis.running.cost import counts_of
-    from spherekit.analysis.running.expected import expected
     from spherekit.analysis.running.needed import needed_part
     from spherekit.analysis.study import analyses_of
-    from spherekit.planning.assembly import plan_assembly
-    from spherekit.planning.inputs import driven_pairs
-    from spherekit.planning.table import describe
 
     study = study_from(options)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
     if options.only_needed:
         study = replace(study, mechanism=needed_part(study, analyses))
+    facts = _facts(study, analyses)
+    if options.recorded and facts["predicted"].get("assembly_modes"):
+        facts["predicted"]["recording"] = _recording(study, analyses)
+    if options.json:
+        print(json.dumps(facts, indent=2, ensure_ascii=False))
+    else:
+        _tell(facts, len(study.mechanism.links))
+        print("\n".join(_predicted(facts["predicted"], options.recorded)))
+    return 0
+
+
+def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, Any]:
+    """Return what analyses ask for, and what that takes."""
+    from spherekit.analysis.folder.resource_check import memory_at_once
+    from spherekit.analysis.requests import needs_of, requests_for
+    from spherekit.analysis.running.cost import counts_of
+    from spherekit.analysis.running.expected import expected
+    from spherekit.planning.assembly import plan_assembly
+    from spherekit.planning.inputs import driven_pairs
+    from spherekit.planning.table import describe
+
     mechanism = study.mechanism
-    needs = needs_of(mechanism, analyses)
-    requests = requests_for(mechanism, needs)
+    requests = requests_for(mechanism, needs_of(mechanism, analyses))
     assembly = plan_assembly(mechanism)
     names, pairs = mechanism.links, mechanism.pairs
-    inputs = [pairs[driven].name for driven in driven_pairs(mechanism)]
-    facts: dict[str, Any] = {
+    return {
         "mechanism": mechanism.name,
-        "inputs": inputs,
+        "inputs": [pairs[driven].name for driven in driven_pairs(mechanism)],
         "analyses": [analysis.name for analysis in analyses],
         "positions": [
             {"group": group.kind, "pairs": [pairs[p].name for p in group.pairs]}
@@ -96,38 +109,37 @@ def execute(options: argparse.Namespace) -> int:
             analysis.name for analysis in analyses if analysis.needs(mechanism).tracer
         ],
         "predicted": expected(study, analyses, assembly),
+        "at_once": {
+            "analyses": [analysis.name for analysis in analyses if analysis.at_once],
+            "bytes_a_row": memory_at_once(mechanism, 1),
+        },
     }
-    at_once = [analysis.name for analysis in analyses if analysis.at_once]
-    facts["at_once"] = {"analyses": at_once, "bytes_a_row": memory_at_once(mechanism, 1)}
-    if options.recording and facts["predicted"].get("assembly_modes"):
-        facts["predicted"]["recording"] = _recording(study, analyses)
-    if options.json:
-        print(json.dumps(facts, indent=2, ensure_ascii=False))
-        return 0
-    others = facts["other_configurations"]
-    every = len(names) * (len(names) - 1) // 2
-    word = "inputs" if len(inputs) > 1 else "input"
+
+
+def _tell(facts: dict[str, Any], links: int) -> None:
+    from spherekit.analysis.folder.resource_check import size_text
+
+    inputs, at_once = facts["inputs"], facts["at_once"]
     print(
-        f"{mechanism.name}, {word} {', '.join(inputs)}, analyses: "
-        f"{', '.join(facts['analyses'])}"
+        f"{facts['mechanism']}, input{'s' * (len(inputs) > 1)} {', '.join(inputs)}, "
+        f"analyses: {', '.join(facts['analyses'])}"
     )
     print(f"positions, group by group:{'' if facts['positions'] else ' no loop to close'}")
     for item in facts["positions"]:
         print(f"  {item['group']} of pairs {', '.join(item['pairs'])}")
+    others = facts["other_configurations"]
     if others:
         print(f"configurations beside the samples, looked for by: {', '.join(others)}")
-    if at_once:
+    if at_once["analyses"]:
         print(
-            f"all samples at once, so that a run that is stopped keeps nothing: "
-            f"{', '.join(at_once)}; about {size_text(memory_at_once(mechanism, 1))} of "
-            "memory for each sample of each assembly mode"
+            "all samples at once, so that a run that is stopped keeps nothing: "
+            f"{', '.join(at_once['analyses'])}; about {size_text(at_once['bytes_a_row'])} "
+            "of memory for each sample of each assembly mode"
         )
     if facts["asked"]:
-        _print_plans(facts, every)
+        _print_plans(facts, links * (links - 1) // 2)
     else:
         print("asked of the samples: no poles")
-    print("\n".join(_predicted(facts["predicted"], options.recording)))
-    return 0
 
 
 def _print_plans(facts: dict[str, Any], every: int) -> None:

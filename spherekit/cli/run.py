@@ -60,7 +60,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_analysis_argument(
         parser, "analysis to run, may be repeated (default: the study's, or poles)"
     )
-    parser.add_argument("-o", "--output", metavar="DIR", help="write tables here")
+    _add_files(parser)
+    _add_accuracy(parser)
+    parser.add_argument(
+        "--only-needed",
+        action="store_true",
+        help="leave out links and pairs that no analysis needs; assembly modes are then "
+        "those of the part that is left",
+    )
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit with 3 if any sample failed or --tol is not met",
+    )
+    _add_recording(parser)
+
+
+def _add_files(parser: argparse.ArgumentParser) -> None:
+    """Declare where and how tables are written, and figures."""
+    parser.add_argument(
+        "-o", "--output", dest="folder", type=Path, metavar="DIR", help="write tables here"
+    )
     parser.add_argument(
         "--format",
         choices=FORMATS,
@@ -79,7 +100,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="throw away the work of a run that was stopped in DIR, and start",
     )
     parser.add_argument(
+        "--deg",
+        dest="degrees",
+        action="store_const",
+        const=True,
+        help="angles in tables, their rates and accelerations in degrees; what is per rad "
+        "stays so",
+    )
+    parser.add_argument(
+        "--figures",
+        nargs="?",
+        const="png",
+        choices=("png", "pdf", "svg"),
+        metavar="FORMAT",
+        help="draw figures into DIR/figures: png (default), pdf or svg",
+    )
+
+
+def _add_accuracy(parser: argparse.ArgumentParser) -> None:
+    """Declare how numbers are computed and checked."""
+    parser.add_argument(
         "--tol",
+        dest="tolerance",
         type=float,
         metavar="T",
         help="tolerance of a simulation, default 1e-9; without one, the largest error of "
@@ -114,33 +156,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="enclose every pole of every row by proof in a table proven_poles, and check "
         "the error bounds of the table poles against it",
     )
+
+
+def _add_recording(parser: argparse.ArgumentParser) -> None:
+    """Declare where scenes go."""
     parser.add_argument(
-        "--only-needed",
-        action="store_true",
-        help="leave out links and pairs that no analysis needs; assembly modes are then "
-        "those "
-        "of the part that is left",
-    )
-    parser.add_argument(
-        "--deg",
-        action="store_true",
-        help="angles in tables, their rates and accelerations in degrees; what is per rad "
-        "stays so",
-    )
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
-    parser.add_argument(
-        "--strict",
-        action="store_true",
-        help="exit with 3 if any sample failed or --tol is not met",
-    )
-    parser.add_argument("--save", metavar="X.rrd", help="write a recording")
-    parser.add_argument(
-        "--figures",
-        nargs="?",
-        const="png",
-        choices=("png", "pdf", "svg"),
-        metavar="FORMAT",
-        help="draw figures into DIR/figures: png (default), pdf or svg",
+        "--save", dest="recording", type=Path, metavar="X.rrd", help="write a recording"
     )
     parser.add_argument(
         "--log-every",
@@ -163,7 +184,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run, write, and print the summary."""
-    from spherekit.analysis.run import run
     from spherekit.analysis.study import chosen
     from spherekit.errors import SpherekitError
     from spherekit.files.atomic import check_folder, make_folder
@@ -182,29 +202,7 @@ def execute(options: argparse.Namespace) -> int:
         made = not study.folder.exists()
         make_folder(study.folder)
     try:
-        with _recorder(options, study) as recorder:
-            drawer = _drawer(options, recorder)
-            setting = _accuracy(study, analyses, options)
-            result = run(
-                _by_choice(study, setting),
-                analyses,
-                folder=study.folder,
-                unfinished=_unfinished(options),
-                formats=FORMATS.get(options.format),
-                engine=_engine(options, setting),
-                only_needed=options.only_needed,
-                tables=options.prove,
-                recorder=drawer.recorder if drawer else recorder,
-                log_every=options.log_every,
-                progress=progress(options.quiet),
-                **setting,
-            )
-            if drawer is not None and study.folder is not None:
-                drawer.write(study.folder, options.figures, options.quiet)
-            _tell(options, study, result)
-            exceeded = _prove(options, study, result) if options.prove else 0
-            if options.serve is not None:
-                _keep_serving(options, recorder)
+        result, exceeded = _executed(study, analyses, options)
     except (SpherekitError, KeyboardInterrupt) as stop:
         _leave_no_empty(study.folder if made else None)
         _add_hint(stop, study, options)
@@ -217,18 +215,60 @@ def execute(options: argparse.Namespace) -> int:
         note = open_viewer(study.recording)
         if note and not options.quiet:
             print(note, file=sys.stderr)
+    return _exit_status(result, exceeded, options.strict)
+
+
+def _executed(
+    study: "Study", analyses: "Sequence[AbstractAnalysis]", options: argparse.Namespace
+) -> tuple["RunResult", int]:
+    """Run, tell and draw; return the result, and how many proven bounds are exceeded."""
+    from spherekit.analysis.run import run
+    from spherekit.figures.collector import Both, Collector
+
+    with _recorder(options, study) as recorder:
+        collector = None if options.figures is None else Collector()
+        setting = _accuracy(study, analyses, options)
+        result = run(
+            _by_choice(study, setting),
+            analyses,
+            folder=study.folder,
+            unfinished=_unfinished(options),
+            formats=FORMATS.get(options.format),
+            engine=_engine(options, setting),
+            only_needed=options.only_needed,
+            tables=options.prove,
+            recorder=Both(collector, recorder)
+            if collector and recorder
+            else collector or recorder,
+            log_every=options.log_every,
+            progress=progress(options.quiet),
+            **setting,
+        )
+        if collector is not None and study.folder is not None:
+            _draw(collector, study.folder, options)
+        _tell(options, study, result)
+        exceeded = _prove(options, study, result) if options.prove else 0
+        if options.serve is not None:
+            _keep_serving(options, recorder)
+    return result, exceeded
+
+
+def _exit_status(result: "RunResult", exceeded: int, strict: bool) -> int:
+    """Return what a run ends with: of samples, proofs and tolerances if it is `strict`."""
     if result.failures:
         return FAILED_ANALYSIS
-    failed = {*result.summary["status"], *result.summary["pole_status"]} - {"OK"}
-    failed |= {name for item in result.summary["analyses"] for name in item["failed_rows"]}
-    failed |= {"proof"} if exceeded else set()
-    failed |= set(result.summary.get("verified", {}).get("beyond", ()))
-    if not result.summary.get("accuracy", {"met": True})["met"]:
-        failed.add("tolerance")
-    simulation = result.summary.get("simulation")
-    if simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast"):
-        failed.add("tolerance")
-    return FAILED_SAMPLES if options.strict and failed else 0
+    summary = result.summary
+    simulation = summary.get("simulation")
+    lost = simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast")
+    failed = bool(
+        {*summary["status"], *summary["pole_status"]} - {"OK"}
+        or any(item["failed_rows"] for item in summary["analyses"])
+        or exceeded
+        or summary.get("verified", {}).get("beyond", ())
+        or not summary.get("accuracy", {"met": True})["met"]
+        or lost
+    )
+    return FAILED_SAMPLES if strict and failed else 0
 
 
 def _prove(options: argparse.Namespace, study: "Study", result: "RunResult") -> int:
@@ -349,22 +389,22 @@ def _accuracy(
     """Return the setting for a tolerance of tables, and what it reaches."""
     from spherekit.errors import AnalysisError
 
-    if options.tol is None and options.trade:
+    if options.tolerance is None and options.trade:
         raise AnalysisError("--trade: say for which tolerance to choose, with --tol T")
     if options.trade and study.start is not None and options.engine != "auto":
         raise AnalysisError(
             f"--engine {options.engine}: the trade chooses it; leave one of --engine and "
             "--trade out"
         )
-    if options.tol is None or (study.start is not None and not options.trade):
+    if options.tolerance is None or (study.start is not None and not options.trade):
         return {}
     from spherekit.tradeoff.choice import choose, choose_simulation, stored_for
 
     stored = stored_for(study, analyses, options.trade) if options.trade else []
     if study.start is not None:
-        choice = choose_simulation(study.mechanism.name, options.tol, stored)
+        choice = choose_simulation(study.mechanism.name, options.tolerance, stored)
     else:
-        choice = choose(study, analyses, options.tol, stored)
+        choice = choose(study, analyses, options.tolerance, stored)
     return {"setting": choice.setting, "accuracy": choice.as_dict()}
 
 
@@ -394,14 +434,6 @@ def row_count(text: str) -> int:
 def _wanted(options: argparse.Namespace) -> "Study":
     """Return the study in which the flags given explicitly replace what the file says."""
     study = study_from(options)
-    given = {
-        "tolerance": options.tol,
-        "verify": options.verify,
-        "folder": None if options.output is None else Path(options.output),
-        "recording": None if options.save is None else Path(options.save),
-        "degrees": True if options.deg else None,
-    }
-    study = replace(study, **{k: v for k, v in given.items() if v is not None})
     if options.view and study.recording is None:
         folder = study.folder or Path(tempfile.mkdtemp(prefix="spherekit-"))
         study = replace(study, recording=folder / f"{study.mechanism.name}.rrd")
@@ -427,13 +459,15 @@ def _recorder(options: argparse.Namespace, study: "Study") -> Any:
     )
 
 
-def _drawer(options: argparse.Namespace, recorder: Any) -> Any:
-    """Return what keeps the scenes for figures, if these are wanted."""
-    if options.figures is None:
-        return None
-    from spherekit.cli.figures import FigureDrawer
+def _draw(collector: Any, folder: Path, options: argparse.Namespace) -> None:
+    """Draw all figures of what a run has told into a folder of its folder."""
+    from spherekit.figures.contents import figures_of
+    from spherekit.figures.write import write_figures
 
-    return FigureDrawer(recorder)
+    figures = figures_of(collector.scenes(), collector.titles)
+    paths = write_figures(figures, folder / "figures", options.figures)
+    if not options.quiet:
+        print(f"{counted(len(paths), 'figure')} in {folder / 'figures'}", file=sys.stderr)
 
 
 def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:

@@ -10,26 +10,8 @@ def report(summary: Any) -> str:
     """Return the summary in a few lines for people."""
     from spherekit.analysis.faults import failed_rows
 
-    errors = summary["errors_reached"]
-    mobility = summary["mobility"]
-    count = len(summary["assembly_modes"])
-    names = f"{'inputs' if len(summary['inputs']) > 1 else 'input'} " + ", ".join(
-        summary["inputs"]
-    )
-    if count:
-        first = (
-            f"{counted(summary['sampling'], 'sample')} of {names}, "
-            f"{counted(count, 'assembly mode')}; mobility {mobility['graph']} by the "
-            f"graph, {mobility['rank']} by rank"
-        )
-    else:
-        first = (
-            f"{names}; no motion was traced, as no analysis reads samples; mobility "
-            f"{mobility['graph']} by the graph"
-        )
-    lines = [
-        f"{summary['mechanism']}: {first}; groups: {', '.join(summary['groups']) or 'none'}"
-    ]
+    groups = ", ".join(summary["groups"]) or "none"
+    lines = [f"{summary['mechanism']}: {_asked(summary)}; groups: {groups}"]
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     repeated = summary["redundant_constraints"]
@@ -46,51 +28,78 @@ def report(summary: Any) -> str:
         counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
         lines.append(f"  of {sum(summary['pole_status'].values())} pole axes: {counts}")
     lines += [f"  {sentence}" for sentence in failed_rows(summary)]
-    for name, meaning in summary["status_meaning"].items():
-        if name != "OK":
-            lines.append(f"  {name}: {meaning}")
+    meanings = summary["status_meaning"].items()
+    lines += [f"  {name}: {meaning}" for name, meaning in meanings if name != "OK"]
     if "simulation" in summary:
-        done, took = summary["simulation"], summary["cost"]["simulate"]
-        lines.append(
-            f"simulated {done['end']['t']:.6g} of {done['duration_s']:.6g} s "
-            f"({done['end']['reason']}), {counted(done['events'], 'event')}, "
-            f"engine {done['engine']['name']} ({took['reason']}); "
-            f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-            f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
-            f"energy balanced to {done['energy_imbalance_J']:.1e} of "
-            f"{done['energy_scale_J']:.1e} J"
-        )
-    if errors["largest_closure_residual_rad"] is not None:
-        line = f"largest closure residual {errors['largest_closure_residual_rad']:.1e} rad"
-        if errors["largest_configuration_error_rad"] is not None:
-            off = errors["largest_configuration_error_rad"]
-            line += f"; configurations known to {off:.1e} rad"
-        lines.append(line)
-    if errors["largest_direction_error_bound_rad"] is not None:
-        line = (
-            "largest error bound of a pole direction "
-            f"{errors['largest_direction_error_bound_rad']:.1e} rad"
-        )
-        if errors["largest_velocity_coefficient_error_bound"] is not None:
-            line += (
-                ", of a velocity coefficient "
-                f"{errors['largest_velocity_coefficient_error_bound']:.1e}"
-            )
-        if errors["largest_acceleration_coefficient_error_bound"] is not None:
-            line += (
-                ", of an acceleration coefficient "
-                f"{errors['largest_acceleration_coefficient_error_bound']:.1e} 1/rad"
-            )
-        lines.append(line)
+        lines.append(_simulated(summary["simulation"], summary["cost"]["simulate"]))
+    lines += _errors(summary["errors_reached"])
     if "verified" in summary:
         from spherekit.analysis.running.verdict_words import told
 
         lines += told(summary["verified"])
     lines += spent(summary["cost"])
-
     if "accuracy" in summary:
         lines.append(accuracy_line(summary["accuracy"]))
     return "\n".join(lines)
+
+
+def _asked(summary: Any) -> str:
+    """Return over what a mechanism was gone through, and its mobility."""
+    mobility, count = summary["mobility"], len(summary["assembly_modes"])
+    inputs = summary["inputs"]
+    names = f"input{'s' * (len(inputs) > 1)} {', '.join(inputs)}"
+    if not count:
+        return (
+            f"{names}; no motion was traced, as no analysis reads samples; mobility "
+            f"{mobility['graph']} by the graph"
+        )
+    return (
+        f"{counted(summary['sampling'], 'sample')} of {names}, "
+        f"{counted(count, 'assembly mode')}; mobility {mobility['graph']} by the graph, "
+        f"{mobility['rank']} by rank"
+    )
+
+
+def _simulated(done: Any, took: Any) -> str:
+    return (
+        f"simulated {done['end']['t']:.6g} of {done['duration_s']:.6g} s "
+        f"({done['end']['reason']}), {counted(done['events'], 'event')}, "
+        f"engine {done['engine']['name']} ({took['reason']}); "
+        f"error {done['achieved_error_rad']:.1e} rad at tolerance "
+        f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
+        f"energy balanced to {done['energy_imbalance_J']:.1e} of "
+        f"{done['energy_scale_J']:.1e} J"
+    )
+
+
+_ERRORS = (
+    (
+        ("largest_closure_residual_rad", "largest closure residual {:.1e} rad"),
+        ("largest_configuration_error_rad", "; configurations known to {:.1e} rad"),
+    ),
+    (
+        (
+            "largest_direction_error_bound_rad",
+            "largest error bound of a pole direction {:.1e} rad",
+        ),
+        ("largest_velocity_coefficient_error_bound", ", of a velocity coefficient {:.1e}"),
+        (
+            "largest_acceleration_coefficient_error_bound",
+            ", of an acceleration coefficient {:.1e} 1/rad",
+        ),
+    ),
+)
+"""Errors that share a line, said where the first of them is known."""
+
+
+def _errors(reached: Any) -> list[str]:
+    return [
+        "".join(
+            words.format(reached[key]) for key, words in parts if reached[key] is not None
+        )
+        for parts in _ERRORS
+        if reached[parts[0][0]] is not None
+    ]
 
 
 def by_equal_counts(assembly_modes: Sequence[Any]) -> list[str]:

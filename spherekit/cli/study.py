@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.suggest import analyses, pairs, studies, suggesting
 
@@ -12,8 +12,22 @@ if TYPE_CHECKING:
     from spherekit.model.mechanism import Mechanism
     from spherekit.model.study import Study
 
-LAW_WORDS = {"start": "from", "stop": "to"}
-"""What fields of laws are called in files and flags."""
+GIVEN = (
+    "samples",
+    "laws",
+    "start",
+    "torque",
+    "duration",
+    "crossings",
+    "assembly_mode",
+    "search",
+    "tolerance",
+    "verify",
+    "degrees",
+    "folder",
+    "recording",
+)
+"""Fields of a study that flags say, which have their names where they are parsed."""
 
 
 def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> None:
@@ -37,6 +51,7 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
         return
     parser.add_argument(
         "--law",
+        dest="laws",
         action="append",
         metavar="[PAIR=]KIND:key=value,...",
         help="time law of an input: constant_speed:speed=,from= polynomial:"
@@ -73,7 +88,9 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
     )
     parser.add_argument(
         "--no-search",
-        action="store_true",
+        dest="search",
+        action="store_const",
+        const=False,
         help="only the assembly mode of the reference pose, if the file gives one",
     )
 
@@ -159,38 +176,22 @@ def study_from(options: argparse.Namespace) -> "Study":
     from spherekit.files.study import load_study
 
     study = load_study(options.file)
-    study = replace(
-        study, mechanism=with_locks(study.mechanism, options.lock, options.file)
-    )
-    if options.lock:
-        study = replace(study, path=None)
+    mechanism = with_locks(study.mechanism, options.lock, options.file)
     if options.input is not None:
-        study = replace(study, mechanism=study.mechanism.with_inputs(*options.input))
-    if options.samples is not None or options.input is not None:
-        study = replace(study, path=None)
-    if options.samples is not None:
-        study = replace(study, samples=options.samples)
-    return _timed(study, options) if "law" in options else study
-
-
-def _timed(study: "Study", options: argparse.Namespace) -> "Study":
-    """Return a study with the laws, the start and the assembly mode of flags."""
-    from spherekit.model.laws import Start
-
-    if options.law is not None:
-        laws = laws_of(options.law, study)
-        study = replace(study, laws=laws, start=None, torque=None)
-    if options.start is not None:
-        kept = study.laws if options.law is not None else {}
-        study = replace(study, start=Start.of(options.start), laws=kept)
-    given = {
-        "torque": None if options.torque is None else torque_of(options.torque, study),
-        "duration": options.duration,
-        "crossings": options.crossings,
-        "assembly_mode": options.assembly_mode,
-        "search": False if options.no_search else None,
-    }
-    return replace(study, **{k: v for k, v in given.items() if v is not None})
+        mechanism = mechanism.with_inputs(*options.input)
+    said = {name: getattr(options, name, None) for name in GIVEN}
+    given: dict[str, Any] = {k: value for k, value in said.items() if value is not None}
+    if options.lock or options.input is not None or "samples" in given:
+        given["path"] = None
+    study = replace(study, mechanism=mechanism)
+    if "laws" in given:
+        laws = laws_of(given["laws"], study)
+        given = {"start": None, "torque": None, **given, "laws": laws}
+    elif "start" in given:
+        given["laws"] = {}
+    if given.get("torque") is not None:
+        given["torque"] = torque_of(given["torque"], study)
+    return replace(study, **given)
 
 
 def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
@@ -198,6 +199,7 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     from spherekit.analysis.arguments import given_in
     from spherekit.conventions import listing, nearest
     from spherekit.errors import AnalysisError, ModelError
+    from spherekit.files.units import KEYS
     from spherekit.model.laws import KINDS
     from spherekit.planning.inputs import driven_pairs
 
@@ -210,7 +212,8 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         if kind not in KINDS:
             hint = nearest(kind, KINDS) or "."
             raise AnalysisError(f'--law: no law is "{kind}"{hint} Laws: {listing(KINDS)}')
-        fields = given_in(keys, KINDS[kind], f"--law {kind}", LAW_WORDS)
+        words = {field: key for key, field in KEYS[KINDS[kind]].items()}
+        fields = given_in(keys, KINDS[kind], f"--law {kind}", words)
         try:
             law = KINDS[kind](**fields)
         except ModelError as problem:

@@ -78,6 +78,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="A<B",
         help="leave out designs and rows that do not meet this; may be repeated",
     )
+    _add_choice(parser)
+
+
+def _add_choice(parser: argparse.ArgumentParser) -> None:
+    """Declare which designs are computed, and where."""
     parser.add_argument(
         "--designs", type=int, metavar="N", help="so many designs, not a grid"
     )

@@ -416,7 +416,7 @@ def _scene(trial: Trial) -> str:
     count = len(scenes_of(trial.analysis, batch))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.rrd"
-        with RerunRecorder.to_file(path, mechanism.name) as recorder:
+        with RerunRecorder(mechanism.name, path=path) as recorder:
             result = executed(study, [trial.analysis], Execution(recorder=recorder))
     for fault in result.failures.values():
         raise PluginError(fault)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -22,23 +22,23 @@ from spherekit.analysis.scene import (
     Trace,
 )
 
+if TYPE_CHECKING:
+    from spherekit.analysis.running.recording import Recorder
+
 
 @final
 @dataclass
 class Collector:
-    """What a run tells a recorder, as whole scenes in the order in which they came.
+    """A recorder that keeps all that a run tells it, for others and as whole scenes."""
 
-    `titles` are the names of the assembly modes by their numbers.
-    """
-
-    titles: dict[int, str] = field(default_factory=dict)
-    _blocks: dict[tuple[str, Page], list[Scene]] = field(default_factory=dict)
+    _heads: list[RecordingHead] = field(default_factory=list)
+    _told: list[tuple[Scene, Any, Floats | None, Floats | None]] = field(
+        default_factory=list
+    )
 
     def start(self, head: RecordingHead) -> None:
         """Take the names of the assembly modes, and what does not move."""
-        self.titles = dict(head.assembly_modes)
-        for scene in head.scenes:
-            self._blocks.setdefault((scene.source, scene.page), []).append(scene)
+        self._heads.append(head)
 
     def log(
         self,
@@ -48,12 +48,57 @@ class Collector:
         times: Floats | None = None,
     ) -> None:
         """Take one block of one page."""
-        del samples, inputs, times
-        self._blocks.setdefault((scene.source, scene.page), []).append(scene)
+        self._told.append((scene, samples, inputs, times))
+
+    def play(self, recorder: "Recorder") -> None:
+        """Tell another recorder the same."""
+        for head in self._heads:
+            recorder.start(head)
+        for block in self._told:
+            recorder.log(*block)
+
+    @property
+    def titles(self) -> dict[int, str]:
+        """The names of the assembly modes by their numbers."""
+        return {
+            n: title for head in self._heads for n, title in head.assembly_modes.items()
+        }
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return the scenes, each of all its blocks."""
-        return tuple(_joined(blocks) for blocks in self._blocks.values())
+        """Return the scenes in the order in which they came, each of all its blocks."""
+        blocks: dict[tuple[str, Page], list[Scene]] = {}
+        still = [scene for head in self._heads for scene in head.scenes]
+        for scene in [*still, *(block[0] for block in self._told)]:
+            blocks.setdefault((scene.source, scene.page), []).append(scene)
+        return tuple(map(_joined, blocks.values()))
+
+
+@final
+@dataclass(frozen=True)
+class Both:
+    """Two recorders that are told the same; the second says what it holds."""
+
+    first: "Recorder"
+    second: Any
+
+    def start(self, head: RecordingHead) -> None:
+        """Pass on the beginning of a run."""
+        for recorder in (self.first, self.second):
+            recorder.start(head)
+
+    def log(self, *block: Any) -> None:
+        """Pass on a block."""
+        for recorder in (self.first, self.second):
+            recorder.log(*block)
+
+    def finish(self) -> None:
+        """Make the recording of the second whole."""
+        self.second.finish()
+
+    @property
+    def cost(self) -> Any:
+        """What the second holds."""
+        return self.second.cost
 
 
 def _joined(blocks: Sequence[Scene]) -> Scene:

@@ -108,6 +108,11 @@ def find(name_or_path: str | os.PathLike[str]) -> Path:
     raise FileError(_not_found(path, shipped()))
 
 
+def named_in(name: str, folder: Path) -> str | Path:
+    """Return the mechanism that a file in a folder names: shipped, or a path from there."""
+    return name if any(name in pack.files for pack in shipped()) else folder / name
+
+
 def is_study(path: Path) -> bool:
     """Return whether a path is named as a study file."""
     return path.name.endswith(STUDY_SUFFIX)

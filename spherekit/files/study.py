@@ -1,7 +1,7 @@
 """A study from a TOML file of format 1: a mechanism and what is to be run on it."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
@@ -12,28 +12,24 @@ from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, listing, nearest
 from spherekit.errors import FileError, ModelError
 from spherekit.files.document import Document, parse, read_text
-from spherekit.files.library import STUDY_SUFFIX, find, is_study, shipped
+from spherekit.files.library import STUDY_SUFFIX, find, is_study, named_in
 from spherekit.files.locate import KeyPath
 from spherekit.files.read import angle_unit_of, load
 from spherekit.files.schema import check
 from spherekit.files.units import Table, converted, made
 from spherekit.model.changes import AngleUnit
-from spherekit.model.laws import ConstantSpeed, Cycloidal, Law, Polynomial, Start, Tabulated
+from spherekit.model.laws import KINDS, Law, Start, Tabulated
 from spherekit.model.locking import lock
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input
 from spherekit.model.study import Study
 from spherekit.sphere.rotation import Floats
 
+Subject = Study | Mechanism | str | os.PathLike[str]
+"""What is run: a study, a mechanism, or the path or shipped name of either."""
+
 _FIELDS = ("assembly_mode", "search", "duration", "tolerance", "crossings", "verify")
 """Keys that are fields of a study as they stand."""
-
-_LAWS: Mapping[str, Callable[..., Law]] = {
-    "constant_speed": ConstantSpeed,
-    "polynomial": Polynomial,
-    "cycloidal": Cycloidal,
-    "table": Tabulated,
-}
 
 
 @checked(FileError)
@@ -54,20 +50,22 @@ def load_study(name_or_path: str | os.PathLike[str]) -> Study:
     return _Reader(document, converted(document, document.data, "study")).study(path)
 
 
+def study_of(subject: Subject) -> Study:
+    """Return a study, given as such, or that of a mechanism, or read as `load_study`."""
+    if isinstance(subject, Study):
+        return subject
+    if isinstance(subject, Mechanism):
+        return Study(subject.name, subject)
+    return load_study(subject)
+
+
 def angle_unit_of_mechanism(name_or_path: str | os.PathLike[str]) -> AngleUnit:
     """Return the unit of the angles in a mechanism file, or in that of a study."""
     path = find(name_or_path)
     if is_study(path):
         document = parse(read_text(path), str(path))
-        path = find(_where(document, path.parent))
+        path = find(named_in(document.data["mechanism"], path.parent))
     return angle_unit_of(path)
-
-
-def _where(document: Document, folder: Path) -> str | Path:
-    """Return the name or the path of the mechanism of a study."""
-    wanted = str(document.data["mechanism"])
-    is_shipped = any(wanted in pack.files for pack in shipped())
-    return wanted if is_shipped else folder / wanted
 
 
 @final
@@ -104,7 +102,7 @@ class _Reader:
 
     def mechanism(self, folder: Path) -> Mechanism:
         try:
-            path = find(_where(self.document, folder))
+            path = find(named_in(self.data["mechanism"], folder))
         except FileError as error:
             raise self.document.fault(("mechanism",), str(error)) from None
         if is_study(path):
@@ -188,8 +186,9 @@ class _Reader:
         return np.array(columns).T
 
     def law(self, path: KeyPath, item: Table) -> Law:
+        kind: Callable[..., Law] = KINDS[item["kind"]]
         try:
-            law: Law = made(_LAWS[item["kind"]], item)
+            law = made(kind, item)
         except ModelError as error:
             key, _, message = str(error).partition(": ")
             raise self.document.fault((*path, key), message) from None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, final
 
 from spherekit.analysis import run as analysis
 from spherekit.analysis.result import Columns, RunResult
-from spherekit.front.replay import Replay
+from spherekit.figures.collector import Collector
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +28,7 @@ class _Again:
 
     name: str
     go: Callable[["Recorder"], object]
-    _kept: list[Replay] = field(default_factory=list)
+    _kept: list[Collector] = field(default_factory=list)
 
     def record(self, path: Path) -> None:
         """Write a recording, block by block where nothing is kept yet."""
@@ -49,16 +49,14 @@ class _Again:
 
     def figures(self, degrees: bool, columns: Columns) -> "Mapping[str, Figure]":
         """Return all figures by name."""
-        from spherekit.figures.collector import Collector
         from spherekit.figures.contents import figures_of
 
-        collector = Collector()
-        self._replay().play(collector)
-        return figures_of(collector.scenes(), collector.titles, degrees, columns)
+        kept = self._replay()
+        return figures_of(kept.scenes(), kept.titles, degrees, columns)
 
-    def _replay(self) -> Replay:
+    def _replay(self) -> Collector:
         if not self._kept:
-            told = Replay()
+            told = Collector()
             self.go(told)
             self._kept.append(told)
         return self._kept[0]

@@ -14,7 +14,7 @@ from spherekit.design.wanted import Sizing
 from spherekit.errors import DesignError
 from spherekit.files.change import document_of
 from spherekit.files.document import Document, parse, read_text
-from spherekit.files.library import shipped
+from spherekit.files.library import named_in
 from spherekit.files.schema import check
 from spherekit.front.sweep import sweep_of
 
@@ -76,7 +76,7 @@ def sizing_of(
     data = document.data
     variations = [between(key, *map(float, ends)) for key, ends in data["vary"].items()]
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
-    subject = _mechanism(data["mechanism"], Path(path).parent)
+    subject = named_in(data["mechanism"], Path(path).parent)
     degrees = document_of(subject).data["angle_unit"] == "deg"
     missed = _missed(document, data.get("match"), degrees)
     sweep = sweep_of(
@@ -89,11 +89,6 @@ def sizing_of(
     wanted = data["minimise"]
     objectives = (wanted,) if isinstance(wanted, str) else tuple(wanted)
     return Sizing(sweep, objectives, tuple(missed))
-
-
-def _mechanism(wanted: str, folder: Path) -> str | Path:
-    is_shipped = any(wanted in pack.files for pack in shipped())
-    return wanted if is_shipped else folder / wanted
 
 
 def _missed(

@@ -19,15 +19,13 @@ from spherekit.files.change import document_of
 from spherekit.files.document import Document
 from spherekit.files.library import find, is_study
 from spherekit.files.read import angle_unit_of, load
-from spherekit.files.study import load_study
+from spherekit.files.study import Subject, study_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import Study
 from spherekit.planning.inputs import driven_at
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
 
-Subject = Study | Mechanism | str | os.PathLike[str]
 Vary = Mapping[str, str | Sequence[float]]
 
 
@@ -130,7 +128,8 @@ def sweep_of(
     tables: bool = False,
 ) -> Sweep:
     """Return the sweep that texts ask for; `source` is the file of a study, if known."""
-    study = _study(subject)
+    study = study_of(subject)
+    study = replace(study, mechanism=driven_at(study.mechanism))
     if samples is not None:
         study = replace(study, samples=samples, path=None)
     document = _document(study.mechanism, subject if source is None else source)
@@ -196,17 +195,6 @@ def _document(mechanism: Mechanism, subject: Subject) -> Document:
             return document_of(subject)
         return document_of(mechanism, angle_unit_of(subject))
     return document_of(mechanism)
-
-
-def _study(subject: Subject) -> Study:
-    """Return what designs go through, its inputs stated."""
-    if isinstance(subject, Study):
-        study = subject
-    elif isinstance(subject, Mechanism):
-        study = Study(subject.name, subject)
-    else:
-        study = load_study(subject)
-    return replace(study, mechanism=driven_at(study.mechanism))
 
 
 def _variation(key: str, values: str | Sequence[float]) -> Variation:

@@ -1,7 +1,8 @@
 """Numbers given to change a mechanism, as the model holds them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -60,3 +61,20 @@ def along(key: str, given: ArrayLike) -> tuple[float, float, float]:
     if not (math.isfinite(length) and length > 0.0):
         raise ModelError(f"{key}.xyz: found [{x:g}, {y:g}, {z:g}], which has no direction")
     return x / length, y / length, z / length
+
+
+def need_finite(key: str, numbers: Iterable[float]) -> None:
+    """Refuse what is no number, or not finite."""
+    for number in numbers:
+        if not isinstance(number, int | float | np.number) or not math.isfinite(number):
+            raise ModelError(f"{key}: found {number}, needs a finite number")
+
+
+def need_increasing(key: str, times: tuple[float, ...]) -> None:
+    """Refuse times that do not increase; `ModelError` names the first that does not."""
+    for number, (one, other) in enumerate(pairwise(times)):
+        if not other > one:
+            raise ModelError(
+                f"{key}: must increase, but {other:g} s follows {one:g} s at positions "
+                f"{number} and {number + 1}"
+            )

@@ -11,6 +11,7 @@ from spherekit.checked import checked_class
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.bearings import Bearings, ContactFriction
+from spherekit.model.changes import need_finite
 from spherekit.model.inertia import moments_of_point
 from spherekit.model.load import (
     Axes,
@@ -24,7 +25,6 @@ from spherekit.model.load import (
     Vector,
     law_of,
     need_angle,
-    need_finite,
     number_text,
     vector_of,
 )

@@ -4,7 +4,6 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, Literal, Protocol, final
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.checked import checked_class
 from spherekit.conventions import counted
 from spherekit.errors import ModelError
+from spherekit.model.changes import need_finite, need_increasing
 
 Floats = NDArray[np.float64]
 States = tuple[Floats, Floats, Floats]
@@ -35,8 +35,8 @@ class ConstantSpeed:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        _need_finite("speed", self.speed)
-        _need_finite("start", self.start)
+        need_finite("speed", [self.speed])
+        need_finite("start", [self.start])
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
@@ -59,7 +59,7 @@ class Polynomial:
     def __post_init__(self) -> None:
         if not self.coefficients:
             raise ModelError("coefficients: is empty; give at least [c0]")
-        _need_finite("coefficients", *self.coefficients)
+        need_finite("coefficients", self.coefficients)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
@@ -88,9 +88,9 @@ class Cycloidal:
     duration: float
 
     def __post_init__(self) -> None:
-        _need_finite("start", self.start)
-        _need_finite("stop", self.stop)
-        _need_finite("duration", self.duration)
+        need_finite("start", [self.start])
+        need_finite("stop", [self.stop])
+        need_finite("duration", [self.duration])
         if not self.duration > 0:
             raise ModelError(f"duration: found {self.duration:g} s, needs more than 0")
 
@@ -135,8 +135,8 @@ class Tabulated:
                 f"times: has {counted(len(self.times), 'value')}, needs at least "
                 f"{least}{more}"
             )
-        _need_finite("times", *self.times)
-        _need_finite("angles", *self.angles)
+        need_finite("times", self.times)
+        need_finite("angles", self.angles)
         need_increasing("times", self.times)
 
     def at(self, t: ArrayLike) -> States:
@@ -195,7 +195,7 @@ class Start:
 
     def __post_init__(self) -> None:
         for key, given in (("q", self.q), ("dq", self.dq)):
-            _need_finite(key, *(given if isinstance(given, tuple) else (given,)))
+            need_finite(key, given if isinstance(given, tuple) else [given])
 
     @staticmethod
     def of(given: "StartGiven") -> "Start":
@@ -321,19 +321,3 @@ def time_fault(
             f"--law {lacking[0]}=constant_speed:speed=1"
         )
     return None
-
-
-def need_increasing(key: str, times: tuple[float, ...]) -> None:
-    """Refuse times that do not increase; `ModelError` names the first that does not."""
-    for number, (one, other) in enumerate(pairwise(times)):
-        if not other > one:
-            raise ModelError(
-                f"{key}: must increase, but {other:g} s follows {one:g} s at positions "
-                f"{number} and {number + 1}"
-            )
-
-
-def _need_finite(key: str, *numbers: float) -> None:
-    for number in numbers:
-        if not isinstance(number, int | float) or not math.isfinite(number):
-            raise ModelError(f"{key}: found {number}, needs a finite number")

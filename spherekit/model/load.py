@@ -1,7 +1,6 @@
 """What a load is made of: magnitudes, and what they work on."""
 
 import inspect
-import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.checked import checked_class
 from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
+from spherekit.model.changes import need_finite, need_increasing
 from spherekit.model.expression import Expression, load_names, parse
-from spherekit.model.laws import need_increasing
 from spherekit.model.parts import Pair
 
 Vector = tuple[float, float, float]
@@ -376,13 +375,6 @@ def need_at_least_zero(key: str, number: float, unit: str) -> None:
         torque = "; what pushes or drives is a load of kind torque, an expression"
         hint = torque if unit.startswith("N m") else ""
         raise ModelError(f"{key}: found {number:g} {unit}, needs at least 0{hint}")
-
-
-def need_finite(key: str, numbers: Any) -> None:
-    """Refuse numbers that are not finite."""
-    for number in numbers:
-        if not math.isfinite(number):
-            raise ModelError(f"{key}: found {number}, needs a finite number")
 
 
 def vector_of(numbers: Iterable[float]) -> Vector:

@@ -50,7 +50,7 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     axes = motion.frames[:, :, :, 2]
     middle = np.nansum(axes, axis=(0, 1))
     size = np.linalg.norm(middle)
-    with RerunRecorder.to_file(path, mechanism.name) as recorder:
+    with RerunRecorder(mechanism.name, path=path) as recorder:
         still = static_scene(plans(mechanism, tracer.by_rank), shapes)
         focus = middle / size if size > 1e-9 else None
         recorder.start(RecordingHead([still], assembly_modes=titles, focus=focus))

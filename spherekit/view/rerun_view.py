@@ -3,8 +3,9 @@
 import re
 import time
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self, final
@@ -54,6 +55,9 @@ from spherekit.view.outputs import (
 from spherekit.view.sdk import rr
 from spherekit.view.sight import Sight
 from spherekit.view.timelines import SAMPLE, TIME, InputTimeline, input_timeline
+
+Draw = Callable[[Floats], Iterable[entities.Still]]
+"""Draws what stands still from all rows of a primitive, when these are known."""
 
 LIVE_SECONDS = 0.5
 """A viewer that looks on gets the curves anew that often."""
@@ -135,29 +139,12 @@ class RerunRecorder:
         self._input: InputTimeline | None = None
         self._span: tuple[float, float] | None = None
         self._names: dict[Page, Names] = {}
-        self._paths: dict[str, tuple[bool, list[Floats]]] = {}
         self._row: int | None = None
-        self._drawn: dict[str, list[Floats]] = {}
-        self._traces: dict[str, tuple[int, list[Floats]]] = {}
+        self._whole: dict[str, tuple[Draw, list[Floats]]] = {}
         self._charts: Charts | None = None
         self._live_drawn = 0.0
         self._laid_out = 0
         self._finished = False
-
-    @classmethod
-    def to_file(cls, path: Path | str, name: str) -> Self:
-        """Return a recorder that writes a file."""
-        return cls(name, path=path)
-
-    @classmethod
-    def serving(cls, port: int, name: str) -> Self:
-        """Return a recorder that viewers can connect to at a port of this computer."""
-        return cls(name, port=port)
-
-    @classmethod
-    def connected(cls, url: str, name: str) -> Self:
-        """Return a recorder that sends to a viewer that runs already."""
-        return cls(name, url=url)
 
     @property
     def url(self) -> str | None:
@@ -299,12 +286,10 @@ class RerunRecorder:
             path = self._started.path(scene.page, primitive)
             for suffix, columns in entities.moving(primitive, labels.get(primitive.path)):
                 self._outputs.columns(_below(path, suffix), lines, columns, len(samples))
-            if isinstance(primitive, Trace):
-                self._traces[path][1].append(np.array(primitive.directions))
-            if isinstance(primitive, Arrow) and path in self._paths:
-                self._paths[path][1].append(np.array(primitive.directions))
-            if isinstance(primitive, Portrait) and path in self._drawn:
-                self._drawn[path].append(primitive.placed())
+            if path in self._whole and isinstance(primitive, Trace | Arrow):
+                self._whole[path][1].append(np.array(primitive.directions))
+            if path in self._whole and isinstance(primitive, Portrait):
+                self._whole[path][1].append(primitive.placed())
             if isinstance(primitive, Body) and primitive.quaternions is not None:
                 failed |= ~entities.present(primitive.quaternions)
         if any(isinstance(item, Body) for item in scene.primitives):
@@ -343,25 +328,21 @@ class RerunRecorder:
         ):
             self._lay_out(final=True)
         self._finished = True
-        for path, (number, traced) in self._traces.items():
-            lines = shapes.path_on_sphere(np.concatenate(traced), self._row)
-            if lines:
-                self._outputs.still(f"{path}/curve", entities.trace_lines(lines, number))
-        for path, (primary, blocks) in self._paths.items():
-            whole = np.concatenate(blocks) if blocks else np.zeros((0, 3))
-            lines = shapes.path_on_sphere(whole, self._row)
-            if lines:
-                drawn = entities.path_lines(lines, primary, self._row is not None)
-                self._outputs.still(f"{path}/path", drawn)
-        for path, points in self._drawn.items():
-            line = np.concatenate(points)
-            parts = shapes.unbroken(line)
-            if parts:
-                self._outputs.still(
-                    f"{path}/curve", charts.portrait_line(line, colours.TONES[1])
-                )
+        for path, (draw, blocks) in self._whole.items():
+            for suffix, drawn in draw(np.concatenate(blocks)) if blocks else ():
+                self._outputs.still(f"{path}/{suffix}", drawn)
         rows = self._outputs.rows
         self._outputs.each(lambda output: output.complete(rows))
+
+    def _trace(self, number: int, directions: Floats) -> Iterator[entities.Still]:
+        lines = shapes.path_on_sphere(directions, self._row)
+        if lines:
+            yield "curve", entities.trace_lines(lines, number)
+
+    def _path(self, primary: bool, directions: Floats) -> Iterator[entities.Still]:
+        lines = shapes.path_on_sphere(directions, self._row)
+        if lines:
+            yield "path", entities.path_lines(lines, primary, self._row is not None)
 
     def serve_until_interrupted(self) -> None:
         """Finish, and keep serving until the user presses Ctrl-C."""
@@ -421,19 +402,19 @@ class RerunRecorder:
                 self._place_scale(page, values, titled(label, unit))
             case Trace(number=number):
                 layout.solids.append((page, path))
-                self._traces[path] = (number, [])
+                self._whole[path] = partial(self._trace, number), []
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
                 layout.solids.append((page, path))
                 if not shown:
                     layout.hidden.append((page, path))
                 if path_shown:
-                    self._paths[path] = (primary, [])
+                    self._whole[path] = partial(self._path, primary), []
                 if shown and path_shown and not primary:
                     layout.trails.append((page, f"{path}/trail"))
             case Portrait(curves=curves, label=label):
                 layout.plots.append(Plot(page, path, label, answers, charts.bounds()))
                 if not curves:
-                    self._drawn[path] = []
+                    self._whole[path] = _portrait, []
             case Diagram(label=label):
                 seen = diagrams.bounds(primitive)
                 layout.plots.append(Plot(page, path, label, answers, seen))
@@ -475,6 +456,11 @@ class RerunRecorder:
             blueprint = self._layout.blueprint()
             for output in reached:
                 output.stream.send_blueprint(blueprint)
+
+
+def _portrait(placed: Floats) -> Iterator[entities.Still]:
+    if shapes.unbroken(placed):
+        yield "curve", charts.portrait_line(placed, colours.TONES[1])
 
 
 def _about(name: str, timeline: str) -> str:
