@@ -31,8 +31,7 @@ FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm
 FEW = (
     Setting(),
     Setting(route="conditioned"),
-    Setting(representation="cubic", nodes=256),
-    *(Setting(representation="spectral", nodes=nodes) for nodes in (64, 128, 256)),
+    Setting(engine="extended"),
 )
 
 
@@ -115,7 +114,6 @@ def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
 
 def settings(name):
     own = [*FEW, Setting(route="equations")]
-    own += [Setting(engine="extended"), Setting(representation="linear", nodes=64)]
     return own if name != "double_butterfly" else own[:2]
 
 
@@ -233,7 +231,7 @@ def test_settings_that_do_not_apply_say_why():
         samples=3,
         assembly_mode=0,
         rounds=1,
-        settings=[Setting(engine="extended"), Setting(representation="cubic", nodes=64)],
+        settings=[Setting(engine="extended"), Setting(engine="compiled")],
     )
     assert all(each.reason for each in found.settings)
     assert "one input" in found.settings[1].reason
@@ -246,18 +244,6 @@ def test_missing_numbers_are_not_chosen():
     found = trade(made, samples=361, settings=[Setting(), Setting(route="first")], rounds=1)
     best, first = found.settings
     assert best.counts and first.missing > 0 and not first.counts
-
-
-@pytest.mark.parametrize("kind", ["linear", "cubic", "spectral"])
-def test_representations_converge_at_their_order(kind):
-    """Derivatives: second order by lines, third from cubics, faster by series."""
-    nodes = (32, 64) if kind == "spectral" else (128, 256)
-    own = [Setting(representation=kind, nodes=count) for count in nodes]
-    found = trade(sk.load("four_bar"), samples=101, settings=own, rounds=1)
-    coarse, fine = (each.error for each in found.settings)
-    least = {"linear": 3.4, "cubic": 6.5, "spectral": 1e3}[kind]
-    most = {"linear": 4.6, "cubic": 9.5, "spectral": np.inf}[kind]
-    assert least < coarse / fine < most
 
 
 @pytest.mark.skipif(not available(), reason="heyoka is not installed")

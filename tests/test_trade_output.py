@@ -25,8 +25,8 @@ def made():
     ]
     read = [
         Measured(
-            f"numpy best cubic {n}",
-            Setting(representation="cubic", nodes=n),
+            f"numpy s {n}",
+            Setting(),
             1e-4 * n,
             1e-7,
             1e-7,
@@ -36,7 +36,7 @@ def made():
         for n in (32, 64, 128, 4096)
     ]
     without = [
-        Measured(f"numpy best linear {n}", None, reason="no curve closes")
+        Measured(f"numpy t {n}", None, reason="no curve closes")
         for n in (32, 64, 4096)
     ]
     columns = (
@@ -68,7 +68,7 @@ def test_columns_of_times_end_at_the_right():
     assert len(rows) == 12 and len({len(line) for line in rows}) == 1
     assert "error of poles.velocity_coefficient: relative to all (1.5)" in lines
     assert "error of poles.q: absolute rad" in lines
-    assert "does not apply: numpy best linear 32, 64, 4096: no curve closes" in lines
+    assert "does not apply: numpy t 32, 64, 4096: no curve closes" in lines
     assert "does not apply: compiled: no heyoka" in lines
 
 
@@ -95,7 +95,7 @@ def test_everything_is_in_the_chart():
     for tolerance in (None, 1e-5, 1e-30, 1e5):
         (chart, _) = scene(trade, tolerance).primitives
         labels = [curve.label for curve in chart.curves]
-        assert any(label.startswith("cubic") for label in labels)
+        assert any("numpy s 64" in label for label in labels)
         assert sum(label.startswith("tolerance") for label in labels) == (
             tolerance is not None
         )

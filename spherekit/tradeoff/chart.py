@@ -9,7 +9,6 @@ from spherekit.sphere.rotation import Floats
 from spherekit.tradeoff.record import Measured, Trade
 from spherekit.tradeoff.text import as_text
 
-SERIES = ("linear", "cubic", "spectral")
 FRONT, EVALUATED, TOLERANCE = 1, 0, 5
 """Tones: of settings that no other beats, of other settings, of the tolerance."""
 LEAST = 1e-17
@@ -18,30 +17,16 @@ LEAST = 1e-17
 def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     """Return the chart with a mark for each setting, and the table.
 
-    Settings of a representation are on a curve and named by their nodes, the others are
-    numbered; a tolerance is a line, and its choice a mark.
+    Settings are numbered; a tolerance is a line, and its choice a mark.
     """
     counting = [candidate for candidate in trade.settings if candidate.counts]
     points = _points(trade, counting)
     (left, bottom), (right, top) = _frame(points)
     curves, marks = [], []
-    for k, kind in enumerate(SERIES):
-        which = [n for n, candidate in enumerate(counting) if _series(candidate) == kind]
-        if which:
-            label = f"{kind}, by the number of nodes"
-            curves.append(PlaneCurve(points[which], 2 + k, label))
     front = _points(trade, trade.pareto)
     curves.append(PlaneCurve(front, FRONT, "no other is quicker and as accurate"))
-    numbered = 0
-    for measured, place in zip(counting, points, strict=True):
-        kind = _series(measured)
-        is_best = measured in trade.pareto
-        if kind in SERIES and measured.setting is not None:
-            tone = FRONT if is_best else 2 + SERIES.index(kind)
-            marks.append(Mark(str(measured.setting.nodes), place, tone))
-            continue
-        numbered += 1
-        tone = FRONT if is_best else EVALUATED
+    for numbered, (measured, place) in enumerate(zip(counting, points, strict=True), 1):
+        tone = FRONT if measured in trade.pareto else EVALUATED
         marks.append(Mark(str(numbered), place, tone))
         words = f"{numbered}: {measured.name}, {measured.error:.1e}"
         curves.append(PlaneCurve(place[None], tone, words))
@@ -73,10 +58,6 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         (Axis("setting", "", np.zeros(1)),),
         "trade",
     )
-
-
-def _series(measured: Measured) -> str:
-    return "" if measured.setting is None else measured.setting.representation
 
 
 def _points(trade: Trade, counting: Sequence[Measured]) -> Floats:

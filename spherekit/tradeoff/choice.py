@@ -31,13 +31,7 @@ CHECKED = 121
 CHECK_ROWS = 61
 """Samples at which what was reached is measured, spread over the run's own."""
 
-SHORT = (
-    Setting(),
-    Setting(route="conditioned"),
-    Setting(engine="compiled"),
-    *(Setting(representation="cubic", nodes=nodes) for nodes in (256, 1024, 4096)),
-    *(Setting(representation="spectral", nodes=nodes) for nodes in (64, 128, 256)),
-)
+SHORT = (Setting(), Setting(route="conditioned"), Setting(engine="compiled"))
 """The settings of a short trade."""
 
 

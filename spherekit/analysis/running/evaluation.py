@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.needs import Needs
-from spherekit.analysis.running.interpolated_motion import InterpolatedMotion
 from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.rows_at_once import RowsAtOnce
 from spherekit.analysis.running.sampling import Sampling
@@ -26,7 +25,7 @@ from spherekit.rates.request import Request
 from spherekit.rates.signs import SignMemory
 from spherekit.sphere.rotation import Floats
 
-ORDINARY_WAY = ORDINARY.engine, ORDINARY.route, ORDINARY.representation
+ORDINARY_WAY = ORDINARY.engine, ORDINARY.route
 """What a kernel may stand in for: the best route at every sample."""
 
 
@@ -62,31 +61,13 @@ class Evaluation:
         self.setting, self.course = setting, course
         self.requests = tuple(item for item in requests if item.poles)
         self.needs = needs
-        self._represented: InterpolatedMotion | None = None
-        if setting.representation != "every":
-            self._represented = self._functions(requests, all_links)
-        elif setting.engine != "numpy":
+        if setting.engine != "numpy":
             _ = self._kernel
         self.at_once: RowsAtOnce | None = None
-        if (setting.engine, setting.route, setting.representation) == ORDINARY_WAY:
+        if (setting.engine, setting.route) == ORDINARY_WAY:
             ahead = not needs.tracer
             timed = needs.time or all_links or course.timed
             self.at_once = RowsAtOnce.of(course, self.requests, all_links, ahead, timed)
-
-    def _functions(
-        self, requests: Sequence[Request], all_links: bool
-    ) -> InterpolatedMotion:
-        course, setting = self.course, self.setting
-        if course.simulation is not None:
-            raise AnalysisError(
-                f"{course.tracer.mechanism.name}: a simulation has its own dense output; "
-                "functions of the input do not apply"
-            )
-        q = course.inputs[:, 0]
-        interpolated = InterpolatedMotion(
-            course.tracer, requests[0], self.needs, all_links, q, setting
-        )
-        return interpolated
 
     @cached_property
     def _kernel(self) -> Kernel:
@@ -122,29 +103,16 @@ class Evaluation:
         if self.at_once is not None:
             yield from self.at_once.blocks(size, first)
             return
-        if self._represented is None:
-            yield from self.course.blocks(size, first)
-            return
-        course = self.course
-        for start in range(first, len(course), size):
-            rows = slice(start, min(start + size, len(course)))
-            motion = self._represented.motion(course.inputs[rows, 0], start)
-            timing = course.timing
-            if timing is not None:
-                timing = timing.rows(rows).repeated(len(motion.assembly_modes))
-            yield replace(motion, timing=timing)
+        yield from self.course.blocks(size, first)
 
     def motion_at(self, rows: NDArray[np.intp]) -> Motion:
         """Return the motion at some samples, by their numbers in rising order."""
         course = self.course
         if self.at_once is not None:
             return self.at_once.motion_at(rows)
-        if self._represented is not None:
-            motion = self._represented.motion(course.inputs[rows, 0], 0)
-        elif course.simulation is not None:
+        if course.simulation is not None:
             return course.simulated(rows)
-        else:
-            motion = course.tracer.samples(rows)
+        motion = course.tracer.samples(rows)
         timing = course.timing
         if timing is not None:
             timing = timing.rows(rows).repeated(len(motion.assembly_modes))
@@ -154,8 +122,6 @@ class Evaluation:
         self, motion: Motion, memories: Sequence[SignMemory]
     ) -> tuple[PoleField | UnreadField, ...]:
         """Return the poles of a block of `blocks` for each input that moves."""
-        if self._represented is not None:
-            return tuple(self._represented.field(motion) for _ in self.requests)
         if self.at_once is not None and self.at_once.has_found(motion):
             return self.at_once.fields(motion, memories)
         pairs = zip(self.requests, memories, strict=False)

@@ -11,19 +11,12 @@ from spherekit.rates.request import (
 )
 
 RateEngine = Literal["numpy", "compiled", "extended"]
-Representation = Literal["every", "linear", "cubic", "spectral"]
 Integrator = Literal["auto", "numpy", "compiled"]
 
 ENGINES: dict[RateEngine, str] = {
     "numpy": "the plan's great circles or equations, by NumPy",
     "compiled": "expressions in homogeneous rates, compiled by heyoka",
     "extended": "the same expressions in NumPy's longdouble",
-}
-REPRESENTATIONS: dict[Representation, str] = {
-    "every": "every sample is evaluated",
-    "linear": "equally spaced nodes, read along straight lines",
-    "cubic": "equally spaced nodes with exact slopes, read from Hermite cubics",
-    "spectral": "nodes of a Fourier series over a whole turn, else of Chebyshev series",
 }
 
 
@@ -34,15 +27,12 @@ class Setting:
     """One way to compute what analyses read.
 
     `engine` finds rates: by NumPy along a `route`, or by a kernel that knows no routes.
-    `representation` says whether every sample is evaluated, or `nodes` of them for each
-    assembly mode, from which the samples are read. `integrator` and `tolerance` (rad) are
-    those of a simulation; None leaves the tolerance to the run.
+    `integrator` and `tolerance` (rad) are those of a simulation; None leaves the tolerance
+    to the run.
     """
 
     engine: RateEngine = "numpy"
     route: Route = "best"
-    representation: Representation = "every"
-    nodes: int = 0
     integrator: Integrator = "auto"
     tolerance: float | None = None
 
@@ -52,8 +42,6 @@ class Setting:
             parts = [self.integrator, f"tolerance {self.tolerance:.0e}"]
         elif self.engine == "numpy":
             parts.append(self.route)
-        if self.representation != "every":
-            parts.append(f"{self.representation} {self.nodes}")
         return " ".join(parts)
 
     @property
@@ -65,10 +53,7 @@ class Setting:
         """Return the setting in words."""
         if self.tolerance is not None:
             return f"integrated by {self.integrator}, tolerance {self.tolerance:g} rad"
-        how = ROUTES[self.route] if self.engine == "numpy" else ENGINES[self.engine]
-        if self.representation == "every":
-            return f"{how}; {REPRESENTATIONS['every']}"
-        return f"{how}; {self.nodes} {REPRESENTATIONS[self.representation]}"
+        return ROUTES[self.route] if self.engine == "numpy" else ENGINES[self.engine]
 
 
 ORDINARY = Setting()
