@@ -118,13 +118,10 @@ def part_of(module):
 PROOF_MAY_IMPORT = {
     "motion": {"Motion"},
     "rates": {"PoleField", "Request"},
-    "sphere": {
-        *("Floats", "SplinePath", "spline_through"),
-        *("common_angles", "eliminated_degree"),
-    },
+    "sphere": {"Floats", "SplinePath", "spline_through"},
 }
 """What proofs and reference values share with the solvers that they check: data, what a
-profile through points declares, and approximations that nothing rests on."""
+profile through points declares."""
 
 FILES = sorted(PACKAGE.rglob("*.py"))
 

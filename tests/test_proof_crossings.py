@@ -87,7 +87,7 @@ def test_arms_of_a_crossing_are_where_curves_are():
         place = corrected(curves.equations, saddle.centre + saddle.frame @ inner)
         if place is None:
             continue
-        u, v = saddle.coordinates(place[None])[0]
+        u, v = saddle.coordinates(place)
         if np.all(np.abs([u, v]) <= saddle.limits):
             quadrant = saddle.quadrant(place, 1e-12)
             assert quadrant in (None, (np.sign(u), np.sign(v)))

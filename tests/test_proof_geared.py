@@ -142,7 +142,7 @@ def test_equations_with_one_variable_for_all_wheels_are_the_same(teeth):
                 exactly = np.array([wanted[key] for key in keys])
                 near = np.array([value[0], *slope[0], *bend[0].flat])
                 assert np.all(np.abs(near - exactly) <= error + 1e-13)
-            size = one.bounds().constant[0]
+            size = one.floats.bounds.constant[0]
             assert abs(made[(1, 1)]) <= size * degrees[1] ** 2
 
 

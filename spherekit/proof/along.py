@@ -171,7 +171,7 @@ class _Parts:
         """Yield the zeros of the rate from a piece's centre to a goal in it, or doubts."""
         equations, variable = self.equations, self.variable
         self.budget -= 1
-        reach = float(piece.coordinates(goal[None])[0, 0]) + off + 1e-13
+        reach = float(piece.coordinates(goal)[0]) + off + 1e-13
         here = rates(piece, min(reach, piece.half))
         if here.sign(variable):
             return
@@ -241,12 +241,12 @@ def _middle(equations: Equations, piece: Piece, goal: Floats, part: float) -> Pi
     place = corrected(equations, piece.centre + part * apart)
     if place is None:
         return None
-    reach = float(piece.coordinates(goal[None])[0, 0])
-    there = float(piece.coordinates(place[None])[0, 0])
+    reach = float(piece.coordinates(goal)[0])
+    there = float(piece.coordinates(place)[0])
     halfway = piece_at(equations, place, piece.tangent, 2.0 * reach)
     if halfway is None or not 0.0 < there < reach or not piece.holds(place, halfway.miss):
         return None
-    forward = halfway.coordinates(goal[None])[0, 0] > 0.0
+    forward = halfway.coordinates(goal)[0] > 0.0
     return halfway if forward and halfway.tangent @ piece.tangent > 1e-3 else None
 
 
@@ -288,7 +288,7 @@ def _place(
     inside = around is not None and all(around.holds(end, 1e-10) for end in ends)
     if around is None or not inside or not piece.holds(middle, around.miss):
         return Stop(start, 2.0 * wide + piece.tight, before)
-    reach = max(float(np.max(np.abs(around.coordinates(end[None])))) for end in ends)
+    reach = max(float(np.max(np.abs(around.coordinates(end)))) for end in ends)
     return Stop(middle, 2.0 * (reach + around.tight) + 1e-10, before)
 
 

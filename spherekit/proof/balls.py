@@ -252,12 +252,3 @@ def circle(angles: Sequence[Ball] | Floats) -> Floats:
         sine, cosine = ball.sin_cos()
         out[row] = float(cosine.mid()), float(sine.mid())
     return out
-
-
-def complex_circle(angles: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return cosines and sines (n, k, 2) of complex float64 angles, each rounded once."""
-    out = np.empty((*angles.shape, 2), dtype=complex)
-    for place, angle in np.ndenumerate(angles):
-        sine, cosine = complex_ball(complex(angle)).sin_cos()
-        out[place] = middle_of(cosine), middle_of(sine)
-    return out

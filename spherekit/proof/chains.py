@@ -66,8 +66,8 @@ def laps(chain: Chain) -> bool:
     for number, (piece, further) in enumerate(zip(pieces, following, strict=False)):
         if number in (chain.first, before):
             continue
-        s = piece.coordinates(start.centre[None])[0]
-        reach = piece.coordinates(further.centre[None])[0, 0]
+        s = piece.coordinates(start.centre)
+        reach = piece.coordinates(further.centre)[0]
         inside = np.all(np.abs(s[1:]) <= piece.radius + 1e-9)
         if inside and -1e-9 <= s[0] <= reach + 1e-9:
             return True
@@ -142,7 +142,7 @@ def _next(equations: Equations, last: Piece, part: float = FORWARD) -> Piece | N
         if place is not None:
             longest = min(LONGEST, LONGER * last.half)
             further = piece_at(equations, place, last.tangent, longest)
-            ahead = further is not None and last.coordinates(place[None])[0, 0] > 0
+            ahead = further is not None and last.coordinates(place)[0] > 0
             if ahead and further is not None and last.holds(place, further.miss):
                 return further
         part *= 0.6
@@ -163,7 +163,7 @@ def _followed(
     driven = equations.variables - 1
     while len(pieces) < MOST_PIECES:
         if goal is not None and gone > 1.5 * goal.half:
-            beyond = last.coordinates(goal.centre[None])[0, 0] > 0
+            beyond = last.coordinates(goal.centre)[0] > 0
             same = last.tangent @ goal.tangent > 0.5
             if beyond and same and last.holds(goal.centre, goal.miss):
                 return pieces, True, ""

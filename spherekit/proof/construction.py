@@ -9,7 +9,7 @@ pairs, and has one again without it, so such an order always exists.
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from itertools import chain, combinations
 from typing import final
 
 import numpy as np
@@ -104,6 +104,37 @@ class Construction:
         """
         degrees = 2 * self.degrees[:, : self.unknowns]
         return permanent(degrees)
+
+
+def systems_of(made: Construction) -> list[tuple[list[int], list[int]]] | None:
+    """Return equations and unknowns of systems to be solved one after the other."""
+    used = made.degrees[:, : made.unknowns] > 0
+    left = set(range(len(used)))
+    determined: set[int] = set()
+    systems = []
+    while left:
+        for size in range(1, len(left) + 1):
+            system = _system(used, sorted(left), determined, size)
+            if system is not None:
+                break
+        else:
+            return None
+        systems.append(system)
+        left -= set(system[0])
+        determined |= set(system[1])
+    return systems
+
+
+def _system(
+    used: NDArray[np.bool_], left: list[int], determined: set[int], size: int
+) -> tuple[list[int], list[int]] | None:
+    for rows in combinations(left, size):
+        unknowns = (
+            set(np.flatnonzero(np.any(used[list(rows)], axis=0)).tolist()) - determined
+        )
+        if len(unknowns) == size:
+            return list(rows), sorted(unknowns)
+    return None
 
 
 def permanent(matrix: NDArray[np.intp]) -> int:

@@ -34,9 +34,8 @@ class Cover:
         self.count = len(pieces)
         self._centres = np.array([piece.centre for piece in pieces])
         self._frames = np.array([piece.frame for piece in pieces])
-        across = self._centres.shape[1] - 1
-        self._limits = np.array([[p.half, *[p.radius] * across] for p in pieces])
-        box = np.full(across + 1, TURN)
+        self._limits = np.array([piece.limits for piece in pieces])
+        box = np.full(self._centres.shape[1], TURN)
         self._tree = cKDTree(_turned(self._centres), boxsize=box)
 
     def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
@@ -59,22 +58,9 @@ class Cover:
             out[rows] = np.all(inside <= self._limits[pieces], axis=1)
         return out
 
-    def holds(self, place: Floats, off: float) -> bool:
-        """Return whether a configuration that is off by at most `off` may be in a piece."""
-        apart = wrap(place - self._centres)
-        inside = np.abs(np.einsum("nv,nvw->nw", apart, self._frames)) - off - 1e-13
-        return bool(np.any(np.all(inside <= self._limits, axis=1)))
-
-
-def may_meet(chain: Chain, centres: Floats, off: Floats) -> bool:
-    """Return whether configurations (n, v), off by at most `off`, may be on a chain."""
-    for piece in chain.pieces:
-        inside = np.abs(piece.coordinates(centres)) - off[:, None] - 1e-13
-        if np.any(
-            (inside[:, 0] <= piece.half) & np.all(inside[:, 1:] <= piece.radius, axis=1)
-        ):
-            return True
-    return False
+    def may_hold(self, place: Floats, off: float) -> bool:
+        """Return whether a configuration, off by at most `off`, may be in a piece."""
+        return any(p.may_hold(place, off) for chain in self.chains for p in chain.pieces)
 
 
 def _on(chain: Chain, closed: Chain) -> bool:

@@ -330,7 +330,7 @@ def _segments(
     for number, (piece, further) in enumerate(zip(chain.pieces, following, strict=False)):
         places = [(s.place, s.place) for s in stopping[0] if s.after == number]
         places += [(d.first, d.last) for d in stopping[1] if d.after == number]
-        places.sort(key=lambda two: float(piece.coordinates(two[0][None])[0, 0]))
+        places.sort(key=lambda two: float(piece.coordinates(two[0])[0]))
         for first, last in places:
             one, other = (
                 q + _apart(piece.centre[driven], p[driven]) for p in (first, last)

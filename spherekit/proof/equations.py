@@ -11,6 +11,7 @@ real ones or with imaginary parts of the angles up to a bound.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 from typing import Any, final
 
 import numpy as np
@@ -21,6 +22,7 @@ from spherekit.proof.balls import (
     UNIT,
     Ball,
     BallMatrix,
+    Balls,
     complex_ball,
     exact,
     lower,
@@ -33,9 +35,9 @@ from spherekit.proof.frames import Frame
 from spherekit.proof.harmonics import MOST_NODES, Harmonics
 from spherekit.proof.jets import (
     Arithmetic,
-    Balls,
     Batches,
     Jet,
+    Matrices,
     product,
     total,
     values_and_slopes,
@@ -75,7 +77,7 @@ class Putting:
 @final
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds of f of each equation, (..., equations) each.
+    """Bounds of f of each equation at real angles, (equations,) each.
 
     All derivatives of order k are at most `constant` times the k-th power of `degrees`;
     the float64 values are off by at most `error` times that. `degrees` is
@@ -166,6 +168,19 @@ class Equations:
         """Return the jets of f of each equation at balls of all variables."""
         return self._placed(places, order).values
 
+    def arrays(self, places: Sequence[Ball], order: int = 1) -> list[Balls]:
+        """Return f (k,), and its derivatives (k, v), (k, v, v), at balls of variables."""
+        jets, zero, count = self.at(places, order), complex_ball(0j), self.variables
+        arrays = []
+        for power in range(order + 1):
+            array = np.full((len(jets), *[count] * power), zero, dtype=object)
+            for jet, derivatives in zip(jets, array, strict=True):
+                for key in (key for key in jet if power and len(key) == power):
+                    derivatives[key] = derivatives[key[::-1]] = jet[key][0, 0]
+            arrays.append(array)
+        arrays[0][:] = [jet[()][0, 0] for jet in jets]
+        return arrays
+
     def orientations(self, places: Sequence[Ball], order: int = 0) -> dict[int, Jet]:
         """Return the jets of all links' orientations in the root, at balls of variables."""
         return self._placed(places, order).orientations()
@@ -173,7 +188,7 @@ class Equations:
     def _placed(self, places: Sequence[Ball], order: int) -> "_Placing":
         pairs = [complex_ball(place).sin_cos() for place in places]
         turns = [(cosine, sine) for sine, cosine in pairs]
-        return _Placing(self, Balls(), self.parts, turns, order)
+        return _Placing(self, Matrices(), self.parts, turns, order)
 
     @cached_property
     def floats(self) -> "FloatEquations":
@@ -191,41 +206,32 @@ class Equations:
         """Return f of each equation at real angles."""
         return [jet[()][0, 0].real for jet in self.at(angles, 0)]
 
-    def bounds(self, stretch: Floats | None = None) -> Bounds:
-        """Return bounds for angles whose imaginary parts are at most the log of `stretch`.
+    def norms(self, stretch: Floats) -> tuple[dict[int, float], Floats]:
+        """Return bounds of the links' orientations and of f of each equation (equations,).
 
-        `stretch` (..., variables) is 1 for real angles, the default.
+        For angles whose imaginary parts are at most the log of `stretch` (variables,), 1
+        for real angles. Orientations are those in the link that `ranks` say.
         """
-        factors = np.ones(self.variables) if stretch is None else stretch
-        constants: dict[int, Floats] = {}
+        factors: dict[int, float] = {}
         products = []
         for step in self.construction.steps:
             if isinstance(step, Across):
-                constants[step.link] = factors[..., step.variable] ** abs(step.turns)
+                factors[step.link] = float(stretch[step.variable] ** abs(step.turns))
                 continue
-            one, other = self._ways(step, constants)
+            one, other = (
+                prod(factors[link] for link in way)
+                for way in self.ranks.apart(*step.parents)[1:]
+            )
             both = one * other
-            sine = self._part(step.link).sine
-            constants[step.link] = (one + other + both) / sine * (1 + 16 * UNIT)
+            sums = (one + other + both) * (1 + 16 * UNIT)
+            factors[step.link] = sums / self._part(step.link).sine
             products.append(both)
-        constant = np.stack(products, axis=-1) * (1 + 64 * UNIT)
-        degrees = self.construction.degrees.astype(float)
-        return Bounds(constant, np.zeros_like(constant), degrees)
+        return factors, np.array(products) * (1 + 64 * UNIT)
 
     def _part(self, link: int) -> Putting:
         part = self.parts[link]
         assert isinstance(part, Putting)
         return part
-
-    def _ways(self, step: Onto, factors: dict[int, Floats]) -> tuple[Floats, Floats]:
-        """Return the products of factors along the two ways to a link's parents."""
-        _, first, second = self.ranks.apart(*step.parents)
-        nothing = np.ones_like(next(iter(factors.values())))
-        one, other = (
-            np.prod([nothing, *(factors[link] for link in way)], axis=0)
-            for way in (first, second)
-        )
-        return one, other
 
 
 def _constant(value: Any) -> Jet:
@@ -324,16 +330,6 @@ class _Placing:
 
 
 @final
-@dataclass(frozen=True)
-class _Off:
-    """By how much float64 parts of a link are off: of its two axes, rows and cosine."""
-
-    axes: tuple[float, float]
-    rows: float
-    cosine: float
-
-
-@final
 class FloatEquations:
     """Equations in float64 for many configurations at once, real or complex."""
 
@@ -341,7 +337,7 @@ class FloatEquations:
         self.equations = equations
         self.parts: dict[int, Turning | Putting] = {}
         self._turned: dict[int, float] = {}
-        self._put: dict[int, _Off] = {}
+        self._put: dict[int, tuple[float, float, float, float]] = {}
         for link, part in equations.parts.items():
             if isinstance(part, Turning):
                 made = [_floats(jet) for jet in part.parts]
@@ -354,7 +350,7 @@ class FloatEquations:
             cosine = middle(part.cosine)
             off_rows = 2.0 * max(miss for _, miss in rows)
             off_cosine = upper(part.cosine - exact(cosine))
-            self._put[link] = _Off((2.0 * off_u, 2.0 * off_w), off_rows, off_cosine)
+            self._put[link] = 2.0 * off_u, 2.0 * off_w, off_rows, off_cosine
             self.parts[link] = Putting(
                 u, w, (rows[0][0], rows[1][0], rows[2][0]), cosine, part.sine
             )
@@ -362,42 +358,27 @@ class FloatEquations:
     @cached_property
     def bounds(self) -> Bounds:
         """The bounds for real angles."""
-        return self._bounds(np.ones(self.equations.variables), 1.0)
-
-    def complex_bounds(self, stretch: Floats) -> Bounds:
-        """Return the bounds for complex angles, as `Equations.bounds` has them."""
-        return self._bounds(stretch, 4.0)
-
-    def _bounds(self, stretch: Floats, slower: float) -> Bounds:
-        """Return bounds where rounding is at most `slower` times that of real numbers."""
-        unit = slower * UNIT
-        errors: dict[int, Floats] = {}
-        constants: dict[int, Floats] = {}
-        off = []
         equations = self.equations
-        one = np.ones_like(stretch[..., 0])
+        factors, constant = equations.norms(np.ones(equations.variables))
+        errors: dict[int, float] = {}
+        off = []
         for step in equations.construction.steps:
             if isinstance(step, Across):
-                turns = abs(step.turns)
-                factor = stretch[..., step.variable] ** turns
-                rounding = 64 * unit * max(1, turns)
-                errors[step.link] = factor * (self._turned[step.link] + rounding)
-                constants[step.link] = factor
+                rounding = 64 * UNIT * max(1, abs(step.turns))
+                errors[step.link] = self._turned[step.link] + rounding
                 continue
-            part, miss = self.parts[step.link], self._put[step.link]
-            assert isinstance(part, Putting)
+            off_u, off_w, off_rows, off_cosine = self._put[step.link]
             _, first, second = equations.ranks.apart(*step.parents)
-            c_u, e_u = _carried(first, constants, errors, one, miss.axes[0], unit)
-            c_w, e_w = _carried(second, constants, errors, one, miss.axes[1], unit)
-            both = e_u * c_w + c_u * e_w + e_u * e_w + 32 * unit * c_u * c_w
-            off.append(both + miss.cosine + 8 * unit * (c_u * c_w + 1.0))
+            c_u, e_u = _carried(first, factors, errors, off_u)
+            c_w, e_w = _carried(second, factors, errors, off_w)
+            both = e_u * c_w + c_u * e_w + e_u * e_w + 32 * UNIT * c_u * c_w
+            off.append(both + off_cosine + 8 * UNIT * (c_u * c_w + 1.0))
+            sine = equations._part(step.link).sine
+            error = (e_u + e_w + both) * (1.0 / sine + off_rows)
             sums = c_u + c_w + c_u * c_w
-            constants[step.link] = sums / part.sine
-            error = (e_u + e_w + both) * (1.0 / part.sine + miss.rows)
-            errors[step.link] = error + sums * (miss.rows + 64 * unit / part.sine)
-        bounds = equations.bounds(stretch)
-        error = 2.0 * np.stack(off, axis=-1)
-        return Bounds(bounds.constant, error, bounds.degrees)
+            errors[step.link] = error + sums * (off_rows + 64 * UNIT / sine)
+        degrees = equations.construction.degrees.astype(float)
+        return Bounds(constant, 2.0 * np.array(off), degrees)
 
     def at(self, turns: NDArray[Any], order: int) -> list[Jet]:
         """Return the jets, each entry (n,), at cosines and sines (n, variables, 2)."""
@@ -436,18 +417,13 @@ class Placed:
 
 
 def _carried(
-    way: Sequence[int],
-    constants: dict[int, Floats],
-    errors: dict[int, Floats],
-    one: Floats,
-    off: float,
-    unit: float,
-) -> tuple[Floats, Floats]:
+    way: Sequence[int], factors: dict[int, float], errors: dict[int, float], off: float
+) -> tuple[float, float]:
     """Return the norm of an axis carried along a way, and its error in float64."""
-    constant, error = one, one * (off + 4 * unit)
+    constant, error = 1.0, off + 4 * UNIT
     for link in way:
-        c, e = constants[link], errors[link]
-        error = e * constant + c * error + e * error + 32 * unit * c * constant
+        c, e = factors[link], errors[link]
+        error = e * constant + c * error + e * error + 32 * UNIT * c * constant
         constant = constant * c
     return constant, error
 

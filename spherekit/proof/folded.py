@@ -21,7 +21,6 @@ from spherekit.model.parts import SizeGeometry
 from spherekit.proof.balls import (
     Ball,
     angle_of,
-    complex_ball,
     exact,
     matrix,
     middle,
@@ -148,13 +147,8 @@ class Foldings:
 
     def _part(self, balls: Sequence[Ball], rows: Sequence[int], free: Sequence[int]) -> Any:
         """Return some equations (k, 1) and their slopes (k, k) by some variables."""
-        jets = self.equations.at(balls, 1)
-        zero = complex_ball(0j)
-        values = matrix([[jets[k][()][0, 0]] for k in rows])
-        slopes = [
-            [jets[k][(j,)][0, 0] if (j,) in jets[k] else zero for j in free] for k in rows
-        ]
-        return values, matrix(slopes)
+        values, slopes = self.equations.arrays(balls)
+        return matrix(values[rows][:, None]), matrix(slopes[np.ix_(rows, free)])
 
 
 def _folding(equations: Equations, number: int, step: Onto) -> Folding | None:

@@ -46,7 +46,7 @@ class Batches:
 
 
 @final
-class Balls:
+class Matrices:
     """Matrices of balls."""
 
     def times(self, one: BallMatrix, other: BallMatrix) -> BallMatrix:

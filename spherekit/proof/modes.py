@@ -21,10 +21,8 @@ from spherekit.proof.balls import (
     middle_of,
 )
 from spherekit.proof.construction import Construction, construct
-from spherekit.proof.eliminated import eliminated
 from spherekit.proof.equations import Equations
 from spherekit.proof.exclusion import RealModes
-from spherekit.proof.float_roots import float_roots
 from spherekit.proof.frames import Frame
 from spherekit.proof.homotopy import SEEDS, Complexes, modes_near
 from spherekit.proof.jets import Jet
@@ -34,10 +32,8 @@ from spherekit.proof.systems import SolvedSystem, Systems
 from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
-FLOAT = 53
-"""Bits of float64."""
 PRECISIONS = (80, 160, 320, 640)
-"""Bits of centres where float64 does not do; the next where roots are not told apart."""
+"""Bits of centres; the next where roots are not told apart."""
 CLOSE = 1e-7
 """Roots that are alone in a smaller ball (rad) only have neighbours that may be lost."""
 FAR = 12.0
@@ -109,8 +105,6 @@ class CertifiedModes:
     def claim(self) -> Claim:
         """What is guaranteed, and what that rests on."""
         rests = f"ball arithmetic of {self.precision} bits"
-        if self.precision == FLOAT:
-            rests = "float64 with bounds of its rounding"
         if self.counted:
             return Claim(
                 Guarantee.CERTIFIED,
@@ -149,7 +143,7 @@ class CertifiedModes:
 
         Within the context there are the bits that they are for.
         """
-        with bits(max(self.precision, PRECISIONS[0])):
+        with bits(self.precision):
             equations = Equations(self.written, self.construction)
             driven = given_at(self.written, self.inputs)
             places = []
@@ -188,23 +182,20 @@ def certified_modes(
         only = (Root((), 0.0, 0.0, True),)
         return CertifiedModes(written, made, tuple(inputs), only, PRECISIONS[0])
     near: list[Complexes] = []
-    seeds = iter(range(-1, SEEDS))
+    seeds = iter(range(SEEDS))
+    systems: tuple[SolvedSystem, ...] = ()
     while True:
-        with bits(PRECISIONS[0]):
-            search = _Search(written, made, inputs)
-            roots, systems = search.in_floats(near, seeds)
-        precision = FLOAT
-        for further in PRECISIONS if len(roots) < made.bound and not systems else ():
-            precision = further
+        roots: list[Root] = []
+        for precision in PRECISIONS:
             with bits(precision):
                 search = _Search(written, made, inputs)
-                search.prove_again(roots)
-                for starts in near:
-                    search.try_all(starts)
-                if precision > PRECISIONS[0]:
+                search.try_all(roots, near)
+                if precision == PRECISIONS[0]:
+                    systems = search.from_homotopies(near, seeds)
+                else:
                     search.try_beside()
                 roots = search.roots
-            if len(roots) >= made.bound or not search.doubtful:
+            if len(roots) >= made.bound or systems or not search.doubtful:
                 break
         proven = len(roots) >= made.bound or bool(systems)
         if proven or search.doubtful or operator.length_hint(seeds) == 0:
@@ -268,32 +259,27 @@ class _Search:
         self.roots: list[Root] = []
         self.lost = False
 
-    def in_floats(
+    def from_homotopies(
         self, near: list[Complexes], seeds: Iterator[int]
-    ) -> tuple[list[Root], tuple[SolvedSystem, ...]]:
-        """Return roots proven in float64, and the systems if these show all real ones.
+    ) -> tuple[SolvedSystem, ...]:
+        """Try what homotopies find; return the systems if these show all real roots.
 
         All approximations tried are put in `near`. It ends when they are as many as roots
         can be, none near infinity: if some are not proven, they are too near each other.
         """
-        floats, bound = self.equations.floats, self.equations.construction.bound
-        roots: list[Root] = []
+        bound = self.equations.construction.bound
         for seed in seeds:
-            made = (
-                eliminated(floats, self.turns)
-                if seed < 0
-                else modes_near(floats, self.turns, seed)
-            )
-            if made is None or not len(made):
+            approximations = modes_near(self.equations.floats, self.turns, seed)
+            if not len(approximations):
                 continue
-            near.append(made)
-            roots = float_roots(self.equations, self.driven, np.concatenate(near))
-            finite = np.sum(np.all(np.abs(made.imag) < CENTRAL, axis=1))
-            if max(len(roots), finite) >= bound:
-                return roots, ()
-            if self.real_by_systems[0] == sum(root.real for root in roots):
-                return roots, self.real_by_systems[1]
-        return roots, ()
+            near.append(approximations)
+            self.try_all((), near[-1:])
+            finite = np.sum(np.all(np.abs(approximations.imag) < CENTRAL, axis=1))
+            if max(len(self.roots), finite) >= bound:
+                break
+            if self.real_by_systems[0] == sum(root.real for root in self.roots):
+                return self.real_by_systems[1]
+        return ()
 
     @cached_property
     def real_by_systems(self) -> tuple[int, tuple[SolvedSystem, ...]]:
@@ -306,24 +292,23 @@ class _Search:
         solved = systems.solved(counted.guides[0])
         return int(counted.modes[0]) if counted.good[0] else -1, solved
 
-    def prove_again(self, roots: Sequence[Root]) -> None:
-        """Prove roots once more, so that all are of this precision."""
-        for root in roots:
-            self.take([middle_of(ball) for ball in root.centre])
-
     @property
     def doubtful(self) -> bool:
         """Whether roots may be missing since they were not told apart."""
         return self.lost or any(root.unique < CLOSE for root in self.roots)
 
-    def try_all(self, starts: Complexes) -> None:
-        """Try approximations, and those of the complex conjugates."""
-        for start in starts:
+    def try_all(self, roots: Sequence[Root], near: Sequence[Complexes]) -> None:
+        """Try roots once more, and approximations, those of complex conjugates too."""
+        for root in roots:
+            self.take([middle_of(ball) for ball in root.centre])
+        for start in (start for starts in near for start in starts):
             for approximation in (start, start.conj()):
                 self.take([complex(angle) for angle in approximation])
 
     def take(self, near: Sequence[complex]) -> None:
         """Try one approximation; keep what it leads to if that is new."""
+        if any(root.leads_to(near) for root in self.roots):
+            return
         root = root_near(self.equations, self.driven, near)
         if root is None:
             # far from the unit circle it is on its way to a root at infinity

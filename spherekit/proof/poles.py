@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import final
 
+import numpy as np
+
 from spherekit.proof.balls import (
     Ball,
-    BallMatrix,
     complex_ball,
     exact,
     lower,
@@ -63,53 +64,25 @@ def _angular_velocities(
     equations: Equations, places: Sequence[Ball], driven: int
 ) -> list[list[Ball]]:
     """Return the angular velocities of all links relative to the root, in ground axes."""
-    jets = equations.at(places, 1)
-    zero = complex_ball(exact(0.0))
-
-    def slope(row: int, column: int) -> Ball:
-        jet = jets[row]
-        return jet[(column,)].entries()[0] if (column,) in jet else zero
-
-    count = equations.unknowns
-    square = matrix(
-        [[slope(row, column) for column in range(count)] for row in range(count)]
-    )
-    ratios = [ratio_row[driven - count] for ratio_row in equations.written.ratios()]
-    following = {
-        count + equations.construction.inputs + number: complex_ball(ratio)
-        for number, ratio in enumerate(ratios)
-    }
-    given = {driven: complex_ball(exact(1.0)), **following}
-    right = matrix(
-        [
-            [-sum((slope(row, column) * rate for column, rate in given.items()), zero)]
-            for row in range(count)
-        ]
-    )
-    rates = list(solved(square, right).entries()) if count else []
-    by_variable = {**dict(enumerate(rates)), **given}
+    _, slopes = equations.arrays(places)
+    count, bodies = equations.unknowns, equations.written.structure.bodies
+    inputs = [float(v + count == driven) for v in range(equations.construction.inputs)]
+    following = [row[driven - count] for row in equations.written.ratios()]
+    rates = [complex_ball(rate) for rate in (*map(exact, inputs), *following)]
+    if count:
+        right = -(slopes[:, count:] @ np.array(rates))
+        unknown = solved(matrix(slopes[:, :count]), matrix(right[:, None])).entries()
+        rates = [*unknown, *rates]
     placed = equations.orientations(places, 1)
-    root = equations.construction.root
-    ground: BallMatrix | None = placed[0][()].transpose() if root != 0 else None
-    velocities = []
-    for link in range(equations.written.structure.bodies):
-        velocity = [zero, zero, zero]
-        if link != root:
-            jet = placed[link]
-            moved = None
-            for variable, rate in by_variable.items():
-                if (variable,) in jet:
-                    part = jet[(variable,)] * rate
-                    moved = part if moved is None else moved + part
-            if moved is not None:
-                spin = moved * jet[()].transpose()
-                velocity = [spin[2, 1], spin[0, 2], spin[1, 0]]
-        if ground is not None:
-            velocity = list(
-                (ground * matrix([[component] for component in velocity])).entries()
-            )
-        velocities.append([component.real for component in velocity])
-    return velocities
+    velocities = np.full((bodies, 3), complex_ball(0j), dtype=object)
+    for link, jet in placed.items():
+        parts = [jet[(v,)] * rate for v, rate in enumerate(rates) if (v,) in jet]
+        if parts and link < bodies:
+            spin = sum(parts[1:], parts[0]) * jet[()].transpose()
+            velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
+    if equations.construction.root != 0:
+        velocities = velocities @ np.array(placed[0][()].tolist())
+    return [[entry.real for entry in velocity] for velocity in velocities]
 
 
 def _poles(

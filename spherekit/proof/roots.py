@@ -14,14 +14,15 @@ from typing import final
 
 import numpy as np
 
+from spherekit.numeric.turns import wrap
 from spherekit.proof.balls import (
     Ball,
     BallMatrix,
     complex_ball,
-    exact,
     inverse_near,
     lower,
     matrix,
+    middle_of,
     precision,
     upper,
     wide,
@@ -65,6 +66,12 @@ class Root:
         """Return whether two solutions are proven different, up to whole turns."""
         pairs = zip(self.points(), other.points(), strict=True)
         return any(not one.overlaps(two) for one, two in pairs)
+
+    def leads_to(self, near: Sequence[complex]) -> bool:
+        """Return whether an approximation is in its ball, whole turns away or not."""
+        apart = np.array(near) - [middle_of(angle) for angle in self.centre]
+        turned = wrap(apart.real) + 1j * apart.imag
+        return bool(np.all(np.abs(turned) < 0.5 * self.unique))
 
     def holds(self, other: "Root") -> bool:
         """Return whether the solution of another is this one: it is alone around here."""
@@ -117,15 +124,8 @@ def _at(
     equations: Equations, x: Sequence[Ball], driven: Sequence[Ball]
 ) -> tuple[BallMatrix, BallMatrix]:
     """Return F (k, 1) and F' (k, k) at balls of the unknowns."""
-    jets = equations.at([*x, *driven], 1)
-    zero = exact(0.0)
-    count = equations.unknowns
-    values = matrix([[jet[()].entries()[0]] for jet in jets])
-    rows = [
-        [jet[(j,)].entries()[0] if (j,) in jet else zero for j in range(count)]
-        for jet in jets
-    ]
-    return values, matrix(rows)
+    values, slopes = equations.arrays([*x, *driven])
+    return matrix(values[:, None]), matrix(slopes[:, : equations.unknowns])
 
 
 def _step(values: BallMatrix, first: BallMatrix) -> list[Ball] | None:
@@ -153,10 +153,10 @@ def _certified(
     away = np.array([upper(ball.imag) for ball in x])
     stretch = np.ones(equations.variables)
     stretch[:count] = np.exp(away + 2 * WIDEST)
-    bounds = equations.bounds(stretch)
-    sums = np.sum(bounds.degrees[:, :count], axis=1)
+    _, constant = equations.norms(stretch)
+    sums = np.sum(equations.construction.degrees[:, :count], axis=1)
     rows = [[upper(entry) for entry in entries] for entries in inverse.tolist()]
-    bend = np.array(rows) @ (bounds.constant * sums * sums)
+    bend = np.array(rows) @ (constant * sums * sums)
     reach = radii(float(np.max(miss)), max(contraction), float(np.max(bend)))
     if reach is None:
         return None

@@ -13,12 +13,10 @@ what the slope by u takes. All of it is computed in balls.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spherekit.numeric.turns import wrap
 from spherekit.proof.balls import (
     Ball,
     BallMatrix,
@@ -33,6 +31,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.equations import Equations
 from spherekit.proof.slopes import Quadrant, Slopes
+from spherekit.proof.tubes import Zone
 from spherekit.sphere.rotation import Floats
 
 PRECISIONS = (80, 160, 320, 640)
@@ -54,7 +53,7 @@ FAR = 100.0
 
 @final
 @dataclass(frozen=True)
-class Saddle:
+class Saddle(Zone):
     """A part of space with four arms of configuration curves that meet, or nearly do.
 
     Coordinates are those of `frame` (v, v) about `centre`: u, v and all others, each at
@@ -67,9 +66,6 @@ class Saddle:
     vanish nowhere between two arms that are joined.
     """
 
-    centre: Floats
-    frame: Floats
-    limits: Floats
     level: int | None
     gap: float
     zone: Floats
@@ -82,35 +78,17 @@ class Saddle:
         """How many rates have no proven sign."""
         return sum(row.count(0) for row in self.rates.values())
 
-    def coordinates(self, places: Floats) -> Floats:
-        """Return coordinates (n, v) of places (n, v), whole turns away or not."""
-        apart = wrap(places - self.centre)
-        return np.asarray(apart @ self.frame)
-
-    def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
-        """Return whether boxes (n, v) of radii (n, v) are in it."""
-        reach = radii @ np.abs(self.frame) * (1.0 + 1e-12) + 1e-13
-        inside = np.abs(self.coordinates(centres)) + reach <= self.limits
-        return np.asarray(np.all(inside, axis=1))
-
     def on(self, quadrant: Quadrant) -> Floats:
         """Return a place (v,) near an arm, not far from where it leaves."""
         u, v = 0.9 * FLATTER * self.limits[0], 0.9 * self.limits[1]
         way = np.array([u * quadrant[0], v * quadrant[1]])
         return np.asarray(self.centre + self.frame[:, :2] @ way)
 
-    def may_hold(self, place: Floats, off: float) -> bool:
-        """Return whether a configuration that is off by at most `off` may be in it."""
-        inside = np.abs(self.coordinates(place[None])[0]) - off - 1e-13
-        return bool(np.all(inside <= self.limits))
-
     def quadrant(self, place: Floats, off: float) -> Quadrant | None:
         """Return the arm that a configuration is on, None where that is not proven."""
-        at = self.coordinates(place[None])[0]
+        at = self.coordinates(place)
         far = abs(at[1]) - off > INNER * self.limits[1] + 1e-13
-        if not (far and abs(at[0]) > off + 1e-13):
-            return None
-        if not np.all(np.abs(at) + off + 1e-13 <= self.limits):
+        if not (far and abs(at[0]) > off + 1e-13 and self.holds(place, off)):
             return None
         return int(np.sign(at[0])), int(np.sign(at[1]))
 
@@ -126,25 +104,8 @@ class _Jets:
 
 
 def _jets(equations: Equations, places: Sequence[Ball]) -> _Jets:
-    made = equations.at(places, 2)
-    count, zero = equations.variables, exact(0.0)
-
-    def entry(jet: Any, *key: int) -> Ball:
-        return jet[key][0, 0].real if key in jet else zero
-
-    return _Jets(
-        matrix([[entry(jet)] for jet in made]),
-        matrix([[entry(jet, j) for j in range(count)] for jet in made]),
-        tuple(
-            matrix(
-                [
-                    [entry(jet, min(i, j), max(i, j)) for j in range(count)]
-                    for i in range(count)
-                ]
-            )
-            for jet in made
-        ),
-    )
+    values, slopes, bends = equations.arrays(places, 2)
+    return _Jets(matrix(values[:, None]), matrix(slopes), tuple(map(matrix, bends)))
 
 
 def _sum(factors: Sequence[Ball], parts: Sequence[BallMatrix]) -> BallMatrix:

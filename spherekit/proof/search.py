@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.proof.chains import Chain, Range, chain_through, laps
-from spherekit.proof.cover import Cover, may_meet
+from spherekit.proof.cover import Cover
 from spherekit.proof.crossings import MOST_SADDLES, Arm, Crossings
 from spherekit.proof.equations import Equations
 from spherekit.proof.paving import Paved
@@ -109,8 +109,7 @@ class Search:
 
     def _known(self, place: Floats, off: float) -> bool:
         """Return whether a configuration is on a curve known already, or at a crossing."""
-        on_chain = bool(self.cover.count) and self.cover.holds(place, off)
-        return on_chain or self.crossings.may_hold(place, off)
+        return self.cover.may_hold(place, off) or self.crossings.may_hold(place, off)
 
     def overlapping(self) -> bool:
         """Return whether two chains may go through one configuration of the range."""
@@ -119,7 +118,8 @@ class Search:
             centres = np.array([piece.centre for piece in within])
             off = np.array([piece.miss for piece in within])
             for other in self.cover.chains:
-                if other is not chain and within and may_meet(other, centres, off):
+                tried = other.pieces if other is not chain and within else ()
+                if any(np.any(piece.may_hold(centres, off)) for piece in tried):
                     return True
         return False
 

@@ -31,8 +31,7 @@ from spherekit.proof.charts import (
     turns_of,
     values_at,
 )
-from spherekit.proof.construction import permanent
-from spherekit.proof.eliminated import systems_of
+from spherekit.proof.construction import permanent, systems_of
 from spherekit.proof.equations import Equations
 from spherekit.proof.homotopy import SEEDS, points_near
 from spherekit.sphere.rotation import Floats

@@ -60,41 +60,59 @@ def local(equations: Equations, place: Floats) -> Local:
     return Local(*real.second(circle(place)), real.error, bounds.constant, bounds.degrees)
 
 
+@dataclass(frozen=True)
+class Zone:
+    """A part of space about `centre`: coordinates along `frame` (v, v) within `limits`."""
+
+    centre: Floats
+    frame: Floats
+    limits: Floats
+
+    def coordinates(self, places: Floats) -> Floats:
+        """Return coordinates (..., v) of places (..., v), whole turns away or not."""
+        return np.asarray(wrap(places - self.centre) @ self.frame)
+
+    def holds(self, places: Floats, off: float) -> bool:
+        """Return whether places that are off by at most `off` are in it."""
+        inside = np.abs(self.coordinates(places)) + off + 1e-13
+        return bool(np.all(inside <= self.limits))
+
+    def may_hold(self, places: Floats, off: Floats | float) -> NDArray[np.bool_]:
+        """Return whether places (..., v), off by at most `off` (...), may be in it."""
+        inside = np.abs(self.coordinates(places)) - np.asarray(off)[..., None] - 1e-13
+        return np.asarray(np.all(inside <= self.limits, axis=-1))
+
+    def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
+        """Return whether boxes (n, v) of radii (n, v) are in it."""
+        reach = radii @ np.abs(self.frame) * UP + 1e-13
+        inside = np.abs(self.coordinates(centres)) + reach <= self.limits
+        return np.asarray(np.all(inside, axis=1))
+
+
 @final
 @dataclass(frozen=True)
-class Piece:
+class Piece(Zone):
     """A part of space with one arc in it: `frame` (v, v) has the columns t and N.
 
     The arc is within `tight` of the axis, y = 0; at s = 0 within `miss`.
     `inverse` is Y, `at` the equations at `centre`, `test` what proved it.
     """
 
-    centre: Floats
-    frame: Floats
-    half: float
-    radius: float
     tight: float
     miss: float
     inverse: Floats
     at: Local
     test: "Test"
 
-    def coordinates(self, places: Floats) -> Floats:
-        """Return (s, y) (n, v) of places (n, v), whole turns away or not."""
-        apart = wrap(places - self.centre)
-        return np.asarray(apart @ self.frame)
+    @property
+    def half(self) -> float:
+        """The half length, h."""
+        return float(self.limits[0])
 
-    def holds(self, place: Floats, off: float) -> bool:
-        """Return whether a place that is off by at most `off` is in the piece."""
-        inside = np.abs(self.coordinates(place[None])[0]) + off + 1e-13
-        return bool(inside[0] <= self.half and np.all(inside[1:] <= self.radius))
-
-    def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
-        """Return whether boxes (n, v) of radii (n, v) are in the piece."""
-        reach = radii @ np.abs(self.frame) * UP + 1e-13
-        inside = np.abs(self.coordinates(centres)) + reach
-        limits = np.array([self.half, *[self.radius] * (len(self.centre) - 1)])
-        return np.asarray(np.all(inside <= limits, axis=1))
+    @property
+    def radius(self) -> float:
+        """The radius, r."""
+        return float(self.limits[1])
 
     @property
     def tangent(self) -> Floats:
@@ -138,7 +156,8 @@ def piece_at(
         inside = test.first_inside(halves)
         if inside is not None:
             half, radius, tight, miss = inside
-            return Piece(centre, frame, half, radius, tight, miss, inverse, at, test)
+            limits = np.array([half, *[radius] * (len(centre) - 1)])
+            return Piece(centre, frame, limits, tight, miss, inverse, at, test)
     return None
 
 
