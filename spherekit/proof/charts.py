@@ -116,6 +116,11 @@ class ChartRoots:
             z = np.where(inverse, 1.0 / points, points)
         return ChartRoots(np.where(np.isfinite(points), z, 0.0), inverse, row)
 
+    @property
+    def points(self) -> Complexes:
+        """e^(i angle) (n, k), infinite ones too."""
+        return np.where(self.inverse, 1.0 / self.z, self.z)
+
     def take(self, kept: Any) -> "ChartRoots":
         """Return some of them."""
         return ChartRoots(self.z[kept], self.inverse[kept], self.row[kept])

@@ -20,11 +20,12 @@ from spherekit.proof.balls import (
     middle,
     middle_of,
 )
+from spherekit.proof.charts import Complexes
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.exclusion import RealModes
 from spherekit.proof.frames import Frame
-from spherekit.proof.homotopy import SEEDS, Complexes, modes_near
+from spherekit.proof.homotopy import SEEDS, modes_near
 from spherekit.proof.jets import Jet
 from spherekit.proof.paving import Paved
 from spherekit.proof.roots import Root, root_near
@@ -269,7 +270,7 @@ class _Search:
         """
         bound = self.equations.construction.bound
         for seed in seeds:
-            approximations = modes_near(self.equations.floats, self.turns, seed)
+            approximations = modes_near(self.equations, self.turns, seed)
             if not len(approximations):
                 continue
             near.append(approximations)

@@ -33,7 +33,7 @@ from spherekit.proof.charts import (
 )
 from spherekit.proof.construction import permanent, systems_of
 from spherekit.proof.equations import Equations
-from spherekit.proof.homotopy import SEEDS, points_near
+from spherekit.proof.homotopy import SEEDS, solutions
 from spherekit.sphere.rotation import Floats
 
 Path = tuple[int, ...]
@@ -156,13 +156,9 @@ class Systems:
     def _found(self, number: int, given: Floats) -> KnownRoots | None:
         """Return all roots of a system at what is given to it, None if some are lost."""
         rows, unknowns = self.parts[number]
-        turns = np.zeros((self.equations.variables, 2))
-        turns[self.given_to(number)] = turns_of(given)
         made = Polynomials.at(self.equations, rows, unknowns, turns_of(given)[None])
         for seed in range(SEEDS):
-            near = points_near(self.equations.floats, rows, unknowns, turns, seed)
-            roots = ChartRoots.of(near, np.zeros(len(near), dtype=np.intp))
-            roots, good = polished(made, roots)
+            roots, good = polished(made, solutions(made, seed))
             roots = roots.take(good)
             roots = roots.take(_first_of_each(roots))
             if len(roots.z) == self.bounds[number]:
