@@ -150,9 +150,7 @@ def solved(square: BallMatrix, right: BallMatrix) -> BallMatrix:
     return square.solve(right)
 
 
-def solved_exactly(
-    square: Sequence[Sequence[Ball]], right: Sequence[Ball]
-) -> list[Fraction]:
+def solved_exactly(square: Balls, right: Balls) -> list[Fraction]:
     """Return the solution of linear equations whose real numbers have no radius.
 
     Raises

@@ -151,5 +151,5 @@ class _Way:
 def _solved(matrices: Complexes, right: Complexes) -> Complexes:
     """Return solutions (n, k), NaN where a matrix is singular."""
     inverse, regular = inverses(matrices)
-    found = np.einsum("nij,nj->ni", inverse, right)
-    return np.where(regular[:, None], found, np.nan)
+    change = np.einsum("nij,nj->ni", inverse, right)
+    return np.where(regular[:, None], change, np.nan)

@@ -18,7 +18,18 @@ from spherekit.files.write import dumps
 from spherekit.model.gears import carrier_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
-from spherekit.proof.balls import Ball, angle_of, decimal, exact, exactly, middle, pi, wide
+from spherekit.planning.wheels import Mesh, mesh_of
+from spherekit.proof.balls import (
+    Ball,
+    angle_of,
+    decimal,
+    exact,
+    exactly,
+    floats,
+    middle,
+    pi,
+    wide,
+)
 from spherekit.proof.frames import (
     Arcs,
     Frame,
@@ -29,7 +40,7 @@ from spherekit.proof.frames import (
     frames_of_sizes,
     unit,
 )
-from spherekit.proof.gears import Circle, Touching, Train, carried_wheels, train_of
+from spherekit.proof.gears import Circle, Touching, Train
 from spherekit.proof.structure import Structure, structure_of
 
 PHASE = 1e-13
@@ -42,14 +53,16 @@ class Written:
     """A mechanism with the text of its file, and by how much its sizes may be off.
 
     `tolerance` (rad) is that of every arc, angle, zero and direction of the file.
-    `structure` are the links and R pairs that it stands for, `train` its wheels in mesh.
+    `structure` are the links and R pairs that it stands for, `meshes` its wheels in mesh
+    and `turns` those with which they are put together.
     """
 
     mechanism: Mechanism
     document: Document
     tolerance: float
     structure: Structure
-    train: Train | None = None
+    meshes: tuple[Mesh, ...] = ()
+    turns: tuple[tuple[int, int], ...] = ()
 
     @staticmethod
     def of(
@@ -85,25 +98,15 @@ class Written:
 
     def given(self, inputs: Sequence[Ball]) -> list[Ball]:
         """Return the angles (rad) of the inputs and of all pairs that follow from them."""
-        if self.train is None:
-            return list(inputs)
-        frames = self.frames()
-        touches = [self._touching(mesh.contact) for mesh in self.train.meshes]
-        starts = [self._starts(mesh.contact) for mesh in self.train.meshes]
-        return [*inputs, *self.train.angles(touches, starts, frames, inputs)]
+        return [*inputs, *(self._train().angles(inputs) if self.meshes else ())]
 
     def ratios(self) -> list[list[Ball]]:
         """Return the rates (followers, inputs) of the angles that wheels fix."""
-        if self.train is None:
-            return []
-        return self.train.ratios([self._touching(m.contact) for m in self.train.meshes])
+        return self._train().ratios() if self.meshes else []
 
     def exact_ratios(self) -> list[Fraction] | None:
         """Return the rates of the followers by the only input, None if not exact."""
-        if self.train is None:
-            return []
-        touches = [self._touching(m.contact) for m in self.train.meshes]
-        return self.train.exact_ratios(touches)
+        return self._train().exact_ratios() if self.meshes else []
 
     def motion_columns(self) -> list[tuple[str, float]]:
         """Return the column of the table motion and the factor of each pair's angle.
@@ -138,37 +141,47 @@ class Written:
         one, other = (self.angle(length, False) for length in item.get("start", (0.0, 0.0)))
         return one, other
 
+    def _train(self) -> Train:
+        """Return the wheels in mesh in balls of the present precision."""
+        given, names, reference = self.mechanism.geometry, self.structure.pairs, None
+        if isinstance(given, PoseGeometry):
+            values = self._angles("value")
+            zero = exact(0.0)
+            reference = np.array([values.get(name, zero) for name in names])
+        contacts = [mesh.contact for mesh in self.meshes]
+        circles = [self._touching(contact) for contact in contacts]
+        starts = [self._starts(contact) for contact in contacts]
+        frames = self.frames()
+        return Train(
+            self.structure, self.meshes, circles, starts, frames, reference, self.turns
+        )
+
     def _in_mesh(self) -> "Written":
         """Return the same with its wheels in mesh."""
         structure, mechanism = self.structure, self.mechanism
-        frames = self.frames()
+        axes = {
+            pair: (floats(one[2]), floats(other[2]))
+            for pair, (one, other) in enumerate(self.frames())
+        }
         meshes = []
         for contact in structure.wheels:
-            pair, wheels = mechanism.pairs[contact], mechanism.ends[contact]
-            touch = self._touching(contact)
-            made = carried_wheels(structure, contact, wheels, touch, frames)
-            if made is None:
+            touch, two = self._touching(contact), (contact, mechanism.ends[contact])
+            first, second = (floats(circle.axes[2]) for circle in touch.circles)
+            cosine = float(np.cos(middle(touch.arc)))
+            mesh = mesh_of(structure.ends, axes, two, (first, second), cosine)
+            if mesh is None:
+                pair = mechanism.pairs[contact]
                 raise PlanError(
                     f"{mechanism.name}: pair {pair.name} is a rolling contact, and no link "
                     f"carries {pair.links[0]} and {pair.links[1]} each about the centre of "
                     "its circle so that they touch; of rolling contacts proofs are for "
                     "wheels that a link carries so, and for sliding contacts of circles"
                 )
-            meshes.append(made)
-        given = mechanism.geometry
-        reference = None
-        if isinstance(given, PoseGeometry):
-            names = structure.pairs
-            values = (self.item(axis).get("value") for axis in given.axes)
-            reference = {
-                names.index(name): exact(0.0) if value is None else self.angle(value)
-                for name, value in zip(given.axes, values, strict=True)
-            }
-        touches = [self._touching(contact) for contact in structure.wheels]
-        starts = [self._starts(contact) for contact in structure.wheels]
-        train = train_of(structure, meshes, touches, starts, frames, reference)
-        meshed = replace(structure, followers=train.followers)
-        return replace(self, structure=meshed, train=train)
+            meshes.append(mesh)
+        meshed = replace(self, meshes=tuple(meshes))
+        train = meshed._train().assembled()
+        followed = replace(structure, followers=train.followers)
+        return replace(meshed, structure=followed, turns=train.turns)
 
     def angle(self, number: float, tolerance: bool = True) -> Ball:
         """Return an angle of the file in rad."""
