@@ -129,7 +129,7 @@ class _Writer:
             "option",
             timestep=repr(self.timestep),
             integrator="RK4",
-            gravity=_text(gravity),
+            gravity=gravity,
         )
         _add(option, "flag", contact="disable")
         _add(root, "statistic", center="0 0 0", extent=_drawn(2.4 * self.radius))
@@ -173,10 +173,9 @@ class _Writer:
         """Keep what MuJoCo has no place for and `spherekit import` reads again."""
         custom = _add(root, "custom")
         for item in self.made.mechanism.inputs:
-            ends = _text((item.start, item.stop))
-            _add(custom, "numeric", name=f"input_{item.pair}", data=ends)
+            _add(custom, "numeric", name=f"input_{item.pair}", data=(item.start, item.stop))
         for cut in self.made.cuts:
-            _add(custom, "numeric", name=f"value_{cut.pair}", data=_text(cut.value))
+            _add(custom, "numeric", name=f"value_{cut.pair}", data=cut.value)
         if self.made.made_up:
             _add(custom, "text", name="masses", data="made up")
 
@@ -204,24 +203,26 @@ class _Writer:
                 )
 
     def bodies(self, parent: Element, link: str) -> None:
-        for hinge, inertia in zip(self.made.hinges, self.made.bodies, strict=True):
+        for hinge, inertia, name in self.tree:
             if hinge.parent != link:
                 continue
-            body = _add(parent, "body", name=hinge.child)
+            body = _add(parent, "body", name=name)
             self.turned(body, self.turn(link).T @ self.turn(hinge.child))
             self.joint(body, hinge)
-            share = 1.0 / (1 + sum(twin.child == hinge.child for twin in self.twins))
-            self.inertia(body, inertia, share)
-            self.looks(body, hinge.child)
-            self.bodies(body, hinge.child)
-        for twin in self.twins:
-            if twin.parent == link:
-                body = _add(parent, "body", name=_twin(twin))
-                self.turned(body, self.turn(link).T @ self.turn(twin.child))
-                self.joint(body, twin)
-                shared = next(b for b in self.made.bodies if b.link == twin.child)
-                parts = 1 + sum(other.child == twin.child for other in self.twins)
-                self.inertia(body, shared, 1.0 / parts)
+            self.inertia(body, inertia)
+            if name == hinge.child:
+                self.looks(body, name)
+                self.bodies(body, name)
+
+    @cached_property
+    def tree(self) -> list[tuple[Hinge, BodyInertia, str]]:
+        """Every hinge with the inertia and the name of its body, second bodies last."""
+        own = zip(self.made.hinges, self.made.bodies, strict=True)
+        shared = {body.link: body for body in self.made.bodies}
+        return [
+            *((hinge, body, hinge.child) for hinge, body in own),
+            *((twin, shared[twin.child], _twin(twin)) for twin in self.twins),
+        ]
 
     @cached_property
     def twins(self) -> list[Hinge]:
@@ -251,26 +252,25 @@ class _Writer:
 
     def joint(self, body: Element, hinge: Hinge) -> None:
         here = self.loads.hinges.get(hinge.pair, AtHinge())
-        joint = _add(
+        held = {
+            "stiffness": here.stiffness,
+            "springref": here.rest,
+            "damping": here.damping,
+            "frictionloss": here.dry,
+            "range": here.stop,
+        }
+        _add(
             body,
             "joint",
             name=hinge.pair,
             type="hinge",
-            axis=_text(self.turn(hinge.child).T @ hinge.axis),
-            ref=_text(hinge.value),
+            axis=self.turn(hinge.child).T @ hinge.axis,
+            ref=hinge.value,
+            **{key: value for key, value in held.items() if value},
         )
-        for key, value in (
-            ("stiffness", here.stiffness),
-            ("springref", here.rest),
-            ("damping", here.damping),
-            ("frictionloss", here.dry),
-        ):
-            if value:
-                joint.set(key, _text(value))
-        if here.stop is not None:
-            joint.set("range", _text(here.stop))
 
-    def inertia(self, body: Element, inertia: BodyInertia, share: float) -> None:
+    def inertia(self, body: Element, inertia: BodyInertia) -> None:
+        share = 1.0 / (1 + sum(twin.child == inertia.link for twin in self.twins))
         turn = self.turn(inertia.link)
         t = share * (turn.T @ inertia.tensor @ turn)
         excess = 2.0 * np.linalg.eigvalsh(t)[-1] - np.trace(t)
@@ -279,9 +279,9 @@ class _Writer:
         _add(
             body,
             "inertial",
-            mass=_text(share * inertia.mass),
-            pos=_text(turn.T @ inertia.centre),
-            fullinertia=_text(inner),
+            mass=share * inertia.mass,
+            pos=turn.T @ inertia.centre,
+            fullinertia=inner,
         )
         if not inertia.stated:
             body.set("gravcomp", "1")
@@ -306,7 +306,7 @@ class _Writer:
                 _add(body, "geom", fromto=ends, **{"class": "pin"})
         for output in mechanism.outputs:
             if output.link == link and output.direction is not None:
-                place = _text(self.radius * np.array(output.direction))
+                place = self.radius * np.array(output.direction)
                 size = _drawn(PIN_RADIUS * self.radius)
                 _add(
                     body, "site", name=output.name, pos=place, size=size, rgba="1 0.77 0 1"
@@ -315,7 +315,7 @@ class _Writer:
             if load.load is not None and load.load.link == link:
                 point = load.load.point if isinstance(load.load, PointForce) else (0.0,) * 3
                 size = _drawn(1e-3 * self.radius)
-                _add(body, "site", name=load.name, pos=_text(point), size=size)
+                _add(body, "site", name=load.name, pos=point, size=size)
 
     @cached_property
     def shapes(self) -> list[Shape]:
@@ -323,17 +323,17 @@ class _Writer:
 
     def equalities(self, root: Element) -> None:
         rate = STIFF / self.timestep
-        hold = {"solref": _text((-(rate**2), -2.0 * rate)), "solimp": IMPEDANCE}
+        hold = {"solref": (-(rate**2), -2.0 * rate), "solimp": IMPEDANCE}
         made = self.made
         if made.ratios:
             tendons = _add(root, "tendon")
             for ratio in made.ratios:
                 fixed = _add(tendons, "fixed", name=ratio.pair)
                 for pair, factor in ratio.factors.items():
-                    _add(fixed, "joint", joint=pair, coef=_text(factor))
+                    _add(fixed, "joint", joint=pair, coef=factor)
         equal = _add(root, "equality")
         for cut in self.connected:
-            anchor = _text(self.radius * (self.turn(cut.first).T @ cut.point))
+            anchor = self.radius * (self.turn(cut.first).T @ cut.point)
             ends = {"body1": cut.first, "body2": cut.second}
             _add(equal, "connect", name=cut.pair, **ends, anchor=anchor, **hold)
         for twin in self.twins:
@@ -349,15 +349,14 @@ class _Writer:
         for item in made.mechanism.inputs:
             ends = {"name": item.pair, "joint": item.pair}
             if made.made_up:
-                strength = _text(float(f"{inertia * SERVO**2:.2g}"))
-                limits = _text(item.range)
+                strength = float(f"{inertia * SERVO**2:.2g}")
                 _add(
                     actuators,
                     "position",
                     **ends,
                     kp=strength,
                     dampratio="1",
-                    ctrlrange=limits,
+                    ctrlrange=item.range,
                 )
             else:
                 _add(actuators, "motor", **ends)
@@ -369,7 +368,7 @@ class _Writer:
                 **_transmission(load),
                 gainprm="0",
                 biastype="affine",
-                biasprm=_text(load.bias),
+                biasprm=load.bias,
             )
 
     def sensors(self, root: Element) -> None:
@@ -384,19 +383,19 @@ class _Writer:
         """Let servos hold the pose that the model is in."""
         values = {hinge.pair: hinge.value for hinge in self.made.hinges}
         held = [values[item.pair] for item in self.made.mechanism.inputs]
-        _add(_add(root, "keyframe"), "key", name="pose", ctrl=_text(held))
+        _add(_add(root, "keyframe"), "key", name="pose", ctrl=held)
 
 
 def _twin(hinge: Hinge) -> str:
     return f"{hinge.child}_at_{hinge.pair}"
 
 
-def _transmission(load: Actuated) -> Mapping[str, str]:
+def _transmission(load: Actuated) -> Mapping[str, object]:
     if load.load is None:
         return {"joint": load.pair}
     none = (0.0, 0.0, 0.0)
     force = isinstance(load.load, PointForce)
-    gear = _text([*load.vector, *none] if force else [*none, *load.vector])
+    gear = [*load.vector, *none] if force else [*none, *load.vector]
     axes = {"refsite": f"{load.name}_axes"} if load.load.axes == "ground" else {}
     return {"site": load.name, **axes, "gear": gear}
 
@@ -437,8 +436,10 @@ def _notes(made: RigidBodies, loads: MujocoLoads) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _add(parent: Element, tag: str, **attributes: str) -> Element:
-    return ElementTree.SubElement(parent, tag, attributes)
+def _add(parent: Element, tag: str, **attributes: object) -> Element:
+    """Return a new element whose attributes are texts, numbers, or rows of numbers."""
+    texts = {k: x if isinstance(x, str) else _text(x) for k, x in attributes.items()}
+    return ElementTree.SubElement(parent, tag, texts)
 
 
 def _rgba(colour: Colour) -> str:
