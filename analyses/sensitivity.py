@@ -44,14 +44,17 @@ SHOWN = 6
 @final
 @dataclass(frozen=True)
 class Spread:
-    """What deviations do to quantities (c, n): to first order, and by draws."""
+    """Quantities (c, n), their gradients (sizes, c, n), and what deviations do to them.
 
-    spread: Floats
-    worst: Floats
-    drawn_spread: Floats
-    drawn_worst: Floats
-    lost: Floats
+    `shares` (sizes, c, n) of the variance are those of the sizes, `tolerances` (c, n) by
+    the columns of the table.
+    """
+
+    sensitivity: Sensitivity
+    values: Floats
+    gradients: Floats
     shares: Floats
+    tolerances: Mapping[str, NDArray[Any]]
 
 
 @final
@@ -171,101 +174,73 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return derivatives and tolerances of the rows of a batch."""
-        sensitivity, deviations = self._asked(batch.mechanism)
-        values, gradients = self._found(batch, sensitivity)
-        spread = self._spread(batch, sensitivity, deviations)
-        names, keys = sensitivity.quantities, sensitivity.keys
+        made = self._found(batch)
+        names, keys = made.sensitivity.quantities, made.sensitivity.keys
         status = batch.status.copy()
-        lost = ~np.all(np.isfinite(gradients), axis=(0, 1))
+        lost = ~np.all(np.isfinite(made.gradients), axis=(0, 1))
         status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
-        entries, every = len(names) * len(keys), [n for n in names for _ in keys]
+        every = [name for name in names for _ in keys]
         return {
             "sensitivity": {
                 **repeated(row_columns(batch), every, "quantity"),
                 "size": np.tile(np.array(keys), len(names) * len(batch)),
-                "value": np.repeat(values.T.ravel(), len(keys)),
-                "derivative": np.transpose(gradients, (2, 1, 0)).ravel(),
-                "status": np.repeat(status, entries),
+                "value": np.repeat(made.values.T.ravel(), len(keys)),
+                "derivative": np.transpose(made.gradients, (2, 1, 0)).ravel(),
+                "status": np.repeat(status, len(every)),
             },
             "tolerances": {
                 **repeated(row_columns(batch), names, "quantity"),
-                "spread": spread.spread.T.ravel(),
-                "worst": spread.worst.T.ravel(),
-                "drawn_spread": spread.drawn_spread.T.ravel(),
-                "drawn_worst": spread.drawn_worst.T.ravel(),
-                "lost": spread.lost.T.ravel(),
-                "matters_most": _most(keys, spread.shares).T.ravel(),
-                "share": np.max(spread.shares, axis=0).T.ravel(),
+                **{name: part.T.ravel() for name, part in made.tolerances.items()},
                 "status": np.repeat(status, len(names)),
             },
         }
 
-    def _found(self, batch: Batch, sensitivity: Sensitivity) -> tuple[Floats, Floats]:
-        def make() -> tuple[Floats, Floats]:
-            with np.errstate(all="ignore"):
-                values, gradients = sensitivity.at(
-                    _samples(batch, sensitivity), _configurations(batch, sensitivity)
-                )
+    def _found(self, batch: Batch) -> Spread:
+        return batch.once("sensitivity", lambda: self._spread(batch))
+
+    def _spread(self, batch: Batch) -> Spread:
+        sensitivity, deviations = self._asked(batch.mechanism)
+        samples = _samples(batch, sensitivity)
+        configurations = _configurations(batch, sensitivity)
+        with np.errstate(all="ignore"):
+            values, gradients = sensitivity.at(samples, configurations)
             failed = batch.status != Status.OK
             values[:, failed] = np.nan
             gradients[:, :, failed] = np.nan
             gradients[~np.isfinite(gradients)] = np.nan
-            return values, gradients
-
-        return batch.once("sensitivity", make)
-
-    def _spread(
-        self,
-        batch: Batch,
-        sensitivity: Sensitivity,
-        deviations: Deviations,
-    ) -> Spread:
-        return batch.once("spread", lambda: self._spread_of(batch, sensitivity, deviations))
-
-    def _spread_of(
-        self,
-        batch: Batch,
-        sensitivity: Sensitivity,
-        deviations: Deviations,
-    ) -> Spread:
-        values, gradients = self._found(batch, sensitivity)
-        squares = (gradients * deviations.spread[:, None, None]) ** 2
-        variance = np.sum(squares, axis=0)
+            squares = (gradients * deviations.spread[:, None, None]) ** 2
+            variance = np.sum(squares, axis=0)
+            shares = squares / variance
         drawn = np.full((3, *variance.shape), np.nan)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
-            scattered = sensitivity.scattered(
-                _samples(batch, sensitivity)[rows],
-                _configurations(batch, sensitivity)[rows],
-                deviations.draws(len(sensitivity.keys)),
-            )
+            draws = deviations.draws(len(sensitivity.keys))
+            scattered = sensitivity.scattered(samples[rows], configurations[rows], draws)
             drawn[:, :, rows] = _moments(scattered - values[:, rows, None])
-        with np.errstate(all="ignore"):
-            return Spread(
-                np.sqrt(variance),
-                np.einsum("scn,s->cn", np.abs(gradients), deviations.worst),
-                drawn[0],
-                drawn[1],
-                drawn[2],
-                squares / variance,
-            )
+        tolerances = {
+            "spread": np.sqrt(variance),
+            "worst": np.einsum("scn,s->cn", np.abs(gradients), deviations.worst),
+            **dict(zip(("drawn_spread", "drawn_worst", "lost"), drawn, strict=True)),
+            "matters_most": _most(sensitivity.keys, shares),
+            "share": np.max(shares, axis=0),
+        }
+        return Spread(sensitivity, values, gradients, shares, tolerances)
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest spread of each quantity, and what makes most of it."""
-        sensitivity, deviations = self._asked(batch.mechanism)
-        made = self._spread(batch, sensitivity, deviations)
-        figures = {}
+        made = self._found(batch)
+        sensitivity, off, figures = made.sensitivity, made.tolerances, {}
         for k, name in enumerate(sensitivity.quantities):
-            if np.any(np.isfinite(made.spread[k])):
-                row = int(np.nanargmax(made.spread[k]))
+            if np.any(np.isfinite(off["spread"][k])):
+                row = int(np.nanargmax(off["spread"][k]))
                 figures[name] = {
-                    "spread": float(made.spread[k, row]),
+                    "spread": float(off["spread"][k, row]),
                     "q": batch.inputs[row].tolist(),
                     "size": sensitivity.keys[int(np.argmax(made.shares[:, k, row]))],
                 }
                 if self.draws:
-                    figures[name]["drawn"] = float(made.drawn_spread[k, row])
-                    figures[name]["lost"] = float(made.lost[k, row])
+                    figures[name]["drawn"] = float(off["drawn_spread"][k, row])
+                    figures[name]["lost"] = float(off["lost"][k, row])
         said = self._said(figures, self._varied(sensitivity.keys))
         if not sensitivity.left_out or self.by:
             return said
@@ -306,35 +281,30 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the spread of each quantity, and the derivatives that make most of it."""
-        sensitivity, deviations = self._asked(batch.mechanism)
-        _, gradients = self._found(batch, sensitivity)
-        squares = (gradients * deviations.spread[:, None, None]) ** 2
-        spread = np.sqrt(np.sum(squares, axis=0))
-        keys = sensitivity.keys
-        return tuple(
-            Scene(
-                mode,
-                (
-                    *(
-                        curve("spread", name, "standard deviation", spread[k, rows], "rad")
-                        if _is_angle(name)
-                        else curve("spread", name, f"spread of {name}", spread[k, rows])
-                        for k, name in enumerate(sensitivity.quantities)
-                    ),
-                    *(
-                        curve(
-                            f"derivative_{name}",
-                            keys[size],
-                            f"derivative of {name} by",
-                            gradients[size, k, rows],
-                        )
-                        for k, name in enumerate(sensitivity.quantities[:SHOWN])
-                        for size in _largest(squares[:, k, rows])
-                    ),
-                ),
-            )
-            for mode, rows in batch.assembly_mode_rows().items()
-        )
+        made = self._found(batch)
+        keys, curves = made.sensitivity.keys, []
+        squares = made.shares * made.tolerances["spread"] ** 2
+        for name, spread in zip(
+            made.sensitivity.quantities, made.tolerances["spread"], strict=True
+        ):
+            title = "standard deviation" if _is_angle(name) else f"spread of {name}"
+            unit = "rad" if _is_angle(name) else ""
+            curves.append(curve("spread", name, title, spread, unit))
+        scenes = []
+        for mode, rows in batch.assembly_mode_rows().items():
+            more = [
+                curve(
+                    f"derivative_{name}",
+                    keys[size],
+                    f"derivative of {name} by",
+                    made.gradients[size, k, rows],
+                )
+                for k, name in enumerate(made.sensitivity.quantities[:SHOWN])
+                for size in _largest(squares[:, k, rows])
+            ]
+            own = (replace(one, values=one.values[rows]) for one in curves)
+            scenes.append(Scene(mode, (*own, *more)))
+        return tuple(scenes)
 
 
 def _largest(squares: Floats) -> list[int]:
