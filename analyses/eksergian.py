@@ -312,16 +312,13 @@ def _solution(batch: Batch) -> InverseSolution:
     mechanism, status = batch.mechanism, batch.status.copy()
     lost = ~(batch.rates_loss() < USABLE_RATES)
     status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
-    carried, locked = None, np.zeros(len(batch), dtype=bool)
+    forces, locked = None, np.zeros(len(batch), dtype=bool)
     if Loads(mechanism).rubbing:
         rubbed = needed_torques(as_loads_see(batch))
-        locked = rubbed.status == Status.NOT_CONVERGED
-        if rubbed.carried is not None:
-            settled = (rubbed.status == Status.OK)[:, None]
-            carried = np.where(settled, rubbed.carried, np.nan)
+        forces, locked = rubbed.Q_parts, rubbed.status == Status.NOT_CONVERGED
     rows = batch.sample, batch.assembly_mode, batch.inputs, batch.residual
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
-    return balancing(mechanism, rows, timing, _motion(batch), status, carried, locked)
+    return balancing(mechanism, rows, timing, _motion(batch), status, locked, forces)
 
 
 def _motion(batch: Batch) -> CoordinateMotion:

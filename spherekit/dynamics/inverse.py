@@ -336,7 +336,9 @@ def needed_torques(motion: Motion) -> InverseSolution:
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     with np.errstate(over="ignore", invalid="ignore"):
         carried, locked, rounds = _rubbed(motion, coordinates)
-    solution = balancing(mechanism, rows, timing, coordinates, status, carried, locked)
+    solution = balancing(
+        mechanism, rows, timing, coordinates, status, locked, None, carried
+    )
     for array in (solution.values, coordinates.rates):
         array[status != Status.OK] = np.nan
     return replace(solution, rounds=rounds)
@@ -351,7 +353,8 @@ def _rubbed(
     locked = np.zeros(len(motion), dtype=bool)
     if not loads.rubbing:
         return None, locked, 0
-    torques = _torques(inertia(mechanism, coordinates), loads, coordinates, timing, None)[1]
+    still = loads.parts(coordinates, timing.dq, timing.t)
+    torques = _torques(inertia(mechanism, coordinates), still, timing)
     good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
     if not np.any(good):
         return None, locked, 0
@@ -365,17 +368,10 @@ def _rubbed(
     return carried, locked, rub.rounds
 
 
-def _torques(
-    masses: Inertia,
-    loads: Loads,
-    coordinates: CoordinateMotion,
-    timing: Timing,
-    carried: Floats | None,
-) -> tuple[Floats, Floats]:
-    """Return the loads' generalised forces (n, m, loads), and torques (n, m) they need."""
-    forces = loads.parts(coordinates, timing.dq, timing.t, carried)
+def _torques(masses: Inertia, forces: Floats, timing: Timing) -> Floats:
+    """Return the torques (n, m) that inertia and forces (n, m, loads) need."""
     Q = np.sum(forces, axis=2)
-    return forces, driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
+    return driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
 
 
 def balancing(
@@ -384,8 +380,9 @@ def balancing(
     timing: Timing,
     coordinates: CoordinateMotion,
     rate_status: NDArray[np.int8],
-    carried: Floats | None,
     locked: NDArray[np.bool_],
+    forces: Floats | None = None,
+    carried: Floats | None = None,
 ) -> InverseSolution:
     """Return the torques that balance inertia and loads, given how all moves by the inputs.
 
@@ -395,13 +392,19 @@ def balancing(
         The samples, assembly modes, inputs (n, inputs) and residuals of the rows.
     rate_status
         (n,) the status of what does not depend on loads.
-    carried, locked
-        What bearings that rub carry, see `InverseSolution`, and where (n,) they lock.
+    locked
+        Where (n,) bearings lock.
+    forces, carried
+        (n, inputs, loads) generalised forces of the loads, by default found from what
+        bearings that rub carry, see `InverseSolution`.
     """
     sample, assembly_mode, inputs, residual = rows
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, coordinates)
-        forces, torques = _torques(masses, Loads(mechanism), coordinates, timing, carried)
+        if forces is None:
+            loads = Loads(mechanism)
+            forces = loads.parts(coordinates, timing.dq, timing.t, carried)
+        torques = _torques(masses, forces, timing)
     return InverseSolution(
         mechanism,
         sample,
