@@ -8,8 +8,7 @@ derivative of f comes from the rates of the dyads, exactly.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from spherekit.errors import CountError
 from spherekit.model.joints import revolutes
 from spherekit.motion.assembly_modes import Solver
+from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.numeric.turns import wrap
 from spherekit.output.dyads import Dyads, Signs
 from spherekit.output.placed import Fraction, Placed, difference
@@ -28,8 +28,8 @@ from spherekit.sphere.rotation import Floats, frame_from, frame_toward, perpendi
 
 SAMPLES = 120
 """Turns at which the bar's equation is looked at for changes of its sign."""
-STEPS, MOST_STEPS, HALVINGS = 12, 60, 44
-"""Steps from a start, within a bracket, and towards the end of a dyad's reach."""
+STEPS = 12
+"""Newton's steps from a start."""
 LONGEST = 0.3
 """Longest step of Newton's method (rad)."""
 CONVERGED = 1e-11
@@ -96,64 +96,43 @@ class DyadsWithClosingLink:
             for k, vector in enumerate(np.eye(3)):
                 seen = placed.vector(vector, link, signs, ("frame", k))
                 rotations[:, link, :, k] = seen.T
-        (first, second), (one, other) = self.pairs, self.links
-        outer = (
-            np.broadcast_to(placed.axis(pair, link, signs), (3, n)).T
-            for pair, link in ((first, one), (second, other))
-        )
+        outer = (np.broadcast_to(axis, (3, n)).T for axis in self._ends(placed, signs))
         inner = (self.dyads.axis_in(pair, self.bar) for pair in self.pairs)
         rotations[:, self.bar] = frame_toward(*outer) @ frame_toward(*inner).T
         return rotations
 
+    def _ends(self, placed: Placed, signs: Signs) -> tuple[Floats, Floats]:
+        """Return the axes of the bar, as the links that it joins have them."""
+        (first, second), (one, other) = self.pairs, self.links
+        return placed.axis(first, one, signs), placed.axis(second, other, signs)
+
     def gap(self, placed: Placed, signs: Signs) -> Floats:
         """Return f (n,)."""
-        (first, second), (one, other) = self.pairs, self.links
-        p, q = placed.axis(first, one, signs), placed.axis(second, other, signs)
-        return dot(p, q) - self.cosine
+        return dot(*self._ends(placed, signs)) - self.cosine
 
     def rate(self, placed: Placed, signs: Signs) -> Fraction:
         """Return the rate of f per unit rate of the output."""
         (first, second), (one, other) = self.pairs, self.links
-        p, q = placed.axis(first, one, signs), placed.axis(second, other, signs)
-        normal = cross(p, q)
+        normal = cross(*self._ends(placed, signs))
         return difference(
             placed.along(normal, one, first, signs),
             placed.along(normal, other, second, signs),
         )
 
     def close(
-        self,
-        directions: Floats,
-        turn: Floats,
-        signs: Signs,
-        bracket: tuple[Floats, Floats] | None = None,
+        self, directions: Floats, turn: Floats, signs: Signs
     ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return turns (n,) that close the bar, and which of them converged.
-
-        Newton's method from `turn`, with steps halving the `bracket` where it leaves it:
-        two turns (n,), f negative or zero at the first and positive at the second.
-        """
+        """Return turns (n,) that close the bar, by Newton's method, and which converged."""
         turn = turn.copy()
         active = np.arange(len(turn))
         converged = np.zeros(len(turn), dtype=bool)
-        low, high = bracket or (np.full(len(turn), -np.inf), np.full(len(turn), np.inf))
-        low, high = low.copy(), high.copy()
-        for _ in range(STEPS if bracket is None else MOST_STEPS):
+        for _ in range(STEPS):
             some, at = directions[:, active], turn[active]
             placed = self.place(some, at)
             gap, rate = self.gap(placed, signs), self.rate(placed, signs)
             step = -gap * rate.bottom / dot(rate.top, some)
             size, closed = np.abs(step), np.abs(gap) < CLOSED
-            if bracket is None:
-                step *= LONGEST / np.maximum(size, LONGEST)
-            else:
-                low[active] = np.where(gap <= 0.0, at, low[active])
-                high[active] = np.where(gap > 0.0, at, high[active])
-                way = at + step - low[active], at + step - high[active]
-                outside = ~(way[0] * way[1] <= 0.0) | ((size < CONVERGED) & ~closed)
-                middle = 0.5 * (low[active] + high[active])
-                step = np.where(outside, middle - at, step)
-                size = np.abs(step)
+            step *= LONGEST / np.maximum(size, LONGEST)
             turn[active] = np.where(np.isfinite(step), at + step, at)
             converged[active] = (size < CONVERGED) & closed
             active = active[size >= CONVERGED]
@@ -170,8 +149,13 @@ class DyadsWithClosingLink:
         of them and the turn beside it at which a dyad gets out of reach, and between them
         and an extremum of f.
         """
-        row, low, high = self._brackets(directions, signs)
-        turns, held = self.close(directions[:, row], low, signs, (low, high))
+        row, low, high, at_low, at_high = self._brackets(directions, signs)
+
+        def gap(turn: Floats, some: NDArray[np.intp]) -> Floats:
+            return self.gap(self.place(directions[:, row[some]], turn), signs)
+
+        turns, _ = bracketed_zeros(gap, low, high, at_low, at_high)
+        held = np.abs(gap(turns, np.arange(len(row)))) < CLOSED
         row, turns = row[held], wrap(turns[held])
         order = np.lexsort((turns, row))
         row, turns = row[order], turns[order]
@@ -180,52 +164,42 @@ class DyadsWithClosingLink:
         row, turns = row[new], turns[new]
         return row, turns, self.sense(directions[:, row], turns, signs)
 
-    def _brackets(
-        self, directions: Floats, signs: Signs
-    ) -> tuple[NDArray[np.intp], Floats, Floats]:
-        """Return rows, and turns with f negative or zero and positive, a root between."""
+    def _brackets(self, directions: Floats, signs: Signs) -> list[NDArray[Any]]:
+        """Return rows, two turns with a root of f between, and f at these."""
         n = directions.shape[1]
         spacing = 2 * np.pi / SAMPLES
-        samples = np.arange(SAMPLES) * spacing - np.pi
+        samples = np.linspace(-np.pi, np.pi, SAMPLES, endpoint=False)
         rows, turns = np.repeat(np.arange(n), SAMPLES), np.tile(samples, n)
         placed = self.place(directions[:, rows], turns)
         gap = self.gap(placed, signs).reshape(n, SAMPLES)
         slope = self.slope(placed, directions[:, rows], signs).reshape(n, SAMPLES)
-        parts: list[tuple[NDArray[np.intp], Floats, Floats]] = []
-
-        def keep(row: NDArray[np.intp], *places: tuple[Floats, Floats]) -> None:
-            for (one, value), (other, last) in pairwise(places):
-                crossed = (value <= 0.0) != (last <= 0.0)
-                rising = value <= 0.0
-                low, high = np.where(rising, one, other), np.where(rising, other, one)
-                parts.append((row[crossed], low[crossed], high[crossed]))
-
-        edges = [
-            np.nonzero(np.isfinite(gap) & ~np.isfinite(np.roll(gap, shift, axis=1)))
-            for shift in (-1, 1)
-        ]
-        row, column = (np.concatenate([edge[k] for edge in edges]) for k in (0, 1))
-        way = np.repeat([spacing, -spacing], [len(edge[0]) for edge in edges])
-        start = np.asarray(samples[column])
-        last = self._halved(directions[:, row], start, way, signs, None)
-        keep(row, (start, gap[row, column]), last)
         after, tilt = np.roll(gap, -1, axis=1), np.roll(slope, -1, axis=1)
         both = np.isfinite(gap) & np.isfinite(after)
         turns_back = both & ((gap <= 0.0) == (after <= 0.0))
         turns_back &= (gap * slope < 0.0) & (after * tilt > 0.0)
-        for chosen in (turns_back, both & ~turns_back):
-            row, column = np.nonzero(chosen)
-            start = np.asarray(samples[column])
-            first = start, np.asarray(gap[row, column])
-            end = start + spacing, np.asarray(after[row, column])
-            if chosen is turns_back:
-                tilted = np.asarray(slope[row, column])
-                middle = self._halved(directions[:, row], start, spacing, signs, tilted)
-                keep(row, first, middle, end)
-            else:
-                keep(row, first, end)
-        row, low, high = (np.concatenate([part[k] for part in parts]) for k in range(3))
-        return row, low, high
+        parts: list[list[NDArray[Any]]] = []
+
+        def keep(
+            row: NDArray[np.intp], one: Floats, value: Floats, other: Floats, last: Floats
+        ) -> None:
+            crossed = (value >= 0.0) != (last >= 0.0)
+            parts.append([part[crossed] for part in (row, one, other, value, last)])
+
+        row, column = np.nonzero(both & ~turns_back)
+        start = samples[column]
+        keep(row, start, gap[row, column], start + spacing, after[row, column])
+        row, column = np.nonzero(turns_back)
+        start, tilted = samples[column], slope[row, column]
+        last = self._last(directions[:, row], start, spacing, signs, tilted)
+        keep(row, start, gap[row, column], *last)
+        keep(row, *last, start + spacing, after[row, column])
+        for shift in (-1, 1):
+            beyond = np.roll(gap, shift, axis=1)
+            row, column = np.nonzero(np.isfinite(gap) & ~np.isfinite(beyond))
+            start = samples[column]
+            last = self._last(directions[:, row], start, -shift * spacing, signs)
+            keep(row, start, gap[row, column], *last)
+        return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
     def slope(self, placed: Placed, directions: Floats, signs: Signs) -> Floats:
         """Return the derivative of f (n,) by the turn."""
@@ -237,33 +211,30 @@ class DyadsWithClosingLink:
         slope = self.slope(self.place(directions, turn), directions, signs)
         return np.where(slope < 0.0, -1.0, 1.0)
 
-    def _halved(
+    def _last(
         self,
         directions: Floats,
         turn: Floats,
-        way: float | Floats,
+        way: float,
         signs: Signs,
-        slope: Floats | None,
+        slope: Floats | None = None,
     ) -> tuple[Floats, Floats]:
         """Return the last turns (n,) like the first ones on the way, and f there.
 
         Alike in that all dyads are in reach, or, given its slope, in the sign of that.
         """
-        inside, outside = turn.copy(), turn + way
-        last = self.gap(self.place(directions, inside), signs)
-        for _ in range(HALVINGS):
-            middle = 0.5 * (inside + outside)
-            placed = self.place(directions, middle)
-            gap = self.gap(placed, signs)
-            good = np.isfinite(gap)
+
+        def unlike(at: Floats, some: NDArray[np.intp]) -> Floats:
+            placed = self.place(directions[:, some], at)
+            good = np.isfinite(self.gap(placed, signs))
             if slope is not None:
-                good &= self.slope(placed, directions, signs) * slope > 0.0
-            inside, outside = (
-                np.where(good, middle, inside),
-                np.where(good, outside, middle),
-            )
-            last = np.where(good, gap, last)
-        return inside, last
+                sense = self.slope(placed, directions[:, some], signs) * slope[some]
+                good &= sense > 0.0
+            return np.where(good, -1.0, 1.0)
+
+        one = np.ones(len(turn))
+        _, last = bracketed_zeros(unlike, turn, turn + way, -one, one)
+        return last, self.gap(self.place(directions, last), signs)
 
 
 def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | None:

@@ -9,10 +9,11 @@ working mode. Otherwise each row is solved on its own, by elimination or search.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import final
+from itertools import product
+from typing import Any, final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
 from spherekit.conventions import Status
@@ -104,15 +105,13 @@ class InverseKinematics:
 
         A bar whose arc gives the turn of the output about its direction comes last.
         """
-        legs = [
-            f"{group.kind} of "
-            + ", ".join(self.mechanism.pairs[p].name for p in group.pairs)
-            for group in self._assembly.groups
-        ]
+        parts = [(group.kind, group.pairs) for group in self._assembly.groups]
         if self._turned is not None:
-            names = (self.mechanism.pairs[pair].name for pair in self._turned.pairs)
-            legs.append("bar of " + ", ".join(names))
-        return tuple(legs)
+            parts.append(("bar", self._turned.pairs))
+        names = [pair.name for pair in self.mechanism.pairs]
+        return tuple(
+            f"{kind} of {', '.join(names[pair] for pair in pairs)}" for kind, pairs in parts
+        )
 
     @property
     def modes(self) -> tuple[Signs, ...]:
@@ -121,13 +120,10 @@ class InverseKinematics:
         The sign of a bar is the sense in which its axes come nearer as the output turns
         about its direction: a direction may have several such solutions.
         """
-        modes: list[Signs] = [()]
-        for group in self._assembly.groups:
-            choices = (1, -1) if group.is_dyad else (0,)
-            modes = [(*signs, sign) for signs in modes for sign in choices]
+        choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
         if self._turned is not None:
-            modes = [(*signs, sign) for signs in modes for sign in (1, -1)]
-        return tuple(modes)
+            choices.append((1, -1))
+        return tuple(product(*choices))
 
     @checked(SolveError)
     def at(
@@ -164,36 +160,26 @@ class InverseKinematics:
                 "ask for `solutions` row by row, or trace `InverseKinematics.mechanism` "
                 "along a path of its inputs"
             )
-        given = self._checked(poses)
-        chosen = self._chosen(modes)
-        m, n, g = len(chosen), len(given), len(self.driven)
-        starts = self._starts(near, n)
-        inputs, type_1 = np.empty((m, g, n)), np.empty((m, g, n))
-        margin = np.empty((m, n))
-        status = np.empty((m, n), dtype=np.int8)
-        limiting = np.empty((m, n), dtype=np.int8)
-        kept = np.empty((m, g, 3, n)) if normals else None
-        slope = None if self._turned is None else np.empty((m, n))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            for start in range(0, n, ROWS):
-                rows = slice(start, min(start + ROWS, n))
-                self._check(np.ascontiguousarray(given[rows].T), start)
-                views = self._views(given[rows], starts[rows], chosen)
-                for k, view in enumerate(views):
-                    margin[k, rows], limiting[k, rows] = (
-                        view.reach.margin,
-                        view.reach.limiting,
-                    )
-                    status[k, rows] = view.reach.status
-                    if slope is not None:
-                        slope[k, rows] = view.slope
-                    rates = []
-                    for i, pair in enumerate(self.wrist.driven):
-                        inputs[k, i, rows] = view.input(pair)
-                        rates.append(view.rate(pair))
-                        type_1[k, i, rows] = rates[-1].speed
-                        if kept is not None:
-                            kept[k, i, :, rows] = rates[-1].unit
+        given, chosen = self._checked(poses), self._chosen(modes)
+        starts = self._starts(near, len(given))
+
+        bar = self._turned is not None
+
+        def told(view: PosedMode) -> list[NDArray[Any]]:
+            reach, rates = view.reach, [view.rate(pair) for pair in view.driven]
+            arrays: list[NDArray[Any]] = [
+                np.stack([view.input(pair) for pair in view.driven]),
+                np.stack([rate.speed for rate in rates]),
+                reach.status,
+                reach.margin,
+                reach.limiting,
+            ]
+            if normals:
+                arrays.append(np.stack([rate.unit for rate in rates]))
+            return [*arrays, view.slope] if bar else arrays
+
+        parts = self._asked(given, starts, chosen, told)
+        inputs, type_1, status, margin, limiting, *more = parts
         return Inverse(
             chosen,
             np.swapaxes(inputs, 1, 2),
@@ -201,50 +187,62 @@ class InverseKinematics:
             margin,
             limiting,
             np.swapaxes(type_1, 1, 2),
-            lambda: self._type_2(given, starts, chosen),
-            None if kept is None else np.moveaxis(kept, -1, 1),
-            slope,
+            lambda: self._asked(given, starts, chosen, lambda view: [view.type_2])[0],
+            np.moveaxis(more[0], -1, 1) if normals else None,
+            more[-1] if bar else None,
         )
 
-    def _views(
-        self, given: Floats, starts: Floats, modes: Sequence[Signs]
-    ) -> Iterator[PosedMode]:
-        """Yield each mode at poses; what modes share is computed once."""
-        block = np.ascontiguousarray(given.T)
-        placed = self._placed(block) if self._turned is None else None
-        inputs_and_measure = self._own(given)
-        for signs in modes:
-            if self._turned is not None:
-                yield _closed(self._turned, block, starts, signs, inputs_and_measure)
-            else:
-                assert placed is not None
-                yield PosedMode(placed, signs, reach_of(placed, signs), *inputs_and_measure)
-
-    def _type_2(self, given: Floats, starts: Floats, modes: Sequence[Signs]) -> Floats:
-        """Return the measure (m, n) of type II of modes at poses."""
-        type_2 = np.full((len(modes), len(given)), np.nan)
+    def _asked(
+        self,
+        given: Floats,
+        starts: Floats,
+        modes: Sequence[Signs],
+        told: Callable[[PosedMode], Sequence[NDArray[Any]]],
+    ) -> list[NDArray[Any]]:
+        """Return what is told (..., n) of each mode at poses, as arrays (m, ..., n)."""
+        n = len(given)
+        arrays: list[NDArray[Any]] = []
         with np.errstate(invalid="ignore", divide="ignore"):
-            for start in range(0, len(given), ROWS):
-                rows = slice(start, min(start + ROWS, len(given)))
-                for k, view in enumerate(self._views(given[rows], starts[rows], modes)):
-                    type_2[k, rows] = view.type_2
-        return type_2
+            for start in range(0, max(n, 1), ROWS):
+                rows = slice(start, start + ROWS)
+                views = self._views(given[rows], starts[rows], modes, start)
+                for k, view in enumerate(views):
+                    parts = told(view)
+                    for part in parts[len(arrays) :]:
+                        shape = len(modes), *part.shape[:-1], n
+                        arrays.append(np.empty(shape, part.dtype))
+                    for array, part in zip(arrays, parts, strict=True):
+                        array[k, ..., rows] = part
+        return arrays
 
-    def _own(self, poses: Floats) -> tuple[tuple[int, ...], Callable[[PosedMode], Floats]]:
-        """Return the driven pairs, and what measures type II at poses."""
-        directions, count = poses if self.wrist.points else None, len(self.own.pairs)
+    def _views(
+        self, given: Floats, starts: Floats, modes: Sequence[Signs], first: int = 0
+    ) -> Iterator[PosedMode]:
+        """Yield each mode at poses from a row on; what modes share is computed once."""
+        block = np.ascontiguousarray(given.T)
+        self._check(block, first)
+        directions, count = given if self.wrist.points else None, len(self.own.pairs)
 
         def measure(view: PosedMode) -> Floats:
             return self._transmission.at(view.axes(count), directions)
 
-        return self.wrist.driven, measure
+        inputs_and_measure = self.wrist.driven, measure
+        if self._turned is not None:
+            for signs in modes:
+                yield _closed(self._turned, block, starts, signs, inputs_and_measure)
+            return
+        assert self._dyads is not None
+        placed = Placed(self._dyads, {}, block)
+        if self.wrist.points:
+            placed = Placed(self._dyads, {self.wrist.pairs[2]: block}, None)
+        for signs in modes:
+            yield PosedMode(placed, signs, reach_of(placed, signs), *inputs_and_measure)
 
     def no_closed_form(self, advice: str) -> SolveError:
         """Return the error that says so, with what to do instead."""
-        return SolveError(
-            f"{self.own.name}: outputs.{self.wrist.output.name}: the poses of a working "
-            "mode have no closed form that needs no start. With the output held these "
-            f"groups are left: {'; '.join(self.legs)}; {advice}"
+        return self._refusal(
+            "the poses of a working mode have no closed form that needs no start. With the "
+            f"output held these groups are left: {'; '.join(self.legs)}; {advice}"
         )
 
     @cached_property
@@ -267,13 +265,9 @@ class InverseKinematics:
         """
         if self._dyads is None:
             raise self.no_closed_form("ask for `solutions` row by row")
-        (chosen,) = self._chosen([signs])
-        given = self._checked(poses)
-        block = np.ascontiguousarray(given.T)
-        self._check(block, 0)
-        placed = self._placed(block)
+        given, chosen = self._checked(poses), self._chosen([signs])
         with np.errstate(invalid="ignore", divide="ignore"):
-            return PosedMode(placed, chosen, reach_of(placed, chosen), *self._own(given))
+            return next(self._views(given, np.empty((len(given), 0)), chosen))
 
     @property
     def stands(self) -> tuple[DyadPlacement, ...]:
@@ -293,6 +287,7 @@ class InverseKinematics:
             If the poses are not rotations or directions.
         """
         given = self._checked(poses)
+        self._check(given.T, 0)
         if self._turned is not None:
             with np.errstate(invalid="ignore", divide="ignore"):
                 return self._every_turn(self._turned, given)
@@ -301,88 +296,72 @@ class InverseKinematics:
 
     def _every_turn(self, turned: DyadsWithClosingLink, given: Floats) -> PoseSolutions:
         """Return the solutions of all modes at directions (n, 3), in order of rows."""
-        self._check(given.T, 0)
-        rows, rotations, signs = [], [], []
-        values: list[Floats] = []
-        joints = revolutes(self.solver.joints)
         ends, count = self.own.ends, len(self.own.links)
+        joints = revolutes(self.solver.joints)[: len(ends)]
+        none = np.empty(0, dtype=np.intp), np.empty((0, count, 3, 3)), np.empty((0, 3, 3))
+        parts, signs = [none], []
         for start in range(0, len(given), FEW):
             block = np.ascontiguousarray(given[start : start + FEW].T)
             for mode in dict.fromkeys(mode[:-1] for mode in self.modes):
                 row, turn, sense = turned.roots(block, mode)
                 placed = turned.place(block[:, row], turn)
-                rows.append(row + start)
-                links = turned.links_of(placed, mode, count)
-                values.append(turns_of(ends, joints[: len(ends)], links)[0])
                 assert placed.given_rotation is not None
-                rotations.append(placed.given_rotation.T)
+                links = turned.links_of(placed, mode, count)
+                parts.append((row + start, links, placed.given_rotation.T))
                 signs += [(*mode, int(sign)) for sign in sense]
-        row = np.concatenate([np.empty(0, dtype=np.intp), *rows])
+        row, links, rotations = (np.concatenate(part) for part in zip(*parts, strict=True))
         order = np.argsort(row, kind="stable")
-        every = np.concatenate([np.empty((0, len(self.own.variable_owners))), *values])
-        every = every[order]
-        turned_links = np.concatenate([np.empty((0, 3, 3)), *rotations])[order]
+        values, turned_links = turns_of(ends, joints, links[order])[0], rotations[order]
         return PoseSolutions(
             row[order],
-            every[:, self.driven],
-            every,
+            values[:, self.driven],
+            values,
             turned_links,
             turned_links @ turned.direction,
             tuple(signs[k] for k in order),
             np.zeros(len(given), dtype=bool),
         )
 
-    def _placed(self, block: Floats) -> Placed:
-        assert self._dyads is not None
-        if self.wrist.points:
-            return Placed(self._dyads, {self.wrist.pairs[2]: block}, None)
-        return Placed(self._dyads, {}, block)
-
     def _starts(self, near: ArrayLike | None, count: int) -> Floats:
         if self._turned is None:
             return np.empty((count, 0))
         if near is None:
-            raise SolveError(
-                f"{self.own.name}: outputs.{self.wrist.output.name}: the turn of the "
-                "output about its direction is found by Newton's method; give orientations "
-                "`near` it, from `solutions` or of poses before"
+            raise self._refusal(
+                "the turn of the output about its direction is found by Newton's method; "
+                "give orientations `near` it, from `solutions` or of poses before"
             )
         starts = np.asarray(near, dtype=float)
         if starts.shape not in ((3, 3), (count, 3, 3)):
-            raise SolveError(
-                f"{self.own.name}: outputs.{self.wrist.output.name}: `near` is a rotation "
-                f"for each of the {count} poses, not {starts.shape}"
+            raise self._refusal(
+                f"`near` is a rotation for each of the {count} poses, not {starts.shape}"
             )
         return np.broadcast_to(starts, (count, 3, 3))
 
+    def _refusal(self, why: str) -> SolveError:
+        return SolveError(f"{self.own.name}: outputs.{self.wrist.output.name}: {why}")
+
     def _checked(self, poses: ArrayLike) -> Floats:
-        given = np.asarray(poses, dtype=float)
-        shape = (3,) if self.wrist.points else (3, 3)
-        what = "directions (n, 3)" if self.wrist.points else "rotations (n, 3, 3)"
+        """Return poses (n, ...); NaN is one."""
+        given, points = np.asarray(poses, dtype=float), self.wrist.points
+        shape = (3,) if points else (3, 3)
         if given.shape == shape:
             given = given[None]
         if given.shape[1:] != shape or given.ndim != len(shape) + 1:
-            raise SolveError(
-                f"{self.own.name}: outputs.{self.wrist.output.name}: poses are {what}, "
-                f"not {given.shape}"
-            )
+            what = "directions (n, 3)" if points else "rotations (n, 3, 3)"
+            raise self._refusal(f"poses are {what}, not {given.shape}")
         return given
 
-    def _check(self, block: Floats, start: int) -> None:
+    def _check(self, block: Floats, first: int) -> None:
         """Raise the error about a pose (..., n) that is none; NaN passes."""
-        columns = [block] if self.wrist.points else list(block)
-        wrong = np.zeros(block.shape[-1], dtype=bool)
-        for column in columns:
-            wrong |= np.abs(dot(column, column) - 1.0) > NOT_UNIT
-        if not self.wrist.points:
+        points = self.wrist.points
+        sizes = [dot(column, column) for column in ([block] if points else block)]
+        if not points:
             # unit columns span at most the unit volume, and only at right angles
-            wrong |= np.abs(dot(cross(block[0], block[1]), block[2]) - 1.0) > NOT_UNIT
+            sizes.append(dot(cross(block[0], block[1]), block[2]))
+        wrong = np.any([np.abs(size - 1.0) > NOT_UNIT for size in sizes], axis=0)
         if np.any(wrong):
-            raise SolveError(
-                f"{self.own.name}: outputs.{self.wrist.output.name}: row "
-                f"{start + int(np.argmax(wrong))} is not a "
-                + ("unit vector" if self.wrist.points else "rotation matrix")
-            )
+            what = "unit vector" if points else "rotation matrix"
+            raise self._refusal(f"row {first + int(np.argmax(wrong))} is not a {what}")
 
     def _chosen(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
         if modes is None:
@@ -391,9 +370,8 @@ class InverseKinematics:
         for signs in chosen:
             if signs not in self.modes:
                 raise SolveError(
-                    f"{self.own.name}: {signs} is not a working mode; a mode is a sign, "
-                    f"1 or "
-                    f"-1, for each of: {'; '.join(self.legs)}"
+                    f"{self.own.name}: {signs} is not a working mode; a mode is a sign, 1 "
+                    f"or -1, for each of: {'; '.join(self.legs)}"
                 )
         return chosen
 
