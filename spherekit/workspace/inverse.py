@@ -15,8 +15,7 @@ from spherekit.output.inverse import InverseKinematics
 from spherekit.output.measures import InputRates
 from spherekit.output.virtual_output import COORDINATES, with_wrist
 from spherekit.sphere.rotation import Floats
-from spherekit.workspace.dyads import DyadKinematics
-from spherekit.workspace.geared import geared
+from spherekit.workspace.dyads import DyadKinematics, geared
 from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
 from spherekit.workspace.mid_plane import MidPlaneKinematics
 from spherekit.workspace.rows import InverseRows
