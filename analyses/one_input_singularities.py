@@ -27,7 +27,7 @@ from spherekit.plugin.singularities import (
     near_misses,
 )
 
-from .one_input_scenes import OneInputScenes
+from .singular_scenes import OneInputScenes
 from .singular_tables import (
     ASPECTS,
     RELATION,
@@ -142,7 +142,7 @@ class OneInput:
             figures["grashof"] = made.name
             remarks.append(str(made))
         for name in names:
-            remarks += places(sampled, points, name, pair)
+            remarks += places(points, name, pair)
         if sampled.report.everywhere is None:
             remarks += swings(sampled, names)
         remarks += least_angles(sampled, names, pair)
@@ -164,41 +164,28 @@ class OneInput:
         sampled = self._found(batch)
         return [_named(sampled.tracer.mechanism, o) for o in sampled.report.outputs]
 
-    def _configuration(self, batch: Batch, values: Floats, links: tuple[int, int]) -> Row:
-        part = self._found(batch).tracer
-        given = None if part is batch.tracer else part
-        return configuration_columns(batch, values[None], links, part=given)
-
     def _listed(self, batch: Batch) -> list[Row]:
         """Return rows of points on curves, of where curves cross, and of whole curves."""
         sampled = self._found(batch)
-        claim = sampled.configurations.guarantee.value
         rows: list[Row] = []
         for point in sampled.report.points:
             if point.type is Type.APPARENT:
                 continue
             agreeing = [at for at in point.relations if at.agrees]
             words = [item.words for at in agreeing for item in at.conditions]
-            words = words or [at.note for at in point.relations]
-            here = self._configuration(batch, point.values, point.output)
-            rows += [
-                {
-                    **here,
-                    "kind": str(point.type),
-                    **_conditions(agreeing),
-                    **_placed(sampled, [(point.curve, point.s)], q),
-                    "output": _named(sampled.tracer.mechanism, point.output),
-                    "curve": point.curve,
-                    "s": point.s,
-                    "error": point.error,
-                    "turns": " and ".join(_turns(point)),
-                    "double": "yes" if point.double else "no",
-                    "decided": "yes" if point.decided else "no",
-                    "guarantee": claim,
-                    "note": "; ".join(filter(None, [point.note, *dict.fromkeys(words)])),
-                }
-                for q in sampled.inputs_of(point.curve, point.values)
-            ]
+            rows += self._rows(
+                batch,
+                point.values,
+                point.output,
+                [(point.curve, point.s)],
+                agreeing,
+                [point.note, *dict.fromkeys(words or [at.note for at in point.relations])],
+                kind=str(point.type),
+                decided="yes" if point.decided else "no",
+                error=point.error,
+                turns=" and ".join(_turns(point)),
+                double="yes" if point.double else "no",
+            )
         for crossing in sampled.report.crossings:
             ends = [
                 (curve, 0.0 if at_start else sampled.curves[curve].length)
@@ -211,29 +198,21 @@ class OneInput:
                 "ends of curves " + _joined(sorted({curve for curve, _ in ends}), ", "),
                 crossing.note,
             ]
-            curve, s = ends[0]
             for output, links in enumerate(sampled.report.outputs):
-                on_assembly_modes = crossing.relations[output] if crossing.relations else ()
-                here = self._configuration(batch, crossing.values, links)
-                rows += [
-                    {
-                        **here,
-                        "kind": "III",
-                        **_conditions(
-                            [at for relations in on_assembly_modes for at in relations]
-                        ),
-                        **_placed(sampled, ends, q),
-                        "output": _named(sampled.tracer.mechanism, links),
-                        "curve": curve,
-                        "s": s,
-                        "error": np.nan if met is None else met.error,
-                        "double": "no",
-                        "decided": "yes" if crossing.decided else "no",
-                        "guarantee": claim,
-                        "note": "; ".join(filter(None, words)),
-                    }
-                    for q in sampled.inputs_of(curve, crossing.values)
-                ]
+                through = crossing.relations[output] if crossing.relations else ()
+                made = [at for relations in through for at in relations]
+                error = np.nan if met is None else met.error
+                rows += self._rows(
+                    batch,
+                    crossing.values,
+                    links,
+                    ends,
+                    made,
+                    words,
+                    kind="III",
+                    decided="yes" if crossing.decided else "no",
+                    error=error,
+                )
         for whole in sampled.report.whole:
             pieces = sampled.configurations.curves[whole.curve].pieces
             rows.append(
@@ -244,12 +223,44 @@ class OneInput:
                     "output": _named(sampled.tracer.mechanism, whole.output),
                     "curve": whole.curve,
                     "residual": 0.0,
-                    "double": "no",
                     "decided": "yes",
-                    "guarantee": claim,
                     "note": f"at rest on the whole of curve {whole.curve}",
                 }
             )
+        claim = sampled.configurations.guarantee.value
+        return [{"double": "no", "guarantee": claim, **row} for row in rows]
+
+    def _rows(
+        self,
+        batch: Batch,
+        values: Floats,
+        links: tuple[int, int],
+        ends: Sequence[tuple[int, float]],
+        relations: Iterable[RelationAt],
+        words: Iterable[str],
+        **columns: Any,
+    ) -> list[Row]:
+        """Return a row for each input of the range at which a configuration is met."""
+        sampled, (curve, s) = self._found(batch), ends[0]
+        part = None if sampled.tracer is batch.tracer else sampled.tracer
+        held = [item for relation in relations for item in relation.conditions]
+        labels = dict.fromkeys(h.label + ("" if h.decided else "?") for h in held)
+        whole = {
+            **configuration_columns(batch, values[None], links, part=part),
+            **columns,
+            "condition": " ".join(labels),
+            "residual": min((h.residual for h in held), default=np.nan),
+            "output": _named(sampled.tracer.mechanism, links),
+            "curve": curve,
+            "s": s,
+            "note": "; ".join(filter(None, words)),
+        }
+        rows = []
+        for q in sampled.inputs_of(curve, values):
+            modes = {k for end in ends for k in sampled.assembly_modes_at(*end, q)}
+            inside = "yes" if sampled.inside(q, ends) else "no"
+            here = {"assembly_mode": _joined(sorted(modes)), "q": q, "inside": inside}
+            rows.append({**whole, **here})
         return rows
 
     def _measured(self, batch: Batch) -> list[Row]:
@@ -323,20 +334,6 @@ def _joined(numbers: Iterable[int], sign: str = "+") -> str:
     return sign.join(map(str, numbers))
 
 
-def _placed(
-    sampled: SampledSingularities, ends: Sequence[tuple[int, float]], q: float
-) -> Row:
-    """Return the input of a singularity on curves, its modes, whether in the range."""
-    assembly_modes = {
-        b for curve, s in ends for b in sampled.assembly_modes_at(curve, s, q)
-    }
-    return {
-        "assembly_mode": _joined(sorted(assembly_modes)),
-        "q": q,
-        "inside": "yes" if sampled.inside(q, ends) else "no",
-    }
-
-
 def _turns(point: SingularPoint) -> list[str]:
     """Return what reverses at a singularity."""
     turns = []
@@ -345,11 +342,3 @@ def _turns(point: SingularPoint) -> list[str]:
     if point.output_turns and point.type is not Type.II:
         turns.append("output")
     return turns
-
-
-def _conditions(relations: Iterable[RelationAt]) -> Row:
-    """Return the labels of the conditions that hold, and the least residual of them."""
-    held = [item for at in relations for item in at.conditions]
-    labels = dict.fromkeys(h.label + ("" if h.decided else "?") for h in held)
-    least = min((h.residual for h in held), default=np.nan)
-    return {"condition": " ".join(labels), "residual": least}

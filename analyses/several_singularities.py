@@ -1,6 +1,6 @@
 """The half of the analysis `singularities` for mechanisms with several inputs."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -41,12 +41,13 @@ from spherekit.plugin.singularities import (
     what_vanishes,
 )
 
-from .several_scenes import SeveralScenes, angle_of
+from .singular_scenes import SeveralScenes
 from .singular_tables import (
     ASPECTS,
     RELATION,
     SELF_MOTION,
     SINGULARITIES,
+    angle_of,
     configuration_columns,
     of_type,
 )
@@ -140,30 +141,28 @@ class SeveralInputs:
         parts: list[Row] = []
         for output in self.outputs(batch.mechanism):
             met = np.zeros((0, len(batch.mechanism.variable_names)))
-            for locus in self._loci(batch, output):
-                if locus.everywhere:
-                    parts.append(_everywhere(batch, locus, output))
-            curves = [
-                (traced, locus.claim)
-                for locus in self._curves(batch, output)
-                for traced in locus.curves
-            ]
-            for number, (curve, claim) in enumerate(curves):
-                whole = _rows(batch, curve.points, output, claim)
-                whole |= {"curve": number, "s": curve.s}
-                whole["note"] = "closed" if curve.closed else "open"
-                if curve.why:
-                    whole["condition"] = curve.why
-                away = curve.both.values[:, None] - met
-                fresh = ~np.any(np.max(np.abs(wrap(away)), axis=2) < SAME, axis=1)
-                both = _rows(batch, curve.both.rows(fresh), output, claim)
-                both |= {"kind": "III", "curve": number, "note": "of both types"}
-                parts += [whole, both]
-                met = np.concatenate([met, curve.both.values])
-            for mesh in self._surfaces(batch, output):
-                vertices = _rows(batch, mesh.points, output, mesh.claim)
-                note = "vertex of a surface"
-                parts.append({**vertices, "curve": mesh.component, "note": note})
+            loci = self._loci(batch, output)
+            parts += [_everywhere(batch, x, output) for x in loci if x.everywhere]
+            number = 0
+            for locus in loci:
+                if isinstance(locus, SingularSurface):
+                    vertices = _rows(batch, locus.points, output, locus.claim)
+                    vertices |= {"curve": locus.component, "note": "vertex of a surface"}
+                    parts.append(vertices)
+                    continue
+                for curve in locus.curves:
+                    whole = _rows(batch, curve.points, output, locus.claim)
+                    whole |= {"curve": number, "s": curve.s}
+                    whole["note"] = "closed" if curve.closed else "open"
+                    if curve.why:
+                        whole["condition"] = curve.why
+                    away = np.abs(wrap(curve.both.values[:, None] - met))
+                    fresh = ~np.any(np.max(away, axis=2) < SAME, axis=1)
+                    both = _rows(batch, curve.both.rows(fresh), output, locus.claim)
+                    both |= {"kind": "III", "curve": number, "note": "of both types"}
+                    parts += [whole, both]
+                    met = np.concatenate([met, curve.both.values])
+                    number += 1
         return parts
 
     def relation(self, batch: Batch) -> Row:
@@ -220,65 +219,37 @@ class SeveralInputs:
         everywhere: set[str] = set()
         for output in self.outputs(batch.mechanism):
             name = named(batch.mechanism, output)
-            of_output: dict[str, Any] = {}
-            always = set()
-            for locus in self._loci(batch, output):
-                if locus.everywhere:
-                    always.add(locus.kind)
-                    remarks.append(
-                        f"output {name}: {of_type(locus.kind)} in every configuration"
-                    )
-            of_output["everywhere"] = sorted(always)
-            everywhere |= always
-            for locus in self._curves(batch, output):
-                if locus.kind in always:
-                    continue
-                met = [curve for curve in locus.curves if np.any(curve.points.inside)]
-                of_output[f"curves_{_key(locus.kind)}"] = len(met)
-                of_output[f"curves_outside_{_key(locus.kind)}"] = len(locus.curves) - len(
-                    met
-                )
-                of_output[f"claim_{_key(locus.kind)}"] = str(locus.claim)
-                beyond = len(locus.curves) - len(met)
-                words = f"{counted(len(met), 'curve')} {of_type(locus.kind)}"
-                words += f" and {beyond} outside the ranges" if beyond else ""
-                words += _irregular(len(locus.stray), "curve")
-                remarks.append(f"output {name}: {words}; {locus.claim}")
-            for mesh in self._surfaces(batch, output):
-                if mesh.kind in always:
-                    continue
-                kind = _key(mesh.kind)
-                of_output[f"vertices_{kind}"] = len(mesh.points.values)
-                of_output[f"irregular_{kind}"] = mesh.irregular
-                of_output[f"claim_{kind}"] = mesh.guarantee
-                count = len(mesh.points.values)
-                words = f"{count} vertices of surfaces {of_type(mesh.kind)}"
-                words += _irregular(mesh.irregular, "surface")
-                remarks.append(f"output {name}: {words}; {mesh.guarantee}")
-            figures[name] = of_output
+            loci = self._loci(batch, output)
+            always = [str(locus.kind) for locus in loci if locus.everywhere]
+            told = [f"{of_type(kind)} in every configuration" for kind in always]
+            figures[name] = {"everywhere": sorted(always)}
+            everywhere |= set(always)
+            for locus in loci:
+                if not locus.everywhere:
+                    counts, words = _found(locus)
+                    key = locus.kind.replace("-", "_")
+                    figures[name] |= {f"{what}_{key}": n for what, n in counts.items()}
+                    told.append(f"{words}; {counts['claim']}")
             rows = self._coefficients(batch, output)
             throughout = {} if always else _throughout(batch, rows)
-            remarks += [
-                f"output {name}: {of_type(kind)} in every row of "
-                + numbered("assembly mode", numbers)
+            told += [
+                f"{of_type(kind)} in every row of " + numbered("assembly mode", numbers)
                 for kind, numbers in throughout.items()
             ]
+            remarks += [f"output {name}: {words}" for words in told]
             for kind, sizes in (("I", rows.type_one), ("II", rows.type_two)):
-                if kind in always:
-                    continue
-                told = np.isin(batch.assembly_mode, throughout.get(kind, []))
-                angles = np.where(told, np.nan, np.degrees(angle_of(sizes)))
+                told_already = np.isin(batch.assembly_mode, throughout.get(kind, []))
+                angles = np.where(told_already, np.nan, np.degrees(angle_of(sizes)))
                 near = angles <= self.near
-                if np.any(near):
+                if kind not in always and np.any(near):
                     row = int(np.nanargmin(angles))
                     place = ", ".join(f"{q:.6g}" for q in np.degrees(batch.inputs[row]))
-                    assembly_modes = numbered(
-                        "assembly mode", np.unique(batch.assembly_mode[near])
-                    )
+                    modes = numbered("assembly mode", np.unique(batch.assembly_mode[near]))
                     warnings.append(
                         f"type {kind} of output {name} comes within {self.near:g} deg of "
-                        f"{assembly_modes}, nearest sample {_shown(angles[row])} deg on "
-                        f"assembly mode {batch.assembly_mode[row]} at inputs {place} deg"
+                        f"{modes}, nearest sample {round(angles[row], ROUNDED) + 0.0:.3g} "
+                        f"deg on assembly mode {batch.assembly_mode[row]} at inputs "
+                        f"{place} deg"
                     )
         parts = self._aspects(batch)
         if self.input_grid is None and len(batch.mechanism.inputs) > MOST_INPUTS:
@@ -301,8 +272,7 @@ class SeveralInputs:
         return SeveralScenes(
             batch,
             self.outputs(batch.mechanism),
-            lambda output: self._curves(batch, output),
-            lambda output: self._surfaces(batch, output),
+            lambda output: self._loci(batch, output),
             lambda output: self._coefficients(batch, output),
         ).pages()
 
@@ -324,10 +294,7 @@ class SeveralInputs:
     def _search(self, batch: Batch) -> None:
         """Find all that takes of the time, before anything is said of it."""
         for kind, name in self._sets(batch):
-            if len(batch.moving_inputs) == 2:
-                self._curves_of(batch, kind, name)
-            else:
-                self._surfaces_of(batch, kind, name)
+            self._locus(batch, kind, name)
         self._aspects(batch)
 
     def _budget(self, batch: Batch) -> Budget:
@@ -339,12 +306,9 @@ class SeveralInputs:
 
         What every pair moves has its self-motions on the locus of type II.
         """
-        several = 2 <= len(batch.moving_inputs) <= MOST_INPUTS
-        if (
-            not several
-            or self.slices == 0
-            or (len(batch.moving_inputs) == MOST_INPUTS and not self.side_of(batch)[0])
-        ):
+        count = len(batch.moving_inputs)
+        surfaces = count == MOST_INPUTS and self.side_of(batch)[0]
+        if self.slices == 0 or not (count == 2 or surfaces):
             return []
         names = [output.name for output in self.outputs(batch.mechanism)]
         sets: list[tuple[LocusName, str]] = [(k, name) for name in names for k in KINDS]
@@ -354,79 +318,65 @@ class SeveralInputs:
                 sets.append((SELF_MOTION, name))
         return sets
 
-    def _share(self, batch: Batch, kind: LocusName, output: str, what: str) -> Budget:
-        """Return the budget of one set of curves or surfaces: an even part of what is left.
-
-        The aspects are found last.
-        """
+    def _loci(self, batch: Batch, output: Output) -> list[SingularCurves | SingularSurface]:
+        """Return what is found of an output: curves of two inputs, surfaces of three."""
         sets = self._sets(batch)
-        left = len(sets) - sets.index((kind, output))
-        left += self.input_grid_of(batch.mechanism) > 0
-        return self._budget(batch).part(1.0 / left, f"{what} {of_type(kind)}")
-
-    def _loci(
-        self, batch: Batch, output: Output
-    ) -> Sequence[SingularCurves | SingularSurface]:
-        return [*self._curves(batch, output), *self._surfaces(batch, output)]
-
-    def _curves(self, batch: Batch, output: Output) -> Sequence[SingularCurves]:
-        if len(batch.moving_inputs) != 2:
-            return ()
         return [
-            self._curves_of(batch, kind, name)
-            for kind, name in self._sets(batch)
-            if name == output.name
+            self._locus(batch, kind, name) for kind, name in sets if name == output.name
         ]
 
-    def _curves_of(self, batch: Batch, kind: LocusName, output: str) -> SingularCurves:
-        """Return the curves of a type, found with those of all that share its locus."""
+    def _locus(
+        self, batch: Batch, kind: LocusName, output: str
+    ) -> SingularCurves | SingularSurface:
+        """Return what is found of a type; curves with those of all that share its locus."""
 
-        def seen() -> SingularCurves:
+        def seen() -> SingularCurves | SingularSurface:
+            if len(batch.moving_inputs) == MOST_INPUTS:
+                return self._searched(batch, kind, output)
             key = locus_key(batch.mechanism, kind, output)
-            first, curves = batch.once(
-                ("locus", key), lambda: ((kind, output), self._found(batch, kind, output))
+            first, locus = batch.once(
+                ("shared", key),
+                lambda: ((kind, output), self._searched(batch, kind, output)),
             )
-            if first == (kind, output) or not curves.traced:
-                return curves
-            return curves.seen_by(batch.mechanism, kind, output)
+            if first == (kind, output) or not (
+                isinstance(locus, SingularCurves) and locus.traced
+            ):
+                return locus
+            return locus.seen_by(batch.mechanism, kind, output)
 
-        return batch.once(("curves", kind, output), seen)
+        return batch.once(("locus", kind, output), seen)
 
-    def _found(self, batch: Batch, kind: LocusName, output: str) -> SingularCurves:
-        """Return the curves of a type: of a mid-plane architecture, or as slices find."""
-        made = self._cut(batch)
-        budget = self._share(batch, kind, output, "curves")
-        if made is None and kind != SELF_MOTION:
-            curves = mid_plane_loci(batch.mechanism, kind, output, budget)
-            if curves is not None:
-                return curves
-        return singular_curves(
-            batch.mechanism, kind, output, slices_of_each=0, made=made, budget=budget
-        )
+    def _searched(
+        self, batch: Batch, kind: LocusName, output: str
+    ) -> SingularCurves | SingularSurface:
+        """Look for a type in an even part of the time that is left; aspects come last.
 
-    def _surfaces(self, batch: Batch, output: Output) -> Sequence[SingularSurface]:
-        if len(batch.moving_inputs) != MOST_INPUTS:
-            return ()
-        return [
-            self._surfaces_of(batch, kind, name)
-            for kind, name in self._sets(batch)
-            if name == output.name
-        ]
-
-    def _surfaces_of(self, batch: Batch, kind: LocusName, output: str) -> SingularSurface:
-        side, halved = self.side_of(batch)
-        return batch.once(
-            ("surfaces", kind, output),
-            lambda: singular_surface(
-                batch.mechanism,
+        Curves are those of a mid-plane architecture, or as slices find.
+        """
+        mechanism, made, sets = batch.mechanism, self._cut(batch), self._sets(batch)
+        left = len(sets) - sets.index((kind, output))
+        left += self.input_grid_of(mechanism) > 0
+        surfaces = len(batch.moving_inputs) == MOST_INPUTS
+        what = f"{'surfaces' if surfaces else 'curves'} {of_type(kind)}"
+        budget = self._budget(batch).part(1.0 / left, what)
+        if surfaces:
+            side, halved = self.side_of(batch)
+            return singular_surface(
+                mechanism,
                 kind,
                 output,
                 side=side,
                 halved=halved,
                 slices_of_each=0,
-                made=self._cut(batch),
-                budget=self._share(batch, kind, output, "surfaces"),
-            ),
+                made=made,
+                budget=budget,
+            )
+        if made is None and kind != SELF_MOTION:
+            curves = mid_plane_loci(mechanism, kind, output, budget)
+            if curves is not None:
+                return curves
+        return singular_curves(
+            mechanism, kind, output, slices_of_each=0, made=made, budget=budget
         )
 
     def _aspects(self, batch: Batch) -> Aspects | None:
@@ -456,20 +406,25 @@ class SeveralInputs:
         )
 
 
-def _shown(angle: float) -> str:
-    """Return an angle (deg), as 0 below its rounding."""
-    return f"{round(angle, ROUNDED) + 0.0:.3g}"
-
-
-def _irregular(count: int, what: str) -> str:
-    """Return in words how many singular configurations lie on no regular part."""
-    if not count:
-        return ""
-    return (
-        f"; {counted(count, 'configuration')} met are singular where the locus is not a "
-        f"regular {what}, "
-        "and not listed"
-    )
+def _found(locus: SingularCurves | SingularSurface) -> tuple[dict[str, Any], str]:
+    """Return what is found of a type, as figures and in words."""
+    if isinstance(locus, SingularSurface):
+        what, count, irregular = "surface", len(locus.points.values), locus.irregular
+        figures = {"vertices": count, "irregular": irregular, "claim": locus.guarantee}
+        words = f"{count} vertices of surfaces {of_type(locus.kind)}"
+    else:
+        what, irregular = "curve", len(locus.stray)
+        count = sum(bool(np.any(curve.points.inside)) for curve in locus.curves)
+        beyond = len(locus.curves) - count
+        figures = {"curves": count, "curves_outside": beyond, "claim": str(locus.claim)}
+        words = f"{counted(count, 'curve')} {of_type(locus.kind)}"
+        words += f" and {beyond} outside the ranges" if beyond else ""
+    if irregular:
+        words += (
+            f"; {counted(irregular, 'configuration')} met are singular where the locus is "
+            f"not a regular {what}, and not listed"
+        )
+    return figures, words
 
 
 def _throughout(batch: Batch, rows: OutputCoefficients) -> dict[str, list[int]]:
@@ -533,7 +488,3 @@ def named(mechanism: Mechanism, output: Output) -> str:
 def types_of(codes: Iterable[int]) -> list[str]:
     """Return the labels of `RowType`s."""
     return [RowType(code).label for code in codes]
-
-
-def _key(kind: str) -> str:
-    return kind.replace("-", "_")

@@ -102,6 +102,11 @@ def of_type(kind: str) -> str:
     return f"of {kind}" if kind == SELF_MOTION else f"of type {kind}"
 
 
+def angle_of(sizes: Floats) -> Floats:
+    """Return (n,) rad: the angle of all motions to those that keep inputs or output."""
+    return np.asarray(np.arcsin(np.minimum(sizes, 1.0)))
+
+
 def configuration_columns(
     batch: Batch,
     values: Floats,
@@ -128,17 +133,11 @@ def configuration_columns(
     turned = np.swapaxes(placed[:, links[1]], 1, 2) @ placed[:, links[0]]
     columns |= place_columns(quaternion(turned) if pointing is None else pointing, None)
     signs = group_signs(solver, values)
-    number = batch.mechanism.pair_number
-    placed_groups = [
-        {number[mechanism.pairs[pair].name] for pair in group.pairs}
-        for group in solver.assembly.groups
-    ]
-    places = [
-        placed_groups.index(set(group.pairs)) if set(group.pairs) in placed_groups else None
-        for group in batch.tracer.assembly.groups
-    ]
+    names = [{mechanism.pairs[p].name for p in g.pairs} for g in solver.assembly.groups]
+    every = batch.mechanism.pairs
+    groups = [{every[p].name for p in g.pairs} for g in batch.tracer.assembly.groups]
     columns["signs"] = [
-        "".join("*" if k is None else "0+-"[row[k]] for k in places)
+        "".join("0+-"[row[names.index(g)]] if g in names else "*" for g in groups)
         for row in signs.tolist()
     ]
     if solver.assembly.has_closed_form and part is None:

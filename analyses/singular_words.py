@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import Floats, Status, numbered
 from spherekit.plugin.singularities import (
@@ -25,33 +24,24 @@ TRACED = 721
 """Points of a curve among which an output's extremes are looked for."""
 FULL_TURN = 355.0
 """An output that turned by more (deg) between the points of a curve turns fully."""
-CROSSED = "curves of configurations cross"
 MEANING = (
     ("I", "it rests or turns back"),
     ("II", "the locked input does not hold it"),
     (SELF_MOTION, "it rests with the input while other links move"),
-    ("III", CROSSED),
+    ("III", "curves of configurations cross"),
 )
 
 
-def places(
-    sampled: SampledSingularities, points: Row, output: str, input_pair: str
-) -> list[str]:
+def places(points: Row, output: str, input_pair: str) -> list[str]:
     """Return a line for each type of singularity of an output within the range."""
     lines = []
-    crossed = _crossed(sampled, points)
+    shown = (points["output"] == output) & (points["inside"] == "yes")
     for kind, meaning in MEANING:
-        here = (
-            (points["kind"] == kind)
-            & (points["output"] == output)
-            & (points["inside"] == "yes")
-            & (crossed == (meaning == CROSSED))
-        )
+        here = shown & (points["kind"] == kind)
         if not np.any(here):
             continue
-        what = f"type {kind} of {output}"
-        if kind == SELF_MOTION:
-            what = f"{kind} for {output}"
+        what = f"{kind} for" if kind == SELF_MOTION else f"type {kind} of"
+        what = f"{what} {output}"
         at = np.degrees(points["q"][here])
         if not np.all(np.isfinite(at)):
             lines.append(f"{what}, {meaning}: everywhere on a curve")
@@ -86,17 +76,6 @@ def _angles(values: list[float]) -> str:
 def _degrees(value: float) -> str:
     """Return an angle (deg) as text, zero but for rounding as 0."""
     return f"{round(value, 6) + 0.0:.6g}"
-
-
-def _crossed(sampled: SampledSingularities, points: Row) -> NDArray[np.bool_]:
-    """Return whether each row is a place at which curves cross."""
-    ends = {
-        (curve, s)
-        for curve in range(len(sampled.curves))
-        for s, _ in sampled.crossing_ends(curve)
-    }
-    places = zip(points["curve"].tolist(), points["s"].tolist(), strict=True)
-    return np.array([place in ends for place in places], dtype=bool)
 
 
 def swings(sampled: SampledSingularities, names: list[str]) -> list[str]:

@@ -13,7 +13,7 @@ from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 from spherekit.motion.motion import Tracer
-from spherekit.singular.record import Type
+from spherekit.singular.relation import Type
 from spherekit.singular.single import SingleFreedom
 
 UNIT = "four_bar"

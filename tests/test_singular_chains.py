@@ -8,7 +8,7 @@ from exact_rest import exact_rest
 from spherekit.guarantee import Guarantee
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.motion import Tracer
-from spherekit.singular.record import Type
+from spherekit.singular.relation import Type
 from spherekit.singular.single import SingleFreedom
 
 CHAINS = (STEPHENSON, WATT, *EIGHT_BARS)

@@ -21,8 +21,7 @@ from spherekit.planning.plan import plan
 from spherekit.planning.poles import all_poles, pole_of
 from spherekit.rates.core import driven_rates
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.singular.record import Type
-from spherekit.singular.relation import FourLinks, SixPoles, form_i, form_ii
+from spherekit.singular.relation import FourLinks, SixPoles, Type, form_i, form_ii
 from spherekit.singular.single import SingleFreedom
 
 TURN = 2.0 * np.pi
@@ -260,7 +259,7 @@ def test_an_axis_that_swings_round_is_no_zero():
     size = np.linalg.norm(w[:, 5] - w[:, 2], axis=1)
     assert len(along.zeros((2, 5)).places) == 0
     assert 1e-4 < np.min(size) < 1e-3
-    rates = along.signed((2, 5), s).w
+    rates, *_ = along.signed((2, 5), s)
     assert np.all(rates * rates[0] > 0.0)
 
 

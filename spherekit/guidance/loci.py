@@ -92,7 +92,7 @@ def mid_plane_loci(
     else:
         words = f"changes of sign over the mid-planes of every mode, without {beyond}"
         claim = Claim(Guarantee.TO_BOX, words, SIDE)
-    return SingularCurves(kind, tuple(curves), claim, none, none)
+    return SingularCurves(kind, tuple(curves), claim, none)
 
 
 @final

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from spherekit.motion.assemblies import group_signs as group_signs
     from spherekit.singular.aspects import Aspects as Aspects
     from spherekit.singular.aspects import aspects as aspects
+    from spherekit.singular.conditions import RelationAt as RelationAt
     from spherekit.singular.curves import SingularCurves as SingularCurves
     from spherekit.singular.curves import locus_key as locus_key
-    from spherekit.singular.curves import ranges_of as ranges_of
     from spherekit.singular.curves import singular_curves as singular_curves
     from spherekit.singular.grashof import Grashof as Grashof
     from spherekit.singular.grashof import grashof as grashof
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
     from spherekit.singular.points import CurveSeen as CurveSeen
     from spherekit.singular.points import LocusName as LocusName
     from spherekit.singular.points import SingularPoints as SingularPoints
-    from spherekit.singular.record import RelationAt as RelationAt
     from spherekit.singular.record import SingularPoint as SingularPoint
-    from spherekit.singular.record import Type as Type
     from spherekit.singular.relation import SixPoles as SixPoles
+    from spherekit.singular.relation import Type as Type
     from spherekit.singular.sampled import RelationMeasures as RelationMeasures
     from spherekit.singular.sampled import SampledSingularities as SampledSingularities
     from spherekit.singular.several import OutputCoefficients as OutputCoefficients
     from spherekit.singular.several import RowType as RowType
     from spherekit.singular.several import coefficients as coefficients
+    from spherekit.singular.several import what_vanishes as what_vanishes
     from spherekit.singular.single import ordered_pole as ordered_pole
     from spherekit.singular.slices import Cut as Cut
     from spherekit.singular.slices import cut as cut
     from spherekit.singular.slices import solver_of as solver_of
+    from spherekit.singular.starts import ranges_of as ranges_of
     from spherekit.singular.stationarity import output_of as output_of
     from spherekit.singular.surface import SingularSurface as SingularSurface
     from spherekit.singular.surface import singular_surface as singular_surface
-    from spherekit.singular.vanishing import what_vanishes as what_vanishes
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

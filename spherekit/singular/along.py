@@ -5,7 +5,7 @@ velocity of link j relative to i is w u with u a unit vector along their pole; w
 through its zeros, and there u is the limit that the derivative of w u points along.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -55,6 +55,12 @@ class Axis:
     unit: Floats
     error: Floats
 
+    def or_better(self, other: "Axis") -> "Axis":
+        """Return at each row the axis with the smaller error bound, in doubt this one."""
+        take = other.error < self.error
+        unit = np.where(take[:, None], other.unit, self.unit)
+        return Axis(unit, np.where(take, other.error, self.error))
+
 
 @final
 @dataclass(frozen=True)
@@ -72,29 +78,9 @@ class Sense:
     def signs(self, s: Floats, vectors: Floats) -> Floats:
         """Return +1 or -1 (n,): whether vectors (n, 3) at s (n,) point that way."""
         k = np.clip(np.searchsorted(self.s, s) - 1, 0, len(self.s) - 2)
-        part = (s - self.s[k]) / (self.s[k + 1] - self.s[k])
-        there = (1.0 - part)[:, None] * self.units[k] + part[:, None] * self.units[k + 1]
+        part = ((s - self.s[k]) / (self.s[k + 1] - self.s[k]))[:, None]
+        there = (1.0 - part) * self.units[k] + part * self.units[k + 1]
         return np.where(np.sum(vectors * there, axis=1) < 0.0, -1.0, 1.0)
-
-
-@final
-@dataclass(frozen=True)
-class SignedRate:
-    """w and dw/ds (n,) of a pole, and the bound of the rounding error of w (n,)."""
-
-    w: Floats
-    dw: Floats
-    error: Floats
-
-
-@final
-@dataclass(frozen=True)
-class Moving:
-    """Points of a curve with the rates of their links by arc length."""
-
-    points: CurvePoints
-    motion: Motion
-    rates: LinkRates
 
 
 @final
@@ -135,21 +121,37 @@ class AlongCurve:
         self.tracer, self.curve = tracer, curve
         self.closure = curve.segments.closure
         self._senses: dict[Pole, Sense] = {}
-        self._kept: dict[bytes, Moving] = {}
+        self._kept: dict[bytes, tuple[CurvePoints, Motion, LinkRates]] = {}
         self._plans = plans
         self._primary = tracer.mechanism.pole_pairs
 
     def points(self, s: Floats) -> CurvePoints:
         """Return the curve at s (n,)."""
-        return self._moving(s).points
+        return self._moving(s)[0]
 
     def rates(self, s: Floats) -> LinkRates:
         """Return the rates of all links relative to the ground, by arc length."""
-        return self._moving(s).rates
+        return self._moving(s)[2]
 
     def vectors(self, s: Floats) -> Floats:
         """Return the vectors of the variables (n, variables, 3) in ground axes."""
-        return self._moving(s).motion.vectors
+        return self._moving(s)[1].vectors
+
+    def _moving(self, s: Floats) -> tuple[CurvePoints, Motion, LinkRates]:
+        """Return the velocity equations solved at s (n,); the last results are kept."""
+        key = s.tobytes()
+        if key not in self._kept:
+            if len(self._kept) >= KEPT:
+                self._kept.pop(next(iter(self._kept)))
+            points = self.curve.at(s)
+            motion = motion_of(self.tracer.solver, points.values)
+            at = motion.linearisation
+            w, dw = at.body_rates(points.tangents), at.body_rates(points.bends)
+            dw += at.tree.body_rates(at.turned(w).vectors, points.tangents)
+            equations = bordered(at.jacobian, points.tangents)
+            condition = bordered_condition(equations, left_inverse(equations))
+            self._kept[key] = points, motion, LinkRates(w, dw, condition)
+        return self._kept[key]
 
     def axes(self, s: Floats, poles: Iterable[Pole]) -> dict[Pole, Axis]:
         """Return the axes of poles at s (n,), in either sense.
@@ -159,17 +161,35 @@ class AlongCurve:
         least error bound.
         """
         wanted = tuple(dict.fromkeys(pole_of(*pole) for pole in poles))
+        _, motion, rates = self._moving(s)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            return self._axes(self._moving(s), wanted)
+            out = {pole: _along_rate(rates, *pole) for pole in wanted}
+            planned = self._plan(wanted)
+            if planned is not None:
+                sequence = PlannedPoles(planned, motion)
+                for pole, axis in out.items():
+                    error = np.minimum(np.nan_to_num(sequence.error[pole], nan=1.0), 1.0)
+                    out[pole] = Axis(sequence.unit[pole][0].T, error).or_better(axis)
+        return out
+
+    def _plan(self, poles: tuple[Pole, ...]) -> Plan | None:
+        """Return the plan for some poles; None where counting freedoms gives none."""
+        if poles not in self._plans:
+            try:
+                by_rank = self.tracer.by_rank
+                self._plans[poles] = plan(self.tracer.mechanism, poles, None, by_rank)
+            except PlanError:
+                self._plans[poles] = None
+        return self._plans[poles]
 
     def oriented(self, s: Floats, poles: Iterable[Pole]) -> dict[Pole, Axis]:
         """Return the axes with senses that are continuous along the curve."""
-        axes = self.axes(s, poles)
-        out = {}
-        for pole, axis in axes.items():
-            sign = self.sense(pole).signs(s, axis.unit)[:, None]
-            out[pole] = Axis(sign * axis.unit, axis.error)
-        return out
+        return {
+            pole: Axis(
+                self.sense(pole).signs(s, axis.unit)[:, None] * axis.unit, axis.error
+            )
+            for pole, axis in self.axes(s, poles).items()
+        }
 
     def leaving(
         self, values: Floats, tangents: Floats, poles: Iterable[Pole]
@@ -182,13 +202,15 @@ class AlongCurve:
         motion = motion_of(self.tracer.solver, values)
         w = motion.linearisation.body_rates(tangents)
         rates = LinkRates(w, np.full_like(w, np.nan), np.ones(len(values)))
-        wanted = {pole_of(*pole) for pole in poles}
+        sure, out = np.full(len(values), EPS), {}
         with np.errstate(invalid="ignore", divide="ignore"):
-            out = {pole: _along_rate(rates, *pole) for pole in wanted}
-        for pole, number in self._primary.items():
-            if pole in wanted:
-                unit = motion.axes[:, number]
-                out[pole] = Axis(unit, np.full(len(unit), EPS))
+            for pole in poles:
+                number = self._primary.get(pole)
+                out[pole] = (
+                    _along_rate(rates, *pole)
+                    if number is None
+                    else Axis(motion.axes[:, number], sure)
+                )
         return out, rates
 
     def sense(self, pole: Pole) -> Sense:
@@ -196,24 +218,30 @@ class AlongCurve:
 
         On a closed curve an axis may come back reversed.
         """
-        if pole not in self._senses:
-            self.follow([pole])
+        self.follow([pole])
         return self._senses[pole]
 
     def follow(self, poles: Iterable[Pole]) -> None:
         """Find the senses of several poles at once, which costs less than one by one."""
         wanted = [p for p in dict.fromkeys(poles) if p not in self._senses]
         if wanted:
-            self._senses.update(self._followed(wanted))
+            first = self._seen(self.curve.s, wanted)
+            self._senses |= {pole: self._followed(pole, first[pole]) for pole in wanted}
 
-    def signed(self, pole: Pole, s: Floats) -> SignedRate:
-        """Return the rate of a pole's second link relative to its first at s (n,).
+    def signed(self, pole: Pole, s: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return w and dw/ds (n,) of a pole, and the bound of the rounding error of w.
 
-        Its sign is that of the sense of the axis, so it is smooth through zero.
+        The rate is that of its second link relative to its first. Its sign is that of the
+        sense of the axis, so it is smooth through zero.
         """
-        i, j = pole
+        w, dw, rounding = self._relative(pole, s)
+        length, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
+        resting = length <= NEAR_REST * growth
         with np.errstate(invalid="ignore", divide="ignore"):
-            return _signed(self.sense(pole), s, self.rates(s), i, j)
+            size = np.where(resting, growth, length)[:, None]
+            unit = np.nan_to_num(np.where(resting[:, None], dw, w) / size)
+        unit *= self.sense(pole).signs(s, unit)[:, None]
+        return np.sum(w * unit, axis=1), np.sum(dw * unit, axis=1), rounding
 
     def rests(self, pole: Pole) -> bool:
         """Return whether two links move as one on the whole curve."""
@@ -222,12 +250,7 @@ class AlongCurve:
 
     def zeros(self, pole: Pole) -> Zeros:
         """Return all s at which two links stand still relative to each other."""
-
-        def function(s: Floats) -> tuple[Floats, Floats]:
-            rate = self.signed(pole, s)
-            return rate.w, rate.dw
-
-        return self.locate(function, self.sense(pole).s)
+        return self.locate(lambda s: self.signed(pole, s)[:2], self.sense(pole).s)
 
     def locate(
         self, function: Callable[[Floats], tuple[Floats, Floats]], grid: Floats
@@ -236,54 +259,21 @@ class AlongCurve:
         roots = zeros(function, grid)
         return roots.once(self.curve.length) if self.curve.closed else roots
 
-    def _moving(self, s: Floats) -> Moving:
-        """Return the velocity equations solved at s (n,); the last results are kept."""
-        key = s.tobytes()
-        if key not in self._kept:
-            while len(self._kept) >= KEPT:
-                self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = self._solved(self.curve.at(s))
-        return self._kept[key]
+    def _relative(self, pole: Pole, s: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return w, dw (n, 3) of a pole's links at s, and the rounding error (n,)."""
+        rates = self.rates(s)
+        return *rates.relative(*pole), rounding_of(rates)
 
-    def _solved(self, points: CurvePoints) -> Moving:
-        motion = motion_of(self.tracer.solver, points.values)
-        at = motion.linearisation
-        w = at.body_rates(points.tangents)
-        dw = at.body_rates(points.bends)
-        dw += at.tree.body_rates(at.turned(w).vectors, points.tangents)
-        equations = bordered(at.jacobian, points.tangents)
-        reciprocal_condition = bordered_condition(equations, left_inverse(equations))
-        return Moving(points, motion, LinkRates(w, dw, reciprocal_condition))
-
-    def _plan(self, poles: tuple[Pole, ...]) -> Plan | None:
-        """Return the plan for some poles; None where counting freedoms gives none."""
-        if poles not in self._plans:
-            tracer = self.tracer
-            try:
-                made = plan(tracer.mechanism, poles, None, tracer.by_rank)
-            except PlanError:
-                made = None
-            self._plans[poles] = made
-        return self._plans[poles]
-
-    def _axes(self, moving: Moving, poles: tuple[Pole, ...]) -> dict[Pole, Axis]:
-        planned = self._plan(poles)
-        sequence = None if planned is None else PlannedPoles(planned, moving.motion)
-        out = {}
+    def _seen(self, s: Floats, poles: Sequence[Pole]) -> dict[Pole, _Seen]:
+        axes, out = self.axes(s, poles), {}
         for pole in poles:
-            axis = _along_rate(moving.rates, *pole)
-            if sequence is not None:
-                error = np.minimum(np.nan_to_num(sequence.error[pole], nan=1.0), 1.0)
-                axis = _better(Axis(sequence.unit[pole][0].T, error), axis)
-            out[pole] = axis
+            good = axes[pole].error < FOLLOWED
+            w = self._relative(pole, s)[0]
+            out[pole] = _Seen(s[good], axes[pole].unit[good], w[good])
         return out
 
-    def _followed(self, poles: list[Pole]) -> dict[Pole, Sense]:
-        """Return senses of poles on a grid that is halved where an axis turns fast."""
-        first = self._seen(self.curve.s, poles)
-        return {pole: self._one_followed(pole, first[pole]) for pole in poles}
-
-    def _one_followed(self, pole: Pole, seen: _Seen) -> Sense:
+    def _followed(self, pole: Pole, seen: _Seen) -> Sense:
+        """Return the sense of a pole on a grid that is halved where its axis turns fast."""
         for _ in range(MOST_HALVINGS):
             wide = np.abs(seen.turns) < TURNS
             if np.any(wide):
@@ -292,8 +282,8 @@ class AlongCurve:
                 break
             else:
                 more = self._near_misses(pole, seen)
-            added = self._seen(more, [pole])[pole] if len(more) else None
-            if added is None or not len(added.s):
+            added = self._seen(more, [pole])[pole]
+            if not len(added.s):
                 break
             both = _Seen.joined([seen, added])
             seen = both.rows(np.argsort(both.s))
@@ -301,7 +291,7 @@ class AlongCurve:
             ends = np.array([0.0, self.curve.length])
             return Sense(ends, np.zeros((2, 3)), ends[None])
         lost = np.abs(seen.turns) < TURNS
-        gaps = np.stack([seen.s[:-1][lost], seen.s[1:][lost]], axis=1)
+        gaps = np.stack([seen.s[:-1], seen.s[1:]], axis=1)[lost]
         return Sense(seen.s, seen.unit * seen.chain[:, None], gaps)
 
     def _near_misses(self, pole: Pole, seen: _Seen) -> Floats:
@@ -312,40 +302,19 @@ class AlongCurve:
         """
         along = seen.chain * np.sum(seen.unit * seen.w, axis=1)
         (cells,) = np.nonzero((along[1:] >= 0.0) != (along[:-1] >= 0.0))
-        if not len(cells):
-            return np.zeros(0)
         low, high = seen.s[cells], seen.s[cells + 1]
-        part = along[cells] / (along[cells] - along[cells + 1])
-        s = low + part * (high - low)
+        s = low + along[cells] / (along[cells] - along[cells + 1]) * (high - low)
         for _ in range(12):
-            w, dw, _ = self._relative(pole, s)
+            w, dw, rounding = self._relative(pole, s)
             step = np.sum(w * dw, axis=1) / np.sum(dw * dw, axis=1)
-            s = np.clip(s - step, low, high)
             if np.all(np.abs(step) < 1e-10 * self.curve.length):
                 break
-        w, dw, rounding = self._relative(pole, s)
+            s = np.clip(s - step, low, high)
         size, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
-        missed = size > AT_REST * rounding
-        width = np.outer((size / growth)[missed], SWING)
-        around = s[missed, None] + width
-        inside = (around > low[missed, None]) & (around < high[missed, None])
-        new = around[inside]
-        return np.asarray(new[~np.isin(new, seen.s)])
-
-    def _relative(self, pole: Pole, s: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return w, dw (n, 3) of a pole's links at s, and the rounding error (n,)."""
-        rates = self.rates(s)
-        return *rates.relative(*pole), rounding_of(rates)
-
-    def _seen(self, s: Floats, poles: list[Pole]) -> dict[Pole, _Seen]:
-        axes, rates = self.axes(s, poles), self.rates(s)
-        out = {}
-        for i, j in poles:
-            axis = axes[i, j]
-            followed = axis.error < FOLLOWED
-            w = rates.w[followed, j] - rates.w[followed, i]
-            out[i, j] = _Seen(s[followed], axis.unit[followed], w)
-        return out
+        around = s[:, None] + np.outer(size / growth, SWING)
+        inside = (around > low[:, None]) & (around < high[:, None])
+        inside &= (size > AT_REST * rounding)[:, None]
+        return np.setdiff1d(around[inside], seen.s)
 
 
 def rounding_of(rates: LinkRates) -> Floats:
@@ -354,7 +323,7 @@ def rounding_of(rates: LinkRates) -> Floats:
     Beside a crossing of curves the configuration itself is known to EPS / flatness only,
     and what follows from it to EPS / flatness^2.
     """
-    size = np.maximum(np.max(np.linalg.norm(rates.w, axis=2), axis=1), 1.0)
+    size = np.linalg.norm(rates.w, axis=2).max(axis=1, initial=1.0)
     flat = np.maximum(rates.reciprocal_condition, EPS)
     return np.asarray(EPS * size * (8.0 / flat + 0.25 / flat**2))
 
@@ -366,32 +335,10 @@ def _along_rate(rates: LinkRates, i: int, j: int) -> Axis:
     """
     w, dw = rates.relative(i, j)
     length, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
-    rounding = rounding_of(rates)
-    unit, limit = w / length[:, None], dw / growth[:, None]
+    rounding, unit = rounding_of(rates), w / length[:, None]
     rate = (dw - unit * np.sum(unit * dw, axis=1, keepdims=True)) / length[:, None]
     error = np.minimum(np.nan_to_num(rounding / length, nan=1.0), 1.0)
     swing = np.minimum(np.linalg.norm(rate, axis=1), 1.0 / np.maximum(error, EPS))
     away = rounding / growth + length / growth * (1.0 + np.nan_to_num(swing))
-    away = np.minimum(np.nan_to_num(away, nan=1.0), 1.0)
-    return _better(Axis(unit, error), Axis(limit, away))
-
-
-def _better(first: Axis, second: Axis) -> Axis:
-    """Return at each row the axis with the smaller error bound, in doubt the first."""
-    take = second.error < first.error
-    return Axis(
-        np.where(take[:, None], second.unit, first.unit),
-        np.where(take, second.error, first.error),
-    )
-
-
-def _signed(sense: Sense, s: Floats, rates: LinkRates, i: int, j: int) -> SignedRate:
-    w, dw = rates.relative(i, j)
-    length, growth = np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
-    resting = (length <= NEAR_REST * growth)[:, None]
-    unit = np.where(resting, dw, w) / np.where(resting[:, 0], growth, length)[:, None]
-    unit = np.nan_to_num(unit)
-    unit *= sense.signs(s, unit)[:, None]
-    return SignedRate(
-        np.sum(w * unit, axis=1), np.sum(dw * unit, axis=1), rounding_of(rates)
-    )
+    limit = Axis(dw / growth[:, None], np.minimum(np.nan_to_num(away, nan=1.0), 1.0))
+    return Axis(unit, error).or_better(limit)

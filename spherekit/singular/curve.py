@@ -84,7 +84,18 @@ class SingularCurve:
 
     def on(self, which: NDArray[np.intp], parts: Floats) -> LocusPoints:
         """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
-        return between(self.locus, self.nodes, which, parts)
+        direction, nodes = self.directions[which], self.nodes
+        values, motions = predict(nodes, which, parts)
+        targets = np.sum(direction * nodes.values[which], axis=1)
+        targets += parts * self.chords[which]
+        points = self.locus.correct(
+            values, motions, direction[:, None], targets[:, None], nodes.basis[which]
+        )
+        sense = np.sum(points.tangents[:, :, 0] * direction, axis=1)
+        flip = np.where(sense < 0.0, -1.0, 1.0)[:, None, None]
+        points.tangents[:] *= flip
+        points.turns[:] *= flip
+        return points
 
     def find(self, values: Floats, motions: Floats) -> NDArray[np.bool_]:
         """Return which configurations (n, V) with their singular motions are on the curve.
@@ -112,6 +123,8 @@ class SingularCurve:
         zero to rounding has no zeros.
         """
         value = function(self.nodes)
+        # Bases go on from node to node; those of the last one may be of the first.
+        value[-1] = function(self.on(np.array([len(value) - 2]), np.ones(1)))[0]
         clear = np.maximum(np.abs(value[:-1]), np.abs(value[1:])) > NOTHING
         (which,) = np.nonzero(clear & ((value[:-1] >= 0.0) != (value[1:] >= 0.0)))
         part, _ = bracketed_zeros(
@@ -134,30 +147,11 @@ class SingularCurve:
             return self.nodes.rows(np.zeros(0, dtype=np.intp))
 
         def side(points: LocusPoints) -> Floats:
-            space = self.locus.moving(self.locus.space(points.values))
             ways = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
-            inside = np.swapaxes(space.basis, 1, 2) @ ways
-            turned = np.linalg.det(inside)
-            if space.oriented:
-                return np.asarray(turned)
-            bases = self.nodes.basis[:, :, self.locus.freedoms :]
-            return np.asarray(turned * _sense(space.basis, bases, self.nodes, points))
+            basis = points.basis[:, :, self.locus.freedoms :]
+            return np.asarray(np.linalg.det(np.swapaxes(basis, 1, 2) @ ways))
 
         return self.zeros(side)
-
-
-def _sense(basis: Floats, bases: Floats, nodes: LocusPoints, points: LocusPoints) -> Floats:
-    """Return the signs (n,) that bases have, by those (k, V, g) of the nearest nodes."""
-    rows = np.argmin(
-        np.linalg.norm(points.values[:, None] - nodes.values[None], axis=2), axis=1
-    )
-    carried = np.empty(len(bases))
-    carried[0] = 1.0
-    for k in range(1, len(carried)):
-        step = np.linalg.det(bases[k - 1].T @ bases[k])
-        carried[k] = carried[k - 1] * np.sign(step)
-    determinants = np.linalg.det(np.swapaxes(bases[rows], 1, 2) @ basis)
-    return np.asarray(np.sign(determinants) * carried[rows])
 
 
 def predict(
@@ -179,24 +173,3 @@ def predict(
             ends.append((what[node], rates[node, :, 0] * (chord / speed)))
         guesses.append(cubic(ends[0], ends[1], chord, x))
     return guesses[0], guesses[1]
-
-
-def between(
-    locus: Locus, nodes: LocusPoints, which: NDArray[np.intp], parts: Floats
-) -> LocusPoints:
-    """Return the locus where its projection on the chord after a node is a part of it.
-
-    `which` (n,) are the nodes, `parts` (n,) from 0 to 1.
-    """
-    way = nodes.values[which + 1] - nodes.values[which]
-    chord = np.linalg.norm(way, axis=1, keepdims=True)
-    direction = way / chord
-    values, motions = predict(nodes, which, parts)
-    targets = np.sum(direction * nodes.values[which], axis=1, keepdims=True)
-    targets = targets + parts[:, None] * chord
-    points = locus.correct(values, motions, direction[:, None], targets)
-    sense = np.sum(points.tangents[:, :, 0] * direction, axis=1)
-    flip = np.where(sense < 0.0, -1.0, 1.0)[:, None, None]
-    points.tangents[:] *= flip
-    points.turns[:] *= flip
-    return points

@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.budget import Budget
 from spherekit.checked import checked
 from spherekit.errors import AnalysisError, SolveError
-from spherekit.guarantee import Claim, Guarantee
+from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.singular.curve import SingularCurve
 from spherekit.singular.locus import LocusPoints
@@ -24,15 +24,11 @@ from spherekit.singular.points import (
     SingularPoints,
     View,
 )
-from spherekit.singular.slices import Cut, cut, solver_of
-from spherekit.singular.starts import PROBES, Seeding, everywhere
+from spherekit.singular.slices import Cut, solver_of
+from spherekit.singular.starts import EVERYWHERE, Seeding
 from spherekit.singular.stationarity import output_of
 from spherekit.singular.trace import LARGEST_STEP, NEARLY_FLAT, trace_curves
 from spherekit.sphere.rotation import Floats
-
-EVERYWHERE = Claim(
-    Guarantee.SAMPLED, f"all configurations that {PROBES} random starts led to are of it"
-)
 
 TOGETHER = 16
 """Curves that are followed side by side, from different starts."""
@@ -81,16 +77,14 @@ class SingularCurves:
 
     Where every configuration is of the type (`everywhere`) there are no curves. `stray`
     (n, V) are singular configurations that no curve could be followed from: the locus
-    crosses itself there, or fills a part of the configurations. `branching` (n, V) are
-    configurations next to those in which slices end, as the motions of the mechanism
-    part there: its closure equations lose rank. `traced` are whole curves of the locus.
+    crosses itself there, or fills a part of the configurations. `traced` are whole curves
+    of the locus.
     """
 
     kind: LocusName
     curves: tuple[CurveSeen, ...]
     claim: Claim
     stray: Floats
-    branching: Floats
     everywhere: bool = False
     traced: tuple[SingularCurve, ...] = ()
 
@@ -174,58 +168,51 @@ def singular_curves(
             f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
             "configurations are those of a mechanism with two"
         )
-    budget = budget or Budget()
-    view = View.of(solver, rest, kind)
+    view, budget = View.of(solver, rest, kind), budget or Budget()
+    source = Seeding(view, whole_turn, made, slices_of_each, budget)
     none = np.zeros((0, len(mechanism.variable_owners)))
-    if everywhere(view):
-        return SingularCurves(kind, (), EVERYWHERE, none, none, everywhere=True)
-    locus, ranges = view.locus, ranges_of(mechanism, whole_turn)
-    if made is None and slices_of_each:
-        made = cut(solver, ranges, slices_of_each, budget.part(0.6))
-    source = Seeding(view, ranges, made, budget)
+    if source.everywhere:
+        return SingularCurves(kind, (), EVERYWHERE, none, everywhere=True)
     traced: list[SingularCurve] = []
-    stray, branching = [none], [none]
-    if made is not None:
-        ends = np.concatenate([none, *(section.crossings for section in made.slices)])
-        branching.append(ends[locus.space(ends).reciprocal_condition < NEARLY_FLAT])
+    stray = [none]
     for points in source.batches():
-        left = np.ones(len(points), dtype=bool)
-        if made is None and not whole_turn:
-            left = view.points(points).inside
-        irregular = left & (points.reciprocal_condition < NEARLY_FLAT)
+        if source.cut is None and not whole_turn:
+            points = points.rows(view.points(points).inside)
+        irregular = points.reciprocal_condition < NEARLY_FLAT
         stray.append(points.values[irregular])
-        left &= ~irregular
-        for curve in traced:
-            left[left] &= ~curve.find(points.values[left], points.motions[left])
-        while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
-            (rows,) = np.nonzero(left)
-            rows = rows[:: -(-len(rows) // TOGETHER)]
-            curves = trace_curves(locus, points.values[rows], step=step, budget=budget)
-            for row, new_curve in zip(rows.tolist(), curves, strict=True):
-                if not left[row]:
-                    continue
-                left[row] = False
-                if new_curve is None:
-                    stray.append(points.values[row : row + 1])
-                    continue
-                source.met(True)
-                traced.append(new_curve)
-                left[left] &= ~new_curve.find(points.values[left], points.motions[left])
+        stray += _followed(source, points.rows(~irregular), traced, step)
     return SingularCurves(
         kind,
         tuple(part for curve in traced for part in _parts(curve, view)),
         source.claim("curve"),
         np.concatenate(stray),
-        np.concatenate(branching),
         traced=tuple(traced),
     )
 
 
-def ranges_of(mechanism: Mechanism, whole_turn: bool = False) -> list[tuple[float, float]]:
-    """Return the lowest and highest value (rad) of each input that is looked at."""
-    if whole_turn:
-        return [(-np.pi, np.pi)] * len(mechanism.inputs)
-    return [item.range for item in mechanism.inputs]
+def _followed(
+    source: Seeding, points: LocusPoints, traced: list[SingularCurve], step: float
+) -> list[Floats]:
+    """Follow curves from points that lie on none traced yet; return those none leaves."""
+    left, stray = np.ones(len(points), dtype=bool), []
+    for curve in traced:
+        left[left] &= ~curve.find(points.values[left], points.motions[left])
+    locus, budget, kind = source.view.locus, source.budget, source.view.kind
+    while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
+        (rows,) = np.nonzero(left)
+        rows = rows[:: -(-len(rows) // TOGETHER)]
+        curves = trace_curves(locus, points.values[rows], step=step, budget=budget)
+        for row, new_curve in zip(rows.tolist(), curves, strict=True):
+            if not left[row]:
+                continue
+            left[row] = False
+            if new_curve is None:
+                stray.append(points.values[row : row + 1])
+                continue
+            source.met(True)
+            traced.append(new_curve)
+            left[left] &= ~new_curve.find(points.values[left], points.motions[left])
+    return stray
 
 
 def _parts(curve: SingularCurve, view: View) -> Iterator[FoundCurve]:

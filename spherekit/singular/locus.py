@@ -19,12 +19,11 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import REDUNDANT
 from spherekit.motion.newton import NewtonSteps
 from spherekit.numeric.rows import ArrayRows
-from spherekit.singular.output_part import OutputPart
-from spherekit.singular.stationarity import StationarityConstraint
-from spherekit.singular.tangent_space import (
-    PartMotions,
+from spherekit.singular.stationarity import (
+    TINY,
+    OutputPart,
+    StationarityConstraint,
     TangentSpace,
-    part_motions,
     tangent_space,
 )
 from spherekit.sphere.rotation import Floats
@@ -34,7 +33,6 @@ CORRECTED = 1e-10
 """A Newton step (rad) below this leaves an error that its square bounds."""
 ON_LOCUS = CLOSURE_TOLERANCE
 """Largest residual, of the loops (rad) and of E x, of a point that is given."""
-TINY = float(np.finfo(float).tiny)
 TRUST = 0.3
 """Largest change of a variable (rad) in one step."""
 
@@ -52,7 +50,7 @@ class Measure:
 
     rest: StationarityConstraint
     space: TangentSpace
-    moving: TangentSpace | PartMotions
+    moving: TangentSpace
     small: Floats
     smallest: Floats
     motion: Floats
@@ -150,16 +148,14 @@ class Locus:
     def space(self, values: Floats, like: Floats | None = None) -> TangentSpace:
         """Return the tangent spaces at configurations (n, V)."""
         near = None if like is None else like[..., : self.freedoms]
-        return tangent_space(self.closure, values, self.freedoms, near)
+        return tangent_space(self.closure.at(values), self.freedoms, near)
 
-    def moving(
-        self, space: TangentSpace, like: Floats | None = None
-    ) -> TangentSpace | PartMotions:
+    def moving(self, space: TangentSpace, like: Floats | None = None) -> TangentSpace:
         """Return the motions among which singular ones are looked for."""
         if self.part is None:
             return space
         near = None if like is None else like[..., self.freedoms :]
-        return part_motions(space, self.part, near)
+        return tangent_space(space.at, self.motions, near, self.part, space)
 
     def measure(self, space: TangentSpace) -> Measure:
         """Return how singular configurations are."""
@@ -209,36 +205,19 @@ class Locus:
         active = np.arange(len(values))
         for _ in range(most):
             near = None if like is None else like[active]
-            space = self.space(values[active], near)
-            moving = self.moving(space, near)
-            unit, small, shift, equations = self._linearised(
-                space, moving, motions[active], borders[active]
+            unit, moved, turned = self._step(
+                values[active], motions[active], borders[active], targets[active], near
             )
-            off = np.einsum("nmv,nv->nm", small, unit)
-            shifted = values[active] + space.closing
-            miss = targets[active] - np.einsum("nkv,nv->nk", borders[active], shifted)
-            right = np.concatenate([-off - shift, np.zeros((len(off), 1)), miss], axis=1)
-            finite = np.all(np.isfinite(equations), axis=(1, 2))
-            change = np.zeros((len(off), equations.shape[2]))
-            inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT)
-            change[finite] = np.einsum("nij,nj->ni", inverse, right[finite])
-            moved = space.closing + space.along(change[:, : self.freedoms])
-            ways = np.concatenate(
-                [change[:, : self.freedoms], np.ones((len(off), 1))], axis=1
-            )
-            turned = np.einsum("ng,ngvw,nw->nv", ways, moving.bends, unit)
-            turned += moving.along(change[:, self.freedoms :])
-            size = np.maximum(np.max(np.abs(moved), axis=1), np.max(np.abs(turned), axis=1))
+            size = np.max(np.abs(np.concatenate([moved, turned], axis=1)), axis=1)
             part = steps.part(size, active)
             values[active] += part * moved
             motions[active] = unit + part * turned
             active = active[size > CORRECTED]
             if not len(active):
                 break
-        space = self.space(values, like)
-        moving = self.moving(space, like)
-        motions, small, _, equations = self._linearised(space, moving, motions, borders)
-        off = np.einsum("nmv,nv->nm", small, motions)
+        space, moving, motions, off, _, equations = self._linearised(
+            values, motions, borders, like
+        )
         residual = np.maximum(space.at.gap, np.max(np.abs(off), axis=1))
         equations = equations[:, : self.rest.count + 1]
         tangents, turns, reciprocal_condition = self._tangents(
@@ -260,38 +239,57 @@ class Locus:
             np.concatenate([space.basis, moving.basis], axis=2),
         )
 
-    def _linearised(
+    def _step(
         self,
-        space: TangentSpace,
-        moving: TangentSpace | PartMotions,
+        values: Floats,
         motions: Floats,
         borders: Floats,
-    ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return unit motions, E, its change by closing, and the bordered equations.
+        targets: Floats,
+        like: Floats | None,
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return unit motions, and Newton's steps of variables and motions (n, V)."""
+        space, moving, unit, off, shift, equations = self._linearised(
+            values, motions, borders, like
+        )
+        miss = targets - np.einsum("nkv,nv->nk", borders, values + space.closing)
+        right = np.concatenate([-off - shift, np.zeros((len(off), 1)), miss], axis=1)
+        finite = np.all(np.isfinite(equations), axis=(1, 2))
+        change = np.zeros((len(off), equations.shape[2]))
+        inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT)
+        change[finite] = np.einsum("nij,nj->ni", inverse, right[finite])
+        ways, turning = np.split(change, [self.freedoms], axis=1)
+        turned = np.einsum("ng,ngvw,nw->nv", ways, moving.bends[:, :-1], unit)
+        turned += np.einsum("nvw,nw->nv", moving.bends[:, -1], unit) + moving.along(turning)
+        return unit, space.closing + space.along(ways), turned
 
-        The motions are made to close the loops. The unknowns are the way along the basis
-        and the change of the motion in that of `moving`.
+    def _linearised(
+        self, values: Floats, motions: Floats, borders: Floats, like: Floats | None
+    ) -> tuple[TangentSpace, TangentSpace, Floats, Floats, Floats, Floats]:
+        """Return tangent spaces, unit motions, E x, its change by closing, and equations.
+
+        The motions are made to close the loops. The unknowns of the bordered equations are
+        the way along the basis and the change of the motion in that of `moving`.
         """
+        space = self.space(values, like)
+        moving = self.moving(space, like)
         inside = np.einsum("nvg,nv->ng", moving.basis, motions)
         inside = inside / np.linalg.norm(inside, axis=1, keepdims=True)
-        motions = moving.along(inside)
-        rows, changes = self.rest.equations(space.at), self.rest.changes(space)
-        slopes = np.einsum("ngmv,nv->nmg", changes, motions)
-        bent = np.einsum("ngvw,nw->nvg", moving.bends, motions)
-        slopes += rows @ bent
-        g, n = self.freedoms, len(motions)
+        unit, rows = moving.along(inside), self.rest.equations(space.at)
+        slopes = np.einsum("ngmv,nv->nmg", self.rest.changes(space), unit)
+        slopes += rows @ np.einsum("ngvw,nw->nvg", moving.bends, unit)
+        g, n = self.freedoms, len(values)
         top = np.concatenate([slopes[:, :, :g], rows @ moving.basis], axis=2)
-        unit = np.concatenate([np.zeros((n, g)), inside], axis=1)[:, None]
-        picked = borders @ space.basis
+        along = np.concatenate([np.zeros((n, g)), inside], axis=1)[:, None]
         still = np.zeros((n, borders.shape[1], self.motions))
-        low = np.concatenate([picked, still], axis=2)
-        equations = np.concatenate([top, unit, low], axis=1)
-        return motions, rows, slopes[:, :, g], equations
+        low = np.concatenate([borders @ space.basis, still], axis=2)
+        equations = np.concatenate([top, along, low], axis=1)
+        off = np.einsum("nmv,nv->nm", rows, unit)
+        return space, moving, unit, off, slopes[:, :, g], equations
 
     def _tangents(
         self,
         space: TangentSpace,
-        moving: TangentSpace | PartMotions,
+        moving: TangentSpace,
         motions: Floats,
         equations: Floats,
     ) -> tuple[Floats, Floats, Floats]:

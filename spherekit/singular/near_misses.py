@@ -14,7 +14,7 @@ from spherekit.conventions import Status
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.numeric.minima import minima
 from spherekit.rates.transmission import SINGULAR
-from spherekit.singular.record import Type
+from spherekit.singular.relation import Type
 from spherekit.singular.sampled import SampledSingularities
 from spherekit.sphere.rotation import Floats
 
@@ -27,8 +27,8 @@ ALIKE = 1e-8
 INWARD = 1e-3
 """How far into an assembly mode is looked from its end, in parts of its length."""
 
-Squares = Callable[[Floats], Floats]
-"""Squared sines (n,) at places (n,) of a curve."""
+Angles = Callable[[Floats], Floats]
+"""Angles (n,) rad at places (n,) of a curve."""
 
 
 @final
@@ -72,23 +72,19 @@ def _on_curve(
 ) -> list[NearMiss]:
     """Return where an output comes near a type on one curve."""
 
-    def square(s: Floats) -> Floats:
-        return np.asarray(np.sin(sampled.angle(kind, number, s, output)) ** 2)
+    def angle(s: Floats, kind: Type = kind) -> Floats:
+        return sampled.angle(kind, number, s, output)
 
-    limit = np.sin(near) ** 2
+    curve, limit = sampled.curves[number], np.sin(near)
     if kind is Type.I:
-        angles = sampled.angle(kind, number, sampled.curves[number].s, output)
-        limit *= min(1.0, np.tan(np.nanmax(angles, initial=0.0))) ** 2
-    places, squares = local_least(sampled, number, square, limit)
+        limit *= min(1.0, np.tan(np.nanmax(angle(curve.s), initial=0.0)))
+    places, sines = local_least(sampled, number, angle, limit)
     misses = []
-    for s in places[squares > SINGULAR**2]:
-        angle, slope = (
-            sampled.angle(one, number, s[None], output)[0] for one in (kind, Type.I)
-        )
-        values = sampled.curves[number].at(s).values[0]
+    for s in places[sines > SINGULAR]:
+        here, slope = (float(angle(s[None], one)[0]) for one in (kind, Type.I))
         misses += [
-            NearMiss(kind, output, number, float(s), q, modes, float(angle), np.tan(slope))
-            for q, modes in _met_at(sampled, number, float(s), values)
+            NearMiss(kind, output, number, float(s), q, modes, here, np.tan(slope))
+            for q, modes in _met_at(sampled, number, float(s), curve.at(s).values[0])
         ]
     return misses
 
@@ -111,20 +107,16 @@ def least_transmission(sampled: SampledSingularities, output: int) -> LeastAngle
     every: list[LeastAngle] = []
     for number, curve in enumerate(sampled.curves):
 
-        def square(s: Floats, curve: ArcCurve = curve) -> Floats:
-            angles = sampled.transmission_angles(curve.at(s).values)[output]
-            return np.asarray(np.sin(angles) ** 2)
+        def angles(s: Floats, curve: ArcCurve = curve) -> Floats:
+            return sampled.transmission_angles(curve.at(s).values)[output]
 
-        places, squares = local_least(sampled, number, square)
-        candidates = list(zip(places, curve.at(places).values, squares, strict=True))
-        for s, values in sampled.crossing_ends(number):
-            there = sampled.transmission_angles(values[None])[output]
-            candidates.append((s, values, np.sin(there[0]) ** 2))
-        for s, values, squared in candidates:
-            sine = float(np.sqrt(squared))
-            angle = float(np.arcsin(sine)) if sine > SINGULAR else 0.0
-            met = _met_at(sampled, number, s, values)
-            every += [LeastAngle(angle, q, modes) for q, modes in met]
+        places, _ = local_least(sampled, number, angles)
+        candidates = [*zip(places, curve.at(places).values, strict=True)]
+        for s, values in [*candidates, *sampled.crossing_ends(number)]:
+            (angle,) = sampled.transmission_angles(values[None])[output]
+            size = float(angle) if not angle <= SINGULAR else 0.0
+            met = _met_at(sampled, number, float(s), values)
+            every += [LeastAngle(size, q, modes) for q, modes in met]
     if not every or not np.isfinite(every[0].angle):
         return None
     least = min(every, key=lambda angle: angle.angle)
@@ -148,9 +140,9 @@ def _met_at(
 
 
 def local_least(
-    sampled: SampledSingularities, number: int, square: Squares, limit: float = np.inf
+    sampled: SampledSingularities, number: int, angles: Angles, limit: float = np.inf
 ) -> tuple[Floats, Floats]:
-    """Return places (k,) of a curve at which squared sines are locally least, and these.
+    """Return places (k,) of a curve at which sines of angles are locally least, and these.
 
     Also the ends of the range, and of the curve where no others cross it, if what is
     beside them is larger.
@@ -159,29 +151,33 @@ def local_least(
     grid = curve.s
     if curve.closed:
         grid = np.append(grid, grid[1:3] + curve.length)
-    places, squares = minima(square, grid, limit)
+
+    def square(s: Floats) -> Floats:
+        return np.asarray(np.sin(angles(s)) ** 2)
+
+    places, squares = minima(square, grid, limit**2)
     if curve.closed:
         lap = (places >= grid[1]) & (places < grid[1] + curve.length)
         places, squares = np.mod(places[lap], curve.length), squares[lap]
     ends, inward = _ends(sampled, number)
     there = square(ends)
-    least = (there <= square(inward)) & (there <= limit)
-    return np.append(places, ends[least]), np.append(squares, there[least])
+    least = (there <= square(inward)) & (there <= limit**2)
+    squares = np.append(squares, there[least])
+    return np.append(places, ends[least]), np.sqrt(squares)
 
 
 def _ends(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
     """Return where the range or a curve ends, and places a little inward (k,)."""
-    item, curve = sampled.configurations.curves[number], sampled.curves[number]
-    whole = sampled.whole_range(number)
-    places = []
-    for piece in item.pieces:
-        within = INWARD * (piece.stop - piece.start)
-        for end, way in ((piece.start, within), (piece.stop, -within)):
-            q = float(curve.at(end).values[0, sampled.tracer.solver.single]) + piece.shift
-            at_end = min(abs(q - limit) for limit in sampled.range) < AT_END
-            stops = Status.AT_SINGULARITY not in curve.ends and not curve.closed
-            stops &= min(end, curve.length - end) < AT_END
-            if stops or (at_end and not whole):
-                places.append((end, end + way))
-    ends, inward = np.array(places).reshape(-1, 2).T
+    curve, whole = sampled.curves[number], sampled.whole_range(number)
+    stops = Status.AT_SINGULARITY not in curve.ends and not curve.closed
+    places = [np.zeros((2, 0))]
+    for piece in sampled.configurations.curves[number].pieces:
+        ends = np.array([piece.start, piece.stop])
+        q = curve.at(ends).values[:, sampled.tracer.solver.single] + piece.shift
+        at_end = np.min(np.abs(q[:, None] - sampled.range), axis=1) < AT_END
+        taken = at_end & (not whole)
+        taken |= stops & (np.minimum(ends, curve.length - ends) < AT_END)
+        within = INWARD * (piece.stop - piece.start) * np.array([1.0, -1.0])
+        places.append(np.stack([ends, ends + within])[:, taken])
+    ends, inward = np.concatenate(places, axis=1)
     return ends, inward

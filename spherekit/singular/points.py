@@ -13,9 +13,8 @@ from spherekit.motion.motion import motion_of
 from spherekit.motion.turns import in_range, into_range
 from spherekit.numeric.rows import ArrayRows
 from spherekit.singular.locus import Locus, LocusPoints
-from spherekit.singular.output_part import OutputPart
 from spherekit.singular.several import RowType, by_motions
-from spherekit.singular.stationarity import InputsLocked, OutputStationary
+from spherekit.singular.stationarity import InputsLocked, OutputPart, OutputStationary
 from spherekit.sphere.rotation import Floats
 
 TypeName = Literal["I", "II"]

@@ -1,69 +1,12 @@
-"""What is found of a singularity: type, place, rates, relations, conditions."""
+"""What is found of singularities of one input: types, places, rates, relations."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import final
 
 from spherekit.motion.crossing import Crossing
-from spherekit.singular.conditions import Holding
-from spherekit.singular.relation import Form, FourLinks, LinkCount, Relation, SixPoles
+from spherekit.singular.conditions import RelationAt
+from spherekit.singular.relation import Relation, Type
 from spherekit.sphere.rotation import Floats
-
-
-class Type(StrEnum):
-    """What vanishes: the output (I), the input (II), both, or c and d alone.
-
-    Both in a self-motion, in which other links move; III where curves cross.
-    """
-
-    I = "I"  # noqa: E741
-    II = "II"
-    III = "III"
-    SELF_MOTION = "self-motion"
-    APPARENT = "apparent"
-
-
-@final
-@dataclass(frozen=True)
-class RelationAt:
-    """The input-output relation at one singularity.
-
-    Attributes
-    ----------
-    form, kind
-        See `spherekit.singular.relation.Relation`.
-    links
-        The four links it was made from; those of form ii may have another s.
-    output
-        The links whose relative rate is its output.
-    c, d
-        Its coefficients.
-    error
-        Bound of their rounding error.
-    residual
-        By how much the rates on the curve break c y' = d q', relative to them.
-    type
-        What its own coefficients say: I (d = 0), II (c = 0), III (both), or None.
-    conditions
-        The geometric conditions that hold, the most special first.
-    agrees
-        Whether `type` is what the rates of its input and output say.
-    note
-        Why it does not, or an empty string.
-    """
-
-    form: Form
-    kind: LinkCount
-    links: FourLinks
-    output: tuple[int, int]
-    c: float
-    d: float
-    error: float
-    residual: float
-    type: Type | None
-    conditions: tuple[Holding, ...]
-    agrees: bool
-    note: str
 
 
 @final
@@ -89,8 +32,6 @@ class SingularPoint:
         Whether the input and the output reverse there: not where they only touch zero.
     double
         Whether what vanishes touches zero only, or vanishes twice too near to part.
-    decided
-        Whether the type is certain within rounding.
     note
         The numbers behind an undecided type, or an empty string.
     relations
@@ -110,28 +51,31 @@ class SingularPoint:
     input_turns: bool
     output_turns: bool
     double: bool
-    decided: bool
     note: str
     relations: tuple[RelationAt, ...]
+
+    @property
+    def decided(self) -> bool:
+        """Whether the type is certain within rounding."""
+        return not self.note
 
 
 @final
 @dataclass(frozen=True)
 class CrossingPoint:
-    """A configuration in which curves cross or end: type III for every output.
+    """A configuration where curves cross, or one that a curve ends before.
 
     Attributes
     ----------
     crossing
-        Rank, freedoms and the directions of its curves; None if it was not located.
+        The configuration, its freedoms and the directions of its curves; None if it was
+        not located.
     ends
         The curves that end there: number of the curve, and whether at its start.
     values
         (variables,) rad: the crossing, or the last node before it.
-    decided
-        Whether the loss of rank is certain within rounding.
     note
-        What is not certain, with numbers, or an empty string.
+        Why the loss of rank is not certain within rounding, or an empty string.
     relations
         For each output the relations on each curve through it.
     """
@@ -139,9 +83,13 @@ class CrossingPoint:
     crossing: Crossing | None
     ends: tuple[tuple[int, bool], ...]
     values: Floats
-    decided: bool
     note: str
     relations: tuple[tuple[tuple[RelationAt, ...], ...], ...]
+
+    @property
+    def decided(self) -> bool:
+        """Whether the loss of rank is certain within rounding."""
+        return not self.note
 
 
 @final
@@ -161,18 +109,14 @@ class WholeCurve:
 @final
 @dataclass(frozen=True)
 class AlongOutput:
-    """Rates and relations of one output at n places s of a curve.
+    """Rates (n,) per arc length, and relations, of an output at n places of a curve.
 
-    `input_rate`, `output_rate` (n,) are per arc length; `relations` are
-    form i, and form ii where there is one, with their `links` and `poles`.
+    The relations are form i, and form ii where there is one.
     """
 
-    s: Floats
     input_rate: Floats
     output_rate: Floats
     relations: tuple[Relation, ...]
-    links: tuple[FourLinks, ...]
-    poles: tuple[SixPoles, ...]
 
 
 @final

@@ -5,18 +5,34 @@ poles of these four links any three that share a link lie in one plane, and a tr
 product of three directions removes the two rates that are not wanted.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import final
 
 import numpy as np
 
+from spherekit.planning.poles import Pole, pole_of
 from spherekit.sphere.paths import dot
 from spherekit.sphere.rotation import Floats, cross
 
+AXES = ("os", "ir", "io", "or_", "is_", "rs")
+"""The axes of `SixPoles` by their links: the output's and the input's first."""
 ONE_LINE = 1e-12
 """Axes whose sines are all smaller lie on one line and span no plane."""
+
+
+class Type(StrEnum):
+    """What vanishes: the output (I), the input (II), both, or c and d alone.
+
+    Both in a self-motion, in which other links move; III where curves cross.
+    """
+
+    I = "I"  # noqa: E741
+    II = "II"
+    III = "III"
+    SELF_MOTION = "self-motion"
+    APPARENT = "apparent"
 
 
 class Form(StrEnum):
@@ -48,13 +64,20 @@ class FourLinks:
     s: int
 
     @property
-    def three(self) -> bool:
-        """Whether two of the links are one, so that three poles in a plane are left."""
-        return len({self.i, self.r, self.o, self.s}) < 4
+    def different(self) -> tuple[int, ...]:
+        """The links, each once: three leave three poles in a plane."""
+        return tuple(dict.fromkeys((self.i, self.r, self.o, self.s)))
 
-    def with_s(self, s: int) -> "FourLinks":
-        """Return the links with another reference of the output."""
-        return FourLinks(self.i, self.r, self.o, s)
+    def ends(self, axis: str) -> tuple[int, int]:
+        """Return the two links of one of `AXES`."""
+        a, b = (getattr(self, letter) for letter in axis.rstrip("_"))
+        return a, b
+
+    @property
+    def poles(self) -> list[Pole]:
+        """The poles of the links, each once: the output's and the input's first."""
+        pairs = map(self.ends, AXES)
+        return list(dict.fromkeys(pole_of(a, b) for a, b in pairs if a != b))
 
 
 @final
@@ -77,20 +100,15 @@ class SixPoles:
     @staticmethod
     def of(links: FourLinks, direction: Callable[[int, int], Floats]) -> "SixPoles":
         """Return the six vectors from a function of two different links, (n, 3)."""
-        i, r, o, s = links.i, links.r, links.o, links.s
-        nothing = np.full_like(direction(i, r), np.nan)
-
-        def along(a: int, b: int) -> Floats:
-            return nothing if a == b else direction(a, b)
-
+        none = np.full_like(direction(links.i, links.r), np.nan)
+        ends = {axis: links.ends(axis) for axis in AXES}
         return SixPoles(
-            os=along(o, s),
-            ir=along(i, r),
-            io=along(i, o),
-            or_=along(o, r),
-            is_=along(i, s),
-            rs=along(r, s),
+            **{axis: none if a == b else direction(a, b) for axis, (a, b) in ends.items()}
         )
+
+    def stacked(self, axes: Sequence[str]) -> Floats:
+        """Return some of the vectors, (n, k, 3)."""
+        return np.stack([getattr(self, axis) for axis in axes], axis=1)
 
 
 @final
@@ -102,6 +120,8 @@ class Relation:
     ----------
     form, kind
         Which relation, and from how many links it is made.
+    links, poles
+        These links, and their poles.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
@@ -110,6 +130,8 @@ class Relation:
 
     form: Form
     kind: LinkCount
+    links: FourLinks
+    poles: SixPoles
     output: tuple[int, int]
     c: Floats
     d: Floats
@@ -129,22 +151,20 @@ def form_i(links: FourLinks, poles: SixPoles) -> Relation:
     one, p, is that of neither rate, and c = n . (u_os x p), d = +-n . (u_ir x p). Where
     (o, s) is (i, r) nothing is left but y' = q' or y' = -q'.
     """
-    output = (links.o, links.s)
     i, r, o, s = links.i, links.r, links.o, links.s
-    if not links.three:
-        c, d = (dot(poles.rs, cross(u, poles.io)) for u in (poles.os, poles.ir))
-        return Relation(Form.I, LinkCount.FOUR_LINKS, output, c, d)
     if {i, r} == {o, s}:
         one = np.ones(len(poles.ir))
         sign = 1.0 if o == i else -1.0
-        return Relation(Form.I, LinkCount.SAME_POLE, output, one, sign * one)
+        return Relation(Form.I, LinkCount.SAME_POLE, links, poles, (o, s), one, sign * one)
+    if len(links.different) == 4:
+        return _made(Form.I, links, poles, cross(poles.io, poles.rs))
     third, sign = {
         r == s: ("io", 1.0),
         o == i: ("rs", 1.0),
         o == r: ("is_", -1.0),
         i == s: ("or_", -1.0),
     }[True]
-    return _three_links(Form.I, output, poles, "os", third, sign)
+    return _made(Form.I, links, poles, _across(poles, "os", third), sign)
 
 
 def form_ii(links: FourLinks, poles: SixPoles) -> Relation | None:
@@ -154,16 +174,12 @@ def form_ii(links: FourLinks, poles: SixPoles) -> Relation | None:
     2012); s is then any link beside the other three, `best_fourth` finds a good one. With
     three links as in `form_i`.
     """
-    output = (links.o, links.r)
     if links.o in (links.r, links.i):
         return None
-    if links.s == links.i:
-        return _three_links(Form.II, output, poles, "or_", "os", 1.0)
-    if links.s == links.r:
-        return _three_links(Form.II, output, poles, "or_", "io", 1.0)
-    normal = cross(poles.os, poles.is_)
-    c, d = dot(poles.or_, normal), dot(poles.ir, normal)
-    return Relation(Form.II, LinkCount.FOUR_LINKS, output, c, d)
+    if len(links.different) == 4:
+        return _made(Form.II, links, poles, cross(poles.os, poles.is_))
+    third = "os" if links.s == links.i else "io"
+    return _made(Form.II, links, poles, _across(poles, "or_", third))
 
 
 def best_fourth(candidates: Mapping[int, tuple[Floats, Floats]]) -> int | None:
@@ -177,40 +193,46 @@ def best_fourth(candidates: Mapping[int, tuple[Floats, Floats]]) -> int | None:
 
     None if there is no candidate.
     """
-    if not candidates:
-        return None
     sines = {
         link: float(np.mean(np.nan_to_num(np.linalg.norm(cross(*pair), axis=-1))))
         for link, pair in candidates.items()
     }
-    return max(sines, key=lambda link: (sines[link], -link))
+    return max(sines, key=lambda link: (sines[link], -link), default=None)
 
 
-def _three_links(
-    form: Form, output: tuple[int, int], poles: SixPoles, out: str, third: str, sign: float
+def _made(
+    form: Form, links: FourLinks, poles: SixPoles, normal: Floats, sign: float = 1.0
 ) -> Relation:
-    """Return the relation of three poles in a plane, the output's, the input's, a third."""
-    y, q, p = getattr(poles, out), poles.ir, getattr(poles, third)
-    normal = _plane_normal(y, q, p)
-    c, d = dot(normal, cross(y, p)), sign * dot(normal, cross(q, p))
-    return Relation(form, LinkCount.THREE_LINKS, output, c, d)
+    """Return the relation by vectors (n, 3) at right angles to both other poles."""
+    kind = (LinkCount.THREE_LINKS, LinkCount.FOUR_LINKS)[len(links.different) - 3]
+    output, y = {
+        Form.I: ((links.o, links.s), poles.os),
+        Form.II: ((links.o, links.r), poles.or_),
+    }[form]
+    c, d = dot(y, normal), sign * dot(poles.ir, normal)
+    return Relation(form, kind, links, poles, output, c, d)
 
 
-def _plane_normal(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Return the unit normal (n, 3) of three vectors in a plane, from the surest two.
+def _across(poles: SixPoles, out: str, third: str) -> Floats:
+    """Return vectors (n, 3) at right angles to one of three axes, in their plane.
 
-    NaN where all three lie on one line. Its side is continued from row to row, so that it
-    is continuous along a curve.
+    The plane is spanned by the surest two of them; NaN where all three lie on one line.
+    Its side is continued from row to row, so that it is continuous along a curve.
     """
-    normals = np.stack([cross(a, b), cross(b, c), cross(c, a)])
+    vectors = poles.stacked((out, "ir", third))
+    normals, size = plane_normal(vectors)
+    normals[~(size > ONE_LINE)] = np.nan
+    good = np.flatnonzero(np.all(np.isfinite(normals), axis=1))
+    beside = np.sum(normals[good[1:]] * normals[good[:-1]], axis=1)
+    signs = np.cumprod(np.append(1.0, np.where(beside < 0.0, -1.0, 1.0)))
+    normals[good] *= signs[: len(good), None]
+    return cross(vectors[:, 2], normals)
+
+
+def plane_normal(vectors: Floats) -> tuple[Floats, Floats]:
+    """Return unit normals (n, 3) of three vectors, and the sine of the widest angle."""
+    normals = cross(vectors, np.roll(vectors, -1, axis=1))
     length = np.linalg.norm(normals, axis=-1)
-    which = np.argmax(np.nan_to_num(length), axis=0)
-    rows = np.arange(len(a))
-    size = length[which, rows]
-    normal = normals[which, rows] / np.where(size > ONE_LINE, size, np.nan)[:, None]
-    good = np.flatnonzero(np.all(np.isfinite(normal), axis=1))
-    if len(good):
-        beside = np.sum(normal[good[1:]] * normal[good[:-1]], axis=1)
-        signs = np.cumprod(np.append(1.0, np.where(beside < 0.0, -1.0, 1.0)))
-        normal[good] *= signs[:, None]
-    return np.asarray(normal)
+    widest = np.arange(len(vectors)), np.argmax(np.nan_to_num(length), axis=1)
+    sine = length[widest]
+    return normals[widest] / np.where(sine > 0.0, sine, 1.0)[:, None], sine

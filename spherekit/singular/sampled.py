@@ -6,7 +6,7 @@ dead centres at which rates by the input are infinite.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import cast, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,9 @@ from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_p
 from spherekit.numeric.turns import wrap
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.rates.transmission import STILL, Transmission, hold
-from spherekit.singular.output_relations import rate_between
-from spherekit.singular.record import AlongOutput, Singularities, Type
-from spherekit.singular.relation import Form
+from spherekit.singular.places import rate_between
+from spherekit.singular.record import AlongOutput, Singularities
+from spherekit.singular.relation import Form, Type
 from spherekit.singular.single import SingleFreedom
 from spherekit.singular.traced_part import TracedPart
 from spherekit.sphere.rotation import Floats, cross
@@ -116,6 +116,7 @@ class SampledSingularities:
         self.whole, self._values = tracer, values
         self._part = TracedPart.of(tracer, [link for output in outputs for link in output])
         self.tracer = self._part.tracer
+        self._driven = self.tracer.solver.single
         number = self.tracer.mechanism.link_number
         self.configurations: Configurations = self.tracer.configurations
         self.curves = [item.curve for item in self.configurations.curves]
@@ -123,18 +124,6 @@ class SampledSingularities:
         self.analysis = SingleFreedom(self.tracer, self.curves, named)
         self.report: Singularities = self.analysis.report()
         self._place(values[:, list(self._part.variables)], assembly_mode)
-        status = np.where(self._curve < 0, Status.MODE_LOST, Status.OK)
-        crossed = np.zeros(len(self._curve), dtype=bool)
-        for crossing in self.report.crossings:
-            (lost,) = np.nonzero(self._curve < 0)
-            curve = self.curves[crossing.ends[0][0]]
-            away = curve.wrapped(self._distinct[lost] - crossing.values)
-            far = np.max(np.abs(away), axis=1)
-            status[lost[far < NEAR_CROSSING]] = Status.AT_SINGULARITY
-            if crossing.crossing is not None:
-                crossed[lost[far < AT_CROSSING]] = True
-        self.curve, self.s = self._curve[self._row], self._s[self._row]
-        self.status, self.crossed = status[self._row], crossed[self._row]
         self.range: tuple[float, float] = tracer.range
         self._ways: dict[int, tuple[float, float]] | None = None
         if passed is not None:
@@ -144,55 +133,57 @@ class SampledSingularities:
     def _place(self, values: Floats, assembly_mode: NDArray[np.int64]) -> None:
         """Find the place of each row on its curve; those alike in the part only once."""
         n = len(values)
-        first, self._row = np.arange(n), np.arange(n)
+        first, row = np.arange(n), np.arange(n)
         if self.tracer is not self.whole:
             _, first, row = np.unique(
                 values.round(ALIKE), axis=0, return_index=True, return_inverse=True
             )
-            self._row = row.reshape(-1)
-        self._distinct, assembly_mode = values[first], assembly_mode[first]
-        self._curve = np.full(len(first), -1)
-        self._s = np.full(len(first), np.nan)
-        finite = np.all(np.isfinite(self._distinct), axis=1)
+        values, assembly_mode = values[first], assembly_mode[first]
+        curve, s = np.full(len(first), -1), np.full(len(first), np.nan)
+        finite = np.all(np.isfinite(values), axis=1)
         for elsewhere in (False, True):
             for number, item in enumerate(self.configurations.curves):
                 expected = np.isin(assembly_mode, self.modes_of(item.pieces)) != elsewhere
-                (todo,) = np.nonzero(finite & (self._curve < 0) & expected)
-                places = item.curve.find(self._distinct[todo])
+                (todo,) = np.nonzero(finite & (curve < 0) & expected)
+                places = item.curve.find(values[todo])
                 on = np.isfinite(places)
-                self._curve[todo[on]], self._s[todo[on]] = number, places[on]
+                curve[todo[on]], s[todo[on]] = number, places[on]
+        status = np.where(curve < 0, Status.MODE_LOST, Status.OK)
+        crossed = np.zeros(len(curve), dtype=bool)
+        for crossing in self.report.crossings:
+            wrapped = self.curves[crossing.ends[0][0]].wrapped(values - crossing.values)
+            away = np.where(curve < 0, np.max(np.abs(wrapped), axis=1), np.inf)
+            status[away < NEAR_CROSSING] = Status.AT_SINGULARITY
+            crossed |= (away < AT_CROSSING) & (crossing.crossing is not None)
+        self._row, self._curve, self._s = row.reshape(-1), curve, s
+        self.curve, self.s, self.status, self.crossed = (
+            part[self._row] for part in (curve, s, status, crossed)
+        )
 
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of all assembly modes on pieces of curves."""
-        numbers = {piece.assembly_mode for piece in pieces} - {None}
-        return sorted(
-            mode for number in numbers for mode in self._part.modes[cast(int, number)]
-        )
+        numbers = {piece.assembly_mode for piece in pieces}
+        return sorted(m for k in numbers if k is not None for m in self._part.modes[k])
 
     def assembly_modes_at(self, curve: int, s: float, q: float) -> tuple[int, ...]:
         """Return the modes whose pieces of a curve hold or touch a place s at input q.
 
         Where the range is of whole periods its end is its start.
         """
-        item = self.configurations.curves[curve]
-        arc_curve, driven = item.curve, self.tracer.solver.single
+        item, arc = self.configurations.curves[curve], self.curves[curve]
         period, whole = self._period(curve), self.whole_range(curve)
-        there = float(arc_curve.at(s).values[0, driven])
-        touching: list[Piece] = []
-        for lap in (0, 1, -1) if arc_curve.closed else (0,):
-            place, there_again = (
-                s + lap * arc_curve.length,
-                there + lap * arc_curve.rise[driven],
-            )
-            for piece in item.pieces:
-                touched = piece.start - TOUCHES <= place <= piece.stop + TOUCHES
-                if not touched:
-                    continue
-                turns = round((there_again + piece.shift - q) / period)
-                met = turns == 0 or self._ways is not None
-                if met or (whole and turns % whole == 0):
-                    touching.append(piece)
-        return tuple(self.modes_of(touching))
+        there = float(arc.at(s).values[0, self._driven])
+
+        def touched(piece: Piece, lap: int) -> bool:
+            place = s + lap * arc.length
+            away = there + lap * arc.rise[self._driven] + piece.shift - q
+            turns = round(away / period)
+            met = turns == 0 or self.is_simulation or (whole and turns % whole == 0)
+            return bool(met and piece.start - TOUCHES <= place <= piece.stop + TOUCHES)
+
+        laps = (0, 1, -1) if arc.closed else (0,)
+        pieces = (piece for lap in laps for piece in item.pieces if touched(piece, lap))
+        return tuple(self.modes_of(pieces))
 
     def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
         """Return rates and relations of an output at places s (n,) of a curve."""
@@ -203,21 +194,19 @@ class SampledSingularities:
 
         Only turns are left out after which the configuration is the same.
         """
-        q = self.curves[curve].at(s).values[:, self.tracer.solver.single]
+        q = self.curves[curve].at(s).values[:, self._driven]
         return into_range(q, *self.range, self._period(curve))
 
     def _passed(self, q: Floats) -> dict[int, tuple[float, float]]:
         """Return from where to where on curves the rows of a simulation lie."""
-        ways, driven = {}, self.tracer.solver.single
+        ways = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
             (rows,) = np.nonzero(self.curve == number)
             curve, s = self.curves[number], self.s[rows]
             if curve.closed:
-                rise = curve.rise[driven]
-                ahead = np.diff(q[rows]) / rise if rise else np.zeros(len(rows) - 1)
-                steps = np.diff(s) / curve.length
-                laps = np.cumsum(np.round(ahead - steps))
-                s = s + curve.length * np.concatenate([[0.0], laps])
+                rise = curve.rise[self._driven] or np.inf
+                laps = np.diff(q[rows]) / rise - np.diff(s) / curve.length
+                s = s + curve.length * np.append(0.0, np.cumsum(np.round(laps)))
             ways[number] = float(np.min(s)), float(np.max(s))
         return ways
 
@@ -227,39 +216,19 @@ class SampledSingularities:
         It is one of a curve. One outside, as near to the range as turns allow, if there is
         none; one alone of a curve that a simulation does not pass.
         """
-        q = values[[self.tracer.solver.single]]
+        q = values[[self._driven]]
         every = turns_in_range(q, *self.range, self._period(curve))[0]
         return every[:1] if self._ways is not None and curve not in self._ways else every
 
     def whole_range(self, curve: int) -> int:
         """Return of how many whole periods of a curve the range is, 0 if of no number."""
-        if self._ways is not None:
+        if self.is_simulation:
             return 0
         return whole_periods(*self.range, self._period(curve))
 
-    def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
-        """Return how far (n,), rad, an output is from type I or II at places of a curve.
-
-        Of type I the angle whose tangent is the size of the velocity coefficient y'/q', of
-        type II that whose sine is the transmission. They vanish there and nowhere else; the
-        first is NaN where both rates vanish.
-        """
-        along, (o, r) = self.analysis.along[curve], self.report.outputs[output]
-        if kind is Type.I:
-            rates = along.rates(s)
-            of, to = (
-                np.linalg.norm(rates.relative(*pole)[0], axis=1)
-                for pole in ((r, o), self.report.input)
-            )
-            angle = np.asarray(np.arctan2(of, to))
-            return np.where(np.hypot(of, to) > STILL, angle, np.nan)
-        tree, held = along.closure.tree, (self.tracer.solver.single,)
-        return np.asarray(np.arcsin(Transmission(tree, held, o, r).at(along.vectors(s))))
-
     def _period(self, curve: int) -> float:
         """Return the growth of the input with which a curve's configurations return."""
-        solver = self.tracer.solver
-        return self.curves[curve].returns_after(solver.single, *solver.periods)
+        return self.curves[curve].returns_after(self._driven, *self.tracer.solver.periods)
 
     @property
     def is_simulation(self) -> bool:
@@ -276,41 +245,53 @@ class SampledSingularities:
         assert self._ways is not None
         if number not in self._ways:
             return False
-        low, high = self._ways[number]
-        curve = self.curves[number]
+        (low, high), curve = self._ways[number], self.curves[number]
         if curve.closed:
             s = low - TOUCHES + (s - low + TOUCHES) % curve.length
         return low - TOUCHES <= s <= high + TOUCHES
 
+    def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
+        """Return how far (n,), rad, an output is from type I or II at places of a curve.
+
+        Of type I the angle whose tangent is the size of the velocity coefficient y'/q', of
+        type II that whose sine is the transmission. They vanish there and nowhere else; the
+        first is NaN where both rates vanish.
+        """
+        along, links = self.analysis.along[curve], self.report.outputs[output]
+        if kind is Type.I:
+            rates = along.rates(s)
+            of, to = (
+                np.linalg.norm(rates.relative(*pole)[0], axis=1)
+                for pole in (links, self.report.input)
+            )
+            return np.where(np.hypot(of, to) > STILL, np.arctan2(of, to), np.nan)
+        measure = Transmission(along.closure.tree, (self._driven,), *links)
+        return np.asarray(np.arcsin(measure.at(along.vectors(s))))
+
     def measures(self) -> list[RelationMeasures]:
         """Return the measures of every output in each form."""
-        n = len(self._s)
         measured: dict[tuple[int, Form], dict[str, Floats]] = {}
-        for number in range(len(self.curves)):
+        for number in np.unique(self._curve[self._curve >= 0]).tolist():
             (rows,) = np.nonzero(self._curve == number)
-            if not len(rows):
-                continue
             s = self._s[rows]
             angles = self.transmission_angles(self.curves[number].at(s).values)
-            for output in range(len(self.report.outputs)):
+            for output, transmission in enumerate(angles):
                 at = self.at(number, s, output)
                 rates = {
                     "input_rate": at.input_rate,
                     "output_rate": at.output_rate,
                     "type_i": self.angle(Type.I, number, s, output),
                     "type_ii": self.angle(Type.II, number, s, output),
-                    "transmission": angles[output],
+                    "transmission": transmission,
                     "to_i": self._to_nearest(number, output, Type.I, s),
                     "to_ii": self._to_nearest(number, output, Type.II, s),
                 }
                 for relation in at.relations:
                     columns = measured.setdefault((output, relation.form), {})
-                    for name, part in {
-                        **rates,
-                        "c": relation.c,
-                        "d": relation.d,
-                    }.items():
-                        columns.setdefault(name, np.full(n, np.nan))[rows] = part
+                    here = {**rates, "c": relation.c, "d": relation.d}
+                    for name, part in here.items():
+                        whole = columns.setdefault(name, np.full(len(self._s), np.nan))
+                        whole[rows] = part
         return [
             RelationMeasures(
                 output, form, **{name: part[self._row] for name, part in columns.items()}
@@ -338,75 +319,66 @@ class SampledSingularities:
 
         See `spherekit.rates.transmission.hold`.
         """
-        smallest = np.full(len(self.s), np.nan)
-        ratio = smallest.copy()
-        (rows,) = np.nonzero(self.curve >= 0)
         solver = self.whole.solver
-        vectors = solver.closure.at(self._values[rows]).vectors
-        smallest[rows], ratio[rows] = hold(solver.closure.tree, [solver.single], vectors)
-        return smallest, ratio
+        placed = np.where(self.curve[:, None] >= 0, self._values, np.nan)
+        vectors = solver.closure.at(placed).vectors
+        return hold(solver.closure.tree, [solver.single], vectors)
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
         """Return (n,) rad at rising s: the variable of the output's R pair in (-pi, pi].
 
         Where no R pair joins its links: how far one has turned about the pole since s[0].
         """
-        variable = self.tracer.mechanism.angle_between(*self.report.outputs[output])
+        links = self.report.outputs[output]
+        variable = self.tracer.mechanism.angle_between(*links)
         if variable is not None:
             return wrap(self.curves[curve].at(s).values[:, variable])
-        links = self.report.outputs[output]
-        rate, _ = rate_between(self.analysis.along[curve], *links, s)
+        rate, _ = rate_between(self.analysis.along[curve], links, s)
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        return np.append(0.0, np.cumsum(steps))
 
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at a place of a curve."""
-        arc_curve = self.curves[curve]
-        return np.asarray(arc_curve.segments.closure.at(arc_curve.at([s]).values).placed[0])
+        arc = self.curves[curve]
+        return np.asarray(arc.segments.closure.at(arc.at([s]).values).placed[0])
 
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
         """Return where a curve ends at crossings: s, and the crossing (variables,).
 
         A curve ends a little before; the crossing is on the same turns of the variables.
         """
-        followed = self.curves[curve]
+        arc = self.curves[curve]
         ends = []
         for crossing in self.report.crossings:
             for number, at_start in crossing.ends:
                 if number == curve:
-                    last = followed.nodes.values[0 if at_start else -1]
-                    values = last + followed.wrapped(crossing.values - last)
-                    ends.append((0.0 if at_start else followed.length, values))
+                    last = arc.nodes.values[0 if at_start else -1]
+                    values = last + arc.wrapped(crossing.values - last)
+                    ends.append((0.0 if at_start else arc.length, values))
         return ends
 
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
-        curve, driven = self.curves[number], self.tracer.solver.single
-        links = self.report.outputs[output]
+        """Return by how much (n,) the input changes from s to the nearest of a type."""
+        curve, links = self.curves[number], self.report.outputs[output]
         places = [
-            point.s
+            (point.s, curve.at(point.s).values[0])
             for point in self.report.points
             if point.curve == number and point.output == links and point.type is kind
         ]
-        inputs = list(curve.at(places).values[:, driven]) if places else []
-        for s_end, values in self.crossing_ends(number):
-            places.append(s_end)
-            inputs.append(values[driven])
+        places += self.crossing_ends(number)
         if not places:
             return np.full(len(s), np.nan)
-        order = np.argsort(places)
-        at, there = np.array(places)[order], np.array(inputs)[order]
+        places.sort(key=lambda place: place[0])
+        at = np.array([place for place, _ in places])
+        there = np.array([values[self._driven] for _, values in places])
         if curve.closed:
-            rise = curve.rise[driven]
-            at = np.concatenate([at - curve.length, at, at + curve.length])
-            there = np.concatenate([there - rise, there, there + rise])
-        here = curve.at(s).values[:, driven]
+            laps = np.arange(-1, 2)[:, None]
+            at = (at + curve.length * laps).ravel()
+            there = (there + curve.rise[self._driven] * laps).ravel()
         after = np.searchsorted(at, s)
-        ways = []
-        for beside in (after - 1, after):
-            inside = (beside >= 0) & (beside < len(at))
-            way = np.abs(there[np.clip(beside, 0, len(at) - 1)] - here)
-            ways.append(np.where(inside, way, np.inf))
-        return np.asarray(np.minimum(*ways))
+        beside = np.concatenate([[np.inf], there, [np.inf]])
+        here = curve.at(s).values[:, self._driven]
+        return np.minimum(*(np.abs(beside[k] - here) for k in (after, after + 1)))
 
 
 def _dyad_of(output: tuple[int, int], assembly: Assembly) -> Group | None:

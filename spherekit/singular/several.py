@@ -7,8 +7,8 @@ of them, N_a its rows of the inputs and E N the output's rates, type II is det N
 type I a loss of rank of E N. All of these stay finite on singularities.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from itertools import combinations
 from typing import final
@@ -20,7 +20,6 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.rates.field import TRUSTED_ERROR, evaluate
-from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request, request
 from spherekit.rates.sequence import PlannedPoles
 from spherekit.rates.transmission import SINGULAR, Transmission
@@ -28,10 +27,14 @@ from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import Locus, adjugate
 from spherekit.singular.relation import FourLinks, SixPoles, form_i
 from spherekit.singular.stationarity import OutputStationary
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, cross
 
 ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
+VANISHES = 1e-8
+"""A coefficient or triple product below this vanishes."""
+PIECE = 1024
+"""Rows that are looked at once, so that what they are judged by fits the cache."""
 
 
 class RowType(IntEnum):
@@ -63,23 +66,14 @@ LABELS = {
 }
 
 
-@final
 @dataclass(frozen=True)
-class OutputCoefficients:
-    """n rows of a motion with g inputs, each input moved alone, and all together.
+class MotionMeasures:
+    """n rows of a motion with g inputs, by the motions that close the loops.
 
     NaN where the motion failed.
 
     Attributes
     ----------
-    w
-        (n, g, 3) angular velocity of the output per unit rate of each input, in ground
-        axes; NaN where that is infinite or undetermined.
-    u
-        (n, g, 3) unit vectors along the pole axes of the output, with the signs that
-        `spherekit.rates.field` gives them; finite on singularities too.
-    c, d
-        (n, g) of c w_i = d q_i', from the pole axes, at most 1 in size.
     input_rate, output_rate
         (n, g) of the unit motion in which input i moves alone: its rate, which vanishes
         with c_i and has the sign of det N_a, and the size of the output's, which vanishes
@@ -96,12 +90,7 @@ class OutputCoefficients:
         (n,) how surely the inputs rest where the output does: of all motions, seen as rates
         of the inputs and of the output, the sine of the angle to those in which the output
         rests; 0 where inputs can move though it does. Self-motions do not count.
-    determinant
-        (n,) det N_a. Where the loops are independent equations its sign is that of one
-        smooth function, and changes only through type II; where not, it has none.
-    triples, triplets
-        (n, k) triple products of the u of three inputs, and which inputs those are.
-    flatness
+    reciprocal_condition
         (n,) relative smallest singular value of the closure Jacobian.
     type, group
         (n,) `RowType`, and the group of Di Gregorio's discussion: 1 for singularities of at
@@ -109,37 +98,52 @@ class OutputCoefficients:
         regular configurations.
     """
 
-    w: Floats
-    u: Floats
-    c: Floats
-    d: Floats
     input_rate: Floats
     output_rate: Floats
     alone: Floats
     type_two: Floats
     hold: Floats
     type_one: Floats
-    determinant: Floats
-    triples: Floats
-    triplets: tuple[tuple[int, int, int], ...]
     reciprocal_condition: Floats
     type: NDArray[np.int8]
     group: NDArray[np.int8]
 
 
-def needed_poles(motion: Motion, output: OutputStationary) -> dict[str, tuple[Pole, ...]]:
-    """Return the poles of links that `coefficients` reads, by the name of the input."""
-    poles = {}
-    for driven in motion.assembly.inputs:
-        links = sorted({*motion.mechanism.ends[driven], output.link, output.relative_to})
-        poles[motion.mechanism.pairs[driven].name] = tuple(combinations(links, 2))
-    return poles
+@final
+@dataclass(frozen=True)
+class OutputCoefficients(MotionMeasures):
+    """Rows with each input moved alone, and all together.
+
+    Attributes
+    ----------
+    w
+        (n, g, 3) angular velocity of the output per unit rate of each input, in ground
+        axes; NaN where that is infinite or undetermined.
+    u
+        (n, g, 3) unit vectors along the pole axes of the output, with the signs that
+        `spherekit.rates.field` gives them; finite on singularities too.
+    c, d
+        (n, g) of c w_i = d q_i', from the pole axes, at most 1 in size.
+    """
+
+    w: Floats
+    u: Floats
+    c: Floats
+    d: Floats
+
+    @property
+    def triples(self) -> Floats:
+        """(n, k) triple products of the u of any three inputs."""
+        threes = list(combinations(range(self.u.shape[1]), 3))
+        with np.errstate(invalid="ignore"):
+            return np.asarray(
+                np.linalg.det(self.u[:, np.array(threes, dtype=int).reshape(-1, 3)])
+            )
 
 
 def coefficients(
     motion: Motion,
     output: OutputStationary,
-    fields: Mapping[str, PoleField] | None = None,
     by_rank: bool = False,
     tolerance: float = SINGULAR,
 ) -> OutputCoefficients:
@@ -151,78 +155,21 @@ def coefficients(
         Any motion of a mechanism with at least one input.
     output
         Which link's rates count, from `spherekit.singular.stationarity.output_of`.
-    fields
-        Poles and rates with one input moving, by its name, that hold `needed_poles`; they
-        are evaluated if not given.
     by_rank
         That of `spherekit.planning.poles.plan`.
     tolerance
         Singular values below this count as zero.
     """
+    w, made = [], []
     with np.errstate(invalid="ignore"):
-        return _coefficients(motion, output, fields, by_rank, tolerance)
-
-
-def _coefficients(
-    motion: Motion,
-    output: OutputStationary,
-    fields: Mapping[str, PoleField] | None,
-    by_rank: bool,
-    tolerance: float,
-) -> OutputCoefficients:
-    mechanism = motion.mechanism
-    poles = needed_poles(motion, output)
-    requests = {
-        name: request(mechanism, name, needed, [output.pole], by_rank=by_rank)
-        for name, needed in poles.items()
-    }
-    if fields is None:
-        fields = {name: evaluate(motion, wanted) for name, wanted in requests.items()}
-    n, g = len(motion), len(poles)
-    w, u = np.full((n, g, 3), np.nan), np.full((n, g, 3), np.nan)
-    c, d = np.full((n, g), np.nan), np.full((n, g), np.nan)
-    for k, (name, field) in enumerate((name, fields[name]) for name in poles):
-        w[:, k] = field.w[output.link] - field.w[output.relative_to]
-        c[:, k], d[:, k], u[:, k] = _relation(requests[name], field.direction, output)
-    _without_plan(motion, output, c, d, u)
-    c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
-    triplets = tuple(combinations(range(g), 3))
-    triples = [np.linalg.det(u[:, list(three)]) for three in triplets]
-    measured = by_motions(motion, output, tolerance)
-    return replace(
-        measured,
-        w=w,
-        u=u,
-        c=c,
-        d=d,
-        triples=np.stack(triples, axis=1) if triples else np.zeros((n, 0)),
-        triplets=triplets,
-    )
-
-
-def _relation(
-    wanted: Request, directions: Mapping[Pole, Floats], output: OutputStationary
-) -> tuple[Floats, Floats, Floats]:
-    """Return c, d (n,) and the output's pole (n, 3) with one input moving.
-
-    `directions` (n, 3) are those of the poles of links.
-    """
-    mechanism = wanted.plan.mechanism
-    r, i = mechanism.ends[wanted.plan.input]
-    links = (i, r, output.link, output.relative_to)
-    body = wanted.plan.body
-    named = {body[link]: link for link in reversed(links)}
-    i, r, o, s = (named[body[link]] for link in links)
-    if o == s:
-        n = len(directions[output.pole])
-        return np.ones(n), np.zeros(n), np.full((n, 3), np.nan)
-
-    def direction(a: int, b: int) -> Floats:
-        return directions[pole_of(a, b)]
-
-    four = FourLinks(i, r, o, s)
-    made = form_i(four, SixPoles.of(four, direction))
-    return made.c, made.d, direction(o, s)
+        for wanted, four in _each_alone(motion, output, by_rank, True):
+            field = evaluate(motion, wanted)
+            w.append(field.w[output.link] - field.w[output.relative_to])
+            made.append(_relation(four, field.direction.__getitem__))
+        c, d, u = _with_motions(motion, output, made)
+        c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
+        measured = by_motions(motion, output, tolerance)
+    return OutputCoefficients(**vars(measured), w=np.stack(w, axis=1), u=u, c=c, d=d)
 
 
 def relations(
@@ -233,134 +180,155 @@ def relations(
     By the plan's great circles where these are surely good, else by motions. No rate is
     asked for, nor its error, which takes longer than all poles.
     """
-    n, g = len(motion), len(motion.assembly.inputs)
-    c, d = np.full((n, g), np.nan), np.full((n, g), np.nan)
-    u = np.full((n, g, 3), np.nan)
-    for k, (name, needed) in enumerate(needed_poles(motion, output).items()):
-        wanted = request(motion.mechanism, name, needed, derivatives=False, by_rank=by_rank)
+    made = []
+    for wanted, four in _each_alone(motion, output, by_rank, False):
         planned = PlannedPoles(wanted.plan, motion)
         directions = {}
         for pole in wanted.poles:
-            body_pole = wanted.plan.pole(*pole)
-            directions[pole] = np.full((n, 3), np.nan)
-            if body_pole is not None:
-                sure = planned.error[body_pole] < TRUSTED_ERROR
-                directions[pole][sure] = planned.unit[body_pole][0][:, sure].T
-        c[:, k], d[:, k], u[:, k] = _relation(wanted, directions, output)
-    _without_plan(motion, output, c, d, u)
-    return c, d, u
+            at = wanted.plan.pole(*pole)
+            directions[pole] = np.full((len(motion), 3), np.nan)
+            if at is not None:
+                sure = planned.error[at] < TRUSTED_ERROR
+                directions[pole][sure] = planned.unit[at][0][:, sure].T
+        made.append(_relation(four, directions.__getitem__))
+    return _with_motions(motion, output, made)
 
 
-def _without_plan(
-    motion: Motion, output: OutputStationary, c: Floats, d: Floats, u: Floats
-) -> None:
-    """Fill in c, d (n, g) and u (n, g, 3) of rows whose pole axes no plan gives usably."""
-    rows = np.flatnonzero(~motion.failed & np.any(~np.isfinite(c), axis=1))
-    if not len(rows):
-        return
-    made = relations_by_motions(motion.rows(rows), output)
-    for whole, filling in zip((c, d, u), made, strict=True):
-        whole[rows] = np.where(np.isfinite(whole[rows]), whole[rows], filling)
+def _each_alone(
+    motion: Motion, output: OutputStationary, by_rank: bool, derivatives: bool
+) -> Iterator[tuple[Request, FourLinks]]:
+    """Yield for each input moved alone the poles wanted, and the links of form i.
+
+    With the others locked these are called by one link of their body each.
+    """
+    links = output.link, output.relative_to
+    for pair in motion.assembly.inputs:
+        r, i = motion.mechanism.ends[pair]
+        wanted = request(
+            motion.mechanism,
+            motion.mechanism.pairs[pair].name,
+            tuple(combinations(sorted({i, r, *links}), 2)),
+            [output.pole] if derivatives else (),
+            derivatives=derivatives,
+            by_rank=by_rank,
+        )
+        body = wanted.plan.body
+        named = {body[link]: link for link in (*links[::-1], r, i)}
+        yield wanted, FourLinks(*(named[body[link]] for link in (i, r, *links)))
 
 
-def relations_by_motions(
-    motion: Motion, output: OutputStationary
+def _relation(
+    four: FourLinks, direction: Callable[[Pole], Floats]
 ) -> tuple[Floats, Floats, Floats]:
-    """Return c, d (n, g) and u (n, g, 3) of `OutputCoefficients` without a plan.
+    """Return c, d (n,) and u (n, 3) of form i, from the axes of poles.
+
+    An output that is locked has none, c = 1 and d = 0.
+    """
+    if four.o == four.s:
+        n = len(direction(pole_of(four.i, four.r)))
+        return np.ones(n), np.zeros(n), np.full((n, 3), np.nan)
+    made = form_i(four, SixPoles.of(four, lambda a, b: direction(pole_of(a, b))))
+    return made.c, made.d, made.poles.os
+
+
+def _with_motions(
+    motion: Motion,
+    output: OutputStationary,
+    made: Sequence[tuple[Floats, Floats, Floats]],
+) -> tuple[Floats, Floats, Floats]:
+    """Return c, d (n, g) and u (n, g, 3), by motions where no plan gives them usably.
 
     The axes are those of the motion in which one input moves alone. That is finite at
     singularities; an axis of links that rest in it is not known, but for the input's own,
-    and what needs it is NaN. The signs of u are any.
+    and what needs it is NaN.
     """
-    closure = Closure.of(motion.mechanism, motion.joints)
-    held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
-    n, g = len(motion), len(held)
-    c, d = np.full((n, g), np.nan), np.full((n, g), np.nan)
-    u = np.full((n, g, 3), np.nan)
-    space = Locus(closure, g, output).space(motion.values)
+    c, d, u = (np.stack(parts, axis=1) for parts in zip(*made, strict=True))
+    rows = np.flatnonzero(~motion.failed & np.any(~np.isfinite(c), axis=1))
+    if not len(rows):
+        return c, d, u
+    closure, held = Closure.of(motion.mechanism, motion.joints), _held(motion)
+    space = Locus(closure, len(held), output).space(motion.values[rows])
     alone = space.basis @ adjugate(space.basis[:, held])
-    o, s = output.link, output.relative_to
+    alone = alone / np.linalg.norm(alone, axis=1, keepdims=True)
     for k, pair in enumerate(motion.assembly.inputs):
-        ways = alone[:, :, k] / np.linalg.norm(alone[:, :, k], axis=1, keepdims=True)
-        rates = space.at.body_rates(ways)
-        r, i = motion.mechanism.ends[pair]
-        given_axes = {pole_of(i, r): space.at.vectors[:, held[k]]}
+        rates, (r, i) = space.at.body_rates(alone[:, :, k]), motion.mechanism.ends[pair]
+        driven = pole_of(i, r), space.at.vectors[:, held[k]]
 
         def direction(
-            a: int,
-            b: int,
-            given_axes: dict[Pole, Floats] = given_axes,
-            rates: Floats = rates,
+            pole: Pole, driven: tuple[Pole, Floats] = driven, rates: Floats = rates
         ) -> Floats:
-            between = given_axes.get(pole_of(a, b), rates[:, a] - rates[:, b])
+            between = driven[1]
+            if pole != driven[0]:
+                between = rates[:, pole[0]] - rates[:, pole[1]]
             size = np.linalg.norm(between, axis=1, keepdims=True)
             return np.asarray(between / np.where(size > SINGULAR, size, np.nan))
 
-        if o == s:
-            continue
-        four = FourLinks(i, r, o, s)
-        made = form_i(four, SixPoles.of(four, direction))
-        c[:, k], d[:, k], u[:, k] = made.c, made.d, direction(o, s)
+        filling = _relation(FourLinks(i, r, output.link, output.relative_to), direction)
+        for whole, part in zip((c[:, k], d[:, k], u[:, k]), filling, strict=True):
+            whole[rows] = np.where(np.isfinite(whole[rows]), whole[rows], part)
     return c, d, u
+
+
+def _held(motion: Motion) -> list[int]:
+    return [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
 
 
 def by_motions(
     motion: Motion, output: OutputStationary, tolerance: float = SINGULAR
-) -> OutputCoefficients:
-    """Return what the motions that close the loops say; poles are left empty."""
-    held = [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
-    n, g = len(motion), len(held)
-    closure = Closure.of(motion.mechanism, motion.joints)
-    space = Locus(closure, g, output).space(motion.values)
+) -> MotionMeasures:
+    """Return what the motions that close the loops say."""
+    held, closure = _held(motion), Closure.of(motion.mechanism, motion.joints)
+    space = Locus(closure, len(held), output).space(motion.values)
     inputs, moving = space.basis[:, held], output.equations(space.at) @ space.basis
     transmission = Transmission(
         closure.tree, tuple(held), output.link, output.relative_to, output.pointing
     )
-    directions = transmission.pointed(space.at.placed)
-    two = transmission.at(space.at.vectors, directions)
+    vectors = space.at.vectors
+    two = transmission.at(vectors, transmission.pointed(space.at.placed))
     determinant = np.linalg.det(inputs)
     if not space.oriented:
         determinant = np.abs(determinant)
     alone = adjugate(inputs)
     size = np.linalg.norm(alone, axis=1)
-    scale = np.max(size, axis=1, keepdims=True)
-    unique = size > tolerance * scale
-    size = np.where(unique, size, np.nan)
-    input_rate = determinant[:, None] / size
-    output_rate = np.linalg.norm(moving @ alone, axis=1) / size
+    unique = size > tolerance * np.max(size, axis=1, keepdims=True)
     turning = output.angular_velocity(space, space.basis @ alone)
     speed = np.linalg.norm(turning, axis=2, keepdims=True)
-    turns = speed > tolerance * np.linalg.norm(alone, axis=1)[..., None]
-    nothing = np.zeros((n, g))
-    measured = OutputCoefficients(
-        w=np.zeros((n, g, 3)),
-        u=np.zeros((n, g, 3)),
-        c=nothing,
-        d=nothing,
-        input_rate=input_rate,
-        output_rate=output_rate,
-        alone=turning / np.where(turns, speed, np.nan),
-        type_two=two,
-        hold=hold_of(closure.tree, held, space.at.vectors)[0],
-        type_one=two,
-        determinant=determinant,
-        triples=nothing,
-        triplets=(),
-        reciprocal_condition=np.where(motion.failed, np.nan, space.reciprocal_condition),
-        type=np.zeros(n, dtype=np.int8),
-        group=np.zeros(n, dtype=np.int8),
-    )
+    turns = speed > tolerance * size[..., None]
+    size = np.where(unique, size, np.nan)
+    rates = determinant[:, None] / size, np.linalg.norm(moving @ alone, axis=1) / size
     one, beside = _type_one(inputs, moving, tolerance)
-    one = np.where(np.isfinite(two), one, np.nan)
-    measured = replace(measured, type_one=one)
-    kind, group = _types(measured, beside, tolerance)
-    return replace(measured, type=kind, group=group)
+    condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
+    first, second, crossed = one < tolerance, two < tolerance, condition < tolerance
+    kind = np.select(
+        [~np.isfinite(two), second & first & ~crossed, second, crossed, first, beside],
+        [
+            RowType.UNKNOWN,
+            RowType.III,
+            RowType.II,
+            RowType.SELF_MOTION,
+            RowType.I,
+            RowType.SELF_MOTION,
+        ],
+        RowType.REGULAR,
+    ).astype(np.int8)
+    alone_singular = np.any(~(np.abs(np.stack(rates)) > ALONE * tolerance), axis=(0, 2))
+    singular = (kind > 0) & (kind <= RowType.III)
+    return MotionMeasures(
+        *rates,
+        turning / np.where(turns, speed, np.nan),
+        two,
+        hold_of(closure.tree, held, vectors)[0],
+        np.where(np.isfinite(two), one, np.nan),
+        condition,
+        kind,
+        np.where(singular, np.where(alone_singular, 1, 2), 0).astype(np.int8),
+    )
 
 
 def _type_one(
     inputs: Floats, output: Floats, tolerance: float
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return `OutputCoefficients.type_one` (n,), and where there are self-motions (n,).
+    """Return `MotionMeasures.type_one` (n,), and where there are self-motions (n,).
 
     From rates of g inputs (n, g, g) and of the output (n, m, g) in g motions. Of these an
     orthonormal basis is made, in which motions that move neither are lost.
@@ -377,26 +345,93 @@ def _type_one(
     return turns[np.arange(len(turns)), which], rank < both.shape[2]
 
 
-def _types(
-    measured: OutputCoefficients, beside: NDArray[np.bool_], tolerance: float
-) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
-    finite = np.isfinite(measured.type_two)
-    second = measured.type_two < tolerance
-    first = measured.type_one < tolerance
-    crossed = measured.reciprocal_condition < tolerance
-    kind = np.select(
-        [~finite, second & first & ~crossed, second, crossed, first, beside],
-        [
-            RowType.UNKNOWN,
-            RowType.III,
-            RowType.II,
-            RowType.SELF_MOTION,
-            RowType.I,
-            RowType.SELF_MOTION,
-        ],
-        RowType.REGULAR,
+def what_vanishes(
+    motion: Motion,
+    output: OutputStationary,
+    pointing: Floats | None = None,
+    by_rank: bool = False,
+) -> list[str]:
+    """Return which c_i and d_i vanish at each row (n), and whether the u_i coincide.
+
+    Or which three of them are coplanar, or which u_i is the direction `pointing` (n, 3)
+    that counts, in axes of the link that the output is relative to: it then rests though
+    its link turns. Where none of these says it, what else does; and which links take part
+    in a self-motion. For the symbols see `OutputCoefficients`.
+    """
+    words = []
+    for start in range(0, len(motion), PIECE):
+        rows = slice(start, start + PIECE)
+        along = None if pointing is None else pointing[rows]
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            words += _of_piece(motion.rows(rows), output, along, by_rank)
+    return words
+
+
+def _of_piece(
+    motion: Motion, output: OutputStationary, pointing: Floats | None, by_rank: bool
+) -> list[str]:
+    at = by_motions(motion, output)
+    # At a singularity some axes may be unknown; the rates vanish with c and d.
+    c, d, u = (
+        np.where(np.isfinite(one), one, other)
+        for one, other in zip(
+            relations(motion, output),
+            (at.input_rate, at.output_rate, at.alone),
+            strict=True,
+        )
     )
-    rates = np.stack([np.abs(measured.input_rate), measured.output_rate])
-    alone = np.any(~(rates > ALONE * tolerance), axis=(0, 2))
-    group = np.select([(kind <= 0) | (kind > RowType.III), alone], [0, 1], 2)
-    return kind.astype(np.int8), group.astype(np.int8)
+    pairs = [motion.mechanism.pairs[pair].name for pair in motion.assembly.inputs]
+    two, three = (list(combinations(range(len(pairs)), count)) for count in (2, 3))
+    named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
+    crossed = np.stack([cross(u[:, j], u[:, k]) for j, k in two], axis=1)
+    parallel = np.linalg.norm(crossed, axis=2)
+    widest = np.max(parallel, axis=1, keepdims=True)
+    volumes = np.linalg.det(u[:, np.array(three, dtype=int).reshape(-1, 3)])
+    said = [
+        (c, [f"c_{pair}=0" for pair in pairs]),
+        (d, [f"d_{pair}=0" for pair in pairs]),
+        (widest, [f"u of {', '.join(pairs)} coincide"]),
+        (
+            np.where(widest < VANISHES, np.nan, volumes),
+            [f"u of {', '.join(pairs[k] for k in triplet)} coplanar" for triplet in three],
+        ),
+    ]
+    tiers = [said, [(parallel, [f"{both} along one line" for both in named])]]
+    if pointing is not None:
+        turned = motion.rotations[:, output.relative_to]
+        direction = np.einsum("nij,nj->ni", turned, pointing)
+        off = np.linalg.norm(cross(u, direction[:, None]), axis=2)
+        said.insert(2, (off, [f"u_{pair} along the direction" for pair in pairs]))
+        flat = np.einsum("npi,ni->np", crossed, direction)
+        tiers.append([(flat, [f"{both} coplanar with the direction" for both in named])])
+    words: list[list[str]] = [[] for _ in motion.values]
+    for tier in tiers:
+        for row, phrases in enumerate(words):
+            words[row] = phrases or [
+                texts[k]
+                for sizes, texts in tier
+                for k in np.flatnonzero(np.abs(sizes[row]) < VANISHES)
+            ]
+    for row in np.flatnonzero(at.type == RowType.SELF_MOTION).tolist():
+        words[row] = [_what_moves(motion.rows(slice(row, row + 1)), output)]
+    for row, phrases in enumerate(words):
+        if not phrases:
+            if at.reciprocal_condition[row] < VANISHES:
+                phrases.append("the loops lose rank")
+            elif not np.all(np.isfinite(u[row])):
+                phrases.append("pole axes not known")
+            else:
+                least = f"{np.min(np.abs([c[row], d[row]])):.1e}"
+                phrases.append(f"motions alone: no c, d below {least}")
+    return [" ".join(listed) for listed in words]
+
+
+def _what_moves(motion: Motion, output: OutputStationary) -> str:
+    """Return in words which links move while the inputs and the output of one row rest."""
+    at = motion.linearisation
+    held = np.eye(motion.values.shape[1])[_held(motion)]
+    equations = np.concatenate([at.jacobian[0], held, output.equations(at)[0]])
+    _, _, right = np.linalg.svd(equations)
+    speeds = np.linalg.norm(at.body_rates(right[-1:])[0], axis=1)
+    names = np.array(motion.mechanism.links)[speeds > VANISHES]
+    return f"{' '.join(names)} alone move"

@@ -9,7 +9,6 @@ chosen: those are found as well and are called apparent.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import final
 
 import numpy as np
@@ -23,35 +22,36 @@ from spherekit.motion.crossing import Crossing, crossing_near
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import Pole, parse_pole, pole_of
 from spherekit.rates.core import LinkRates
-from spherekit.singular.along import AlongCurve, Plans, rounding_of
-from spherekit.singular.output_relations import OutputRelations, axes_error, rate_between
+from spherekit.singular.along import AlongCurve, Axis, Plans, rounding_of
+from spherekit.singular.conditions import RelationAt, judged
+from spherekit.singular.places import (
+    Roots,
+    doubts,
+    groups_of,
+    located,
+    place_error,
+    rate_between,
+    type_of,
+)
 from spherekit.singular.record import (
     AlongOutput,
     CrossingPoint,
-    RelationAt,
     Singularities,
     SingularPoint,
-    Type,
     WholeCurve,
 )
 from spherekit.singular.relation import (
     FourLinks,
     LinkCount,
-)
-from spherekit.singular.roots import (
-    CommonRoots,
-    Roots,
-    groups_of,
-    located,
-    place_error,
-    poles_of,
+    Relation,
+    SixPoles,
+    Type,
+    best_fourth,
+    form_i,
+    form_ii,
 )
 from spherekit.sphere.rotation import Floats, cross
 
-BESIDE = 100.0
-"""Places nearer than this times their error bounds, but not within, are undecided."""
-WIDE = 1e-9
-"""Places with a larger error bound (rad) are not told apart, nor said to agree."""
 DECIDED_MISS = 1e-14
 """A crossing that is missed by more (rad) may be none: rounding of sizes decides."""
 SAME_CROSSING = 1e-7
@@ -107,7 +107,69 @@ class SingleFreedom:
         first, second = mechanism.ends[tracer.assembly.input]
         self.input = (second, first) if input is None else ordered_pole(mechanism, input)
         self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)
-        self.relations = OutputRelations(mechanism, self.along, self.input, self.outputs)
+        self.links = []
+        for output in self.outputs:
+            links = FourLinks(*self.input, *output)
+            self.links.append((links, self._second_links(links)))
+
+    def _second_links(self, links: FourLinks) -> FourLinks | None:
+        """Return the links of form ii, with a fourth one where r and s are one."""
+        if links.o in (links.r, links.i):
+            return None
+        if links.s != links.r:
+            return links
+        every = range(len(self.tracer.mechanism.links))
+        others = [k for k in every if k not in links.different]
+        pairs = {k: (pole_of(links.o, k), pole_of(links.i, k)) for k in others}
+        wanted = [pole for pair in pairs.values() for pole in pair]
+        axes = [along.axes(along.curve.s, wanted) for along in self.along]
+
+        def directions(pole: Pole) -> Floats:
+            return np.concatenate([np.zeros((1, 3)), *(there[pole].unit for there in axes)])
+
+        best = best_fourth(
+            {k: (directions(a), directions(b)) for k, (a, b) in pairs.items()}
+        )
+        return None if best is None else replace(links, s=best)
+
+    def poles(self, output: int) -> list[Pole]:
+        """Return the poles of an output's relations, each once."""
+        every = (links.poles for links in self.links[output] if links is not None)
+        return list(dict.fromkeys(pole for poles in every for pole in poles))
+
+    def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
+        """Return rates and relations of an output at places s (n,) of a curve.
+
+        Rates are by arc length. c and d are NaN where an axis is not known.
+        """
+        along = self.along[curve]
+        q, y = (rate_between(along, k, s)[0] for k in (self.input, self.outputs[output]))
+        axes = along.oriented(s, self.poles(output))
+        return AlongOutput(q, y, tuple(self._made(output, axes)))
+
+    def _made(self, output: int, axes: dict[Pole, Axis]) -> list[Relation]:
+        """Return the relations of form i and, if there is one, form ii."""
+        out = []
+        for links, make in zip(self.links[output], (form_i, form_ii), strict=True):
+            if links is not None:
+                six = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].unit)
+                relation = make(links, six)
+                if relation is not None:
+                    out.append(relation)
+        return out
+
+    def _judged(
+        self,
+        relation: Relation,
+        rates: tuple[Floats, Floats],
+        axes: dict[Pole, Axis],
+        facts: Sequence[Type],
+        resting: Sequence[Sequence[Pole]],
+    ) -> list[RelationAt]:
+        """Return a relation compared with rates of output and input; see `judged`."""
+        errors = np.max([axes[pole].error for pole in relation.links.poles], axis=0)
+        names = self.tracer.mechanism.links
+        return judged(relation, names, rates, errors, facts, resting)
 
     def report(self) -> Singularities:
         """Return all singularities on all curves."""
@@ -116,14 +178,16 @@ class SingleFreedom:
         self.whole: list[WholeCurve] = []
         points: list[list[SingularPoint]] = [[] for _ in self.outputs]
         for number, along in enumerate(self.along):
-            for of_output, new in zip(points, self._on_curve(number, along), strict=True):
-                of_output += new
+            poles = [pole for k in range(len(self.outputs)) for pole in self.poles(k)]
+            along.follow(poles)
+            self._note_gaps(number, along, poles)
+            places = {pole: located(along, pole) for pole in dict.fromkeys(poles)}
+            for output, listed in enumerate(points):
+                listed += self._of_output(number, output, places)
         return Singularities(
             self.input,
             self.outputs,
-            tuple(
-                None if links is None else links.s for links in self.relations.second_links
-            ),
+            tuple(None if second is None else second.s for _, second in self.links),
             tuple(point for listed in points for point in listed),
             self._crossings(),
             tuple(self.whole),
@@ -132,33 +196,12 @@ class SingleFreedom:
             tuple(self.gaps),
         )
 
-    def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
-        """Return rates and relations of an output at places s (n,) of a curve.
-
-        See `OutputRelations.at`.
-        """
-        return self.relations.at(self.along[curve], s, output)
-
-    def _on_curve(self, number: int, along: AlongCurve) -> list[list[SingularPoint]]:
-        """Return the singular points of each output on one curve."""
-        every = [self.relations.poles(output) for output in range(len(self.outputs))]
-        along.follow([pole for poles in every for pole in poles])
-        self._note_gaps(number, along, [pole for poles in every for pole in poles])
-        places: dict[Pole, Roots] = {}
-        for pole in dict.fromkeys(pole for poles in every for pole in poles):
-            places[pole] = located(along, pole)
-        return [
-            self._of_output(number, along, output, places)
-            for output in range(len(self.outputs))
-        ]
-
     def _note_gaps(self, number: int, along: AlongCurve, poles: list[Pole]) -> None:
         """Note where zeros may be missed: lost axes, and curves that could not go on."""
         names = self.tracer.mechanism.links
         for a, b in dict.fromkeys(poles):
-            if along.rests((a, b)):
-                continue
-            for low, high in along.sense((a, b)).lost:
+            lost = () if along.rests((a, b)) else along.sense((a, b)).lost
+            for low, high in lost:
                 self.gaps.append(
                     f"curve {number}: the axis {names[b]}/{names[a]} turns too fast to be "
                     f"followed from s = {low:.6g} to {high:.6g} rad; zeros of its rate "
@@ -171,116 +214,106 @@ class SingleFreedom:
             )
 
     def _of_output(
-        self, number: int, along: AlongCurve, output: int, places: dict[Pole, Roots]
+        self, number: int, output: int, places: dict[Pole, Roots | None]
     ) -> list[SingularPoint]:
-        driven, wanted = pole_of(*self.input), pole_of(*self.outputs[output])
-        roots: list[tuple[Pole | None, Roots]] = [
-            (pole, places[pole]) for pole in self.relations.poles(output)
-        ]
-        still, resting = places[driven].always, places[wanted].always
-        if still or resting:
-            kind = (Type.SELF_MOTION if resting else Type.II) if still else Type.I
-            self.whole.append(WholeCurve(kind, self.outputs[output], number))
+        """Return the singular points of an output on one curve."""
+        along, links = self.along[number], self.outputs[output]
+        ends = self.input, links
+        driven, wanted = (pole_of(*pair) for pair in ends)
+        resting = [pole for pole in (driven, wanted) if places[pole] is None]
+        if resting:
+            self.whole.append(WholeCurve(type_of(resting, driven, wanted), links, number))
             return []
-        roots += [(None, more) for more in self._coplanar(number, along, output, roots)]
-        self._note_one_line(number, along, output)
+        roots: list[tuple[Pole | None, Roots]] = [
+            (pole, zeros)
+            for pole in self.poles(output)
+            if (zeros := places[pole]) is not None
+        ]
+        roots += [(None, more) for more in self._coplanar(number, output, roots)]
+        self._note_one_line(number, output)
         groups = groups_of(along.curve, roots)
         if not groups:
             return []
         s = np.array([group.s for group in groups])
-        points = along.points(s)
-        axes = along.oriented(s, self.relations.poles(output))
-        links = self.relations.first_links[output]
-        q, dq = rate_between(along, links.i, links.r, s)
-        y, dy = rate_between(along, links.o, links.s, s)
-        kinds = [group.kind(driven, wanted) for group in groups]
-        made = self.relations.at_groups(output, axes, along, s, groups)
-        notes = _doubts(groups, driven, wanted)
-        singular_points = []
+        values, axes = along.points(s).values, along.oriented(s, self.poles(output))
+        (q, dq), (y, dy) = (rate_between(along, pair, s) for pair in ends)
+        kinds = [type_of(group.members, driven, wanted) for group in groups]
+        made = []
+        for relation in self._made(output, axes):
+            rates = rate_between(along, relation.output, s)[0], q
+            rest = [[p for p in relation.links.poles if p in g.members] for g in groups]
+            made.append(self._judged(relation, rates, axes, kinds, rest))
+        notes = doubts(groups, kinds, driven != wanted)
+        points = []
         for k, (group, kind) in enumerate(zip(groups, kinds, strict=True)):
             relations = tuple(rows[k] for rows in made)
             if kind == Type.APPARENT and all(r.type is None for r in relations):
                 continue
-            one, other = group.double(driven), group.double(wanted)
-            singular_points.append(
+            one, other = (group.members.get(pole) for pole in (driven, wanted))
+            points.append(
                 SingularPoint(
-                    type=kind,
-                    output=self.outputs[output],
-                    curve=number,
-                    s=group.s,
-                    error=group.error,
-                    values=points.values[k],
-                    input_rate=float(q[k]),
-                    output_rate=float(y[k]),
-                    input_slope=float(dq[k]),
-                    output_slope=float(dy[k]),
-                    input_turns=one is False,
-                    output_turns=other is False,
-                    double=bool(one or other),
-                    decided=not notes[k],
-                    note=notes[k],
-                    relations=relations,
+                    kind,
+                    links,
+                    number,
+                    group.s,
+                    group.error,
+                    values[k],
+                    float(q[k]),
+                    float(y[k]),
+                    float(dq[k]),
+                    float(dy[k]),
+                    one is False,
+                    other is False,
+                    bool(one or other),
+                    notes[k],
+                    relations,
                 )
             )
-        return singular_points
+        return points
 
     def _coplanar(
-        self,
-        number: int,
-        along: AlongCurve,
-        output: int,
-        shown: Sequence[tuple[Pole | None, Roots]],
+        self, number: int, output: int, shown: Sequence[tuple[Pole | None, Roots]]
     ) -> list[Roots]:
         """Return where all six axes of four links lie in one plane, though all turn.
 
         The determinant of three of their angular velocities vanishes there, and wherever
         two of the links stand still relative to each other, which is known.
         """
-        out = []
-        for links in dict.fromkeys(
-            [self.relations.first_links[output], self.relations.second_links[output]]
-        ):
-            if links is None or links.three:
+        along, out = self.along[number], []
+        places = np.concatenate([zero.s for _, zero in shown])
+        for links in dict.fromkeys(self.links[output]):
+            if links is None or len(links.different) < 4:
                 continue
-            grid = np.unique(np.concatenate([along.sense(p).s for p in poles_of(links)]))
+            grid = np.unique(np.concatenate([along.sense(p).s for p in links.poles]))
 
-            def function(s: Floats, links: FourLinks = links) -> tuple[Floats, Floats]:
+            def volume(s: Floats, links: FourLinks = links) -> tuple[Floats, Floats]:
                 return _volume(along.rates(s), links)
 
-            value, _ = function(grid)
-            if np.max(np.abs(value)) < ALWAYS:
-                names = self.tracer.mechanism.links
-                four = ", ".join(names[k] for k in (links.i, links.r, links.o, links.s))
+            if np.max(np.abs(volume(grid)[0])) < ALWAYS:
+                four = ", ".join(self.tracer.mechanism.links[k] for k in links.different)
                 self.notes.append(
                     f"curve {number}: the six axes of the links {four} lie in one plane "
                     "everywhere, so c = d = 0 says nothing: the rates tell the types"
                 )
                 continue
-            roots = along.locate(function, grid)
-            others = np.concatenate([zero.s for _, zero in shown])
-            if len(others):
-                near = np.abs(roots.places[:, None] - others)
-                if along.curve.closed:
-                    near = np.minimum(near, along.curve.length - near)
-                fresh = np.min(near, axis=1) > 1e-6
-            else:
-                fresh = np.ones(len(roots.places), dtype=bool)
+            roots = along.locate(volume, grid)
+            near = np.abs(roots.places[:, None] - places)
+            if along.curve.closed:
+                near = np.minimum(near, along.curve.length - near)
+            fresh = np.min(near, axis=1, initial=np.inf) > 1e-6
             s = roots.places[fresh]
-            rates = along.rates(s)
-            _, slope = _volume(rates, links)
-            error = place_error(along.curve, rounding_of(rates), slope)
+            error = place_error(along.curve, rounding_of(along.rates(s)), volume(s)[1])
             out.append(Roots(s, roots.double[fresh], error))
         return out
 
-    def _note_one_line(self, number: int, along: AlongCurve, output: int) -> None:
+    def _note_one_line(self, number: int, output: int) -> None:
         """Note relations of three links that turn about one line on a whole curve."""
-        names = self.tracer.mechanism.links
-        axes = along.axes(along.curve.s, self.relations.poles(output))
-        for links, _, relation in self.relations.made(output, axes):
+        along = self.along[number]
+        axes = along.axes(along.curve.s, self.poles(output))
+        for relation in self._made(output, axes):
             if relation.kind == LinkCount.THREE_LINKS and np.all(np.isnan(relation.c)):
-                three = ", ".join(
-                    names[k] for k in dict.fromkeys((links.i, links.r, links.o, links.s))
-                )
+                names = self.tracer.mechanism.links
+                three = ", ".join(names[k] for k in relation.links.different)
                 self.notes.append(
                     f"curve {number}: the axes of the links {three} are one line "
                     f"everywhere, so form {relation.form} says nothing: the rates tell the "
@@ -314,7 +347,7 @@ class SingleFreedom:
                 "the curve ends where the closure equations lose rank, but the "
                 "configuration was not located: the loss is of higher order"
             )
-            return CrossingPoint(None, tuple(ends), values, False, note, ())
+            return CrossingPoint(None, tuple(ends), values, note, ())
         notes = []
         if crossing.miss > DECIDED_MISS:
             notes.append(
@@ -331,9 +364,7 @@ class SingleFreedom:
             self._on_curves_through(along, crossing, output)
             for output in range(len(self.outputs))
         )
-        return CrossingPoint(
-            crossing, tuple(ends), values, not notes, "; ".join(notes), relations
-        )
+        return CrossingPoint(crossing, tuple(ends), values, "; ".join(notes), relations)
 
     def _on_curves_through(
         self, along: AlongCurve, crossing: Crossing, output: int
@@ -343,22 +374,25 @@ class SingleFreedom:
         if not count:
             return ()
         values = np.tile(crossing.values, (count, 1))
-        axes, rates = along.leaving(values, crossing.tangents, self.relations.poles(output))
-        curves: list[list[RelationAt]] = [[] for _ in range(count)]
-        for links, six, relation in self.relations.made(output, axes):
-            q, y = (
-                np.sum((rates.w[:, a] - rates.w[:, b]) * axes[pole_of(a, b)].unit, axis=1)
-                for a, b in ((links.i, links.r), relation.output)
+        axes, rates = along.leaving(values, crossing.tangents, self.poles(output))
+
+        def rate(a: int, b: int) -> Floats:
+            unit = axes[pole_of(a, b)].unit
+            return np.asarray(np.sum((rates.w[:, a] - rates.w[:, b]) * unit, axis=1))
+
+        forms = []
+        for relation in self._made(output, axes):
+            both = rate(*relation.output), rate(*self.input)
+            made = self._judged(relation, both, axes, [Type.III] * count, [[]] * count)
+            forms.append(
+                [
+                    replace(at, note=ONE_CURVE)
+                    if at.type is None and at.kind != LinkCount.SAME_POLE
+                    else at
+                    for at in made
+                ]
             )
-            errors = axes_error(links, axes)
-            judged = self.relations.judged(
-                links, six, relation, q, y, errors, [Type.III] * count, [[]] * count
-            )
-            for relations, relation_at in zip(curves, judged, strict=True):
-                if relation_at.type is None and relation_at.kind != LinkCount.SAME_POLE:
-                    relation_at = replace(relation_at, note=ONE_CURVE)
-                relations.append(relation_at)
-        return tuple(tuple(relations) for relations in curves)
+        return tuple(zip(*forms, strict=True))
 
     def _everywhere(self) -> int | None:
         """Return the freedoms of a mechanism that nowhere has just one, if it is one.
@@ -374,8 +408,8 @@ class SingleFreedom:
         closed = motion.values[~motion.failed]
         if solver.closure.at(reference).gap[0] < CLOSURE_TOLERANCE:
             closed = np.concatenate([reference, closed])
-        freedoms = [solver.freedoms(values, SINGULAR) for values in closed]
-        return min(freedoms) if freedoms and min(freedoms) > 1 else None
+        least = min((solver.freedoms(values, SINGULAR) for values in closed), default=0)
+        return least if least > 1 else None
 
 
 def ordered_pole(
@@ -406,24 +440,3 @@ def _volume(rates: LinkRates, links: FourLinks) -> tuple[Floats, Floats]:
     slope = np.sum(da * normal, axis=1)
     slope += np.sum(a * (cross(db, c) + cross(b, dc)), axis=1)
     return np.asarray(np.sum(a * normal, axis=1)), slope
-
-
-def _doubts(groups: list[CommonRoots], driven: Pole, wanted: Pole) -> list[str]:
-    """Return for each group why its type is not certain, or an empty string."""
-    notes = [""] * len(groups)
-    for k, group in enumerate(groups):
-        both = driven in group.members and wanted in group.members and driven != wanted
-        if both and group.error > WIDE:
-            notes[k] = (
-                f"undecided within tolerance: input and output vanish {group.spread:.3g} "
-                f"rad apart, and the places are known to {group.error:.3g} rad"
-            )
-    for k, (one, other) in enumerate(pairwise(groups)):
-        kinds = {one.kind(driven, wanted), other.kind(driven, wanted)}
-        gap, uncertainty = other.s - one.s, one.error + other.error
-        if Type.APPARENT not in kinds and len(kinds) == 2 and gap < BESIDE * uncertainty:
-            notes[k] = notes[k + 1] = (
-                f"undecided within tolerance: input and output vanish {gap:.3g} rad "
-                f"apart, and the places are known to {uncertainty:.3g} rad"
-            )
-    return notes

@@ -46,16 +46,6 @@ class Slice:
     locked: Locked
     curve: ArcCurve
 
-    @property
-    def crossings(self) -> Floats:
-        """Configurations (n, V) beside the crossings of curves that the curve ends in."""
-        ends = [
-            end
-            for end, why in zip((0, -1), self.curve.ends, strict=True)
-            if why == Status.AT_SINGULARITY
-        ]
-        return self.locked.whole(self.curve.nodes.values[ends])
-
 
 def solver_of(mechanism: Mechanism) -> Solver:
     """Return the solver of a mechanism, its modes not looked for.
@@ -199,8 +189,8 @@ def cut(
 def _spread_out(count: int) -> NDArray[np.intp]:
     """Return numbers below `count` in an order whose every beginning is spread out."""
     digits = max(1, (count - 1).bit_length())
-    turned = [int(f"{k:0{digits}b}"[::-1], 2) for k in range(1 << digits)]
-    return np.array([k for k in turned if k < count], dtype=np.intp)
+    order = sorted(range(count), key=lambda k: f"{k:0{digits}b}"[::-1])
+    return np.array(order, dtype=np.intp)
 
 
 def seeds(section: Slice, locus: Locus) -> LocusPoints:

@@ -8,11 +8,12 @@ import numpy as np
 from spherekit.budget import Budget
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.guarantee import Claim, Guarantee
+from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.search import starting_range
 from spherekit.singular.locus import Locus, LocusPoints
 from spherekit.singular.points import View
-from spherekit.singular.slices import Cut, seeds
+from spherekit.singular.slices import Cut, cut, seeds
 from spherekit.sphere.rotation import Floats
 
 CLOSING_STEPS = 40
@@ -29,6 +30,11 @@ DRY = 3
 """Rounds in a row without news that end a search."""
 MOST_ROUNDS = 12
 SEED = 20240616
+FOR_SLICES = 0.6
+"""Part of the time that slices may take."""
+EVERYWHERE = Claim(
+    Guarantee.SAMPLED, f"all configurations that {PROBES} random starts led to are of it"
+)
 
 
 @final
@@ -42,24 +48,35 @@ class Seeding:
     ----------
     view
         The mechanism, and what is looked for.
-    ranges
-        Lowest and highest value (rad) of each input, for random starts.
-    cut
-        The slices, or None.
+    whole_turn
+        Whether over one turn of each input, and not over its declared range.
+    made
+        The slices that are there already.
+    slices_of_each
+        Values at which each input is locked, for slices if there are none; or 0.
     budget
         Time to spend.
+
+    Attributes
+    ----------
+    everywhere
+        Whether all configurations are looked for, so that nothing is.
     """
 
     def __init__(
         self,
         view: View,
-        ranges: Sequence[tuple[float, float]],
-        cut: Cut | None,
+        whole_turn: bool,
+        made: Cut | None,
+        slices_of_each: int,
         budget: Budget,
     ) -> None:
-        self.solver, self.locus = view.solver, view.locus
-        self.cut, self.budget = cut, budget
-        self.ranges = np.array(ranges)
+        self.view, self.budget, self.cut = view, budget, made
+        self.ranges = ranges_of(view.solver.mechanism, whole_turn)
+        self.everywhere = everywhere(view)
+        if made is None and slices_of_each and not self.everywhere:
+            share = budget.part(FOR_SLICES)
+            self.cut = cut(view.solver, self.ranges, slices_of_each, share)
         self.starts = self.hits = self.searched = 0
         self._dry = 0
 
@@ -72,18 +89,19 @@ class Seeding:
                     return
                 some = every[first : first + SECTIONS]
                 self.searched += len(some)
-                parts = [seeds(section, self.locus) for section in some]
+                parts = [seeds(section, self.view.locus) for section in some]
                 yield self._counted(LocusPoints.joined(parts))
             return
-        random = np.random.default_rng(SEED)
+        random, solver = np.random.default_rng(SEED), self.view.solver
+        ranges = np.array(self.ranges)
         for number in range(MOST_ROUNDS):
             words = f"round {number + 1} of random starts"
             if self._dry >= DRY or not self.budget.goes_on(words):
                 return
-            values = closed_configurations(self.solver, self.ranges, STARTS, random)
+            values = closed_configurations(solver, ranges, STARTS, random)
             self.starts += STARTS
             self._dry += 1
-            yield self._counted(points_from(self.locus, values, self.solver.driven))
+            yield self._counted(points_from(self.view.locus, values, solver.driven))
 
     def met(self, news: bool) -> None:
         """Say whether the last batch, or a part of it, had news."""
@@ -111,6 +129,13 @@ class Seeding:
                 return Claim(Guarantee.TO_BOX, reason, max(self.cut.gaps))
             reason = f"{self.searched} curves on slices were searched"
         return Claim(Guarantee.SAMPLED, "; ".join(filter(None, [reason, notes])))
+
+
+def ranges_of(mechanism: Mechanism, whole_turn: bool = False) -> list[tuple[float, float]]:
+    """Return the lowest and highest value (rad) of each input that is looked at."""
+    if whole_turn:
+        return [(-np.pi, np.pi)] * len(mechanism.inputs)
+    return [item.range for item in mechanism.inputs]
 
 
 def closed_configurations(

@@ -20,12 +20,11 @@ from spherekit.guarantee import Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.turns import in_range, less_periods
-from spherekit.singular.curves import EVERYWHERE, ranges_of
-from spherekit.singular.locus import Locus, LocusPoints
+from spherekit.singular.locus import LocusPoints
 from spherekit.singular.mesh import Mesh
 from spherekit.singular.points import LocusName, SingularPoints, View
-from spherekit.singular.slices import Cut, cut, solver_of
-from spherekit.singular.starts import Seeding, everywhere
+from spherekit.singular.slices import Cut, solver_of
+from spherekit.singular.starts import EVERYWHERE, Seeding
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import Floats
 
@@ -163,27 +162,13 @@ def singular_surface(
             f"{mechanism.name}: three inputs move a direction in more ways than it has; "
             "ask for type I of the link's orientation, without `pointing`"
         )
-    view = View.of(solver, rest, kind)
-    locus = view.locus
-    if everywhere(view):
-        none = locus.onto(np.zeros((0, len(mechanism.variable_owners))))
-        return _seen(view, _bare(locus, none), side, EVERYWHERE, everywhere=True)
-    budget = budget or Budget()
-    ranges = ranges_of(mechanism, whole_turn)
-    if made is None and slices_of_each:
-        made = cut(solver, ranges, slices_of_each, budget.part(0.6))
-    laying = budget.part(1.0 / (1.0 + HALVING * 4**halved)) if halved else budget
-    source = Seeding(view, ranges, made, laying)
-    front = _Front(locus, None if whole_turn else view, side, most, laying)
-    irregular = 0
-    for points in source.batches():
-        inside = np.ones(len(points), dtype=bool)
-        if not whole_turn:
-            inside = view.points(points).inside
-        irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
-        for row in np.flatnonzero(inside):
-            source.met(front.grow(points.rows(slice(row, row + 1))))
-    mesh = _bare(locus, front.points, front.triangles, front.component)
+    view, budget = View.of(solver, rest, kind), budget or Budget()
+    source = Seeding(view, whole_turn, made, slices_of_each, budget)
+    front = _Front(view, whole_turn, side, most, budget)
+    if halved:
+        source.budget = front.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
+    irregular = 0 if source.everywhere else front.grow_all(source)
+    mesh = front.mesh
     for _ in range(halved):
         budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
         mesh = mesh.split()
@@ -191,48 +176,17 @@ def singular_surface(
         for number, item in zip(solver.driven, mechanism.inputs, strict=True):
             mesh = mesh.within(number, *item.range)
     mesh = mesh.only(view.is_own(view.types(mesh.points.values)))
-    full = len(front.values) >= most
-    claim = source.claim("surface")
-    return _seen(view, mesh, side / 2**halved, claim, irregular, full)
-
-
-def _bare(
-    locus: Locus,
-    points: LocusPoints,
-    triangles: Sequence[tuple[int, int, int]] = (),
-    component: Sequence[int] = (),
-) -> Mesh:
-    """Return a mesh that no range has cut."""
-    return Mesh(
-        locus,
-        points,
-        np.array(triangles, dtype=np.int64).reshape(-1, 3),
-        np.array(component, dtype=np.int64),
-        np.zeros(points.values.shape, dtype=bool),
-    )
-
-
-def _seen(
-    view: View,
-    mesh: Mesh,
-    side: float,
-    claim: Claim,
-    irregular: int = 0,
-    full: bool = False,
-    everywhere: bool = False,
-) -> SingularSurface:
-    """Return a mesh as the inputs and the output see it."""
     return SingularSurface(
-        view.kind,
+        kind,
         view.points(mesh.points),
         mesh.triangles,
         mesh.border,
         mesh.component,
-        side,
-        claim,
+        side / 2**halved,
+        EVERYWHERE if source.everywhere else source.claim("surface"),
         irregular,
-        full,
-        everywhere,
+        len(front.values) >= most,
+        source.everywhere,
     )
 
 
@@ -247,11 +201,11 @@ class _Front:
     """
 
     def __init__(
-        self, locus: Locus, view: View | None, side: float, most: int, budget: Budget
+        self, view: View, whole_turn: bool, side: float, most: int, budget: Budget
     ) -> None:
-        self.locus, self.view, self.side, self.most = locus, view, side, most
-        self.budget = budget
-        self.periods = periods_of(locus.closure)
+        self.locus, self.view, self.whole_turn = view.locus, view, whole_turn
+        self.side, self.most, self.budget = side, most, budget
+        self.periods = periods_of(self.locus.closure)
         self.parts: list[LocusPoints] = []
         self.values = np.zeros((0, len(self.periods)))
         self.motions = np.zeros((0, len(self.periods)))
@@ -264,11 +218,16 @@ class _Front:
         self.closed: set[Edge] = set()
 
     @property
-    def points(self) -> LocusPoints:
-        """All vertices."""
-        if self.parts:
-            return LocusPoints.joined(self.parts)
-        return self.locus.onto(np.zeros((0, len(self.periods))))
+    def mesh(self) -> Mesh:
+        """What is laid, that no range has cut."""
+        none = self.locus.onto(np.zeros((0, len(self.periods))))
+        return Mesh(
+            self.locus,
+            LocusPoints.joined([none, *self.parts]),
+            np.array(self.triangles, dtype=np.int64).reshape(-1, 3),
+            np.array(self.component, dtype=np.int64),
+            np.zeros(self.values.shape, dtype=bool),
+        )
 
     def away(self, origin: Floats, rows: NDArray[np.intp] | slice) -> Floats:
         """Return vertices (n, V) as seen from a configuration, less whole periods."""
@@ -279,6 +238,16 @@ class _Front:
         distance = np.linalg.norm(self.away(values, slice(None)), axis=1)
         same = np.abs(self.motions @ motion) > TURNED
         return np.flatnonzero((distance < radius) & same)
+
+    def grow_all(self, source: Seeding) -> int:
+        """Mesh the surfaces through all seeds; return how many of these are irregular."""
+        irregular = 0
+        for points in source.batches():
+            inside = self.whole_turn | self.view.points(points).inside
+            irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
+            for row in np.flatnonzero(inside):
+                source.met(self.grow(points.rows(slice(row, row + 1))))
+        return irregular
 
     def grow(self, seed: LocusPoints) -> bool:
         """Mesh the surface through a seed, unless a mesh covers it; return whether."""
@@ -337,12 +306,9 @@ class _Front:
 
         The surface curves back over an end between vertices beyond it.
         """
-        if self.view is None:
-            return True
+        (low, high), room = self.view.ranges, BEYOND * self.side
         inputs = self.view.inputs_of(point.values)[0]
-        low, high = self.view.ranges
-        room = BEYOND * self.side
-        return bool(np.all(in_range(inputs, low - room, high + room)))
+        return self.whole_turn or bool(np.all(in_range(inputs, low - room, high + room)))
 
     def _beside(self, bases: list[int], ways: Floats) -> list[LocusPoints | None]:
         """Return the locus where ways (k, 2) in the tangent planes at vertices lead."""

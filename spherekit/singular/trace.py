@@ -4,7 +4,7 @@ The path is a `spherekit.motion.continuation.CurvePath`, its bend that of the la
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -73,7 +73,12 @@ def trace_curves(
     ahead, behind = (
         [
             _LocusPath(
-                _Node(starts, row, sense, still), periods, longest, step, locus, budget
+                _Node(_turned(starts.rows(slice(row, row + 1)), sense), still),
+                periods,
+                longest,
+                step,
+                locus,
+                budget,
             )
             for row in range(len(rows))
         ]
@@ -95,52 +100,40 @@ def _curve(ahead: "_LocusPath", behind: "_LocusPath") -> SingularCurve | None:
         if path.closed:
             points = _points([path.start, *path.nodes])
             return SingularCurve(locus, points, periods, True, (Status.OK, Status.OK))
-    forward = [ahead.start, *ahead.nodes]
-    back = [replace(node, sense=-node.sense) for node in reversed(behind.nodes)]
-    if len(back) + len(forward) < 2:
+    back = [_turned(node.point, -1.0) for node in reversed(behind.nodes)]
+    points = LocusPoints.joined([*back, _points([ahead.start, *ahead.nodes])])
+    if len(points) < 2:
         return None
     ends = (behind.end or Status.OK, ahead.end or Status.OK)
-    return SingularCurve(locus, _points([*back, *forward]), periods, False, ends)
+    return SingularCurve(locus, points, periods, False, ends)
 
 
 @final
 @dataclass(frozen=True)
 class _Node:
-    """One of several points, the sense in which it is passed, the bend of the last step."""
+    """A point, its tangent in the sense of the path, and the bend of the last step."""
 
-    points: LocusPoints
-    row: int
-    sense: float
+    point: LocusPoints
     bend: Floats
     inside: bool = True
 
     @property
     def values(self) -> Floats:
-        return np.asarray(self.points.values[self.row])
+        return np.asarray(self.point.values[0])
 
     @property
     def tangent(self) -> Floats:
-        return np.asarray(self.sense * self.points.tangents[self.row, :, 0])
+        return np.asarray(self.point.tangents[0, :, 0])
 
 
 def _points(nodes: Sequence[_Node]) -> LocusPoints:
-    """Return nodes as points, tangents in their senses."""
-    points = LocusPoints(
-        **{
-            item.name: np.stack(
-                [getattr(node.points, item.name)[node.row] for node in nodes]
-            )
-            for item in fields(LocusPoints)
-        }
-    )
-    _flip(points, np.array([node.sense for node in nodes]))
-    return points
+    return LocusPoints.joined([node.point for node in nodes])
 
 
-def _flip(points: LocusPoints, sense: Floats) -> None:
-    """Turn tangents round where the sense (n,) is -1."""
-    points.tangents[:] *= sense[:, None, None]
-    points.turns[:] *= sense[:, None, None]
+def _turned(points: LocusPoints, sense: Floats | float) -> LocusPoints:
+    """Return points with their tangents turned round where the sense (n,) is -1."""
+    sense = np.reshape(sense, (-1, 1, 1))
+    return replace(points, tangents=sense * points.tangents, turns=sense * points.turns)
 
 
 def _bordered(points: LocusPoints, tangents: Floats) -> Floats:
@@ -199,7 +192,7 @@ class _LocusPath(CurvePath[_Node]):
             points.first_step, points.ratio, np.repeat(sizes, 2)
         )
         along = np.sum(points.tangents[:, :, 0] * borders, axis=1)
-        _flip(points, np.sign(along))
+        points = _turned(points, np.sign(along))
         before = np.repeat(_bordered(here, tangents), 2, axis=0)
         change = np.linalg.pinv(before) @ (_bordered(points, borders) - before)
         moved = np.linalg.norm(change, axis=(1, 2))
@@ -217,27 +210,29 @@ class _LocusPath(CurvePath[_Node]):
         holds[some] = tests.predicted(wrong, ways[some], tests.slack)
         bends = (last.tangents[:, :, 0] - tangents) / length[:, None]
         inside = np.all(locus.closure.at(last.values[holds]).states.inside, axis=1)
-        within = dict(zip(np.flatnonzero(holds).tolist(), inside.tolist(), strict=True))
-        most = np.max(moved.reshape(-1, 2), axis=1).tolist()
-        return [
-            (_Node(last, row, 1.0, bends[row], within[row]), most[row]) if held else None
-            for row, held in enumerate(holds.tolist())
-        ]
+        most = np.max(moved.reshape(-1, 2), axis=1)
+        steps: list[tuple[_Node, float] | None] = [None] * len(ats)
+        for row, within in zip(
+            np.flatnonzero(holds).tolist(), inside.tolist(), strict=True
+        ):
+            node = _Node(last.rows(slice(row, row + 1)), bends[row], within)
+            steps[row] = node, float(most[row])
+        return steps
 
     def again(self, at: _Node, values: Floats) -> _Node | None:
         """Return the start at values whole periods on, with the same singular motion."""
-        start, here = _points([self.start]), at.points.motions[at.row]
-        cosine = float(start.motions[0] @ here)
+        start = self.start.point
+        cosine = float(start.motions[0] @ at.point.motions[0])
         if abs(cosine) < SAME_MOTION:
             return None
-        sense = float(np.sign(cosine))
+        sense = np.sign(cosine)
         point = replace(
             start,
             values=values[None],
             motions=sense * start.motions,
             turns=sense * start.turns,
         )
-        return _Node(point, 0, 1.0, self.start.bend)
+        return _Node(point, self.start.bend)
 
     def within(self, step: float, node: _Node | None) -> bool:
         """Return whether there is a node, and on the profiles; end the curve where not."""
@@ -247,5 +242,5 @@ class _LocusPath(CurvePath[_Node]):
 
     def beyond(self) -> Status:
         """Return AT_SINGULARITY beside a crossing of curves of the locus."""
-        flat = self.at.points.reciprocal_condition[self.at.row] < NEARLY_FLAT
+        flat = self.at.point.reciprocal_condition[0] < NEARLY_FLAT
         return Status.AT_SINGULARITY if flat else Status.MODE_LOST
