@@ -18,6 +18,7 @@ from spherekit.plugin import (
     listing,
 )
 from spherekit.plugin.singularities import (
+    NearMiss,
     RelationAt,
     RelationMeasures,
     SampledSingularities,
@@ -113,17 +114,7 @@ class OneInput:
         pair = batch.moving_inputs[0]
         names = self._names(batch)
         misses = near_misses(sampled, np.radians(self.near))
-        figures["near_misses"] = [
-            {
-                "type": str(miss.type),
-                "output": names[miss.output],
-                "assembly_modes": list(miss.assembly_modes),
-                "q_rad": miss.q,
-                "angle_rad": miss.angle,
-                "velocity_coefficient": miss.velocity_coefficient,
-            }
-            for miss in misses
-        ]
+        figures["near_misses"] = [_missed(miss, names) for miss in misses]
         warnings += coming_near(misses, points, names, self.near, pair)
         counts = _in_words(figures["singularities"]) or "no singularities"
         beyond = _in_words(figures["outside"])
@@ -186,6 +177,28 @@ class OneInput:
                 turns=" and ".join(_turns(point)),
                 double="yes" if point.double else "no",
             )
+        rows += self._crossed(batch)
+        for whole in sampled.report.whole:
+            pieces = sampled.configurations.curves[whole.curve].pieces
+            rows.append(
+                {
+                    "kind": str(whole.type),
+                    "assembly_mode": _joined(sampled.modes_of(pieces)),
+                    "inside": "yes",
+                    "output": _named(sampled.tracer.mechanism, whole.output),
+                    "curve": whole.curve,
+                    "residual": 0.0,
+                    "decided": "yes",
+                    "note": f"at rest on the whole of curve {whole.curve}",
+                }
+            )
+        claim = sampled.configurations.guarantee.value
+        return [{"double": "no", "guarantee": claim, **row} for row in rows]
+
+    def _crossed(self, batch: Batch) -> list[Row]:
+        """Return rows of where curves cross, for each output."""
+        sampled = self._found(batch)
+        rows: list[Row] = []
         for crossing in sampled.report.crossings:
             ends = [
                 (curve, 0.0 if at_start else sampled.curves[curve].length)
@@ -213,22 +226,7 @@ class OneInput:
                     decided="yes" if crossing.decided else "no",
                     error=error,
                 )
-        for whole in sampled.report.whole:
-            pieces = sampled.configurations.curves[whole.curve].pieces
-            rows.append(
-                {
-                    "kind": str(whole.type),
-                    "assembly_mode": _joined(sampled.modes_of(pieces)),
-                    "inside": "yes",
-                    "output": _named(sampled.tracer.mechanism, whole.output),
-                    "curve": whole.curve,
-                    "residual": 0.0,
-                    "decided": "yes",
-                    "note": f"at rest on the whole of curve {whole.curve}",
-                }
-            )
-        claim = sampled.configurations.guarantee.value
-        return [{"double": "no", "guarantee": claim, **row} for row in rows]
+        return rows
 
     def _rows(
         self,
@@ -309,6 +307,18 @@ class OneInput:
             }
             for measures in sampled.measures()
         ]
+
+
+def _missed(miss: NearMiss, names: Sequence[str]) -> Row:
+    """Return a near miss as the summary has it."""
+    return {
+        "type": str(miss.type),
+        "output": names[miss.output],
+        "assembly_modes": list(miss.assembly_modes),
+        "q_rad": miss.q,
+        "angle_rad": miss.angle,
+        "velocity_coefficient": miss.velocity_coefficient,
+    }
 
 
 def _part(sampled: SampledSingularities) -> str:

@@ -140,14 +140,12 @@ class InverseKinematics:
         poses
             (n, 3, 3) orientations of the output link, or (n, 3) directions that it points
             at, both in axes of the link that the output is seen from.
-        modes
-            Signs of the modes wanted; all by default.
-        normals
-            Whether to keep the normals, which the Jacobian needs.
+        modes, normals
+            Signs of the modes wanted, all by default; whether to keep the normals, which
+            the Jacobian needs.
         near
-            (n, 3, 3) orientations of the output link, whose turns about the directions
-            the solutions are looked for next to. Needed where a bar gives the turn, and
-            then that is closed by Newton's method.
+            (n, 3, 3) orientations of the output link, next to whose turns solutions are
+            looked for by Newton's method. Needed where a bar gives the turn.
 
         Raises
         ------
@@ -162,18 +160,13 @@ class InverseKinematics:
             )
         given, chosen = self._checked(poses), self._chosen(modes)
         starts = self._starts(near, len(given))
-
         bar = self._turned is not None
 
         def told(view: PosedMode) -> list[NDArray[Any]]:
             reach, rates = view.reach, [view.rate(pair) for pair in view.driven]
-            arrays: list[NDArray[Any]] = [
-                np.stack([view.input(pair) for pair in view.driven]),
-                np.stack([rate.speed for rate in rates]),
-                reach.status,
-                reach.margin,
-                reach.limiting,
-            ]
+            inputs = np.stack([view.input(pair) for pair in view.driven])
+            arrays: list[NDArray[Any]] = [inputs, np.stack([rate.speed for rate in rates])]
+            arrays += [reach.status, reach.margin, reach.limiting]
             if normals:
                 arrays.append(np.stack([rate.unit for rate in rates]))
             return [*arrays, view.slope] if bar else arrays

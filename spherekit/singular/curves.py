@@ -2,7 +2,9 @@
 
 Seeds are the singular configurations of slices with one input locked, found along whole
 configuration curves, or those that random starts lead to; each that lies on no curve yet
-is followed.
+is followed, wherever it leads, also out of the declared ranges. Type I of an orientation is
+generally met at points only, which are not curves; where the output has two freedoms it is
+met along curves.
 """
 
 from collections.abc import Iterator, Sequence
@@ -129,40 +131,26 @@ def singular_curves(
 
     Parameters
     ----------
-    mechanism
-        A mechanism with two inputs.
-    kind
+    mechanism, kind
         "II", inputs at rest in a motion of the output; "I", the output at rest while inputs
         move; or "self-motion", both at rest while other links move.
     output, pointing
         Which output, and which direction of it if not the link's orientation; see
         `spherekit.singular.stationarity.output_of`.
-    slices_of_each
-        Values at which each input is locked, evenly spread over its declared range. With 0
-        the locus is looked for from random closed configurations instead: much quicker,
-        with the weaker claim "sampled", and only curves that meet the declared ranges.
-    whole_turn
-        Whether to spread them over one turn instead.
-    step
-        Longest step (rad) along a curve.
-    made
-        Slices that are there already, as of the other type.
-    budget
-        Time to spend on seeds and on following curves, unlimited by default.
+    slices_of_each, whole_turn
+        Values at which each input is locked, evenly spread over its declared range, or over
+        one turn. With 0 the locus is looked for from random closed configurations instead:
+        quicker, with the claim "sampled", and only curves that meet the declared ranges.
+    step, made, budget
+        Longest step (rad) along a curve, slices that are there already, and the time to
+        spend, unlimited by default.
 
     Raises
     ------
-    AnalysisError
-        If there are not two inputs, or no such output.
-    PlanError
-        If the mechanism has not one freedom for each input.
-
-    Curves are found where slices or starts meet them, and are followed wherever they lead,
-    also out of the declared ranges. Type I of an orientation is generally met at points
-    only, which are not curves; where the output has two freedoms it is met along curves.
+    AnalysisError, PlanError
+        If there are not two inputs with a freedom each, or no such output.
     """
-    rest = output_of(mechanism, output, pointing)
-    solver = solver_of(mechanism)
+    rest, solver = output_of(mechanism, output, pointing), solver_of(mechanism)
     if len(solver.driven) != 2:
         raise AnalysisError(
             f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "

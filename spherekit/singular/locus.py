@@ -195,10 +195,9 @@ class Locus:
         borders, targets
             (n, k, V) and (n, k) linear equations that pick a point of the locus; with
             k = 0 the steps are the shortest ones.
-        like
-            (n, V, g + k) bases that the equations' bases are turned to.
-        most
-            Steps that Newton's method may take.
+        like, most
+            (n, V, g + k) bases that the equations' bases are turned to, and the steps that
+            Newton's method may take.
         """
         steps = NewtonSteps(len(values), TRUST)
         values, motions = values.copy(), motions.copy()

@@ -119,63 +119,37 @@ def singular_surface(
 
     Parameters
     ----------
-    mechanism
-        A mechanism with three inputs.
-    kind
-        That of `spherekit.singular.curves.singular_curves`.
-    output, pointing
-        See `spherekit.singular.stationarity.output_of`. Type I is that of an orientation.
-    side
-        Length (rad, in the variables) of the edges of the triangles that are laid.
-    halved
-        How often each of these edges is halved afterwards, at a point of the surface.
-    slices_of_each
-        Values at which each of two inputs is locked while the third runs free. With 0 the
-        locus is looked for from random closed configurations, the claim being "sampled".
-    whole_turn
-        Whether to mesh the whole surface, and not the part with all inputs within their
-        declared ranges.
-    most
-        Greatest number of vertices, before halving.
-    made
-        Slices that are there already, as of the other type.
-    budget
-        Time to spend on seeds and on the mesh, unlimited by default.
+    mechanism, kind, output, pointing, slices_of_each, made, budget
+        As for `spherekit.singular.curves.singular_curves`, with two inputs locked in each
+        slice; type I is that of an orientation.
+    side, halved
+        Length (rad, in the variables) of the edges of the triangles that are laid, and how
+        often each is halved afterwards, at a point of the surface.
+    whole_turn, most
+        Whether to mesh more than the declared ranges, and most vertices before halving.
 
     Raises
     ------
-    AnalysisError
-        If there are not three inputs, no such output, or type I of a direction is asked
-        for: three inputs never leave it at rest along a surface only.
-    PlanError
-        If the mechanism has not one freedom for each input.
+    AnalysisError, PlanError
+        If there are not three inputs with a freedom each, no such output, or type I of a
+        direction is asked for: three inputs never leave it so along a surface only.
     """
-    rest = output_of(mechanism, output, pointing)
-    solver = solver_of(mechanism)
+    rest, solver = output_of(mechanism, output, pointing), solver_of(mechanism)
+    wrong = ""
     if len(solver.driven) != 3:
-        raise AnalysisError(
-            f"{mechanism.name} has {len(solver.driven)} inputs; surfaces of singular "
-            "configurations are those of a mechanism with three"
-        )
-    if kind == "I" and rest.count < 3:
-        raise AnalysisError(
-            f"{mechanism.name}: three inputs move a direction in more ways than it has; "
-            "ask for type I of the link's orientation, without `pointing`"
-        )
+        wrong = f" has {len(solver.driven)} inputs; surfaces are those of three"
+    elif kind == "I" and rest.count < 3:
+        wrong = ": three inputs move a direction in more ways than it has; ask for type I "
+        wrong += "of the link's orientation, without `pointing`"
+    if wrong:
+        raise AnalysisError(mechanism.name + wrong)
     view, budget = View.of(solver, rest, kind), budget or Budget()
     source = Seeding(view, whole_turn, made, slices_of_each, budget)
     front = _Front(view, whole_turn, side, most, budget)
     if halved:
         source.budget = front.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
     irregular = 0 if source.everywhere else front.grow_all(source)
-    mesh = front.mesh
-    for _ in range(halved):
-        budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
-        mesh = mesh.split()
-    if not whole_turn:
-        for number, item in zip(solver.driven, mechanism.inputs, strict=True):
-            mesh = mesh.within(number, *item.range)
-    mesh = mesh.only(view.is_own(view.types(mesh.points.values)))
+    mesh = front.finished(halved, budget)
     return SingularSurface(
         kind,
         view.points(mesh.points),
@@ -228,6 +202,17 @@ class _Front:
             np.array(self.component, dtype=np.int64),
             np.zeros(self.values.shape, dtype=bool),
         )
+
+    def finished(self, halved: int, budget: Budget) -> Mesh:
+        """Return it with its edges halved so often, cut at the ranges of the inputs."""
+        mesh, solver = self.mesh, self.view.solver
+        for _ in range(halved):
+            budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
+            mesh = mesh.split()
+        if not self.whole_turn:
+            for number, item in zip(solver.driven, solver.mechanism.inputs, strict=True):
+                mesh = mesh.within(number, *item.range)
+        return mesh.only(self.view.is_own(self.view.types(mesh.points.values)))
 
     def away(self, origin: Floats, rows: NDArray[np.intp] | slice) -> Floats:
         """Return vertices (n, V) as seen from a configuration, less whole periods."""

@@ -173,24 +173,7 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit,
             between.narrow(closest, np.pi, "the width of the links")
     for item in wanted.apart:
         one, other = (_pair(mechanism, "apart", name) for name in (item.one, item.other))
-        where = f"{item.one}/{item.other}"
-        if one == other:
-            raise _refusal(mechanism, f"apart: {where} names one axis twice")
-        if not 0.0 <= item.low <= item.high <= np.pi:
-            raise _refusal(
-                mechanism,
-                f"apart: {where}: {_deg(item.low)} to {_deg(item.high)} is not a range; "
-                f"give "
-                "the least angle between the axes, 0 to 180 deg, and a greatest not below",
-            )
-        fixed = _fixed(mechanism, one, other)
-        if fixed is not None:
-            if not item.low - COLLINEAR <= fixed <= item.high + COLLINEAR:
-                raise _refusal(
-                    mechanism,
-                    f"apart: {where}: both axes are on one link, always {_deg(fixed)} "
-                    f"apart, not {_deg(item.low)} to {_deg(item.high)}",
-                )
+        if _holds_always(mechanism, item, one, other):
             continue
         key = (one, other) if (one, other) in limits else (other, one)
         key = key if key in limits else (one, other)
@@ -225,6 +208,27 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit,
                 title = f"axes {name} {words} {_deg(limit)} ({source})"
                 bounds.append(AngleLimit(title, limit, at_least, cosine))
     return tuple(bounds)
+
+
+def _holds_always(mechanism: Mechanism, item: AxesLimit, one: int, other: int) -> bool:
+    """Return whether the axes are on one link, and so always apart as asked."""
+    where = f"{item.one}/{item.other}"
+    if one == other:
+        raise _refusal(mechanism, f"apart: {where} names one axis twice")
+    if not 0.0 <= item.low <= item.high <= np.pi:
+        raise _refusal(
+            mechanism,
+            f"apart: {where}: {_deg(item.low)} to {_deg(item.high)} is not a range; give "
+            "the least angle between the axes, 0 to 180 deg, and a greatest not below",
+        )
+    fixed = _fixed(mechanism, one, other)
+    if fixed is not None and not item.low - COLLINEAR <= fixed <= item.high + COLLINEAR:
+        raise _refusal(
+            mechanism,
+            f"apart: {where}: both axes are on one link, always {_deg(fixed)} "
+            f"apart, not {_deg(item.low)} to {_deg(item.high)}",
+        )
+    return fixed is not None
 
 
 def _fixed(mechanism: Mechanism, one: int, other: int) -> float | None:
