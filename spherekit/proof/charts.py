@@ -9,6 +9,7 @@ angles are inputs too.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import Any, final
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from spherekit.proof.balls import circle, exact, pi
 from spherekit.proof.equations import Equations
+from spherekit.proof.roots import contracted
 from spherekit.proof.tubes import ROUNDING, UP
 from spherekit.sphere.rotation import Floats
 
@@ -133,23 +135,33 @@ class ChartRoots:
         return ChartRoots(inverted, self.inverse ^ over, self.row)
 
 
-def _powers(roots: ChartRoots, column: int, size: int, order: int) -> Complexes:
-    """Return (n, size) the powers of z that belong to coefficients, or derivatives."""
-    up = np.arange(size)
-    exponents = np.where(roots.inverse[:, column, None], size - 1 - up, up)
-    factor = np.ones(exponents.shape)
-    for step in range(order):
-        factor = factor * (exponents - step)
-    z = roots.z[:, column, None]
-    return np.asarray(factor * z ** np.maximum(exponents - order, 0))
+class _Derivatives:
+    """Derivatives by z of polynomials at points, each power of z computed once."""
 
+    def __init__(self, roots: ChartRoots) -> None:
+        self.roots = roots
+        self._powers: dict[tuple[int, int, int], Complexes] = {}
 
-def _contracted(coefficients: NDArray[Any], powers: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return (n, ...) sums over the last axes of coefficients times powers (n, size)."""
-    out = coefficients
-    for power in reversed(powers):
-        out = np.einsum("n...p,np->n...", out, power)
-    return out
+    def of(self, series: Complexes, *columns: int) -> Complexes:
+        """Return (n, ...) that of series (n, ..., sizes) by the unknowns of `columns`."""
+        k = self.roots.z.shape[1]
+        out = series
+        for column, size in reversed(list(enumerate(series.shape[-k:]))):
+            key = column, size, columns.count(column)
+            if key not in self._powers:
+                self._powers[key] = self._power(*key)
+            out = np.einsum("n...p,np->n...", out, self._powers[key])
+        return out
+
+    def _power(self, column: int, size: int, order: int) -> Complexes:
+        """Return (n, size) the powers of z that belong to coefficients, or derivatives."""
+        up = np.arange(size)
+        exponents = np.where(self.roots.inverse[:, column, None], size - 1 - up, up)
+        factor = np.ones(exponents.shape)
+        for step in range(order):
+            factor = factor * (exponents - step)
+        z = self.roots.z[:, column, None]
+        return np.asarray(factor * z ** np.maximum(exponents - order, 0))
 
 
 def values_at(
@@ -157,23 +169,16 @@ def values_at(
 ) -> tuple[Complexes, Complexes, Complexes]:
     """Return P (n, k), its derivatives by z (n, k, k) and by the inputs (n, k, inputs)."""
     n, count = roots.z.shape
-    inputs = made.slopes[0].shape[1]
     values = np.empty((n, count), dtype=complex)
     first = np.zeros((n, count, count), dtype=complex)
-    by_input = np.empty((n, count, inputs), dtype=complex)
-    for row, coefficients in enumerate(made.values):
-        sizes = coefficients.shape[1:]
-        powers = [_powers(roots, j, size, 0) for j, size in enumerate(sizes)]
-        here = coefficients[roots.row]
-        values[:, row] = _contracted(here, powers)
-        for column, size in enumerate(sizes):
-            if size > 1:
-                changed = [*powers]
-                changed[column] = _powers(roots, column, size, 1)
-                first[:, row, column] = _contracted(here, changed)
-        slopes = made.slopes[row][roots.row]
-        for driven in range(inputs):
-            by_input[:, row, driven] = _contracted(slopes[:, driven], powers)
+    by_input = np.empty((n, count, made.slopes[0].shape[1]), dtype=complex)
+    derivatives = _Derivatives(roots)
+    for row, (series, slopes) in enumerate(zip(made.values, made.slopes, strict=True)):
+        here = series[roots.row]
+        values[:, row] = derivatives.of(here)
+        for column in (j for j in range(count) if here.shape[1 + j] > 1):
+            first[:, row, column] = derivatives.of(here, column)
+        by_input[:, row] = derivatives.of(slopes[roots.row])
     return values, first, by_input
 
 
@@ -250,17 +255,13 @@ def _second(coefficients: Sequence[Complexes], roots: ChartRoots) -> Complexes:
     """Return the second derivatives (n, k, k, k) by z of polynomials at points."""
     n, count = roots.z.shape
     out = np.zeros((n, len(coefficients), count, count), dtype=complex)
+    derivatives = _Derivatives(roots)
     for row, series in enumerate(coefficients):
-        sizes = series.shape[1:]
         here = series[roots.row]
-        held = [j for j in range(count) if sizes[j] > 1]
-        for j in held:
-            for other in (column for column in held if column >= j):
-                powers = [
-                    _powers(roots, c, s, int(c == j) + int(c == other))
-                    for c, s in enumerate(sizes)
-                ]
-                out[:, row, j, other] = out[:, row, other, j] = _contracted(here, powers)
+        held = [j for j in range(count) if here.shape[1 + j] > 1]
+        for j, other in combinations_with_replacement(held, 2):
+            bent = derivatives.of(here, j, other)
+            out[:, row, j, other] = out[:, row, other, j] = bent
     return out
 
 
@@ -268,13 +269,11 @@ def _mixed(made: Polynomials, roots: ChartRoots) -> Complexes:
     """Return the derivatives (n, k, k, given) by z and by what is given."""
     n, count = roots.z.shape
     out = np.zeros((n, count, count, made.slopes[0].shape[1]), dtype=complex)
+    derivatives = _Derivatives(roots)
     for row, series in enumerate(made.slopes):
-        sizes = series.shape[2:]
         here = series[roots.row]
-        for j in (unknown for unknown in range(count) if sizes[unknown] > 1):
-            powers = [_powers(roots, c, s, int(c == j)) for c, s in enumerate(sizes)]
-            for column in np.flatnonzero(made.degrees[row, count:]):
-                out[:, row, j, column] = _contracted(here[:, column], powers)
+        for j in (j for j in range(count) if here.shape[2 + j] > 1):
+            out[:, row, j] = derivatives.of(here, j)
     return out
 
 
@@ -343,10 +342,8 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     slack = np.max(np.sum(part, axis=2), axis=1, initial=0.0) * UP
     bend = np.einsum("nij,nj->ni", size, np.sum(bent, axis=(2, 3)))
     bend = np.max(bend, axis=1, initial=0.0) * UP
-    unique = np.minimum(WIDEST, 0.5 * (1.0 - slack) / bend)
-    slope = (slack + bend * unique) * UP
-    good = regular & (slack < 1.0) & np.isfinite(bend) & np.isfinite(miss)
-    good &= (slope < 1.0) & (miss * UP < unique * (1.0 - slope))
+    unique, slope, good = contracted(miss, slack, bend, WIDEST)
+    good &= regular
     radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)
     width = np.minimum(miss / (1.0 - slope) * UP, unique)
     reach = (moved + width[:, None]) * UP

@@ -208,22 +208,11 @@ class _Map:
         return centres, radii, kinds, modes_of
 
     def _keep(self, boxes: Boxes, kind: NDArray[np.intp], modes: NDArray[np.intp]) -> None:
-        self.done.append((self._centres(boxes), self._radii(boxes), kind, modes))
+        self.done.append((boxes.centres(self.axes), boxes.radii(self.axes), kind, modes))
 
     def _cell_of(self, boxes: Boxes, row: int) -> tuple[int, ...]:
         shift = boxes.levels[row] - self.cell
         return tuple((boxes.places[row] >> shift).tolist())
-
-    def _centres(self, boxes: Boxes) -> Floats:
-        columns = [
-            axis.centres(boxes.levels[:, j], boxes.places[:, j])
-            for j, axis in enumerate(self.axes)
-        ]
-        return np.stack(columns, axis=1)
-
-    def _radii(self, boxes: Boxes) -> Floats:
-        columns = [axis.radii(boxes.levels[:, j]) for j, axis in enumerate(self.axes)]
-        return np.stack(columns, axis=1)
 
     def _split(
         self, boxes: Boxes, guides: list[Guide], left: NDArray[np.intp]
@@ -234,7 +223,7 @@ class _Map:
         taken = boxes.take(chosen)
         spare = np.where(taken.levels < self.cell, self.cell, self.finest) - taken.levels
         coarse = np.any(taken.levels < self.cell, axis=1)
-        radii = self._radii(taken) * (spare > 0)
+        radii = taken.radii(self.axes) * (spare > 0)
         radii = np.where(coarse[:, None] & (taken.levels >= self.cell), 0.0, radii)
         halves = taken.halved(np.argmax(radii, axis=1))
         kept = [guides[row] for row in left]
@@ -244,15 +233,12 @@ class _Map:
         self, boxes: Boxes, guides: list[Guide]
     ) -> tuple[NDArray[np.bool_], NDArray[np.intp], list[Guide]]:
         """Return which boxes are proven regular, their modes, and the roots they have."""
-        turns = np.stack(
-            [
-                axis.turns(boxes.levels[:, j], boxes.places[:, j])
-                for j, axis in enumerate(self.axes)
-            ],
-            axis=1,
-        )
         hard = np.all(boxes.levels >= self.finest - 1, axis=1)
         counted = self.systems.counted(
-            self._centres(boxes), turns, self._radii(boxes), guides, hard
+            boxes.centres(self.axes),
+            boxes.turns(self.axes),
+            boxes.radii(self.axes),
+            guides,
+            hard,
         )
         return counted.good, counted.modes, counted.guides

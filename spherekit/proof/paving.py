@@ -80,6 +80,21 @@ class Boxes:
     def __len__(self) -> int:
         return len(self.levels)
 
+    def centres(self, axes: Sequence[Axis]) -> Floats:
+        """Return float64 numbers (n, variables) next to the centres."""
+        columns = zip(axes, self.levels.T, self.places.T, strict=True)
+        return np.stack([axis.centres(*column) for axis, *column in columns], axis=1)
+
+    def radii(self, axes: Sequence[Axis]) -> Floats:
+        """Return half widths (n, variables), rounded up."""
+        columns = zip(axes, self.levels.T, strict=True)
+        return np.stack([axis.radii(levels) for axis, levels in columns], axis=1)
+
+    def turns(self, axes: Sequence[Axis]) -> Floats:
+        """Return cosines and sines (n, variables, 2) of the centres, each rounded once."""
+        columns = zip(axes, self.levels.T, self.places.T, strict=True)
+        return np.stack([axis.turns(*column) for axis, *column in columns], axis=1)
+
     def take(self, rows: Bools | slice) -> "Boxes":
         """Return some of them."""
         return Boxes(self.levels[rows], self.places[rows])
@@ -149,12 +164,8 @@ def paved(
             boxes = boxes.take(slice(0, CHUNK))
         paving.looked_at += len(boxes)
         working.tell(lambda: f"{paving.looked_at} boxes")
-        radii = np.stack([a.radii(boxes.levels[:, j]) for j, a in enumerate(axes)], axis=1)
-        sides = [boxes.levels[:, j] for j in range(count)]
-        turns = np.stack(
-            [a.turns(sides[j], boxes.places[:, j]) for j, a in enumerate(axes)], axis=1
-        )
-        values, slopes = equations.real.first(turns)
+        radii = boxes.radii(axes)
+        values, slopes = equations.real.first(boxes.turns(axes))
         change = radii @ bounds.degrees.T
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
         bent = 0.5 * bounds.constant * change**2 + error * (1.0 + change)
@@ -164,10 +175,7 @@ def paved(
         if not np.any(open_):
             continue
         boxes, radii, slopes = boxes.take(open_), radii[open_], slopes[open_]
-        centres = np.stack(
-            [a.centres(boxes.levels[:, j], boxes.places[:, j]) for j, a in enumerate(axes)],
-            axis=1,
-        )
+        centres = boxes.centres(axes)
         largest = np.max(radii, axis=1)
         kept = ~covered(centres, radii)
         if np.any(kept) and looked(centres[kept], radii[kept]):

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.numeric.turns import wrap
 from spherekit.proof.balls import (
@@ -28,6 +29,7 @@ from spherekit.proof.balls import (
     wide,
 )
 from spherekit.proof.equations import Equations
+from spherekit.sphere.rotation import Floats
 
 WIDEST = 0.0625
 """Largest radius (rad) of a ball looked at: the bounds of the derivatives are for it."""
@@ -157,23 +159,26 @@ def _certified(
     sums = np.sum(equations.construction.degrees[:, :count], axis=1)
     rows = [[upper(entry) for entry in entries] for entries in inverse.tolist()]
     bend = np.array(rows) @ (constant * sums * sums)
-    reach = radii(float(np.max(miss)), max(contraction), float(np.max(bend)))
-    if reach is None:
+    largest = np.array([np.max(miss), max(contraction), np.max(bend)])
+    unique, slope, good = (item.item() for item in contracted(*largest, WIDEST))
+    if not good:
         return None
-    radius, unique = reach
+    radius = min(max(MARGIN * float(largest[0]) / (1.0 - slope), 1e-300), unique)
     if not real and not any(lower(ball.imag) > radius for ball in x):
         return None
     return Root(tuple(x), radius, unique, real)
 
 
-def radii(miss: float, contraction: float, bend: float) -> tuple[float, float] | None:
-    """Return within what a solution lies and is the only one, None if none is proven."""
+def contracted(
+    miss: Floats, contraction: Floats, bend: Floats, widest: float
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return within what a solution is the only one, a + k r there, and if that is proven.
+
+    `miss` is b, `contraction` a and `bend` k of the test.
+    """
     up = 1.0 + 1e-12
     miss, contraction, bend = miss * up, contraction * up, bend * up
-    if not (np.isfinite(miss) and np.isfinite(bend) and contraction < 1.0):
-        return None
-    unique = min(WIDEST, 0.5 * (1.0 - contraction) / bend)
+    unique = np.minimum(widest, 0.5 * (1.0 - contraction) / bend)
     slope = (contraction + bend * unique) * up
-    if not (slope < 1.0 and miss < unique * (1.0 - slope) / up):
-        return None
-    return min(max(MARGIN * miss / (1.0 - slope), 1e-300), unique), unique
+    good = np.isfinite(miss) & np.isfinite(bend) & (contraction < 1.0)
+    return unique, slope, good & (slope < 1.0) & (miss < unique * (1.0 - slope) / up)
