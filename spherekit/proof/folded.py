@@ -30,6 +30,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.construction import Across, Onto
 from spherekit.proof.equations import Equations
+from spherekit.proof.roots import maps_inside
 from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
@@ -136,14 +137,8 @@ class Foldings:
             around[j] = wide(balls[j], BALL)
         values, here = self._part(balls, rows, free)
         _, slopes = self._part(around, rows, free)
-        try:
-            near = here.mid().inv().mid()
-        except ZeroDivisionError:
-            return None
-        one = matrix([[int(r == c) for c in free] for r in free])
-        step = matrix([[wide(exact(0.0), BALL)] for _ in free])
-        image = ((one - near * slopes) * step - near * values).entries()
-        return around if all(upper(e.real) < BALL for e in image) else None
+        inside = maps_inside(here, slopes, values, [BALL] * len(free))
+        return around if inside else None
 
     def _part(self, balls: Sequence[Ball], rows: Sequence[int], free: Sequence[int]) -> Any:
         """Return some equations (k, 1) and their slopes (k, k) by some variables."""

@@ -20,6 +20,7 @@ from spherekit.proof.balls import (
     Ball,
     BallMatrix,
     complex_ball,
+    exact,
     inverse_near,
     lower,
     matrix,
@@ -159,11 +160,12 @@ def _certified(
     sums = np.sum(equations.construction.degrees[:, :count], axis=1)
     rows = [[upper(entry) for entry in entries] for entries in inverse.tolist()]
     bend = np.array(rows) @ (constant * sums * sums)
-    largest = np.array([np.max(miss), max(contraction), np.max(bend)])
-    unique, slope, good = (item.item() for item in contracted(*largest, WIDEST))
+    off = np.max(miss)
+    steep, bent = np.array(max(contraction)), np.max(bend)
+    unique, slope, good = (item.item() for item in contracted(off, steep, bent, WIDEST))
     if not good:
         return None
-    radius = min(max(MARGIN * float(largest[0]) / (1.0 - slope), 1e-300), unique)
+    radius = min(max(MARGIN * float(off) / (1.0 - slope), 1e-300), unique)
     if not real and not any(lower(ball.imag) > radius for ball in x):
         return None
     return Root(tuple(x), radius, unique, real)
@@ -182,3 +184,22 @@ def contracted(
     slope = (contraction + bend * unique) * up
     good = np.isfinite(miss) & np.isfinite(bend) & (contraction < 1.0)
     return unique, slope, good & (slope < 1.0) & (miss < unique * (1.0 - slope) / up)
+
+
+def maps_inside(
+    near: BallMatrix, over: BallMatrix, value: BallMatrix, sides: Sequence[float]
+) -> bool:
+    """Return whether Newton's map with the inverse of `near` takes a box into itself.
+
+    `over` are the slopes anywhere in the box, `value` F at its centre; `sides` are half
+    widths. Then F has one zero in the box (R. Krawczyk, 1969).
+    """
+    inverse = inverse_near(near)
+    if inverse is None:
+        return False
+    one = matrix(
+        [[int(row == column) for column in range(len(sides))] for row in range(len(sides))]
+    )
+    box = matrix([[wide(exact(0.0), side)] for side in sides])
+    image = ((one - inverse * over) * box - inverse * value).entries()
+    return all(upper(entry.real) < side for entry, side in zip(image, sides, strict=True))

@@ -30,6 +30,7 @@ from spherekit.proof.balls import (
     wide,
 )
 from spherekit.proof.equations import Equations
+from spherekit.proof.roots import maps_inside
 from spherekit.proof.slopes import Quadrant, Slopes
 from spherekit.proof.tubes import Zone
 from spherekit.sphere.rotation import Floats
@@ -313,14 +314,8 @@ class _Form:
         value = self.first * here.values + (self.first * here.slopes * self.plane) * flat
         value = value + bent * exact(0.5)
         inner = self.first * over.slopes * self.normals
-        try:
-            near = (self.first * here.slopes * self.normals).mid().inv().mid()
-        except ZeroDivisionError:
-            return False
-        rest = _exactly(np.eye(self.others)) - near * inner
-        across = matrix([[wide(exact(0.0), side)] for side in sides])
-        image = (rest * across - near * value).entries()
-        return all(upper(e.real) < side for e, side in zip(image, sides, strict=True))
+        near = self.first * here.slopes * self.normals
+        return maps_inside(near, inner, value, sides)
 
     def _reduced(self, at: _Jets) -> tuple[BallMatrix, BallMatrix]:
         """Return how all variables move with u and v (v, 2), and g'' (2, 2), over balls."""

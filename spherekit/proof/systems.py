@@ -212,7 +212,7 @@ class Systems:
             apart = are_apart(roots, proven.radius, proven.good, bound)
             real, off_circle = are_real(roots, proven)
             decided = np.all((real | off_circle).reshape(-1, bound), axis=1)
-            angles = _angles(roots, proven, half[np.repeat(rows, bound)])
+            angle, slopes, reach = _angles(roots, proven, half[np.repeat(rows, bound)])
             for place, mode in enumerate(part):
                 row, path = mode.row, mode.path
                 mine = slice(place * bound, (place + 1) * bound)
@@ -229,7 +229,13 @@ class Systems:
                         modes[row] += mode.times
                         continue
                     where = place * bound + int(root)
-                    successor = mode.with_root(int(root), unknowns, angles.of(where))
+                    solution = (
+                        angle[where],
+                        circle(angle[where]),
+                        slopes[where],
+                        reach[where],
+                    )
+                    successor = mode.with_root(int(root), unknowns, solution)
                     good[row] &= bool(np.all(proven.reach[where] < WIDEST_ANGLE))
                     waiting.append(successor)
             waiting = self._joined(number + 1, waiting, half)
@@ -347,23 +353,13 @@ def _replaced(roots: ChartRoots, rows: NDArray[np.intp], other: ChartRoots) -> C
     return ChartRoots(z, inverse, roots.row)
 
 
-@final
-@dataclass(frozen=True)
-class _Angles:
-    """Angles of real roots over boxes (n, k): at the centre, rates, and what is over."""
+def _angles(
+    roots: ChartRoots, proven: Tubes, half: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return angles (n, k) of roots, of which the real ones are of use, rates, and off.
 
-    angle: Floats
-    rates: Floats
-    off: Floats
-
-    def of(self, row: int) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return those of one root, with cosines and sines."""
-        angle = self.angle[row]
-        return angle, circle(angle), self.rates[row], self.off[row]
-
-
-def _angles(roots: ChartRoots, proven: Tubes, half: Floats) -> _Angles:
-    """Return the angles of roots, of which the real ones are of use."""
+    At the centre, by the inputs, and how far they go from that over boxes.
+    """
     size = np.abs(roots.z)
     sense = np.where(roots.inverse, -1, 1)
     with np.errstate(all="ignore"):
@@ -373,7 +369,7 @@ def _angles(roots: ChartRoots, proven: Tubes, half: Floats) -> _Angles:
         off = 0.5 * w**2 / (1.0 - w) + proven.width[:, None] / size
         lost = 1e-15 * np.einsum("nkd,nd->nk", np.abs(rates), half)
     off = np.where(w < 0.5, 1.05 * off + np.abs(size - 1.0) + lost + 1e-13, np.inf)
-    return _Angles(sense * np.angle(roots.z), rates.real, off)
+    return np.asarray(sense * np.angle(roots.z)), rates.real, off
 
 
 def _stepped(
