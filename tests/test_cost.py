@@ -29,8 +29,8 @@ from spherekit.planning.poles import (
     PrimaryPole,
     pole_of,
 )
-from spherekit.rates import lines as line_module
 from spherekit.rates.field import evaluate
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.view.rerun_view import RerunRecorder
 
 NARROW, WIDE = "poles:only=6/1", "poles"
@@ -108,22 +108,22 @@ def test_an_irreducible_part_gives_the_poles_that_are_needed():
 
 
 def test_calls_are_those_that_the_plan_counts(twelve, monkeypatch):
-    """Counted where the work is done: every intersection and every derivative once."""
+    """Counted where the work is done: every intersection, then with its derivative."""
     calls = Counter()
-    for name in ("_intersect", "_intersect_rate", "solve_block"):
-        own = getattr(line_module, name)
+    own = PlannedPoles._two_circles
 
-        def counted(*given, own=own, name=name):
-            calls[name] += 1
-            return own(*given)
+    def counted(planned, step):
+        made = own(planned, step)
+        calls[len(made[0])] += 1
+        return made
 
-        monkeypatch.setattr(line_module, name, counted)
+    monkeypatch.setattr(PlannedPoles, "_two_circles", counted)
     seen = {}
     for text in (NARROW, WIDE):
         calls.clear()
         cost = sk.run(twelve, text, samples=5, assembly_mode=0).summary["cost"]
         secondary = cost["each_configuration"]["1_2"]["secondary"]
-        assert calls == {"_intersect": secondary, "_intersect_rate": secondary}
+        assert calls == {1: secondary, 2: secondary}
         assert cost["poles"] == 5 * (
             secondary + cost["each_configuration"]["1_2"]["primary"]
         )
@@ -133,7 +133,7 @@ def test_calls_are_those_that_the_plan_counts(twelve, monkeypatch):
 
 def test_no_derivatives_where_none_were_asked(twelve, monkeypatch):
     needs = needs_of(twelve, [create(NARROW)])
-    monkeypatch.setattr(line_module, "_intersect_rate", None)
+    monkeypatch.setattr(PlannedPoles, "moving", None)
     (wanted,) = requests_for(twelve, replace(needs, derivatives=False))
     counts = counts_of(wanted)
     assert counts.axis_derivatives == counts.rate_derivatives == 0

@@ -65,7 +65,7 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
                 _in_link(mechanism, geometry, design, link, pair.name)
                 for link in pair.links
             )
-            made[pair.name] = one @ _about_z(zero), other
+            made[pair.name] = one @ about_z(zero), other
     return made
 
 
@@ -75,13 +75,13 @@ def _in_pose(
     x, y, z = geometry.axes[pair.name]
     longitude = design.longitudes.get(pair.name, float(np.arctan2(y, x)))
     latitude = design.latitudes.get(pair.name, float(np.arctan2(z, np.hypot(x, y))))
-    level = _cosine(latitude)
-    axis = vector([level * _cosine(longitude), level * _sine(longitude), _sine(latitude)])
-    east = vector([-1.0 * _sine(longitude), _cosine(longitude), 0.0])
+    level = cosine(latitude)
+    axis = vector([level * cosine(longitude), level * sine(longitude), sine(latitude)])
+    east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
     frame = np.stack([east, cross(axis, east), axis], axis=1)
     value = design.values.get(pair.name, geometry.values.get(pair.name, 0.0))
     one, other = (_off(mechanism, design, link, pair.name, frame) for link in pair.links)
-    return one, other @ _about_z(value)
+    return one, other @ about_z(value)
 
 
 def _off(
@@ -125,18 +125,19 @@ def _in_link(
         turn = design.angles.get(key, sizes.angles[leading - 2])
     # Beyond half a turn the way to the other axis runs in the opposite direction.
     sense = 1.0 if np.sin(sizes.arcs[leading - 1]) > 0.0 else -1.0
-    outward = vector([-1.0 * _sine(turn), _cosine(turn), 0.0])
+    outward = vector([-1.0 * sine(turn), cosine(turn), 0.0])
     up = vector([0.0, 0.0, 1.0])
     if place == 0:
         axis, tangent = up, outward * sense
     else:
-        axis = outward * _sine(arc) + up * _cosine(arc)
-        tangent = (up * _sine(arc) - outward * _cosine(arc)) * sense
+        axis = outward * sine(arc) + up * cosine(arc)
+        tangent = (up * sine(arc) - outward * cosine(arc)) * sense
     return np.stack([tangent, cross(axis, tangent), axis], axis=1)
 
 
-def _about_z(angle: Expr) -> Exprs:
-    c, s = _cosine(angle), _sine(angle)
+def about_z(angle: Expr) -> Exprs:
+    """Return the rotation (3, 3) about z by a number or a term."""
+    c, s = cosine(angle), sine(angle)
     rows = [[c, -1.0 * s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
     return np.array(rows, dtype=object)
 
@@ -144,7 +145,7 @@ def _about_z(angle: Expr) -> Exprs:
 def _about(axis: Floats, angle: Expr) -> Exprs:
     """Return the rotation about an axis of numbers (Rodrigues)."""
     x, y, z = map(float, axis)
-    c, s = _cosine(angle), _sine(angle)
+    c, s = cosine(angle), sine(angle)
     across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     along = np.outer(axis, axis)
     rows = [
@@ -157,9 +158,11 @@ def _about(axis: Floats, angle: Expr) -> Exprs:
     return np.array(rows, dtype=object)
 
 
-def _sine(angle: Expr) -> Expr:
+def sine(angle: Expr) -> Expr:
+    """Return the sine of a number or a term."""
     return angle.sin() if isinstance(angle, ExpressionNode) else float(np.sin(angle))
 
 
-def _cosine(angle: Expr) -> Expr:
+def cosine(angle: Expr) -> Expr:
+    """Return the cosine of a number or a term."""
     return angle.cos() if isinstance(angle, ExpressionNode) else float(np.cos(angle))

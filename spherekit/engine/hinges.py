@@ -16,7 +16,8 @@ import numpy as np
 
 from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs
-from spherekit.engine.expression_graph import Expr, function
+from spherekit.engine.expression_graph import Expr
+from spherekit.engine.frames import about_z, cosine, sine
 from spherekit.engine.turns import (
     AxisRotation,
     AxisTerm,
@@ -278,7 +279,7 @@ def _angles(rotation: Floats) -> tuple[float, float, float]:
     x, y, z = rotation[:, 2]
     a = float(np.arctan2(y, x)) if np.hypot(x, y) > 0.0 else 0.0
     b = float(np.arctan2(np.hypot(x, y), z))
-    rest = (_about_y(b).T @ _about_z(a).T).astype(float) @ rotation
+    rest = (_about_y(b).T @ about_z(a).T).astype(float) @ rotation
     return a, b, float(np.arctan2(rest[1, 0], rest[0, 0]))
 
 
@@ -287,26 +288,9 @@ def _constant(rotation: Floats, at: int, given: Mapping[int, Expr]) -> Entries:
     if not any(at + k in given for k in range(3)):
         return rotation
     a, b, c = (given.get(at + k, angle) for k, angle in enumerate(_angles(rotation)))
-    return np.asarray(_about_z(a) @ _about_y(b) @ _about_z(c))
-
-
-def _about_z(angle: Expr) -> Exprs:
-    c, s = _cosine(angle), _sine(angle)
-    return _matrix([[c, -1.0 * s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(about_z(a) @ _about_y(b) @ about_z(c))
 
 
 def _about_y(angle: Expr) -> Exprs:
-    c, s = _cosine(angle), _sine(angle)
-    return _matrix([[c, 0.0, s], [0.0, 1.0, 0.0], [-1.0 * s, 0.0, c]])
-
-
-def _matrix(rows: Sequence[Sequence[Expr]]) -> Exprs:
-    return np.array(rows, dtype=object)
-
-
-def _sine(angle: Expr) -> Expr:
-    return float(np.sin(angle)) if isinstance(angle, float) else function("sin", angle)
-
-
-def _cosine(angle: Expr) -> Expr:
-    return float(np.cos(angle)) if isinstance(angle, float) else function("cos", angle)
+    c, s = cosine(angle), sine(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-1.0 * s, 0.0, c]], dtype=object)

@@ -1,6 +1,6 @@
 """Batch kernels: pole axes, coefficients, their derivatives and B."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
@@ -71,16 +71,13 @@ class Kernel:
     input rates by it are not finite; by the arc length of the curve of all variables they
     are, and its sense is that of the minors (`spherekit.engine.kinematics`). Where all
     variables are NaN, or no configuration closes (input), rates and B are NaN; that given
-    variables do not close is not noticed. `engine` says what runs `function`.
+    variables do not close is not noticed. `places` are the columns of what `KernelValues`
+    has, by its name and pole or link; `engine` says what runs `function`.
     """
 
     inputs: tuple[str, ...]
     columns: tuple[str, ...]
-    poles: tuple[Pole, ...]
-    links: tuple[int, ...]
-    derivatives: int
-    with_inertia: bool
-    with_tangent: bool
+    places: Mapping[str, Mapping[Any, int | slice]]
     engine: Literal["numpy", "compiled"]
     function: CompiledFunction | ArrayFunction
 
@@ -103,46 +100,33 @@ class Kernel:
                 )
         return np.asarray(self.function(rows, out))
 
+    @property
+    def poles(self) -> tuple[Pole, ...]:
+        """The poles that there are, as pairs of link numbers."""
+        return tuple(self.places["direction"])
+
     def values(self, inputs: ArrayLike) -> KernelValues:
         """Return the output by pole."""
         rows = self(inputs)
-        width = 4 + self.derivatives
-        at = {pole: width * k for k, pole in enumerate(self.poles)}
-        last = width * len(self.poles)
-        tangent = last + (1 + self.derivatives if self.with_inertia else 0)
 
-        def rate(order: int) -> dict[Pole, Floats]:
-            has_order = order <= self.derivatives
-            return {pole: rows[k + 3 + order] for pole, k in at.items() if has_order}
+        def of(name: str) -> dict[Any, Floats]:
+            places = self.places.get(name, {})
+            return {key: rows[place].T for key, place in places.items()}
 
-        def inertia(order: int) -> Floats | None:
-            return rows[last + order] if last + order < tangent else None
-
-        variables = len(self.columns) - tangent if self.with_tangent else 0
-        after = 3 * (1 + self.derivatives)
-        variables -= after * len(self.links) if self.with_tangent else 0
-        begin = tangent + variables
-
-        def turning(order: int) -> dict[int, Floats]:
-            if order > self.derivatives:
-                return {}
-            first = begin + 3 * order
-            return {
-                link: rows[first + after * k : first + after * k + 3].T
-                for k, link in enumerate(self.links)
-            }
+        def one(name: str) -> Floats | None:
+            return of(name).get(name)
 
         return KernelValues(
-            {pole: rows[k : k + 3].T for pole, k in at.items()},
-            rate(0),
-            rate(1),
-            rate(2),
-            inertia(0),
-            inertia(1),
-            inertia(2),
-            rows[tangent:begin].T if self.with_tangent else None,
-            turning(0),
-            turning(1),
+            of("direction"),
+            of("velocity_coefficient"),
+            of("acceleration_coefficient"),
+            of("acceleration_coefficient_dq"),
+            one("B"),
+            one("dB_dq"),
+            one("d2B_dq2"),
+            one("tangent"),
+            of("w"),
+            of("dw"),
         )
 
 
@@ -231,26 +215,21 @@ def kernel(
         inputs, placed = _placed(structure, source)
         flow = RateExpressions(structure, placed, int(derivatives))
         scale = _scale(flow, coordinate)
-        columns, outputs = _outputs(flow, scale, chosen, with_inertia)
-        if with_tangent:
-            columns += [f"rate_{name}" for name in mechanism.variable_names]
-            outputs += [tau * scale.coefficients[0] for tau in flow.tau[0]]
-        for link in turning:
-            w = [by_coordinate(x * scale, scale) for x in _turning(flow, link)]
-            columns += [
-                f"{part}_{mechanism.links[link]}"
-                for order in range(flow.order + 1)
-                for part in _TURNING[order]
-            ]
-            outputs += [x[order] for order in range(flow.order + 1) for x in w]
+        columns: list[str] = []
+        outputs: list[Expr] = []
+        places: dict[str, dict[Any, int | slice]] = {"direction": {}}
+        for name, key, labels, items in _parts(
+            flow, scale, chosen, with_inertia, with_tangent, turning
+        ):
+            first = len(columns)
+            columns += labels
+            outputs += items
+            whole = slice(first, len(columns))
+            places.setdefault(name, {})[key] = whole if len(items) > 1 else first
         return Kernel(
             tuple(term.arguments[0] for term in inputs),
             tuple(columns),
-            chosen,
-            turning,
-            flow.order,
-            with_inertia,
-            with_tangent,
+            places,
             taken,
             compile_function(outputs, inputs, compact, number)
             if taken == "compiled"
@@ -298,43 +277,45 @@ def _scale(flow: RateExpressions, coordinate: Coordinate) -> SeriesExpressions:
     return 1.0 / length([vector(rates) for rates in flow.tau])[1]
 
 
-def _outputs(
+def _parts(
     flow: RateExpressions,
     scale: SeriesExpressions,
     poles: Sequence[Pole],
     with_inertia: bool,
-) -> tuple[list[str], list[Expr]]:
+    with_tangent: bool,
+    links: Sequence[int],
+) -> Iterator[tuple[str, Any, Sequence[str], Sequence[Expr]]]:
+    """Yield the parts of `KernelValues` with their pole or link, columns and terms."""
     mechanism = flow.structure.mechanism
-    columns: list[str] = []
-    outputs: list[Expr] = []
     for pole in poles:
         direction, rate = flow.pole(pole)
         label = "_".join(mechanism.links[k] for k in pole)
-        parts = ["ux", "uy", "uz", *_DERIVATIVES["velocity_coefficient"][: flow.order + 1]]
-        columns += [f"{part}_{label}" for part in parts]
-        outputs += [*direction, *by_coordinate(rate * scale, scale)]
+        yield "direction", pole, [f"u{k}_{label}" for k in "xyz"], [*direction]
+        for name, item in zip(
+            _COEFFICIENTS, by_coordinate(rate * scale, scale), strict=False
+        ):
+            yield name, pole, [f"{name}_{label}"], [item]
     if with_inertia:
-        columns += _DERIVATIVES["B"][: flow.order + 1]
-        whole = inertia(flow, tensors(mechanism))
-        outputs += by_coordinate(whole * scale * scale, scale)
-    return columns, outputs
+        whole = inertia(flow, tensors(mechanism)) * scale * scale
+        for name, item in zip(_INERTIA, by_coordinate(whole, scale), strict=False):
+            yield name, name, [name], [item]
+    if with_tangent:
+        names = [f"rate_{name}" for name in mechanism.variable_names]
+        rates = [tau * scale.coefficients[0] for tau in flow.tau[0]]
+        yield "tangent", "tangent", names, rates
+    for link in links:
+        along = [SeriesExpressions(tuple(w[link][k] for w in flow.w)) for k in range(3)]
+        orders = zip(*(by_coordinate(x * scale, scale) for x in along), strict=True)
+        for (name, written), items in zip(_TURNING.items(), orders, strict=False):
+            labels = [written.format(k) + f"_{mechanism.links[link]}" for k in "xyz"]
+            yield name, link, labels, items
 
 
-def _turning(flow: RateExpressions, link: int) -> list[SeriesExpressions]:
-    """Return the components of a link's angular velocity per unit of p."""
-    return [SeriesExpressions(tuple(rates[link][k] for rates in flow.w)) for k in range(3)]
-
-
-_TURNING = (
-    ("wx", "wy", "wz"),
-    ("dwx_dq", "dwy_dq", "dwz_dq"),
-    ("d2wx_dq2", "d2wy_dq2", "d2wz_dq2"),
+_COEFFICIENTS = (
+    "velocity_coefficient",
+    "acceleration_coefficient",
+    "acceleration_coefficient_dq",
 )
-_DERIVATIVES = {
-    "velocity_coefficient": (
-        "velocity_coefficient",
-        "acceleration_coefficient",
-        "acceleration_coefficient_dq",
-    ),
-    "B": ("B", "dB_dq", "d2B_dq2"),
-}
+_INERTIA = ("B", "dB_dq", "d2B_dq2")
+_TURNING = {"w": "w{}", "dw": "dw{}_dq", "d2w": "d2w{}_dq2"}
+"""Angular velocities and their derivatives, and how their columns are written."""

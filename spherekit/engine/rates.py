@@ -17,6 +17,7 @@ import numpy as np
 from spherekit.engine.algebra import Exprs, cofactors, cross, determinant, dot, vector
 from spherekit.engine.expression_graph import WITHOUT_EXPRESSIONS, Expr
 from spherekit.errors import EngineError
+from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.assembly import Assembly, Group
 from spherekit.sphere.rotation import Floats
@@ -92,18 +93,9 @@ def _far(group: Group, pair: int, body: int) -> int:
 
 def _connected(group: Group, without: set[int]) -> bool:
     rest = set(range(len(group.bodies))) - without
-    if not rest:
-        return False
-    seen, queue = set(), [min(rest)]
-    while queue:
-        body = queue.pop()
-        seen.add(body)
-        for ends in group.ends:
-            if body in ends:
-                other = ends[1] if ends[0] == body else ends[0]
-                if other in rest and other not in seen:
-                    queue.append(other)
-    return seen == rest
+    kept = [k for k, ends in enumerate(group.ends) if not without & set(ends)]
+    ways = spanning(group.ends, [min(rest, default=0)], kept)
+    return len(rest) == len(ways) + 1
 
 
 def _ways(
@@ -230,7 +222,9 @@ def _independent(
     plain: Elimination,
     vectors: Floats,
 ) -> tuple[tuple[int, int], ...]:
-    """Choose rows by Gram-Schmidt with pivoting, as many as there are unknowns."""
+    """Choose rows by the pivots of a QR decomposition, as many as there are unknowns."""
+    from scipy.linalg import qr
+
     owners = mechanism.variable_owners
     driven = [mechanism.variables_of(pair)[0] for pair in assembly.inputs]
     candidates: dict[tuple[int, int], Floats] = {}
@@ -242,25 +236,20 @@ def _independent(
         columns = weights[:, None] * vectors
         for variable in np.flatnonzero(weights):
             candidates[number, int(variable)] = columns @ vectors[variable]
-    left = {
-        key: np.delete(row, driven) / max(float(np.linalg.norm(row)), 1e-300)
-        for key, row in candidates.items()
-    }
-    chosen: list[tuple[int, int]] = []
-    while len(chosen) < len(plain.unknowns):
-        sizes = {key: float(np.linalg.norm(row)) for key, row in left.items()}
-        best = max(sizes, key=lambda key: sizes[key], default=(0, 0))
-        size = sizes.get(best, 0.0)
-        if size < INDEPENDENT:
-            raise EngineError(
-                f"{mechanism.name}: its equations leave more than one motion at the "
-                "configuration they were chosen at; change the range of the input",
-                WITHOUT_EXPRESSIONS,
-            )
-        unit = left.pop(best) / size
-        left = {key: row - (row @ unit) * unit for key, row in left.items()}
-        chosen.append(best)
-    return tuple(chosen)
+    rows = [
+        np.delete(row, driven) / max(float(np.linalg.norm(row)), 1e-300)
+        for row in candidates.values()
+    ]
+    count, keys = len(plain.unknowns), list(candidates)
+    _, triangle, order = qr(np.transpose(rows), mode="economic", pivoting=True)
+    sizes = np.abs(np.diagonal(triangle))
+    if len(sizes) < count or np.min(sizes[:count]) < INDEPENDENT:
+        raise EngineError(
+            f"{mechanism.name}: its equations leave more than one motion at the "
+            "configuration they were chosen at; change the range of the input",
+            WITHOUT_EXPRESSIONS,
+        )
+    return tuple(keys[k] for k in order[:count])
 
 
 def _through_inputs(
@@ -283,16 +272,8 @@ def way(
 ) -> tuple[tuple[int, int], ...]:
     """Return the pairs, with senses, that lead from a link to another; empty if none do."""
     ways: dict[int, tuple[tuple[int, int], ...]] = {start: ()}
-    queue = [start]
-    while queue and end not in ways:
-        link = queue.pop(0)
-        for pair in pairs:
-            a, b = mechanism.ends[pair]
-            if link in (a, b):
-                other, sense = (b, 1) if link == a else (a, -1)
-                if other not in ways:
-                    ways[other] = (*ways[link], (pair, sense))
-                    queue.append(other)
+    for pair, old, new in spanning(mechanism.ends, [start], pairs):
+        ways[new] = (*ways[old], (pair, 1 if mechanism.ends[pair][0] == old else -1))
     return ways.get(end, ())
 
 

@@ -147,7 +147,7 @@ class Evaluation:
         rates = made.values(motion.values.T.astype(number))
         n, links = len(motion), len(motion.mechanism.links)
         w, dw = np.zeros((n, links, 3)), np.zeros((n, links, 3))
-        for link in made.links:
+        for link in rates.w:
             w[:, link] = rates.w[link]
             dw[:, link] = rates.dw.get(link, np.nan)
         assert rates.tangent is not None
