@@ -302,8 +302,8 @@ class SensitivityAnalysis(AbstractAnalysis):
                 for k, name in enumerate(made.sensitivity.quantities[:SHOWN])
                 for size in _largest(squares[:, k, rows])
             ]
-            own = (replace(one, values=one.values[rows]) for one in curves)
-            scenes.append(Scene(mode, (*own, *more)))
+            plain = (replace(one, values=one.values[rows]) for one in curves)
+            scenes.append(Scene(mode, (*plain, *more)))
         return tuple(scenes)
 
 

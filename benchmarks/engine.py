@@ -14,7 +14,7 @@ from spherekit.dynamics.start import PoseStart, prepare
 from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.equation import compiled_equation
-from spherekit.engine.integration import integrate
+from spherekit.engine.integration import Integration
 from spherekit.engine.kernels import MOST_DERIVATIVES, Engine, Source, kernel
 from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
@@ -167,16 +167,15 @@ def _exact(times: Floats) -> tuple[Floats, str]:
     made, _ = compiled_equation(equation.mechanism, 1e-25, number=module.real128)
     tau = made.rates(problem.values[None])[0, 0]
     momentum = float(state[len(problem.values)] * np.sign(tau @ problem.frame[0]))
-    found = integrate(
+    found = Integration(
         made,
         equation.mechanism,
         problem.values,
         problem.turns,
         np.array([momentum]),
         1.0,
-        [10.0],
         equation.closed,
-    )
+    ).run([10.0])
     states, _, turns = found.at(times)
     values = states[:, : turns.shape[1]] + 2.0 * np.pi * turns
     return values[:, problem.driven[0]], "in quadruple precision"

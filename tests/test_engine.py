@@ -22,7 +22,7 @@ from spherekit.engine.arrays import BLOCK
 from spherekit.engine.cache import Cache
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.equation import compiled_equation
-from spherekit.engine.integration import integrate
+from spherekit.engine.integration import Integration
 from spherekit.engine.kernels import kernel
 from spherekit.errors import EngineError, EngineMissing, SolveError
 from spherekit.files.read import load
@@ -456,16 +456,15 @@ def reference_path(made, assembly_mode):
     momentum = problem.equation.state(problem.values, problem.speed, problem.frame)
     momentum = momentum[len(problem.values)]
     sense = np.sign(exact.rates(problem.values[None])[0, 0] @ problem.frame[0])
-    found = integrate(
+    found = Integration(
         exact,
         mechanism,
         problem.values,
         problem.turns,
         np.array([sense * momentum]),
         1.0,
-        [10.0],
         problem.equation.closed,
-    )
+    ).run([10.0])
     states, _, turns = found.at(np.linspace(0.0, 10.0, 101))
     return (states[:, :4] + 2.0 * np.pi * turns)[:, problem.driven[0]]
 

@@ -10,6 +10,7 @@ from spherekit.conventions import STATUS_MEANING, TURN, Status
 from spherekit.dynamics.forces import rates_by_time
 from spherekit.dynamics.inertia import equivalent_inertia
 from spherekit.dynamics.kinematics import CoordinateMotion, reciprocal_condition
+from spherekit.dynamics.path import CoordinateLeg, CurveLeg, TaylorPath
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
@@ -25,7 +26,6 @@ from spherekit.dynamics.simulation import (
     too_many,
 )
 from spherekit.dynamics.start import Problem
-from spherekit.dynamics.taylor_path import CoordinateLeg, CurveLeg, TaylorPath
 from spherekit.engine.equation import (
     COARSEST,
     LOOSEST,
@@ -33,7 +33,7 @@ from spherekit.engine.equation import (
     Coordinates,
     compiled_equation,
 )
-from spherekit.engine.integration import CROSSED, MOST_STEPS, Begun, Run, integrate
+from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run
 from spherekit.engine.several_freedoms import STEEPEST, mass_size
 from spherekit.errors import EngineError, PlanError
 from spherekit.sphere.rotation import Floats
@@ -128,16 +128,15 @@ def _along_curve(
     unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
     tau = made.rates(problem.values[None])[0, 0]
     sense = float(np.copysign(1.0, tau @ problem.frame[0]))
-    run = integrate(
+    run = Integration(
         made,
         mechanism,
         problem.values,
         problem.turns,
         sense * unit * problem.speed,
         unit,
-        (*problem.switches, problem.until),
         problem.equation.closed,
-    )
+    ).run((*problem.switches, problem.until))
     _need_stretches(problem, run)
     return TaylorPath((CurveLeg(run, sense),))
 
@@ -151,23 +150,24 @@ def _by_coordinates(
     legs: list[CoordinateLeg] = []
     values, turns = problem.values, problem.turns
     rates = rates_by_time(motion, problem.speed[None])[0]
-    begun, most = Begun(), COARSEST
+    before: Run | None = None
+    gap, most = 0.0, COARSEST
     while True:
         made, places = _coordinates(problem, values, compiled, most)
         fine = made.tolerance <= LOOSEST
-        targets = [t for t in problem.switches if t > begun.time]
-        run = integrate(
+        targets = [t for t in problem.switches if before is None or t > before.time]
+        run = Integration(
             made,
             equation.mechanism,
             values,
             turns,
             root * rates[list(places)],
             root,
-            (*targets, problem.until),
             equation.closed,
-            begun,
             CROSSED if fine else NEAR,
-        )
+            before,
+            gap,
+        ).run((*targets, problem.until))
         if not run.stretches and legs:
             break
         _need_stretches(problem, run)
@@ -181,8 +181,7 @@ def _by_coordinates(
         values, gap = equation.closed(states[0, : equation.variables])
         along = equation.motion(values[None], legs[-1].frame)
         rates = rates_by_time(along, states[:, equation.momenta] / root)[0]
-        now = float(made.measure(values[None])[0]) / run.largest
-        begun = Begun(run.time, states[0, equation.works], now, max(run.drift, gap))
+        before = run
     return TaylorPath(tuple(legs))
 
 
@@ -268,17 +267,11 @@ def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
     mechanism = problem.equation.mechanism
     names = [pair.name for pair in mechanism.pairs]
     passages = [
-        (
-            passage.t,
-            passage.kind,
-            names[mechanism.variable_owners[passage.variable]]
-            if passage.variable >= 0
-            else "",
-        )
+        (t, kind, names[mechanism.variable_owners[place]] if place >= 0 else "")
         for leg in path.legs
-        for passage in leg.run.passages
-        if passage.kind not in ("singularity", "coordinates")
-        and (passage.t > 0.0 or passage.kind in ("switch", "stop"))
+        for t, kind, place in leg.run.passages
+        if kind not in ("singularity", "coordinates")
+        and (t > 0.0 or kind in ("switch", "stop"))
     ]
     passages += [(t, "switch", "") for t in problem.switches if t < path.last.time]
     passages.sort(key=lambda item: item[0])
@@ -299,7 +292,7 @@ def _end(problem: Problem, path: TaylorPath) -> SimulationEnd:
     if run.end == "time":
         return SimulationEnd("time", problem.until, "the time asked for is over")
     if run.end == "stop":
-        place = run.passages[-1].variable
+        place = run.passages[-1][2]
         mechanism = problem.equation.mechanism
         traced = path.at(np.array([run.time]))
         value = traced.states[0, place] + TURN * traced.turns[0, place]

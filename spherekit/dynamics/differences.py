@@ -13,7 +13,7 @@ import numpy as np
 from spherekit.dynamics.collocation import Step
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_variables
-from spherekit.dynamics.path import CollocationPath, Travelled
+from spherekit.dynamics.path import CollocationPath
 from spherekit.dynamics.simulation import (
     EngineReport,
     Simulation,
@@ -73,7 +73,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
             break
         before, values = q, closed.values[0]
     path = [
-        Travelled(Step(k * step, step, one, (other - one)[None] / step), frames[k])
+        (Step(k * step, step, one, (other - one)[None] / step), frames[k])
         for k, (one, other) in enumerate(pairwise(states))
     ]
     if not path:

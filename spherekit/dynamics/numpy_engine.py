@@ -13,7 +13,7 @@ from spherekit.dynamics.collocation import NODES, Attempt, Step, attempt, gauss,
 from spherekit.dynamics.events import StepEvents
 from spherekit.dynamics.inertia import inertia_matrix
 from spherekit.dynamics.kinematics import reciprocal_condition
-from spherekit.dynamics.path import CollocationPath, Travelled
+from spherekit.dynamics.path import CollocationPath
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
@@ -21,6 +21,7 @@ from spherekit.dynamics.simulation import (
     EndKind,
     EngineReport,
     Event,
+    EventKind,
     Forecast,
     Simulation,
     SimulationEnd,
@@ -70,7 +71,7 @@ class Collocation:
         self.equation = problem.equation
         self.tolerance = tolerance
         self.frame = problem.frame
-        self.path: list[Travelled] = []
+        self.path: list[tuple[Step, Floats]] = []
         self.events: list[Event] = []
         motion = self.equation.motion(problem.values[None], problem.frame)
         square = float(
@@ -196,7 +197,7 @@ class Collocation:
                     before = None
                 yield t
             if t < problem.until:
-                self._note("switch", t, state, "")
+                self._note("switch", t, self.path[-1][0])
                 before = None
         return SimulationEnd("time", problem.until, "the time asked for is over")
 
@@ -243,9 +244,8 @@ class Collocation:
             return True
         within = StepEvents(tried.step, last.motion.rates, self.problem.whole)
         orientation = within.orientation(self.equation.closure)
-        size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
+        size, side = self._sense(orientation)
         near = np.abs(orientation) < CROSSED * size
-        side = self.orientation or float(orientation[0])
         if not np.any(orientation * side < 0.0):
             return not np.any(near)
         t = within.crossing(orientation, float(np.copysign(size, side)), CROSSED)
@@ -284,11 +284,15 @@ class Collocation:
         """Return whether a step has to be taken again, to tell whether curves cross."""
         if self.problem.passes:
             return False
-        signed = orientation * (self.orientation or float(orientation[0]))
-        size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
+        size, side = self._sense(orientation)
         near = np.abs(orientation) < np.sqrt(self.tolerance) * size
-        before, self.fine = self.fine, bool(np.any(near | (signed < 0.0)))
+        before, self.fine = self.fine, bool(np.any(near | (orientation * side < 0.0)))
         return self.fine and not before and self.tolerance > FINEST
+
+    def _sense(self, orientation: Floats) -> tuple[float, float]:
+        """Return the largest orientation so far, with those of a step, and a first one."""
+        size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
+        return size, self.orientation or float(orientation[0])
 
     def _accept(self, within: StepEvents, orientation: Floats) -> SimulationEnd | None:
         """Keep a step and note its events; return the end if there is one within it."""
@@ -298,16 +302,18 @@ class Collocation:
         last = np.inf if end is None else end.t
         if len(driven) == 1:
             name = mechanism.pairs[mechanism.variable_owners[driven[0]]].name
-            happened = [("dead_centre", t, name) for t in within.dead_centres(driven)]
+            happened: list[tuple[EventKind, float, str]] = [
+                ("dead_centre", t, name) for t in within.dead_centres(driven)
+            ]
             happened += [("rest", t, "") for t in within.rests(self.equation.variables)]
         else:
             happened = [("type_2", t, "") for t in within.dead_centres(driven)]
         for kind, t, pair in sorted(happened, key=lambda item: item[1]):
             if t < last:
-                self._note(kind, t, step.at(np.array([t]))[0], pair)
+                self._note(kind, t, step, pair)
         if len(driven) == 1:
             self.frame = rates[-1]
-        self.path.append(Travelled(step, rates if len(driven) == 1 else self.frame[None]))
+        self.path.append((step, rates if len(driven) == 1 else self.frame[None]))
         return end
 
     def _askew(self) -> bool:
@@ -320,31 +326,29 @@ class Collocation:
     def _end(self, within: StepEvents, orientation: Floats) -> SimulationEnd | None:
         """Return the end that lies within a step: a stop, or a crossing of curves."""
         reached = within.stop(self.equation.mechanism)
-        size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
-        side = self.orientation or float(orientation[0])
+        size, side = self._sense(orientation)
         self.orientation = float(np.copysign(size, side))
         crossing = within.crossing(orientation, self.orientation, CROSSED)
         if self.problem.passes and crossing is not None:
             self.orientation = float(np.copysign(size, orientation[-1]))
             if reached is None or crossing < reached[0]:
-                self._note(
-                    "crossing", crossing, within.step.at(np.array([crossing]))[0], ""
-                )
+                self._note("crossing", crossing, within.step)
             crossing = None
         if crossing is not None and (reached is None or crossing < reached[0]):
             return SimulationEnd("singularity", crossing, CROSSING)
         if reached is None:
             return None
         t, stop = reached
-        state = within.step.at(np.array([t]))[0]
         place = variable_of(self.equation.mechanism, stop.pair)
-        value = float(state[place] + self.problem.whole[place])
-        self._note("stop", t, state, stop.pair)
-        return stop_end(t, stop.pair, value)
+        value = self._note("stop", t, within.step, stop.pair)[place]
+        return stop_end(t, stop.pair, float(value))
 
-    def _note(self, kind: str, t: float, state: Floats, pair: str) -> None:
-        inputs = tuple(float(state[v] + self.problem.whole[v]) for v in self.problem.driven)
-        self.events.append(Event(kind, t, inputs, pair))  # type: ignore[arg-type]
+    def _note(self, kind: EventKind, t: float, step: Step, pair: str = "") -> Floats:
+        """Note an event, and return all variables there."""
+        values = step.at(np.array([t]))[0, : self.equation.variables] + self.problem.whole
+        inputs = tuple(values[list(self.problem.driven)].tolist())
+        self.events.append(Event(kind, t, inputs, pair))
+        return values
 
     def _stuck(self, t: float, state: Floats, tried: Attempt) -> SimulationEnd:
         """Return why no step however short can be taken from here."""

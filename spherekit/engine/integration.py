@@ -72,16 +72,6 @@ RunEnd = Literal[
 
 @final
 @dataclass(frozen=True)
-class Passage:
-    """An event of a run: its kind, the variable it is about or -1, and the time (s)."""
-
-    kind: EventKind
-    variable: int
-    t: float
-
-
-@final
-@dataclass(frozen=True)
 class Stretch:
     """Some steps between two reductions of the state.
 
@@ -102,13 +92,14 @@ class Stretch:
 class Run:
     """A run as far as it came: its stretches, events, and why and when it ended (s).
 
+    Of events it has the time (s), the kind, and the variable that it is about or -1.
     `drift` is the largest closure residual (rad) that was taken out, `largest` the largest
     measure of independence.
     """
 
     equation: CompiledEquation
     stretches: tuple[Stretch, ...]
-    passages: tuple[Passage, ...]
+    passages: tuple[tuple[float, EventKind, int], ...]
     end: RunEnd
     time: float
     drift: float
@@ -174,66 +165,27 @@ def _powers(series: Floats, h: Floats) -> tuple[Floats, Floats]:
     return value, rate
 
 
-def integrate(
-    equation: CompiledEquation,
-    mechanism: Mechanism,
-    values: Floats,
-    turns: Floats,
-    momenta: Floats,
-    unit: float,
-    targets: Sequence[float],
-    close: Callable[[Floats], tuple[Floats, float]],
-    begun: "Begun | None" = None,
-    crossed: float = CROSSED,
-) -> Run:
-    """Return the run from a start to the last of the targets.
-
-    Runs of one equation in several threads wait for each other.
+@final
+class Integration:
+    """A run while it goes on, of an equation compiled for this mechanism.
 
     Parameters
     ----------
     equation, mechanism
-        The equation compiled for this mechanism, whose tables and stops are used.
+        The mechanism's tables and stops are used.
     values, turns, momenta
         (variables,) a closed configuration (rad) less whole turns, and (m,) the momenta: of
         one freedom sqrt(B) u, positive in the sense of the homogeneous rates.
     unit
         A momentum of usual size, not zero.
-    targets
-        Rising times (s) between which no load has a knot.
     close
         Puts a configuration back onto its curve, and says what its residual was.
-    begun
-        What went before, if anything did: the start is then not at t = 0.
     crossed
         Root of the part of the largest measure of independence at which the run ends.
+    before, gap
+        The run that this one goes on from, if any, and the closure residual (rad) that was
+        taken out between them.
     """
-    with equation.lock:
-        begun = begun or Begun()
-        made = _Integration(
-            equation, mechanism, values, turns, momenta, unit, close, begun, crossed
-        )
-        return made.run(targets)
-
-
-@final
-@dataclass(frozen=True)
-class Begun:
-    """What went before a run: the time (s) and, if anything, the work (loads,) J.
-
-    `independence` is the measure of independence at the start over its largest so far,
-    `drift` the largest closure residual (rad) that was taken out.
-    """
-
-    time: float = 0.0
-    work: Floats | None = None
-    independence: float = 1.0
-    drift: float = 0.0
-
-
-@final
-class _Integration:
-    """A run while it goes on."""
 
     def __init__(
         self,
@@ -244,30 +196,42 @@ class _Integration:
         momenta: Floats,
         unit: float,
         close: Callable[[Floats], tuple[Floats, float]],
-        begun: Begun,
-        crossed: float,
+        crossed: float = CROSSED,
+        before: Run | None = None,
+        gap: float = 0.0,
     ) -> None:
         self.equation = equation
-        self.close, self.drift, self.crossed = close, begun.drift, crossed
+        self.close, self.crossed = close, crossed
         self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.count = len(values)
         self.momenta, self.works = equation.layout.momenta, equation.layout.works
-        self.turns = turns
-        self.work = np.zeros(len(mechanism.loads)) if begun.work is None else begun.work
+        self.turns, self.work = turns, np.zeros(len(mechanism.loads))
+        self.time, self.drift = 0.0, gap
+        self.largest = float(equation.measure(values[None])[0])
+        if before is not None:
+            self.time, self.drift = before.time, max(before.drift, gap)
+            last = before.equation
+            self.largest *= before.largest / float(last.measure(values[None])[0])
+            self.work = before.at(np.array([before.time]))[0][0, last.layout.works]
         self.unit = max(unit, float(np.linalg.norm(momenta)))
         self.period = np.zeros(len(mechanism.variable_owners))
         self.period[list(mechanism.angles.values())] = 1.0
-        self.largest = float(equation.measure(values[None])[0]) / begun.independence
         self.stops = [v for stop in mechanism.stops for v in (stop.low, stop.high)]
         self.sides = np.zeros(equation.switches)
         self.first = np.array([*values, *(momenta / self.unit), *np.zeros(len(self.work))])
         self.stretches: list[Stretch] = []
-        self.time = begun.time
         self.longest = np.inf
         """Longest step that is tried, where longer ones missed what a load does."""
 
     def run(self, targets: Sequence[float]) -> Run:
-        """Integrate from target to target."""
+        """Return the run to the last of rising times (s) between which no load has a knot.
+
+        Runs of one equation in several threads wait for each other.
+        """
+        with self.equation.lock:
+            return self._run(targets)
+
+    def _run(self, targets: Sequence[float]) -> Run:
         integrator = self.equation.integrator
         self._set_sides(self._parameters(self.time, targets[0]))
         integrator.start(self.first, self.time, self._parameters(self.time, targets[0]))
@@ -289,7 +253,10 @@ class _Integration:
         return Run(
             self.equation,
             tuple(self.stretches),
-            self._passages(),
+            tuple(
+                (passed.time, *self.equation.events[passed.event])
+                for passed in integrator.seen
+            ),
             end,
             self.time,
             self.drift,
@@ -483,9 +450,3 @@ class _Integration:
             values = np.asarray(self.equation.conditions(arguments[:, None]))[:, 0]
             both = values.reshape(2, count)[:, k]
             self.sides[k] = np.sign(both[0]) or np.sign(both[1]) or 1.0
-
-    def _passages(self) -> tuple[Passage, ...]:
-        seen = self.equation.integrator.seen
-        return tuple(
-            Passage(*self.equation.events[passed.event], passed.time) for passed in seen
-        )

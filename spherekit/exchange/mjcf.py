@@ -217,10 +217,10 @@ class _Writer:
     @cached_property
     def tree(self) -> list[tuple[Hinge, BodyInertia, str]]:
         """Every hinge with the inertia and the name of its body, second bodies last."""
-        own = zip(self.made.hinges, self.made.bodies, strict=True)
+        pairs = zip(self.made.hinges, self.made.bodies, strict=True)
         shared = {body.link: body for body in self.made.bodies}
         return [
-            *((hinge, body, hinge.child) for hinge, body in own),
+            *((hinge, body, hinge.child) for hinge, body in pairs),
             *((twin, shared[twin.child], _twin(twin)) for twin in self.twins),
         ]
 
