@@ -63,6 +63,7 @@ class PlannedPoles:
         self.unit: dict[Pole, Series] = {}
         self.error: dict[Pole, Floats] = {}
         self.angle: dict[Pole, Floats] = {}
+        self._drawn: dict[Pole, tuple[Floats, Floats]] = {}
         self._blocks = {} if blocks is None else blocks
         self._axes = (motion.axes,) if turned is None else (motion.axes, turned.axes)
         n = len(motion)
@@ -76,6 +77,7 @@ class PlannedPoles:
                         self._add(pole, (np.full((3, n), np.nan),), np.ones(n), np.zeros(n))
                 elif isinstance(step, LinePole):
                     one, other, angle, error = self._two_circles(step)
+                    self._drawn[step.pole] = one[0], other[0]
                     self._add(step.pole, _unit(_cross(one, other)), error, angle)
                 else:
                     self._solve(step)
@@ -178,15 +180,15 @@ class PlannedPoles:
         nothing, bodies = np.full((len(self.motion), 2, 3), np.nan), self.plan.pole(*pole)
         if bodies is None:
             return nothing
-        lines = {s.pole: s for s in self.plan.steps if isinstance(s, LinePole)}
-        if bodies not in lines:
-            (i, j), others = bodies, (k for k in self.plan.bodies if k not in bodies)
-            via = [k for k in others if {pole_of(i, k), pole_of(j, k)} <= set(self.unit)]
-            if len(via) < 2:
-                return nothing
-            lines[bodies] = LinePole(bodies, 0, tuple(via))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            (one, *_), (other, *_), _, _ = self._two_circles(lines[bodies])
+            if bodies not in self._drawn:
+                (i, j), others = bodies, (k for k in self.plan.bodies if k not in bodies)
+                via = [k for k in others if {pole_of(i, k), pole_of(j, k)} <= {*self.unit}]
+                if len(via) < 2:
+                    return nothing
+                first, second, *_ = self._two_circles(LinePole(bodies, 0, tuple(via)))
+                self._drawn[bodies] = first[0], second[0]
+            one, other = self._drawn[bodies]
             return np.stack([one / norm(one), other / norm(other)]).transpose(2, 0, 1)
 
 
