@@ -19,10 +19,9 @@ from spherekit.files.read import read
 from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import bits, exact, middle
 from spherekit.proof.certificate import curves_certificate
-from spherekit.proof.construction import construct
+from spherekit.proof.construction import construct, turned_together
 from spherekit.proof.curves import certified_curves
 from spherekit.proof.equations import Equations, Placed
-from spherekit.proof.laps import turned_together
 from spherekit.proof.modes import certified_modes
 from spherekit.proof.singular import singularities
 from spherekit.proof.written import Written

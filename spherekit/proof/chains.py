@@ -6,8 +6,8 @@ from typing import final
 
 import numpy as np
 
-from spherekit.proof.crossings import Crossings
 from spherekit.proof.equations import Equations
+from spherekit.proof.folded import Crossings
 from spherekit.proof.tubes import LONGEST, Piece, corrected, piece_at
 from spherekit.sphere.rotation import Floats
 

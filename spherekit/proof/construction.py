@@ -4,20 +4,28 @@ A link across one pair turns by that pair's angle: an unknown, or an input. A li
 two pairs with links placed before is put on these two axes, and the arc between them is one
 equation. A structure that can just be assembled has at least one body with at most two
 pairs, and has one again without it, so such an order always exists.
+
+Where wheels turn p/q as fast as an input by ratios of teeth, all these angles are multiples
+of one variable that goes round once while the input goes round q times. Then equations are
+sums of its cosines and sines, as of any other angle, and configurations a turn of the input
+apart are different unless everything is back.
 """
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations
+from math import lcm
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.planning.inputs import merged
 from spherekit.proof.structure import Structure
+from spherekit.proof.written import Written
 
 MOST_ORDERS = 20000
 """Orders looked at; those of eight-bars are some hundred."""
@@ -351,3 +359,46 @@ def _constructed(
     if equations != len(unknown):
         return None
     return Construction(root, tuple(steps), pairs, len(unknown), len(structure.inputs))
+
+
+MOST_LAPS = 64
+"""Turns until wheels are back, and turns of wheels meanwhile, at most."""
+
+
+def turned_together(written: Written, construction: Construction) -> Construction:
+    """Return a construction in which wheels turn with the variable of the only input.
+
+    Raises
+    ------
+    PlanError
+        If the ratios are not those of teeth, or are back after too many turns.
+    """
+    structure = written.structure
+    wheels = listing(structure.pairs[pair] for pair in construction.followers)
+    ratios = written.exact_ratios()
+    if ratios is None:
+        raise PlanError(
+            f"{structure.name}: wheels turn {wheels} with the input; proofs over ranges "
+            "are for ratios of teeth, with which wheels come back: give teeth, or give "
+            "values of the inputs with --at"
+        )
+    laps = lcm(*(ratio.denominator for ratio in ratios))
+    turns = dict(zip(structure.followers, (int(laps * r) for r in ratios), strict=True))
+    most = max(laps, *map(abs, turns.values()))
+    if most > MOST_LAPS:
+        raise PlanError(
+            f"{structure.name}: wheels turn {wheels} with the input, up to {most} turns "
+            f"until they are back; proofs over ranges are for at most {MOST_LAPS}: give "
+            "values of the inputs with --at"
+        )
+    (driven,) = construction.driven
+    turns[driven] = laps
+    variable = construction.unknowns
+    steps = tuple(
+        replace(step, variable=variable, turns=turns[step.pair])
+        if isinstance(step, Across) and step.pair in turns
+        else step
+        for step in construction.steps
+    )
+    pairs = construction.pairs[: variable + 1]
+    return replace(construction, steps=steps, pairs=pairs, laps=laps)

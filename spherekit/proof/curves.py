@@ -19,10 +19,9 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.proof.along import Doubt, Stop, stops
 from spherekit.proof.balls import bits, exact, middle, pi, upper
 from spherekit.proof.chains import Chain, Range
-from spherekit.proof.construction import Construction, construct
-from spherekit.proof.crossings import Arm, Crossings
+from spherekit.proof.construction import Construction, construct, turned_together
 from spherekit.proof.equations import Equations
-from spherekit.proof.laps import turned_together
+from spherekit.proof.folded import Arm, Crossings
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.saddles import Saddle
 from spherekit.proof.search import OVERLAPPING, Search

@@ -21,9 +21,8 @@ from spherekit.model.study import Study
 from spherekit.motion.timing import Timing
 from spherekit.proof.balls import FEWEST, exactly, floats, pi
 from spherekit.sphere.rotation import Floats
-from spherekit.tradeoff.candidates import of_simulation
 from spherekit.tradeoff.deviation import Deviation
-from spherekit.tradeoff.effort import Effort
+from spherekit.tradeoff.effort import Effort, of_simulation
 from spherekit.tradeoff.measure import Benchmark, Found, Reference, Tables, timing_loop
 
 

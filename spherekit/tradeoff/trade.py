@@ -23,10 +23,9 @@ from spherekit.errors import AnalysisError
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.proof.balls import FEWEST as DIGITS
 from spherekit.sphere.rotation import Floats
-from spherekit.tradeoff.candidates import of_samples
 from spherekit.tradeoff.check_samples import at_places, places
 from spherekit.tradeoff.deviation import Deviation, scale_words
-from spherekit.tradeoff.effort import Effort
+from spherekit.tradeoff.effort import Effort, of_samples
 from spherekit.tradeoff.measure import Benchmark, Found, Tables, timing_loop
 from spherekit.tradeoff.record import Measured, Trade, gathered
 from spherekit.tradeoff.simulated import measured
