@@ -24,13 +24,13 @@ from spherekit.motion.groups import (
     place_dyad,
     place_group,
     place_train,
+    train_ways,
 )
 from spherekit.motion.guides import ModeCurve, ModeOverGrid
 from spherekit.motion.loops import DEPENDENT, left_inverse, rank_mobility
 from spherekit.motion.meshes import Meshes, meshes_of
-from spherekit.motion.pairs import pair_states, penetrates
+from spherekit.motion.pairs import penetrates
 from spherekit.motion.steps import determinant_sign
-from spherekit.motion.trains import Frames, WheelPlacement, train_of
 from spherekit.motion.unwrapping import Unwrapping
 from spherekit.numeric.turns import wrap
 from spherekit.planning.assembly import Assembly
@@ -148,15 +148,16 @@ class Solver:
         return np.where(returns, scale * wrap(q / scale), q)
 
     @cached_property
-    def trains(self) -> dict[int, WheelPlacement]:
-        """The trains of wheels that follow from the inputs, by the numbers of groups."""
-        if self.meshes is None:
-            return {}
-        made = (
-            train_of(self.mechanism, self.joints, group, self.meshes.variables)
-            for group in self.assembly.groups
-        )
-        return {number: train for number, train in enumerate(made) if train is not None}
+    def trains(self) -> frozenset[int]:
+        """The numbers of groups that are trains of wheels: inputs place their bodies."""
+        train, numbers = self._train, set()
+        for number, group in enumerate(self.assembly.groups if train else ()):
+            assert train is not None
+            contacts = {pair for pair in group.pairs if not self.joints[pair].has_axis}
+            placed = 1 + len(train_ways(group, train.followers)) == len(group.bodies)
+            if placed and contacts and contacts <= {*train.contacts}:
+                numbers.add(number)
+        return frozenset(numbers)
 
     @property
     def has_closed_form(self) -> bool:
@@ -176,20 +177,16 @@ class Solver:
             values[:, list(self.meshes.variables)] = self.meshes.rolled(q)
         return values
 
-    def train_frames(self, train: WheelPlacement, rolled: Floats) -> Frames:
-        """Return the frames (n, 3, 3) of a train's contacts from `rolled_values`."""
-        frames = {}
-        for pair in train.contacts:
-            variables = list(self.mechanism.variables_of(pair))
-            states = pair_states((self.joints[pair],), rolled[:, variables])
-            frames[pair] = states.first[:, 0], states.second[:, 0]
-        return frames
+    def train_angles(self, q: Floats) -> dict[int, Floats]:
+        """Return the angles (n,) of pairs that wheels fix at inputs q (n, inputs)."""
+        assert self._train is not None
+        angles = self._train.offsets + q @ self._train.ratios.T
+        return dict(zip(self._train.followers, angles.T, strict=True))
 
     def place(self, state: State, number: int, q: Floats) -> NewtonResult:
         """Place a train of wheels, the group of a number, at inputs q (n, inputs)."""
-        train, rolled = self.trains[number], self.rolled_values(q)
-        frames = self.train_frames(train, rolled)
-        return place_train(state, train, self.mechanism.ends, frames, rolled)
+        given = self.mechanism.ends, self.train_angles(q), self.rolled_values(q)
+        return place_train(state, self.assembly.groups[number], *given)
 
     def start(self, q: Floats) -> State:
         """Return the state in which only the inputs have values q (n, inputs)."""

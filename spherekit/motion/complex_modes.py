@@ -15,6 +15,7 @@ import numpy as np
 from spherekit.model.joints import revolute
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import Frames, Order, orders_of
+from spherekit.motion.groups import train_turns
 from spherekit.planning.assembly import Group
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.trigonometric import Complexes
@@ -108,19 +109,24 @@ class ModeCoalescence:
         links = range(len(self.solver.mechanism.links))
         # orientations (n, modes, 3, 3) of links in their bodies, for all modes so far
         within = [state.within[k][:, None].astype(complex) for k in links]
-        determinants = np.ones((len(q), 1), dtype=complex)
+        determinants, ends = np.ones((len(q), 1), complex), self.solver.mechanism.ends
+        every = self.solver.train_angles(q[:, None]) if self.solver.trains else {}
+        angles = {pair: angle[:, None] for pair, angle in every.items()}
         with np.errstate(all="ignore"):
             for number, group in enumerate(self.groups[: part + 1]):
                 order = self._orders[number]
                 if order is None:
-                    within = self._with_train(number, q, within)
+                    turns = train_turns(group, within, ends, self.solver.joints, angles)
+                    for turn, members in zip(turns, group.bodies, strict=True):
+                        for link in members:
+                            within[link] = turn @ within[link]
                     determinants = np.ones((len(q), within[0].shape[1]), dtype=complex)
                     continue
                 frames = self._frames(group, within)
-                angles, determinants = frames.solutions(order)
+                solutions, determinants = frames.solutions(order)
                 determinants = determinants.reshape(len(q), -1)
                 if number < part:
-                    placed = frames.placed(order, angles)
+                    placed = frames.placed(order, solutions)
                     shape = len(q), -1, *placed.shape[2:]
                     placed, step = placed.reshape(shape), order.roots
                     within = [np.repeat(turned, step, axis=1) for turned in within]
@@ -140,23 +146,6 @@ class ModeCoalescence:
             for side, frame in enumerate((joint.first, joint.second)):
                 sides[side].append(within[links[side]] @ frame)
         return Frames(group, np.array(sides).reshape(2, len(group.pairs), -1, 3, 3))
-
-    def _with_train(
-        self, number: int, q: Floats, within: list[Complexes]
-    ) -> list[Complexes]:
-        """Return orientations with a train of wheels placed, at inputs q (n,) rad."""
-        solver, train = self.solver, self.solver.trains[number]
-        contacts = solver.train_frames(train, solver.rolled_values(q[:, None]))
-        frames = {
-            pair: (first[:, None], second[:, None])
-            for pair, (first, second) in contacts.items()
-        }
-        turns = train.turns(within, solver.mechanism.ends, solver.joints, frames)
-        placed = list(within)
-        for turn, members in zip(turns, train.group.bodies, strict=True):
-            for link in members:
-                placed[link] = turn @ within[link]
-        return placed
 
     def _dependence(self, part: int, determinants: Complexes) -> frozenset[int]:
         """Return the earlier groups whose modes a group's determinants (n, modes) see."""

@@ -4,10 +4,12 @@ While groups are assembled each body carries the orientations of its links in it
 axes (those of one of its links); `State` holds them for a batch of samples.
 """
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import REACH_SLACK
 from spherekit.model.graph import spanning
@@ -16,9 +18,8 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.pairs import pair_states
-from spherekit.motion.trains import Frames, WheelPlacement
 from spherekit.planning.assembly import Assembly, Group
-from spherekit.sphere.rotation import Floats, transpose
+from spherekit.sphere.rotation import Floats, about_z, transpose
 from spherekit.sphere.triangle import Bools, close_dyad
 
 
@@ -168,25 +169,51 @@ def place_group(
 
 def place_train(
     state: State,
-    train: WheelPlacement,
+    group: Group,
     ends: tuple[tuple[int, int], ...],
-    frames: Frames,
+    angles: Mapping[int, Floats],
     rolled: Floats,
 ) -> NewtonResult:
-    """Place a train of wheels from the lengths rolled, and merge it.
+    """Place a train of wheels by the `angles` (n,) of pairs that fix it, and merge it.
 
-    `frames` are those of its contacts, `rolled` (n, variables) the variables they are of.
-    Returns what closing it finds.
+    `rolled` (n, variables) are the lengths rolled, NaN for all other variables.
     """
-    group = train.group
-    placed = state.copy()
-    turns = train.turns(state.within, ends, state.joints, frames)
-    n = len(state.values)
+    placed, n = state.copy(), len(state.values)
+    turns = train_turns(group, state.within, ends, state.joints, angles)
     every = np.stack([np.broadcast_to(turn, (n, 3, 3)) for turn in turns], axis=1)
     placed.merge(group, every)
     placed.read_values(group, ends)
-    start = placed.values
-    for pair in group.pairs:
-        if not state.joints[pair].has_axis:
-            start[:, list(state.variables[pair])] = rolled[:, list(state.variables[pair])]
+    start = np.where(np.isnan(rolled), placed.values, rolled)
     return place_group(state, group, ends, start[:, group_variables(state, group)])
+
+
+def train_ways(group: Group, fixed: Collection[int]) -> tuple[tuple[int, int, int], ...]:
+    """Return how bodies are reached by R pairs, by number, whose angles are `fixed`.
+
+    Each way is the place of a pair in the group, the body it starts at, and the new one.
+    """
+    places = [place for place, pair in enumerate(group.pairs) if pair in fixed]
+    return spanning(group.ends, pairs=places)
+
+
+def train_turns(
+    group: Group,
+    within: Mapping[int, NDArray[Any]] | Sequence[NDArray[Any]],
+    ends: Sequence[tuple[int, int]],
+    joints: Sequence[Joint],
+    angles: Mapping[int, Floats],
+) -> list[NDArray[Any]]:
+    """Return the rotations (..., 3, 3) of the bodies of a train, in order, to the first.
+
+    `within[link]` (..., 3, 3) are those of links in their bodies, of any real or complex
+    numbers, `angles` (...,) rad those of pairs by number.
+    """
+    turns: dict[int, NDArray[Any]] = {0: np.eye(3)}
+    for place, parent, child in train_ways(group, angles):
+        pair = group.pairs[place]
+        joint, (first, second) = revolute(joints[pair]), ends[pair]
+        turn = within[first] @ joint.first @ about_z(angles[pair])
+        turn = turn @ transpose(within[second] @ joint.second)
+        ahead = group.ends[place][0] == parent
+        turns[child] = turns[parent] @ (turn if ahead else transpose(turn))
+    return [turns[body] for body in range(len(group.bodies))]
