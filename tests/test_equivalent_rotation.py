@@ -30,7 +30,6 @@ from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, 
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
-from spherekit.numeric.extremes import largest
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
@@ -934,11 +933,11 @@ def test_largest_values_of_chebyshev_series():
         0.0,
         1.0,
     )
-    found = largest(fitted)
-    assert abs(found.values[0]) == pytest.approx(1.0, abs=1e-13)
-    assert found.values[1] == pytest.approx(0.25, abs=1e-13)
-    assert found.places[1] == pytest.approx(0.5, abs=1e-9)
-    assert found.values[2] == pytest.approx(-3.0, abs=1e-13)
+    places, values = fitted.largest()
+    assert abs(values[0]) == pytest.approx(1.0, abs=1e-13)
+    assert values[1] == pytest.approx(0.25, abs=1e-13)
+    assert places[1] == pytest.approx(0.5, abs=1e-9)
+    assert values[2] == pytest.approx(-3.0, abs=1e-13)
 
 
 # --- variants of section 5 ----------------------------------------------------------------

@@ -13,7 +13,6 @@ from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import SolveError
 from spherekit.model.laws import Cycloidal, Law, Polynomial
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
-from spherekit.numeric.extremes import largest
 from spherekit.sphere.poses import TURN_MEANING, TurnStatus, turns_between
 from spherekit.sphere.rotation import Floats
 
@@ -323,7 +322,7 @@ def quickest(
     fitted = PiecewiseChebyshev.fit(
         lambda part: _moved(rotation, law, part)[1], 0.0, 1.0, TOLERANCE, most=MOST_CELLS
     )
-    places = largest(fitted).places
+    places, _ = fitted.largest()
     values = np.diagonal(_moved(rotation, law, places)[1])
     powers = np.repeat([1.0, 0.5], count)
     duration = float(np.max((np.abs(values) / limits) ** powers))

@@ -21,6 +21,9 @@ SHORTEST_RUN = 16
 ROUNDING = 1e-10
 """What functions that lose digits may be off by: see `PiecewiseChebyshev.fit`."""
 
+ON_THE_AXIS = 1e-6
+"""A zero whose imaginary part, in half cells, is smaller is taken for real."""
+
 
 @final
 @dataclass(frozen=True)
@@ -145,6 +148,24 @@ class PiecewiseChebyshev:
         slopes = chebyshev.chebder(self.coefficients, axis=1)
         return np.asarray(slopes * rates[:, None, None], dtype=float)
 
+    def largest(self) -> tuple[Floats, Floats]:
+        """Return the places (m,) and values (m,) where functions are largest in size.
+
+        All zeros of the derivative of each cell's series are taken, and its ends.
+        """
+        places, values = np.zeros((2, self.coefficients.shape[2]))
+        for cell, of_cell in enumerate(self.coefficients):
+            low, high = self.edges[cell : cell + 2]
+            for function, series in enumerate(of_cell.T):
+                turning = real_zeros(np.asarray(chebyshev.chebder(series), dtype=float))
+                x = np.concatenate([[-1.0, 1.0], turning])
+                y = chebyshev.chebval(x, series)
+                top = int(np.argmax(np.abs(y)))
+                if np.abs(y[top]) > np.abs(values[function]):
+                    values[function] = y[top]
+                    places[function] = low + 0.5 * (high - low) * (1.0 + x[top])
+        return places, values
+
     def _sum(self, series: Floats, x: Floats) -> Floats:
         """Return the series of each x's own cell, by Clenshaw's recurrence.
 
@@ -182,3 +203,19 @@ def fitting(degree: int) -> Floats:
     made = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
     made[0] *= 0.5
     return np.asarray(made)
+
+
+def trimmed(series: Floats, size: float) -> Floats:
+    """Return a series without its last terms that are smaller than `size`."""
+    (large,) = np.nonzero(np.abs(series) > size)
+    return np.asarray(series[: max(2, large[-1] + 1 if len(large) else 0)])
+
+
+def real_zeros(series: Floats, most: float = 1.0) -> Floats:
+    """Return the real zeros of a series on [-most, most], as eigenvalues."""
+    series = trimmed(series, 1e-15 * float(np.max(np.abs(series), initial=0.0)))
+    if len(series) < 2 or abs(series[0]) > np.sum(np.abs(series[1:])):
+        return np.zeros(0)
+    roots = chebyshev.chebroots(series)
+    real = roots.real[np.abs(roots.imag) < ON_THE_AXIS]
+    return np.asarray(np.sort(real[np.abs(real) <= most]))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from spherekit.numeric.brackets import bracketed_zeros
-from spherekit.numeric.chebyshev import Floats
+from spherekit.numeric.chebyshev import Floats, real_zeros, trimmed
 
 DEGREE = 32
 CELLS = 4
@@ -36,8 +36,6 @@ CERTAIN = 4.0
 """An extremum is not zero if it is so many times larger than the error."""
 TAIL = 4
 """Last coefficients that show the error of the polynomial."""
-ON_THE_AXIS = 1e-6
-"""A zero whose imaginary part, in half cells, is smaller is taken for real."""
 BEYOND = 1e-2
 """Extrema so little beyond a cell, in half cells, are looked at from both sides."""
 
@@ -159,11 +157,11 @@ def _merged(parts: Floats) -> Floats:
 
 def _zeros(series: Floats, error: float) -> tuple[Floats, Floats, Floats]:
     """Return changes of sign of a series on [-1, 1], slopes, and doubtful extrema."""
-    series = _trimmed(series, 1e-3 * error)
+    series = trimmed(series, 1e-3 * error)
     if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
         return np.zeros(0), np.zeros(0), np.zeros((0, 2))
     slope: Floats = np.asarray(chebyshev.chebder(series), dtype=float)
-    extrema = _real(slope)
+    extrema = real_zeros(slope, 1.0 + BEYOND)
     heights = np.abs(chebyshev.chebval(extrema, series))
     touches = []
     for place in extrema[heights <= CERTAIN * error]:
@@ -182,20 +180,3 @@ def _zeros(series: Floats, error: float) -> tuple[Floats, Floats, Floats]:
     )
     rates = np.asarray(chebyshev.chebval(places, slope), dtype=float)
     return places, rates, np.array(touches).reshape(-1, 2)
-
-
-def _trimmed(series: Floats, size: float) -> Floats:
-    """Return a series without its last terms that are smaller than `size`."""
-    (large,) = np.nonzero(np.abs(series) > size)
-    return np.asarray(series[: max(2, large[-1] + 1 if len(large) else 0)])
-
-
-def _real(series: Floats) -> Floats:
-    """Return the real zeros of a series on [-1, 1], and a little beyond."""
-    largest = float(np.max(np.abs(series)))
-    series = _trimmed(series, 1e-15 * largest)
-    if len(series) < 2 or abs(series[0]) > np.sum(np.abs(series[1:])):
-        return np.zeros(0)
-    roots = chebyshev.chebroots(series)
-    real = roots.real[np.abs(roots.imag) < ON_THE_AXIS]
-    return np.asarray(np.sort(real[np.abs(real) < 1.0 + BEYOND]))

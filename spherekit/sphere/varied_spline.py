@@ -1,11 +1,12 @@
 """The spline of a profile through points, while the points move.
 
 Its knots are lengths along the curve and move with it. By complex steps the same spline
-is laid once more, from its slopes and bends at the knots: on each panel the quintic that
-has these at both ends, with third and fourth derivatives that agree where panels meet.
+is laid once more: on each panel a quintic through the points at both ends, with
+derivatives that agree where panels meet.
 """
 
 from dataclasses import dataclass
+from itertools import product
 from typing import final
 
 import numpy as np
@@ -46,78 +47,33 @@ def quintic_panels(knots: Floats, points: Floats, closed: bool) -> QuinticPanels
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import splu
 
-    panels = len(knots) - 1
-    h = np.diff(knots)[:, None]
-    steps = (points[1:] - points[:-1]) / h**3
-    rows = _Rows(h[:, 0], steps, closed)
-    # Third and fourth derivatives over 6 and 24, and fifth ones over 120, by how far the
-    # values, slopes and bends at the ends of a panel are from those of a parabola.
+    h, panels = np.diff(knots), len(knots) - 1
+    mean = float(np.real(np.mean(h)))
+    entries: list[tuple[complex, int, int]] = []
+    right = np.zeros((6 * panels, 3), dtype=points.dtype)
+    row = 0
+
+    def add(panel: int, part: float, order: int, sign: float = 1.0) -> None:
+        """Add a derivative at the start or end (0 or 1) of a panel to the last equation."""
+        scale = sign * (mean / h[panel]) ** order
+        for power in range(order, 6 if part else order + 1):
+            factor = np.prod(np.arange(power - order + 1, power + 1))
+            entries.append((scale * factor, row, 6 * (panel % panels) + power))
+
+    for panel, part in product(range(panels), (0, 1)):
+        add(panel, part, 0)
+        right[row] = points[panel + part]
+        row += 1
     for knot in range(0 if closed else 1, panels):
-        before, after = knot - 1, knot
-        rows.equal(before, (10.0, -6.0, 1.5), 0, after, (10.0, -4.0, 0.5))
-        rows.equal(before, (15.0, -8.0, 1.5), 1, after, (-15.0, 7.0, -1.0))
-        if not closed and knot in (1, 2, panels - 2, panels - 1):
-            rows.equal(before, (6.0, -3.0, 0.5), 2, after, (6.0, -3.0, 0.5))
-    matrix, right = rows.made()
-    count = right.shape[0]
-    system = coo_array(matrix, shape=(count, count)).tocsc()
-    solved = splu(system).solve(np.ascontiguousarray(right)).reshape(-1, 2, 3)
-    ends = np.arange(panels + 1) % len(solved)
-    (a0, b0), (a1, b1) = (
-        (solved[some, 0], solved[some, 1]) for some in (ends[:-1], ends[1:])
-    )
-    d = steps - a0 / h**2 - 0.5 * b0 / h
-    e = (a1 - a0) / h**2 - b0 / h
-    f = (b1 - b0) / h
-    coefficients = [
-        points[:-1],
-        a0,
-        0.5 * b0,
-        10.0 * d - 4.0 * e + 0.5 * f,
-        (-15.0 * d + 7.0 * e - f) / h,
-        (6.0 * d - 3.0 * e + 0.5 * f) / h**2,
-    ]
-    return QuinticPanels(knots, np.stack(coefficients, axis=1))
-
-
-class _Rows:
-    """Linear equations of slopes and bends (2 for each knot) by panels of lengths h."""
-
-    def __init__(self, h: Floats, steps: Floats, closed: bool) -> None:
-        self.h, self.steps = h, steps
-        self.count = len(h) if closed else len(h) + 1
-        self.entries: list[tuple[int, int, complex]] = []
-        self.right: list[Floats] = []
-
-    def equal(
-        self,
-        one: int,
-        of_one: tuple[float, float, float],
-        power: int,
-        other: int,
-        of_other: tuple[float, float, float],
-    ) -> None:
-        """Add that a derivative is the same on two panels, over a power of lengths."""
-        total = np.zeros(3, dtype=self.steps.dtype)
-        for panel, weights, sign in ((one, of_one, 1.0), (other, of_other, -1.0)):
-            d, e, f = (sign * weight for weight in weights)
-            h = self.h[panel]
-            start, end = panel % self.count, (panel + 1) % self.count
-            share = h**-power
-            for column, entry in (
-                (2 * start, -(d + e) / h**2),
-                (2 * start + 1, -(0.5 * d + e + f) / h),
-                (2 * end, e / h**2),
-                (2 * end + 1, f / h),
-            ):
-                self.entries.append((len(self.right), column, share * entry))
-            total = total - share * d * self.steps[panel]
-        self.right.append(total)
-
-    def made(self) -> tuple[tuple[Floats, tuple[Floats, Floats]], Floats]:
-        """Return the entries with their rows and columns, and the right sides (k, 3)."""
-        row, column, entry = (np.array(item) for item in zip(*self.entries, strict=True))
-        return (entry, (row, column)), np.stack(self.right)
+        no_knot = not closed and knot in (1, 2, panels - 2, panels - 1)
+        for order in range(1, 6 if no_knot else 5):
+            add(knot - 1, 1, order)
+            add(knot, 0, order, -1.0)
+            row += 1
+    values, rows, columns = (np.array(item) for item in zip(*entries, strict=True))
+    system = coo_array((values, (rows, columns)), shape=(row, row)).tocsc()
+    solved = splu(system).solve(right).reshape(panels, 6, 3)
+    return QuinticPanels(knots, solved / h[:, None, None] ** np.arange(6.0)[:, None])
 
 
 def varied_spline(
