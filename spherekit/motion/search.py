@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.closure import Closure
 from spherekit.motion.pairs import penetrates, rolled_lengths
+from spherekit.numeric.descent import descent
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
@@ -32,19 +33,10 @@ ENOUGH = 8
 DOUBT = 0.01
 """Probability with which a search misses what the stated share of starts leads to."""
 
-STEPS = 60
-"""Steps of a start at most."""
 CLOSE = 1e-6
 """Root of the sum of squared gaps (rad) from which Newton's method ends the way."""
-FIRST_DAMPING, EASED, RAISED = 0.1, 0.2, 5.0
-LEAST_DAMPING, MOST_DAMPING = 1e-12, 1e9
-STALLED = 8
-"""A start that halved its squared gaps in none of so many steps, far from closed, ends."""
 POLISHING_STEPS = 40
 """Newton steps at the end; a double solution halves its error in each."""
-FAR = 1e-3
-"""Sum of squared gaps (rad^2) above which it does."""
-
 SAME_MODE = 1e-6
 """Closed configurations whose rotation matrices differ by less are one."""
 SAME_DEAD_CENTRE = 1e-3
@@ -152,47 +144,18 @@ def damped(
         (n, variables), and (n,) whether the gaps are so small that Newton's method
         closes them.
     """
-    n, count = values.shape
-    free = [v for v in range(count) if v not in held]
-    least, most = (np.broadcast_to(limit, count) for limit in (low, high))
+    free = [v for v in range(values.shape[1]) if v not in held]
+    least, most = (np.broadcast_to(x, values.shape[1])[free] for x in (low, high))
     values = values.copy()
-    active, damping = np.arange(n), np.full(n, FIRST_DAMPING)
-    start = closure.at(values)
-    gap, jacobian = start.residual, start.jacobian[:, :, free]
-    size = np.sum(gap**2, axis=1)
-    before, near = np.full(n, np.inf), size < CLOSE**2
-    for turn in range(STEPS):
-        across = np.swapaxes(jacobian, 1, 2)
-        right = -(across @ gap[..., None])
-        normal = across @ jacobian
-        here = values[active][:, free]
-        stopped = (here <= least[free]) & (right[..., 0] < 0.0)
-        stopped |= (here >= most[free]) & (right[..., 0] > 0.0)
-        normal[stopped] = 0.0
-        right[stopped] = 0.0
-        diagonal = np.arange(len(free))
-        normal[:, diagonal, diagonal] += damping[active, None]
-        tried = values[active]
-        tried[:, free] += np.linalg.solve(normal, right)[..., 0]
-        tried = np.clip(tried, least, most)
-        there = closure.take(active).at(tried)
-        tried_size = np.sum(there.residual**2, axis=1)
-        better = tried_size < size[active]
-        rows = active[better]
-        values[rows], size[rows] = tried[better], tried_size[better]
-        gap[better] = there.residual[better]
-        jacobian[better] = there.jacobian[better][:, :, free]
-        changed = damping[active] * np.where(better, EASED, RAISED)
-        damping[active] = np.maximum(changed, LEAST_DAMPING)
-        near[rows] = size[rows] < CLOSE**2
-        going = ~near[active] & (damping[active] < MOST_DAMPING)
-        if turn % STALLED == STALLED - 1:
-            going &= (size[active] < 0.5 * before[active]) | (size[active] < FAR)
-            before[active] = size[active]
-        active, gap, jacobian = active[going], gap[going], jacobian[going]
-        if not len(active):
-            break
-    return values, near
+
+    def gaps(some: Floats, rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        whole = values[rows]
+        whole[:, free] = some
+        at = closure.take(rows).at(whole)
+        return at.residual.copy(), at.jacobian[:, :, free]
+
+    values[:, free], squares = descent(gaps, values[:, free], least, most, CLOSE)
+    return values, squares < CLOSE**2
 
 
 @final

@@ -56,10 +56,9 @@ def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
 
     NaN where no mirror has them: sin^2(phi / 2) + sin^2(gamma / 2) > 1.
     """
-    x = -np.sin(0.5 * np.asarray(phi, dtype=float))
-    y = np.sin(0.5 * np.asarray(gamma, dtype=float))
+    half, other = (0.5 * np.asarray(angle, dtype=float) for angle in (phi, gamma))
+    x, y = -np.sin(half), np.sin(other)
     # cos(a + b) cos(a - b) loses nothing near the edge, where 1 - x^2 - y^2 does
-    half, other = 0.5 * np.asarray(phi, dtype=float), 0.5 * np.asarray(gamma, dtype=float)
     square = np.cos(half + other) * np.cos(half - other)
     with np.errstate(invalid="ignore"):
         z = np.sqrt(square)

@@ -92,28 +92,14 @@ def quaternion(matrix: Floats) -> Floats:
 
     The sign is the one with the largest component positive; NaN in, NaN out.
     """
-    r = matrix
-    trace = r[:, 0, 0] + r[:, 1, 1] + r[:, 2, 2]
-    four = np.stack(
-        [
-            1 + 2 * r[:, 0, 0] - trace,
-            1 + 2 * r[:, 1, 1] - trace,
-            1 + 2 * r[:, 2, 2] - trace,
-            1 + trace,
-        ],
-        axis=1,
-    )
-    a = r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]
-    s = r[:, 0, 1] + r[:, 1, 0], r[:, 0, 2] + r[:, 2, 0], r[:, 1, 2] + r[:, 2, 1]
-    rows = np.stack(
-        [
-            np.stack([four[:, 0], s[0], s[1], a[0]], axis=1),
-            np.stack([s[0], four[:, 1], s[2], a[1]], axis=1),
-            np.stack([s[1], s[2], four[:, 2], a[2]], axis=1),
-            np.stack([a[0], a[1], a[2], four[:, 3]], axis=1),
-        ],
-        axis=1,
-    )
+    r, trace = matrix, np.trace(matrix, axis1=1, axis2=2)[:, None]
+    # four times the products of the quaternion's components
+    rows = np.empty((len(r), 4, 4))
+    rows[:, :3, :3] = r + transpose(r) + (1.0 - trace)[..., None] * np.eye(3)
+    back, ahead = [2, 0, 1], [1, 2, 0]
+    rows[:, 3, :3] = rows[:, :3, 3] = r[:, back, ahead] - r[:, ahead, back]
+    rows[:, 3, 3:] = 1.0 + trace
+    four = np.diagonal(rows, axis1=1, axis2=2)
     best = np.argmax(np.where(np.isnan(four), -1.0, four), axis=1)
     chosen = rows[np.arange(len(r)), best]
     return np.asarray(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from spherekit.numeric.descent import descent
 from spherekit.sphere.profile import Curve
 from spherekit.sphere.rotation import Floats, rotation_vector, transpose
 
@@ -12,7 +13,6 @@ MOST = 3000
 """Samples of a curve at most; its frame then turns more from one to the next."""
 
 ROUGH = 1000
-STEPS = 60
 LONGEST = 0.1
 """Longest step (rad) along a curve."""
 
@@ -32,7 +32,12 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     downhill. Where the curves touch at several places, it is the first along the first one.
     """
     curves = (first, second)
-    s, miss = _downhill(curves, _starts(curves))
+    low = np.array([-np.inf if curve.closed else 0.0 for curve in curves])
+    high = np.array([np.inf if curve.closed else curve.length for curve in curves])
+    s, squares = descent(
+        lambda some, _: _apart(curves, some), _starts(curves), low, high, longest=LONGEST
+    )
+    miss = np.sqrt(squares)
     lengths = np.array([curve.length for curve in curves])
     around = np.array([curve.closed for curve in curves])
     s = np.where(around, np.mod(s, lengths), s)
@@ -74,48 +79,6 @@ def _samples(curve: Curve) -> tuple[Floats, float]:
     even = np.linspace(0.0, turned[-1], count)
     s = np.interp(even, turned, rough)
     return (s[:-1] if curve.closed else s), float(even[1])
-
-
-def _downhill(curves: tuple[Curve, Curve], s: Floats) -> tuple[Floats, Floats]:
-    """Return places (m, 2) of least angle between frames, and the angles (m,).
-
-    Damped least squares (Levenberg and Marquardt) from every start at once. One that
-    comes to a least angle that is not zero is followed no further.
-    """
-    low = np.array([-np.inf if curve.closed else 0.0 for curve in curves])
-    high = np.array([np.inf if curve.closed else curve.length for curve in curves])
-    vector, columns = _apart(curves, s)
-    miss = np.linalg.norm(vector, axis=1)
-    damping = np.full(len(s), 1e-6)
-    active = np.arange(len(s))
-    for _ in range(STEPS):
-        jacobian, away = columns[active], vector[active, :, None]
-        size = np.sum(jacobian * jacobian, axis=(1, 2))
-        normal = transpose(jacobian) @ jacobian + (damping[active] * size)[
-            :, None, None
-        ] * np.eye(2)
-        change = np.linalg.solve(normal, -(transpose(jacobian) @ away))
-        left = np.linalg.norm((jacobian @ change + away)[..., 0], axis=1)
-        change = change[..., 0]
-        longest = np.max(np.abs(change), axis=1)
-        change *= np.minimum(1.0, LONGEST / np.maximum(longest, LONGEST))[:, None]
-        tried = np.clip(s[active] + change, low, high)
-        new_vector, new_columns = _apart(curves, tried)
-        new_miss = np.linalg.norm(new_vector, axis=1)
-        better = new_miss < miss[active]
-        # What the tangent plane promises: nearly nothing at a least angle beyond zero.
-        lowest = (left > 0.999 * miss[active]) & (damping[active] < 1e-3)
-        taken = active[better]
-        s[taken], miss[taken] = tried[better], new_miss[better]
-        vector[taken], columns[taken] = new_vector[better], new_columns[better]
-        damping[active] = np.clip(
-            damping[active] * np.where(better, 0.1, 30.0), 1e-15, None
-        )
-        done = lowest | (longest < 1e-15) | (damping[active] > 1e3)
-        active = active[~done]
-        if not len(active):
-            break
-    return s, miss
 
 
 def _apart(curves: tuple[Curve, Curve], s: Floats) -> tuple[Floats, Floats]:
