@@ -11,7 +11,7 @@ import pytest
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import FileError, OutputError, SolveError
-from spherekit.exchange.continuous import continued_on_grid
+from spherekit.exchange.coupling_made import continued_on_grid
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 

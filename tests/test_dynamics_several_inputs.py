@@ -9,7 +9,7 @@ from multibody import Hinge, Mesh, MultiBody
 from newton_euler import body, loaded, newton_euler
 
 import spherekit as sk
-from spherekit.dynamics.equation import coriolis
+from spherekit.dynamics.inertia import coriolis
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.engine.compiler import available
 from spherekit.errors import ModelError, SolveError

@@ -10,8 +10,8 @@ from newton_euler import loaded, newton_euler
 
 import spherekit as sk
 from spherekit.conventions import Status
+from spherekit.dynamics.inverse import holding_torques, output_stiffness
 from spherekit.dynamics.reactions import reactions
-from spherekit.dynamics.statics import holding_torques, output_stiffness
 from spherekit.model.laws import Polynomial
 from spherekit.motion.motion import Tracer
 from spherekit.motion.timing import by_laws

@@ -1,8 +1,9 @@
 """The direct problem: the motion of a mechanism from its start and its loads."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import Literal
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, final
 
 import numpy as np
 
@@ -10,10 +11,14 @@ from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.compiled_engine import by_taylor_series, first_of
 from spherekit.dynamics.differences import by_differences
-from spherekit.dynamics.lift_off import until_lift_off
 from spherekit.dynamics.numpy_engine import Collocation
-from spherekit.dynamics.simulation import NO_SERIES, Forecast, Simulation
-from spherekit.dynamics.solved import Solved, Solving, last, whole, with_whole
+from spherekit.dynamics.simulation import (
+    NO_SERIES,
+    Event,
+    Forecast,
+    Simulation,
+    SimulationEnd,
+)
 from spherekit.dynamics.start import PoseStart, Problem, Torques, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
 from spherekit.engine.kernels import ENGINES, Engine
@@ -23,6 +28,50 @@ from spherekit.model.actions import smooth
 from spherekit.model.laws import Crossings, Start, StartGiven
 from spherekit.model.mechanism import Mechanism
 from spherekit.progress import tell
+from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class Solved:
+    """A simulation as far as it is solved.
+
+    `run` is what solves it: where another follows, what was given so far is superseded.
+    `made` gives the motion before the time `until` (s), all of it if that is infinite.
+    """
+
+    run: object
+    made: Callable[[], Simulation]
+    until: float = np.inf
+
+    @cached_property
+    def motion(self) -> Simulation:
+        """The motion so far."""
+        return self.made()
+
+
+Solving = Generator[Solved, None, Solved]
+"""Gives piece after piece, each longer or of another run, and returns the whole."""
+
+
+def whole(run: object, motion: Simulation) -> Solved:
+    """Return a simulation that is solved to its end."""
+    return Solved(run, lambda: motion)
+
+
+def with_whole(pieces: Solving) -> Iterator[Solved]:
+    """Yield the pieces of a simulation, the whole last."""
+    yield (yield from pieces)
+
+
+def last(pieces: Solving) -> Solved:
+    """Return the whole of a simulation."""
+    while True:
+        try:
+            next(pieces)
+        except StopIteration as done:
+            return done.value  # type: ignore[no-any-return]
+
 
 LEAST = {"numpy": 1e-13, "compiled": 1e-15}
 """Smallest tolerance of each engine; below, rounding decides."""
@@ -321,3 +370,62 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
     else:
         forecast = None
     return (yield from _stepping(solver, why, forecast))
+
+
+PLACES = 8
+"""Places in each step at which contacts are looked at."""
+
+PULLS = 1e-9
+"""A contact pulls where it does so by more than this part of the largest reaction."""
+
+
+def until_lift_off(simulation: Simulation, pressed: float) -> Simulation:
+    """Return a simulation as far as all one-sided contacts press.
+
+    Up to the time `pressed` (s), the end of a step, they are known to.
+
+    Raises
+    ------
+    SolveError
+        If one would have to pull from the start.
+    """
+    mechanism = simulation.mechanism
+    pairs = [k for k, pair in enumerate(mechanism.pairs) if pair.one_sided]
+    path = simulation.path
+    late = path.starts >= pressed
+    parts = np.arange(PLACES) / PLACES
+    t = (path.starts[late, None] + parts * path.lengths[late, None]).ravel()
+    t = np.append(t[t < simulation.end.t], simulation.end.t)
+
+    def pushes(t: Floats) -> tuple[Floats, float]:
+        moments = simulation.moments(t).moments
+        return moments[:, pairs, 0], float(np.nanmax(np.abs(moments)))
+
+    push, size = pushes(t)
+    rows = np.flatnonzero(np.any(push < -PULLS * size, axis=1))
+    if not len(rows):
+        return simulation
+    row = int(rows[0])
+    which = int(np.argmin(push[row]))
+    name = mechanism.pairs[pairs[which]].name
+    if row == 0 and pressed == 0.0:
+        raise SolveError(
+            f"{mechanism.name}: contact {name} would have to pull at the start, and is "
+            "one_sided: press it with a spring, start more slowly, or leave one_sided out"
+        )
+    from scipy.optimize import brentq
+
+    low, high = float(t[max(row - 1, 0)]), float(t[row])
+    when = low
+    if row and push[row - 1, which] > 0.0:
+        when = brentq(lambda x: pushes(np.array([x]))[0][0, which], low, high, xtol=1e-14)
+    end = SimulationEnd(
+        "lift_off",
+        float(when),
+        f"contact {name} lifts off: it would have to pull to keep its links together; "
+        "press it with a spring, or move more slowly",
+    )
+    inputs = simulation.at([when]).inputs[0].tolist()
+    before = tuple(event for event in simulation.events if event.t <= when)
+    event = Event("lift_off", float(when), tuple(inputs), name)
+    return replace(simulation, events=(*before, event), end=end)

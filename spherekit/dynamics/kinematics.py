@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
+from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
@@ -175,3 +176,36 @@ def continued(tangents: Floats, along: Floats) -> Floats:
     before = np.concatenate([along[None], tangents[:-1]])
     flips = np.where(np.sum(before * tangents, axis=1) < 0.0, -1.0, 1.0)
     return np.asarray(np.cumprod(flips))
+
+
+def single(columns: Floats) -> Floats:
+    """Return the only one of columns (..., inputs); `SolveError` with several inputs."""
+    if columns.shape[-1] != 1:
+        raise SolveError(
+            f"there are {columns.shape[-1]} inputs; read inputs, input_rates, "
+            "input_accelerations or torques"
+        )
+    return np.asarray(columns[..., 0])
+
+
+class InputMotion:
+    """Records with the inputs, their rates and accelerations in columns (n, inputs)."""
+
+    inputs: Floats
+    input_rates: Floats
+    input_accelerations: Floats
+
+    @property
+    def q(self) -> Floats:
+        """(n,) variable of the only input, rad; `SolveError` with several, as all below."""
+        return single(self.inputs)
+
+    @property
+    def dq(self) -> Floats:
+        """(n,) its rate, rad/s."""
+        return single(self.input_rates)
+
+    @property
+    def ddq(self) -> Floats:
+        """(n,) its acceleration, rad/s2."""
+        return single(self.input_accelerations)

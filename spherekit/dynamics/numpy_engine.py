@@ -9,8 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import STATUS_MEANING, Status
-from spherekit.dynamics.collocation import NODES, Attempt, Step, attempt, gauss, next_length
-from spherekit.dynamics.events import StepEvents
+from spherekit.dynamics.collocation import (
+    NODES,
+    Attempt,
+    Step,
+    StepEvents,
+    attempt,
+    gauss,
+    next_length,
+)
 from spherekit.dynamics.inertia import inertia_matrix
 from spherekit.dynamics.kinematics import reciprocal_condition
 from spherekit.dynamics.path import CollocationPath

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import InverseSolution, needed_torques
-from spherekit.dynamics.lacking import Lacking, lacking
+from spherekit.dynamics.rubbing import Lacking, lacking
 from spherekit.dynamics.transmitted import Driven, transmitted
 from spherekit.model.bearings import Bearings
 from spherekit.motion.linearisation import Linearisation

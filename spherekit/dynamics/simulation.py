@@ -9,11 +9,9 @@ from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
 from spherekit.conventions import TURN, counted
-from spherekit.dynamics.equation import coriolis
 from spherekit.dynamics.forces import rates_by_time
-from spherekit.dynamics.inertia import Inertia, inertia, inertia_matrix
-from spherekit.dynamics.input_motion import InputMotion, single
-from spherekit.dynamics.kinematics import CoordinateMotion
+from spherekit.dynamics.inertia import Inertia, coriolis, inertia, inertia_matrix
+from spherekit.dynamics.kinematics import CoordinateMotion, InputMotion, single
 from spherekit.dynamics.path import StatePath, Traced
 from spherekit.dynamics.start import Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion

@@ -26,9 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
-from spherekit.dynamics.equation import coriolis
 from spherekit.dynamics.forces import Loads, rates_by_time
-from spherekit.dynamics.inertia import inertia, inertia_matrix
+from spherekit.dynamics.inertia import coriolis, inertia, inertia_matrix
 from spherekit.dynamics.kinematics import (
     CoordinateMotion,
     Order,

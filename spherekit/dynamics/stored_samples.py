@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status
-from spherekit.dynamics.equation import christoffel
 from spherekit.dynamics.forces import Loads
-from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.inertia import christoffel, inertia
 from spherekit.dynamics.kinematics import (
     CoordinateMotion,
     by_arc_length,

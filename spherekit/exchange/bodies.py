@@ -8,7 +8,7 @@ O, or it is wrong by radians without a word.
 """
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -17,16 +17,59 @@ import numpy as np
 from spherekit.analysis.link_scenes import link_shapes
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
-from spherekit.exchange.rolling import Ratio, ratio_of
 from spherekit.model.dynamics import Mass
 from spherekit.model.geometry import geometry_of
 from spherekit.model.graph import spanning
 from spherekit.model.inertia import moments_of_point
+from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Profile
 from spherekit.motion.closure import Closure
 from spherekit.motion.linearisation import Linearisation
+from spherekit.planning.wheels import (
+    on_carrier,
+)
 from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class Ratio:
+    """A rolling contact as an equation: factors by hinge, whose sum of rates is zero."""
+
+    pair: str
+    factors: Mapping[str, float]
+
+
+def ratio_of(
+    mechanism: Mechanism, joints: Sequence[Joint], number: int, hinges: Iterable[int]
+) -> Ratio:
+    """Return what the contact of a number says of the hinges of a tree.
+
+    Raises
+    ------
+    ModelError
+        Unless two circles roll that turn about their centres on one carrier.
+    """
+    pair = mechanism.pairs[number]
+    held = on_carrier(mechanism, joints, number, pairs=hinges)
+    if held is not None:
+        factors = held.mesh.relation(held.sizes)
+        most = max(map(abs, factors.values()))
+        names = {mechanism.pairs[n].name: f / most for n, f in factors.items()}
+        return Ratio(pair.name, names)
+    profiles = zip(pair.links, pair.profiles or (), strict=True)
+    shaped = [link for link, profile in profiles if profile.round_axis is None]
+    why = "no link carries both circles, each on a hinge through its centre"
+    if shaped:
+        why = f"the profile of link {shaped[0]} is no circle"
+    raise ModelError(
+        f"{mechanism.name}: pairs.{pair.name}: bodies on hinges express R pairs, circles "
+        "that slide on each other, and rolling circles that turn about their centres on "
+        f"one carrier, whose ratio is constant; {why}. Leave the pair out of a copy of "
+        "the file, or lock it away"
+    )
+
 
 SMALL = 1e-6
 """Bodies without inertia get this part of the largest one: no engine moves massless

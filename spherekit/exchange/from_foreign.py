@@ -10,10 +10,15 @@ import numpy as np
 
 from spherekit.conventions import MAX_NAME_LENGTH, listing, numbered
 from spherekit.errors import FileError
-from spherekit.exchange.common_point import Line, common_point
-from spherekit.exchange.gears import Turning, gears_of
+from spherekit.exchange.foreign_axes import (
+    Line,
+    Turning,
+    Units,
+    common_point,
+    gears_of,
+    plain,
+)
 from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
-from spherekit.exchange.plain_numbers import Units, plain
 from spherekit.model.changes import AngleUnit
 from spherekit.model.inertia import moved_to_sphere_centre
 from spherekit.sphere.rotation import Floats

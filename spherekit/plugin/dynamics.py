@@ -6,23 +6,23 @@ from spherekit.lazily import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
-    from spherekit.dynamics.equation import driving_torques as driving_torques
     from spherekit.dynamics.forces import Loads as Loads
     from spherekit.dynamics.inertia import Inertia as Inertia
+    from spherekit.dynamics.inertia import driving_torques as driving_torques
     from spherekit.dynamics.inertia import inertia as inertia
     from spherekit.dynamics.inverse import InverseSolution as InverseSolution
+    from spherekit.dynamics.inverse import Stiffness as Stiffness
     from spherekit.dynamics.inverse import balancing as balancing
+    from spherekit.dynamics.inverse import holding_torques as holding_torques
     from spherekit.dynamics.inverse import judged as judged
     from spherekit.dynamics.inverse import need_terms as need_terms
     from spherekit.dynamics.inverse import needed_torques as needed_torques
     from spherekit.dynamics.inverse import of_parts as of_parts
+    from spherekit.dynamics.inverse import output_stiffness as output_stiffness
     from spherekit.dynamics.inverse import total as total
     from spherekit.dynamics.kinematics import CoordinateMotion as CoordinateMotion
     from spherekit.dynamics.reactions import Reactions as Reactions
     from spherekit.dynamics.reactions import reactions as reactions
-    from spherekit.dynamics.statics import Stiffness as Stiffness
-    from spherekit.dynamics.statics import holding_torques as holding_torques
-    from spherekit.dynamics.statics import output_stiffness as output_stiffness
     from spherekit.model.actions import acting_links as acting_links
     from spherekit.model.actions import used_links as used_links
     from spherekit.model.actions import used_pairs as used_pairs

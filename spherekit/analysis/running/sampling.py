@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
 from spherekit.conventions import TURN, Status
-from spherekit.dynamics.forward import need_allowed, solving
+from spherekit.dynamics.forward import Solving, need_allowed, solving, with_whole
 from spherekit.dynamics.simulation import Simulation
-from spherekit.dynamics.solved import Solving, with_whole
 from spherekit.dynamics.start import drives
 from spherekit.engine.kernels import Engine
 from spherekit.errors import ModelError, SolveError

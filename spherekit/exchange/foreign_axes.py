@@ -1,11 +1,18 @@
-"""Hinges coupled at a constant ratio as two circles that roll on each other."""
+"""Axes of another program's model: the point they meet in, gears, and their numbers.
 
+Hinges coupled at a constant ratio are two circles that roll on each other; numbers are
+written as a person would have.
+"""
+
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from itertools import combinations
+from typing import Any, final
 
 import numpy as np
 
+from spherekit.model.changes import AngleUnit
 from spherekit.sphere.rotation import Floats
 
 ONE_LINE = 1e-6
@@ -118,3 +125,104 @@ def _way(hinges: Sequence[Turning]) -> list[tuple[Turning, float]]:
         link = here.links[1] if forwards else here.links[0]
         left.remove(here)
     return ordered
+
+
+PARALLEL = 1e-9
+"""Sine below which two axes are parallel."""
+
+
+@final
+@dataclass(frozen=True)
+class Line:
+    """A named line through a point (3,) along a unit vector (3,)."""
+
+    name: str
+    point: Floats
+    axis: Floats
+
+    def distance(self, place: Floats) -> float:
+        """Return how far (m) it passes a place (3,)."""
+        return float(np.linalg.norm(np.cross(place - self.point, self.axis)))
+
+
+def common_point(lines: Sequence[Line], within: float) -> Floats | None:
+    """Return the point (3,) that most lines pass within a distance (m), None if parallel.
+
+    Among points that equally many lines pass, the one nearest to all. Where all lines are
+    one, any point of it will do, and the one nearest to the origin is taken.
+    """
+    candidates = [
+        place
+        for one, other in combinations(lines, 2)
+        if (place := _nearest([one, other])) is not None
+    ]
+    if not candidates:
+        first = lines[0]
+        foot = first.point - (first.point @ first.axis) * first.axis
+        apart = max(line.distance(foot) for line in lines)
+        return np.asarray(foot) if apart <= within else None
+
+    def quality(place: Floats) -> tuple[int, float]:
+        gaps = [line.distance(place) for line in lines]
+        return sum(gap <= within for gap in gaps), -sum(gaps)
+
+    best = max(candidates, key=quality)
+    near = [line for line in lines if line.distance(best) <= within]
+    finer = _nearest(near)
+    return best if finer is None else finer
+
+
+def _nearest(lines: Sequence[Line]) -> Floats | None:
+    """Return the point (3,) of least squared distances, None where lines are parallel."""
+    if len(lines) < 2:
+        return None
+    across = [np.eye(3) - np.outer(line.axis, line.axis) for line in lines]
+    summed = np.sum(across, axis=0)
+    if np.linalg.eigvalsh(summed)[0] < PARALLEL**2 * len(lines):
+        return None
+    right = np.sum([a @ line.point for a, line in zip(across, lines, strict=True)], axis=0)
+    return np.asarray(np.linalg.solve(summed, right))
+
+
+ROUNDING = 4e-15
+"""Numbers that differ by less, relative to what is beside them, are one."""
+
+DEGREES = 1e-14
+"""The same of angles in degrees, relative, or absolute where they are below one."""
+
+
+def plain(number: float, scale: float, rounding: float = ROUNDING) -> float:
+    """Return the shortest decimal within the rounding of numbers as large as `scale`."""
+    number = float(number)
+    allowed = rounding * max(abs(scale), abs(number))
+    for digits in range(1, 18):
+        short = float(f"{number:.{digits}g}")
+        if abs(short - number) <= allowed:
+            return 0.0 if abs(number) <= allowed else short
+    return number
+
+
+SHORT = 24
+"""Characters of the components of an axis that are plain to read."""
+
+
+@final
+@dataclass(frozen=True)
+class Units:
+    """Angles in the unit of a file."""
+
+    unit: AngleUnit
+
+    def angle(self, angle: float) -> float:
+        """Return an angle (rad) as it stands in a file."""
+        return plain(math.degrees(angle) if self.unit == "deg" else angle, 1.0, DEGREES)
+
+    def axis(self, axis: Floats) -> dict[str, Any]:
+        """Return the key of an axis (3,) in files: xyz, or lonlat if that is plainer."""
+        x, y, z = (float(part) for part in axis)
+        xyz = [plain(part, 1.0) for part in (x, y, z)]
+        around = 0.0 if np.hypot(x, y) < ROUNDING else math.atan2(y, x)
+        lonlat = [self.angle(around), self.angle(math.atan2(z, math.hypot(x, y)))]
+        if len(repr(xyz)) > SHORT and len(repr(lonlat)) < len(repr(xyz)):
+            return {"lonlat": lonlat}
+        return {"xyz": xyz}
