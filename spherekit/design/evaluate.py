@@ -32,10 +32,9 @@ from spherekit.design.variables import (
     design_geometry,
     design_variable,
     designed,
-    designed_pairs,
     sizes_of,
 )
-from spherekit.design.varied import DEG, VariedMechanism
+from spherekit.design.varied import VariedMechanism
 from spherekit.engine.design_kernel import (
     DesignKernel,
     PathKernel,
@@ -134,16 +133,9 @@ class Evaluator:
                 closed_form=False,
             )
             return terms, np.array(contacts.numbers)
-        every = [design_variable(self.document, key) for key in sizes_of(self.mechanism)]
-        terms = DesignTerms.of(
-            self.mechanism,
-            self.inputs,
-            [variable.name for variable in every],
-            lambda numbers: designed_pairs(self.mechanism, every, numbers),
-            closed_form=False,
-        )
-        unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
-        return terms, unit * np.array([variable.value for variable in every])
+        sizes = [design_variable(self.document, key) for key in sizes_of(self.mechanism)]
+        every = VariedMechanism(self.document, self.mechanism, sizes, self.inputs)
+        return every.terms(False), every.nominal
 
     @property
     def has_gradients(self) -> bool:

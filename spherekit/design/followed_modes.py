@@ -333,34 +333,36 @@ class _Following:
         links[sure] = same[sure]
         taken = np.zeros(len(links), dtype=bool)
         taken[same[sure]] = True
-        left, fresh = at.real & ~taken, sample.real & ~taken
-        by_design = (np.any(flags.reshape(-1, self.m), axis=1) for flags in (left, fresh))
-        open_ = np.repeat(np.logical_and(*by_design), self.m)
-        rows = np.flatnonzero(left & open_)
-        ends, reached = self._walked(at, rows, before, there)
-        self._match(sample, rows[reached], ends[:, reached], links, taken)
-        left[links >= 0] = False
-        fresh &= ~taken
-        by_design = (np.any(flags.reshape(-1, self.m), axis=1) for flags in (left, fresh))
-        open_ = np.repeat(np.logical_and(*by_design), self.m)
-        rows = np.flatnonzero(fresh & open_)
-        ends, reached = self._walked(sample, rows, there, before)
-        back = np.full(len(links), -1)
-        self._match(at, rows[reached], ends[:, reached], back, links >= 0)
+        left, fresh = at.real & (links < 0), sample.real & ~taken
+        rows = np.flatnonzero(left & self._open(left, fresh))
+        self._lead(at, sample, rows, (before, there), links, taken)
+        left, fresh = left & (links < 0), fresh & ~taken
+        rows, back = (
+            np.flatnonzero(fresh & self._open(left, fresh)),
+            np.full(len(links), -1),
+        )
+        self._lead(sample, at, rows, (there, before), back, links >= 0)
         on = np.flatnonzero(back >= 0)
         links[back[on]] = on
         return links
 
-    def _match(
+    def _open(self, left: Flags, fresh: Flags) -> Flags:
+        """Return the rows (n,) of designs that have rows of both kinds."""
+        both = [np.any(flags.reshape(-1, self.m), axis=1) for flags in (left, fresh)]
+        return np.repeat(both[0] & both[1], self.m)
+
+    def _lead(
         self,
+        at: _Sample,
         sample: _Sample,
         rows: NDArray[np.intp],
-        ends: Floats,
+        ends: tuple[Floats, Floats],
         links: NDArray[np.intp],
         taken: Flags,
     ) -> None:
-        """Set in which rows of a sample ways of rows end; each is taken once."""
-        for row, end in zip(rows, ends.T, strict=True):
+        """Set in which rows of a sample real ways of rows end; each is taken once."""
+        values, reached = self._walked(at, rows, *ends)
+        for row, end in zip(rows[reached], values[:, reached].T, strict=True):
             other = self._at(sample, row // self.m, end)
             if other < 0 or taken[other]:
                 self.lost[row // self.m] = True

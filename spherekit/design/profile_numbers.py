@@ -1,7 +1,6 @@
 """What profiles are where contacts touch them, by any number of the file."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 from typing import final
@@ -77,13 +76,13 @@ class ProfileNumbers:
         drawn = [self._tracks(self.values + deviation) for deviation in deviations.T]
         possible = np.array([tracks is not None for tracks in drawn])
         every = [
-            _DrawnTrack.of(track, [tracks[k] if tracks else track for tracks in drawn])
+            _drawn(track, [tracks[k] if tracks else track for tracks in drawn])
             for k, track in enumerate(self.tracks)
         ]
 
         def profiles(now: Floats, rows: NDArray[np.intp], ahead: Floats) -> Floats:
             draws = rows % len(drawn)
-            there = np.concatenate([track.columns(now, draws) for track in every])
+            there = np.concatenate([columns(now, draws) for columns in every])
             there[:, ~possible[draws]] = np.nan
             some = np.flatnonzero(ahead < 1.0)
             if len(some):
@@ -172,32 +171,27 @@ class ProfileNumbers:
         return np.concatenate([numbers_of(profile) for profile, _ in profiles_of(made)])
 
 
-@final
-@dataclass(frozen=True)
-class _DrawnTrack:
-    """A profile of deviating designs: `tracks`, and all `curves` at once if they can be."""
+def _drawn(
+    nominal: Track, tracks: Sequence[Track]
+) -> Callable[[Floats, NDArray[np.intp]], Floats]:
+    """Return the columns (9, n) of a profile of designs near a nominal one.
 
-    tracks: Sequence[Track]
-    starts: Floats
-    curves: DrawnCurves | None
+    At variables (v, n) of designs (n,); of all curves at once where they can be.
+    """
+    curves = DrawnCurves.of(nominal.curve, [track.curve for track in tracks])
+    starts = np.array([track.start for track in tracks])
 
-    @staticmethod
-    def of(nominal: Track, tracks: Sequence[Track]) -> "_DrawnTrack":
-        """Return the profiles of designs that are near a nominal one."""
-        curves = DrawnCurves.of(nominal.curve, [track.curve for track in tracks])
-        return _DrawnTrack(tracks, np.array([track.start for track in tracks]), curves)
-
-    def columns(self, now: Floats, draws: NDArray[np.intp]) -> Floats:
-        """Return the columns (9, n) at variables (v, n) of designs (n,)."""
+    def columns(now: Floats, draws: NDArray[np.intp]) -> Floats:
         there = np.full((9, len(draws)), np.nan)
-        if self.curves is not None:
-            arcs = now[self.tracks[0].variable] + self.starts[draws]
-            there[:8] = self.curves.at(arcs, draws)
+        if curves is not None:
+            there[:8] = curves.at(now[nominal.variable] + starts[draws], draws)
             return there
         for draw in np.unique(draws):
             some = np.flatnonzero(draws == draw)
-            there[:, some] = columns_of([self.tracks[draw]], now[:, some].T, last=False)
+            there[:, some] = columns_of([tracks[draw]], now[:, some].T, last=False)
         return there
+
+    return columns
 
 
 def tracks_of(mechanism: Mechanism, apart: float = TOUCHING) -> list[Track]:

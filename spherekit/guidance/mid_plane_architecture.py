@@ -36,7 +36,8 @@ from spherekit.sphere.mirror import (
 from spherekit.sphere.poses import rotation, turns_between
 from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpose
 
-PROOF_POSES = 64
+PROOF_POSES, SPREAD = 64, 2**16
+"""Poses at which the closed form is proven, about, of so many mid-planes."""
 MARKS = 257
 """Angles on a rotation at which the driven readings are known without jumps."""
 ZOOM = 16
@@ -197,23 +198,20 @@ class MidPlaneArchitecture:
         placed[:, 0] = np.eye(3)
         placed[:, self.effector] = self.orientations(normals)
         bases = np.broadcast_to(self.plane.axes, elbows.shape)
-        for k, leg in enumerate(self.legs):
-            for link, pair, axes in (
-                (leg.near, leg.base, bases),
-                (leg.far, leg.tip, tips),
-            ):
-                if link not in wanted:
-                    continue
-                inner = frame_toward(self._axis(pair, link), self._axis(leg.elbow, link))
-                outer = frame_toward(axes[:, k], elbows[:, k])
-                placed[:, link] = self.frame @ outer @ inner.T
-        for carrier in self.carriers:
-            if carrier.link not in wanted:
-                continue
-            inner = frame_toward(carrier.hinge, carrier.normal)
-            hinge = carrier.sense * elbows[:, carrier.leg]
-            outer = frame_toward(hinge, side * normals)
-            placed[:, carrier.link] = self.frame @ outer @ inner.T
+        parts = [
+            (link, self._axis(pair, link), self._axis(leg.elbow, link), *both)
+            for k, leg in enumerate(self.legs)
+            for link, pair, axes in ((leg.near, leg.base, bases), (leg.far, leg.tip, tips))
+            for both in [(axes[:, k], elbows[:, k])]
+        ]
+        parts += [
+            (c.link, c.hinge, c.normal, c.sense * elbows[:, c.leg], side * normals)
+            for c in self.carriers
+        ]
+        for link, axis, other, along, toward in parts:
+            if link in wanted:
+                turned = self.frame @ frame_toward(along, toward)
+                placed[:, link] = turned @ frame_toward(axis, other).T
         return placed
 
     def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
@@ -459,12 +457,8 @@ def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int)
 
 def _spread_normals(plane: MidPlane) -> Floats:
     """Return mid-planes (n, 3) spread evenly over the reach of all legs."""
-    count = 4 * PROOF_POSES
-    while True:
-        normals = spread(count, lowest=0.0)
-        height = np.arcsin(np.clip(np.abs(normals @ plane.axes.T), 0.0, 1.0))
-        limit = np.minimum(plane.arcs, np.pi - plane.arcs)
-        inside = normals[np.all(height < 0.95 * limit, axis=1)]
-        if len(inside) >= PROOF_POSES or count > 1000 * PROOF_POSES:
-            return inside[:: max(1, len(inside) // PROOF_POSES)]
-        count *= 4
+    normals = spread(SPREAD, lowest=0.0)
+    height = np.arcsin(np.clip(np.abs(normals @ plane.axes.T), 0.0, 1.0))
+    limit = np.minimum(plane.arcs, np.pi - plane.arcs)
+    inside = normals[np.all(height < 0.95 * limit, axis=1)]
+    return inside[:: max(1, len(inside) // PROOF_POSES)]

@@ -7,7 +7,7 @@ Which mechanisms have this form is found out by `spherekit.guidance.symmetry`.
 """
 
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from typing import final
 
 import numpy as np
@@ -160,22 +160,15 @@ class MidPlane:
         them meet; `margin` (rad) is how far inside. NaN if there is none.
         """
         limits = np.sin(np.minimum(self.arcs, np.pi - self.arcs) - margin)
+        both = [*zip(self.axes, limits, strict=True), *zip(self.axes, -limits, strict=True)]
+        through = [(cross(axis, normal), 0.0) for axis in self.axes]  # and the normal
         candidates = [normal]
-        circles = [(k, sign) for k in range(len(self.arcs)) for sign in (1.0, -1.0)]
-        for k, sign in circles:
-            axis, height = self.axes[k], sign * limits[k]
-            flat = normal - (normal @ axis) * axis
-            if np.linalg.norm(flat) > REACH_SLACK:
-                flat = flat / np.linalg.norm(flat)
-                candidates.append(height * axis + np.sqrt(1.0 - height**2) * flat)
-        for (k, one), (j, other) in combinations(circles, 2):
-            across = cross(self.axes[k], self.axes[j])
+        for (a, one), (b, other) in [*combinations(both, 2), *product(both, through)]:
+            across = cross(a, b)
             square = across @ across
             if square < REACH_SLACK:
                 continue
-            heights = one * limits[k], other * limits[j]
-            middle = heights[0] * cross(self.axes[j], across)
-            middle = (middle - heights[1] * cross(self.axes[k], across)) / square
+            middle = (one * cross(b, across) - other * cross(a, across)) / square
             left = 1.0 - middle @ middle
             if left >= 0.0:
                 aside = np.sqrt(left / square) * across

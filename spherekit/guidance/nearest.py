@@ -110,6 +110,10 @@ class Optimality:
         return np.concatenate([self.at.jacobian, self.turning], axis=1)
 
     @cached_property
+    def _inverse(self) -> Floats:
+        return np.asarray(np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14))
+
+    @cached_property
     def _pulls(self) -> Floats:
         """Vectors f (n, variables, 3): the gradient by each variable is vector . f."""
         inverse, _, _ = self._split
@@ -201,8 +205,7 @@ class Optimality:
         loops alone do not.
         """
         right = np.concatenate([-self.at.residual, self.left], axis=1)
-        inverse = np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14)
-        return np.asarray(np.einsum("nvm,nm->nv", inverse, right))
+        return np.asarray(np.einsum("nvm,nm->nv", self._inverse, right))
 
     def miss(self, exact: bool) -> Floats:
         """Return by how much (n,) loops are open, and how far off the link is (rad).
@@ -235,7 +238,7 @@ class Optimality:
     def _exact_rates(self, axis: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the rates if the output link turns about the axis, and by how far not."""
         rows = self.system.shape[1]
-        inverse = np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14)
+        inverse = self._inverse
         right = np.zeros((len(self.values), rows))
         right[:, -3:] = axis
         first = np.einsum("nvm,nm->nv", inverse, right)

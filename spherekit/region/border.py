@@ -70,26 +70,21 @@ def nodes(order: int) -> Floats:
 
 
 @cache
+def coefficients(order: int) -> Floats:
+    """Return the matrix from values at the nodes to coefficients of Chebyshev's series."""
+    return np.asarray(np.linalg.inv(chebyshev.chebvander(nodes(order), order)), float)
+
+
+@cache
 def weights(order: int) -> Floats:
     """Return the weights (order + 1,) of Clenshaw and Curtis for the nodes."""
     even = np.arange(0, order + 1, 2)
-    moments = 2.0 / (1.0 - even**2.0)
-    cosines = np.cos(np.outer(np.arange(order + 1), even) * np.pi / order)
-    share = np.where((even == 0) | (even == order), 0.5, 1.0)
-    quadrature = (cosines * (share * moments)).sum(axis=1) * 2.0 / order
-    quadrature[[0, -1]] *= 0.5
-    return np.asarray(quadrature)
+    return np.asarray(2.0 / (1.0 - even**2.0) @ coefficients(order)[::2])
 
 
 def between(order: int, u: Floats) -> Floats:
     """Return the matrix (m, order + 1) from values at the nodes to those at u (m,)."""
-    sign = (-1.0) ** np.arange(order + 1)
-    sign[[0, -1]] *= 0.5
-    gap = u[:, None] - nodes(order)
-    hit = np.abs(gap) < 4 * EPS
-    terms = sign / np.where(hit, 1.0, gap)
-    terms = terms / terms.sum(axis=1, keepdims=True)
-    return np.asarray(np.where(hit.any(axis=1, keepdims=True), hit, terms))
+    return np.asarray(chebyshev.chebvander(u, order) @ coefficients(order))
 
 
 @final
@@ -430,7 +425,7 @@ def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> 
     )
     while np.any(rough := pieces.sound & (pieces.order < ORDERS[-1])):
         pieces.raise_order(evaluate, np.flatnonzero(rough))
-    series = chebyshev.chebfit(nodes(ORDERS[-1]), pieces.height.T, ORDERS[-1])
+    series = coefficients(ORDERS[-1]) @ pieces.height.T
     slopes = chebyshev.chebder(series)
     frames = pieces.chords
     length = frames.length
@@ -441,8 +436,8 @@ def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> 
     def rise(u: Floats, which: Indices) -> Floats:
         """Return the slope by u of the cosine of the distance."""
         angle = 0.5 * length[which] * (1.0 + u)
-        height = np.sum(chebyshev.chebvander(u, ORDERS[-1]) * series[:, which].T, axis=1)
-        slope = np.sum(chebyshev.chebvander(u, ORDERS[-1] - 1) * slopes[:, which].T, axis=1)
+        height = chebyshev.chebval(u, series[:, which], tensor=False)
+        slope = chebyshev.chebval(u, slopes[:, which], tensor=False)
         start, along, left = parts[:, which]
         flat = np.cos(angle) * start + np.sin(angle) * along
         turn = np.cos(angle) * along - np.sin(angle) * start
@@ -460,7 +455,7 @@ def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> 
         slope[piece, step],
         slope[piece, step + 1],
     )
-    height = np.sum(chebyshev.chebvander(zero, ORDERS[-1]) * series[:, piece].T, axis=1)
+    height = np.asarray(chebyshev.chebval(zero, series[:, piece], tensor=False), float)
     feet = frames.rows(piece).at(zero, height)[pieces.sound[piece]]
     points = np.concatenate([feet, *np.moveaxis(ends, 1, 0)])
     held = least(evaluate(points)) >= -SLACK * np.max(evaluate.floor)

@@ -74,8 +74,8 @@ def least(rows: Floats) -> Floats:
     missing = np.isnan(rows)
     if not missing.any():
         return np.asarray(np.min(rows, axis=1))
-    smallest = np.min(np.where(missing, np.inf, rows), axis=1)
-    return np.where(missing.any(axis=1) & (smallest >= 0.0), -1.0, smallest)
+    smallest = np.fmin.reduce(rows, axis=1)
+    return np.where(missing.any(axis=1) & ~(smallest < 0.0), -1.0, smallest)
 
 
 def chosen(rows: Floats, number: Indices) -> Floats:
@@ -93,18 +93,15 @@ def active(rows: Floats, floor: Floats) -> Indices:
 
     Of those that are equal up to rounding, `floor` (k,), it is the first.
     """
-    missing = np.isnan(rows)
-    filled = np.where(missing, np.inf, rows)
-    smallest = np.min(filled, axis=1, keepdims=True)
-    number = np.argmax(filled <= smallest + floor, axis=1)
-    undefined = missing.any(axis=1) & (np.min(filled, axis=1) > 0.0)
+    smallest = np.fmin.reduce(rows, axis=1)
+    number = np.argmax(rows <= smallest[:, None] + floor, axis=1)
+    undefined = np.isnan(rows).any(axis=1) & ~(smallest <= 0.0)
     return np.where(undefined, UNDEFINED, number)
 
 
 def void(rows: Floats) -> Bools:
     """Return where (n,) a margin is NaN and none is negative."""
-    filled = np.where(np.isnan(rows), np.inf, rows)
-    return np.asarray(np.isnan(rows).any(axis=-1) & (np.min(filled, axis=-1) >= 0.0))
+    return np.asarray(np.isnan(rows).any(axis=-1) & ~(np.fmin.reduce(rows, axis=-1) < 0.0))
 
 
 def check_positive(sizes: Mapping[str, float]) -> None:
@@ -234,13 +231,9 @@ def _bound_in_part(rows: Floats, whole: Bools, low: Floats, high: Floats) -> Non
 
     A margin that is NaN at all samples bounds nothing.
     """
-    missing = np.isnan(rows)
-    smallest = np.min(np.where(missing, np.inf, rows), axis=0)
-    largest = np.max(np.where(missing, -np.inf, rows), axis=0)
-    with np.errstate(invalid="ignore"):
-        spread = STEADY * (largest - smallest)
-        positive = (smallest > spread) | missing.all(axis=0)
-        negative = -largest > spread
+    smallest, largest = np.fmin.reduce(rows, axis=0), np.fmax.reduce(rows, axis=0)
+    spread = STEADY * (largest - smallest)
+    positive, negative = ~(smallest <= spread), -largest > spread
     low[~whole] = np.where(positive, 1.0, -1.0)[~whole]
     high[~whole] = np.where(negative & ~positive, -1.0, 1.0)[~whole]
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.sphere.rotation import Floats, arc, cross
+from spherekit.sphere.tilt_torsion import pointing
 
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
@@ -60,14 +61,7 @@ def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, Indices]:
     longitude, colatitude = np.meshgrid(
         np.linspace(0.0, 2.0 * np.pi, columns + 1), np.linspace(0.0, np.pi, rows + 1)
     )
-    vertices = np.stack(
-        [
-            np.sin(colatitude) * np.cos(longitude),
-            np.sin(colatitude) * np.sin(longitude),
-            np.cos(colatitude),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
+    vertices = pointing(np.stack([longitude.ravel(), colatitude.ravel()], axis=1))
     across = columns + 1
     corner = (np.arange(rows)[:, None] * across + np.arange(columns)).ravel()
     upper = np.stack([corner, corner + across, corner + 1], axis=-1)

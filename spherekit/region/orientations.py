@@ -7,9 +7,10 @@ all orientations have 8 pi^2 of it, as with Euler angles and sin(b) da db dc.
 """
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.progress import Working
 from spherekit.region.margins import VALUE_SLACK, Evaluator, Margins, check_positive, least
@@ -27,8 +28,13 @@ STEPS = 6
 COST_OF_CUT = 120
 """Evaluations that halving a cell three ways costs, about."""
 
-_THREE = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-_TWO = _THREE[np.all(_THREE < 2, axis=1)]
+
+def _cube(axis: NDArray[Any]) -> NDArray[Any]:
+    """Return the points (n**3, 3) of a cubic grid, the last coordinate fastest."""
+    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+_THREE, _TWO = _cube(np.arange(3)), _cube(np.arange(2))
 _DERIVATIVES = (
     (0, 0, 0),
     *((1, 0, 0), (0, 1, 0), (0, 0, 1)),
@@ -76,9 +82,7 @@ def _quadratics(u: Floats) -> tuple[Floats, Floats, Floats]:
 
 def _product(rows: tuple[Floats, Floats, Floats]) -> Floats:
     """Return the products (m, 27) of one-dimensional rows (m, 3) in three directions."""
-    a, b, c = rows
-    whole = a[:, :, None, None] * b[:, None, :, None] * c[:, None, None, :]
-    return np.asarray(whole.reshape(len(a), 27))
+    return np.asarray(np.einsum("ma,mb,mc->mabc", *rows).reshape(-1, 27))
 
 
 def _matrices() -> tuple[Floats, Floats, Floats, Floats]:
@@ -91,29 +95,19 @@ def _matrices() -> tuple[Floats, Floats, Floats, Floats]:
     bounds = np.kron(line, np.kron(line, line))
     x, y, z = (_quadratics(column) for column in (_CHECKS / 4.0).T)
     checks = _product((x[0], y[0], z[0]))
-    u = (_grid() + 0.5) / STEPS
+    u = (_cube(np.arange(STEPS)) + 0.5) / STEPS
     x, y, z = (_quadratics(column) for column in u.T)
     sums = [_product((x[a], y[b], z[c])) / STEPS ** (a + b + c) for a, b, c in _DERIVATIVES]
     return bounds, checks, np.stack(sums), u
 
 
-def _grid() -> Indices:
-    axes = np.meshgrid(*[np.arange(STEPS)] * 3, indexing="ij")
-    return np.stack(axes, axis=-1).reshape(-1, 3)
-
-
 _BOUNDS, _CHECK, _SUMS, _CENTRES = _matrices()
 
 
-def _gauss() -> tuple[Floats, Floats]:
-    """Return the places (64, 3) and weights (64,) of Gauss's rule in a cell."""
-    nodes, weights = np.polynomial.legendre.leggauss(4)
-    places = np.stack(np.meshgrid(*[0.5 * (1.0 + nodes)] * 3, indexing="ij"), axis=-1)
-    product = weights[:, None, None] * weights[:, None] * weights / 8.0
-    return places.reshape(-1, 3), product.ravel()
-
-
-_GAUSS_PLACES, _GAUSS_WEIGHTS = _gauss()
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+_GAUSS_PLACES = _cube(0.5 * (1.0 + _NODES))
+_GAUSS_WEIGHTS = np.prod(_cube(0.5 * _WEIGHTS), axis=1)
+"""The places (64, 3) and weights (64,) of Gauss's rule in a cell."""
 
 
 def find_orientations(
@@ -173,11 +167,12 @@ class _Cells:
     def __init__(self, evaluate: Evaluator) -> None:
         self.evaluate = evaluate
         self.place, self.depth = np.array([0.0, 0.0, 0.0, 1.0]), -np.inf
-        count, width = 2**COARSEST, 2 ** (BITS - COARSEST)
-        axes = np.meshgrid(np.arange(4), *[np.arange(count)] * 3, indexing="ij")
-        rows = np.stack(axes, axis=-1).reshape(-1, 4)
-        self.cube, self.low = rows[:, 0], rows[:, 1:] * width
-        self.width = np.full(len(rows), width)
+        width, cells = 2 ** (BITS - COARSEST), _cube(np.arange(2**COARSEST))
+        self.cube, self.low = (
+            np.repeat(np.arange(4), len(cells)),
+            np.tile(cells, (4, 1)) * width,
+        )
+        self.width = np.full(len(self.cube), width)
         self.volume, certain = self._measure(self.cube, self.low, self.width)
         whole = _density(self.low, self.width).sum(axis=1)
         self.error = np.where(certain, 0.0, whole)
@@ -196,11 +191,9 @@ class _Cells:
         error = np.where(vague, share[:, None], 0.0).ravel()
         kept = np.ones(len(self.cube), dtype=bool)
         kept[cut] = False
-        self.cube = np.concatenate([self.cube[kept], cube])
-        self.low = np.concatenate([self.low[kept], low])
-        self.width = np.concatenate([self.width[kept], width])
-        self.volume = np.concatenate([self.volume[kept], volume])
-        self.error = np.concatenate([self.error[kept], error])
+        made = {"cube": cube, "low": low, "width": width, "volume": volume, "error": error}
+        for name, eighths in made.items():
+            setattr(self, name, np.concatenate([getattr(self, name)[kept], eighths]))
 
     def _measure(self, cube: Indices, low: Indices, width: Indices) -> tuple[Floats, Bools]:
         """Return the volumes (n,) of the region in cells, and whether they are certain."""
@@ -246,8 +239,7 @@ class _Cells:
         missing = np.isnan(rows)
         if missing.any():
             negative = np.any(rows < 0.0, axis=2, keepdims=True)
-            highest = np.max(np.where(missing, -np.inf, rows), axis=0)
-            highest = np.where(np.isfinite(highest), highest, 1.0)
+            highest = np.nan_to_num(np.fmax.reduce(rows, axis=0), nan=1.0)
             rows = np.where(missing, np.where(negative, highest, -1.0), rows)
         return rows[:27], rows[27:]
 

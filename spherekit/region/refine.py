@@ -191,12 +191,8 @@ class Refinement:
         self.verdict[fresh[~smooth]] = TriangleClass.OPEN
         odd, second, third = self._turned(fresh)
         single = held[fresh] == 1
-        one = np.where(
-            single[:, None], np.stack([odd, second], 1), np.stack([third, odd], 1)
-        )
-        two = np.where(
-            single[:, None], np.stack([odd, third], 1), np.stack([second, odd], 1)
-        )
+        one = np.where(single, [odd, second], [third, odd]).T
+        two = np.where(single, [odd, third], [second, odd]).T
         start, end = self._cross(one), self._cross(two)
         first, last = self.crossing_margins[start], self.crossing_margins[end]
         a, b = self.crossing_points[start], self.crossing_points[end]
