@@ -103,30 +103,19 @@ def numbers(text: str) -> tuple[float, ...]:
     return tuple(values)
 
 
-FLAGS = {
-    "poles": ("model", "coupling"),
-    "tol": ("model", "coupling"),
-    "pairs": ("coupling",),
-    "samples": ("coupling",),
-    "at": ("mjcf",),
-}
-"""What flags belong to that not every kind of export has."""
-
-ENDINGS = {"model": (".npz",), "mjcf": (".xml",), "coupling": (".csv", ".npz", ".h")}
-
-
 def execute(options: argparse.Namespace) -> int:
     """Write the file and say what it holds."""
     from spherekit.files.angles import to_radians
     from spherekit.files.read import angle_unit_of, load
-    from spherekit.front.export import export
+    from spherekit.front.export import OWN, SUFFIXES, export
 
-    for flag, kinds in FLAGS.items():
+    for name, kinds in OWN.items():
+        flag = "tol" if name == "tolerance" else name
         if options.to not in kinds and getattr(options, flag) is not None:
             raise OutputError(
                 f"--{flag} does nothing without --to {' or --to '.join(kinds)}"
             )
-    endings = ENDINGS[options.to]
+    endings = SUFFIXES[options.to]
     if options.output is not None and Path(options.output).suffix not in endings:
         raise OutputError(
             f"{options.output}: --to {options.to} writes a file named "

@@ -4,6 +4,7 @@ import argparse
 import sys
 
 from spherekit.cli.suggest import files, suggesting
+from spherekit.cli.sweep import with_units
 from spherekit.conventions import counted
 
 EXAMPLES = (
@@ -94,7 +95,7 @@ def execute(options: argparse.Namespace) -> int:
         few = np.unique(np.linspace(0, len(frame) - 1, SHOWN).astype(int))
         rows = slice(SHOWN) if len(sized.headings) == 1 else few
         shown = frame.drop(columns=hidden).iloc[rows]
-        shown.columns = [f"{n} [{units[n]}]" if units.get(n) else n for n in shown.columns]
+        shown.columns = with_units(shown.columns, units)
         print(shown.to_string(index=False, float_format="%.8g"))
         if len(frame) > SHOWN:
             print(f"... {counted(len(frame) - SHOWN, 'more design')}")

@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.study import add_study_arguments, study_from
@@ -175,7 +176,7 @@ def _tell(result: "SweepResult") -> None:
         print(f"none meets {' and '.join(result.sweep.where)}")
     else:
         table = frame.drop(columns="reason").head(SHOWN)
-        table.columns = [f"{n} [{units[n]}]" if units.get(n) else n for n in table.columns]
+        table.columns = with_units(table.columns, units)
         print(table.to_string(index=False, na_rep="", float_format="%.6g"))
     if len(frame) > SHOWN:
         print(f"... {counted(len(frame) - SHOWN, 'more row')}")
@@ -189,6 +190,11 @@ def _tell(result: "SweepResult") -> None:
         )
     for folder in result.data_sets if result.sweep.tables else ():
         print(f"  {folder}", file=sys.stderr)
+
+
+def with_units(names: Sequence[str], units: Mapping[str, str]) -> list[str]:
+    """Return names of columns with the units of those that have one."""
+    return [f"{name} [{units[name]}]" if units.get(name) else name for name in names]
 
 
 def _reasons(failed: Any) -> list[str]:

@@ -5,7 +5,7 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -224,20 +224,25 @@ def _decoded(data: bytes, name: str) -> str:
         ) from None
 
 
-def _check_nesting(document: Document) -> None:
-    waiting: list[tuple[KeyPath, Any]] = [((), document.data)]
+def values_in(data: Mapping[str, Any]) -> Iterator[tuple[KeyPath, Any]]:
+    """Yield everything in tables and arrays, these too, with its path."""
+    waiting: list[tuple[KeyPath, Any]] = [((key,), item) for key, item in data.items()]
     while waiting:
         path, value = waiting.pop()
-        if len(path) > MAX_NESTING:
-            raise document.fault(
-                path[:3], f"nested too deeply; at most {MAX_NESTING} levels"
-            )
+        yield path, value
         if isinstance(value, dict):
             waiting.extend(((*path, key), item) for key, item in value.items())
         elif isinstance(value, list):
-            deeper = (isinstance(item, dict | list) for item in value)
-            if any(deeper):
-                waiting.extend(((*path, k), item) for k, item in enumerate(value))
+            waiting.extend(((*path, k), item) for k, item in enumerate(value))
+
+
+def _check_nesting(document: Document) -> None:
+    for path, value in values_in(document.data):
+        inner = isinstance(path[-1], str) or isinstance(value, dict | list)
+        if len(path) > MAX_NESTING and inner:
+            raise document.fault(
+                path[:3], f"nested too deeply; at most {MAX_NESTING} levels"
+            )
 
 
 def _deepest_line(text: str) -> int:

@@ -18,7 +18,7 @@ import numpy as np
 
 from spherekit.conventions import MAX_NAME_LENGTH, listing, nearest
 from spherekit.errors import FileError
-from spherekit.files.document import Document, spelt
+from spherekit.files.document import Document, spelt, values_in
 from spherekit.files.locate import KeyPath
 
 FORMAT = 1
@@ -273,16 +273,8 @@ def _check_format(document: Document) -> None:
 
 
 def _not_numbers(data: Mapping[str, Any]) -> Iterator[_Fault]:
-    waiting: list[tuple[KeyPath, Any]] = [
-        ((key,), value) for key, value in data.items() if key != "user"
-    ]
-    while waiting:
-        path, value = waiting.pop()
-        if isinstance(value, dict):
-            waiting.extend(((*path, key), item) for key, item in value.items())
-        elif isinstance(value, list):
-            waiting.extend(((*path, k), item) for k, item in enumerate(value))
-        elif isinstance(value, float) and not math.isfinite(value):
+    for path, value in values_in({k: item for k, item in data.items() if k != "user"}):
+        if isinstance(value, float) and not math.isfinite(value):
             yield path, f"found {float(value)}, needs a finite number"
         elif isinstance(value, int) and value.bit_length() > _INTEGER_BITS:
             yield path, f"found {shown(value)}, needs a number of ordinary size"

@@ -75,22 +75,7 @@ def lock(
 
 
 def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
-    where = f"{made.name}: lock: pair {pair.name}"
-    if not pair.kind.has_axis:
-        raise ModelError(f"{where} is a contact; only R pairs can be locked")
-    if not math.isfinite(value):
-        raise ModelError(f"{where}: found {value}, needs a finite angle")
-    for stop in made.stops:
-        if stop.pair == pair.name and not stop.low <= value <= stop.high:
-            raise ModelError(
-                f"{where}: {value:.6g} rad is outside its stops, {stop.low:.6g} to "
-                f"{stop.high:.6g} rad"
-            )
-    if isinstance(made.geometry, PoseGeometry):
-        posed = made.geometry.values.get(pair.name, 0.0)
-        if abs(math.remainder(value - posed, 2.0 * math.pi)) > SAME:
-            posed_at = f"has {posed:.6g} rad in the reference pose, not {value:.6g} rad"
-            made = _by_sizes(made, f"{where} {posed_at}")
+    made, where = _lockable(made, pair, value)
     touching = {x for other in made.pairs if not other.kind.has_axis for x in other.links}
     kept, gone = pair.links
     if gone == made.ground or (gone in touching and kept not in touching | {made.ground}):
@@ -144,6 +129,27 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
     )
     zeros = {**geometry.zeros, **_zeros(joined, geometry.links, (first, second))}
     return replace(joined, geometry=SizeGeometry(geometry.links, zeros))
+
+
+def _lockable(made: Mechanism, pair: Pair, value: float) -> tuple[Mechanism, str]:
+    """Return a mechanism in which a pair can be locked, and how faults of that begin."""
+    where = f"{made.name}: lock: pair {pair.name}"
+    if not pair.kind.has_axis:
+        raise ModelError(f"{where} is a contact; only R pairs can be locked")
+    if not math.isfinite(value):
+        raise ModelError(f"{where}: found {value}, needs a finite angle")
+    for stop in made.stops:
+        if stop.pair == pair.name and not stop.low <= value <= stop.high:
+            raise ModelError(
+                f"{where}: {value:.6g} rad is outside its stops, {stop.low:.6g} to "
+                f"{stop.high:.6g} rad"
+            )
+    if isinstance(made.geometry, PoseGeometry):
+        posed = made.geometry.values.get(pair.name, 0.0)
+        if abs(math.remainder(value - posed, 2.0 * math.pi)) > SAME:
+            posed_at = f"has {posed:.6g} rad in the reference pose, not {value:.6g} rad"
+            made = _by_sizes(made, f"{where} {posed_at}")
+    return made, where
 
 
 def _geometry(

@@ -270,17 +270,9 @@ class Mechanism:
                     + ("arcs, angles and zeros" if by_size else "axes and values in a pose")
                 )
         if isinstance(geometry, SizeGeometry):
-            links = dict(geometry.links)
-            for key, given in (("arcs", arcs), ("angles", angles)):
-                for link, sizes in (given or {}).items():
-                    link_sizes = links.get(self.links[self.link(link)], LinkSizes(()))
-                    change = (
-                        link_sizes.with_arcs if key == "arcs" else link_sizes.with_angles
-                    )
-                    try:
-                        links[link] = change(all_in_radians(sizes, angle_unit))
-                    except ModelError as error:
-                        raise ModelError(f"{self.name}: links.{link}.{error}") from None
+            links = self._changed_links(
+                geometry, {"arcs": arcs, "angles": angles}, angle_unit
+            )
             geometry = SizeGeometry(
                 links, {**geometry.zeros, **self._by_pair(zeros, angle_unit)}
             )
@@ -294,6 +286,24 @@ class Mechanism:
                 {**geometry.values, **self._by_pair(values, angle_unit)},
             )
         return replace(self, geometry=geometry)
+
+    def _changed_links(
+        self,
+        geometry: SizeGeometry,
+        given: Mapping[str, Mapping[str, Sizes] | None],
+        unit: AngleUnit,
+    ) -> dict[str, LinkSizes]:
+        """Return the sizes of all links with those given, by kind and by link."""
+        links = dict(geometry.links)
+        for key, changes in given.items():
+            for link, sizes in (changes or {}).items():
+                old = links.get(self.links[self.link(link)], LinkSizes(()))
+                change = old.with_arcs if key == "arcs" else old.with_angles
+                try:
+                    links[link] = change(all_in_radians(sizes, unit))
+                except ModelError as error:
+                    raise ModelError(f"{self.name}: links.{link}.{error}") from None
+        return links
 
     def _by_pair(
         self, given: Mapping[str, float] | None, unit: AngleUnit

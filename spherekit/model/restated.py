@@ -59,9 +59,6 @@ def restated(
         link: turn for link, turn in turns.items() if not np.array_equal(turn, np.eye(3))
     }
 
-    def text(expression: str) -> str:
-        return re.sub(r"\w+", lambda name: words.get(name[0], name[0]), expression)
-
     def pair(item: Pair) -> Pair:
         one, other = (names.get(link, link) for link in item.links)
         if item.profiles is None or not turns.keys() & set(item.links):
@@ -71,24 +68,6 @@ def restated(
             for link, profile in zip(item.links, item.profiles, strict=True)
         )
         return replace(item, links=(one, other), profiles=(first, second))
-
-    def load(item: Load) -> Load:
-        link = getattr(item, "link", None)
-        turn = ground if link is None else turns.get(link)
-        frame = turn if getattr(item, "axes", "ground") == "link" else ground
-        changes: dict[str, Any] = {}
-        for key, form in item.keys.items():
-            value = getattr(item, key)
-            if form == "link":
-                changes[key] = names.get(value, value)
-            elif form == "vector" and turn is not None:
-                changes[key] = turned_vector(turn, value)
-            elif form == "texts":
-                texts = tuple(map(text, value))
-                changes[key] = texts if frame is None else _turned_texts(frame, texts)
-            elif form == "text" and isinstance(value, str):
-                changes[key] = text(value)
-        return replace(item, **changes)  # type: ignore[type-var]
 
     return {
         "pairs": tuple(map(pair, made.pairs)),
@@ -107,8 +86,38 @@ def restated(
             _mass(mass, names.get(mass.link, mass.link), turns.get(mass.link))
             for mass in made.masses
         ),
-        "loads": tuple(map(load, made.loads)),
+        "loads": tuple(_load(load, names, turns, ground, words) for load in made.loads),
     }
+
+
+def _load(
+    item: Load,
+    names: Mapping[str, str],
+    turns: Turns,
+    ground: Floats | None,
+    words: Mapping[str, str],
+) -> Load:
+    """Return a load said otherwise; see `restated`."""
+
+    def text(expression: str) -> str:
+        return re.sub(r"\w+", lambda name: words.get(name[0], name[0]), expression)
+
+    link = getattr(item, "link", None)
+    turn = ground if link is None else turns.get(link)
+    frame = turn if getattr(item, "axes", "ground") == "link" else ground
+    changes: dict[str, Any] = {}
+    for key, form in item.keys.items():
+        value = getattr(item, key)
+        if form == "link":
+            changes[key] = names.get(value, value)
+        elif form == "vector" and turn is not None:
+            changes[key] = turned_vector(turn, value)
+        elif form == "texts":
+            texts = tuple(map(text, value))
+            changes[key] = texts if frame is None else _turned_texts(frame, texts)
+        elif form == "text" and isinstance(value, str):
+            changes[key] = text(value)
+    return replace(item, **changes)  # type: ignore[type-var]
 
 
 def turned_vector(turn: Floats, vector: ArrayLike) -> tuple[float, float, float]:

@@ -253,16 +253,7 @@ class RerunRecorder:
         ]
         scene = replace(scene, primitives=tuple(roomy))
         answers = asked_for(scene)
-        lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
-        if layout.timeline == TIME:
-            if times is None or len(times) != len(samples):
-                raise ValueError("each sample needs its time")
-            lines.append(rr.TimeColumn(TIME, duration=times))
-        if self._input is not None:
-            if inputs is None or len(inputs) != len(samples):
-                raise ValueError("each sample needs its input value")
-            ticks = self._input.ticks(inputs)
-            lines.append(rr.TimeColumn(self._input.name, sequence=ticks))
+        lines = self._time(samples, inputs, times)
         for primitive in scene.primitives:
             entities.check_rows(primitive, len(samples))
         over = scene.over or self._axis(np.asarray(samples), inputs, times)
@@ -304,6 +295,22 @@ class RerunRecorder:
             plotted.draw(live)
             self._live_drawn = time.monotonic()
         self._outputs.each(lambda output: output.flush())
+
+    def _time(
+        self, samples: NDArray[np.int64], inputs: Floats | None, times: Floats | None
+    ) -> list[rr.TimeColumn]:
+        """Return where rows are on the timelines."""
+        lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
+        if self._started.timeline == TIME:
+            if times is None or len(times) != len(samples):
+                raise ValueError("each sample needs its time")
+            lines.append(rr.TimeColumn(TIME, duration=times))
+        if self._input is not None:
+            if inputs is None or len(inputs) != len(samples):
+                raise ValueError("each sample needs its input value")
+            ticks = self._input.ticks(inputs)
+            lines.append(rr.TimeColumn(self._input.name, sequence=ticks))
+        return lines
 
     def _axis(
         self, samples: NDArray[np.int64], inputs: Floats | None, times: Floats | None
