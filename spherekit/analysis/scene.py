@@ -6,9 +6,9 @@ samples that failed: nothing is drawn there. Quantities are in SI and rad, with 
 `in_degrees` turns what is in rad for people.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -353,6 +353,17 @@ Primitive = (
     | Text
 )
 
+ROWS: Mapping[type, tuple[str, ...]] = {
+    Body: ("quaternions",),
+    Arrow: ("directions",),
+    Trace: ("directions", "quaternions"),
+    GreatCircle: ("normals",),
+    Series: ("values",),
+    Portrait: ("x", "y"),
+    Diagram: ("places", "lines", "words", "readings"),
+}
+"""The fields of primitives that have a row for each sample."""
+
 Page = int | str | None
 """The number of a mode, the title of a page of its own, or None for every page."""
 
@@ -449,30 +460,17 @@ def _degrees(unit: str) -> tuple[float, str]:
     return float(np.degrees(1.0)), IN_DEGREES[unit]
 
 
+def rows_of(primitive: Primitive) -> dict[str, Any]:
+    """Return the fields of a primitive that have a row for each sample, by name."""
+    fields = {name: getattr(primitive, name) for name in ROWS.get(type(primitive), ())}
+    return {name: rows for name, rows in fields.items() if rows is not None}
+
+
 def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
-    match primitive:
-        case Body(quaternions=rows) if rows is not None:
-            return replace(primitive, quaternions=rows[chosen])
-        case Arrow(directions=rows):
-            return replace(primitive, directions=rows[chosen])
-        case Trace(directions=rows, quaternions=turns):
-            turned = None if turns is None else turns[chosen]
-            return replace(primitive, directions=rows[chosen], quaternions=turned)
-        case GreatCircle(normals=rows):
-            return replace(primitive, normals=rows[chosen])
-        case Diagram(places=places, lines=lines, words=words):
-            kept = [word for word, is_in in zip(words, chosen, strict=False) if is_in]
-            read = primitive.readings
-            return replace(
-                primitive,
-                places=places[chosen],
-                lines=lines[chosen],
-                words=kept,
-                readings=None if read is None else read[chosen],
-            )
-        case Series(values=rows):
-            return replace(primitive, values=rows[chosen])
-        case Portrait(x=x, y=y):
-            return replace(primitive, x=x[chosen], y=y[chosen])
-        case _:
-            return primitive
+    kept: dict[str, Any] = {
+        name: rows[chosen]
+        if isinstance(rows, np.ndarray)
+        else [row for row, is_in in zip(rows, chosen, strict=False) if is_in]
+        for name, rows in rows_of(primitive).items()
+    }
+    return replace(primitive, **kept)

@@ -3,7 +3,7 @@
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.study import add_study_arguments, study_from
@@ -192,7 +192,7 @@ def _tell(result: "SweepResult") -> None:
         print(f"  {folder}", file=sys.stderr)
 
 
-def with_units(names: Sequence[str], units: Mapping[str, str]) -> list[str]:
+def with_units(names: Iterable[str], units: Mapping[str, str]) -> list[str]:
     """Return names of columns with the units of those that have one."""
     return [f"{name} [{units[name]}]" if units.get(name) else name for name in names]
 

@@ -2,25 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from spherekit.analysis.recording_head import RecordingHead
-from spherekit.analysis.scene import (
-    Arrow,
-    Axis,
-    Body,
-    Diagram,
-    Floats,
-    GreatCircle,
-    Page,
-    Portrait,
-    Primitive,
-    Scene,
-    Series,
-    Trace,
-)
+from spherekit.analysis.scene import Axis, Floats, Page, Primitive, Scene, rows_of
 
 if TYPE_CHECKING:
     from spherekit.analysis.running.recording import Recorder
@@ -118,34 +106,9 @@ def _joined(blocks: Sequence[Scene]) -> Scene:
 def _whole(parts: Sequence[Any]) -> Primitive:
     """Return one primitive of those of successive blocks."""
     first: Primitive = parts[0]
-    if len(parts) == 1:
-        return first
-
-    def rows(name: str) -> Floats:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    match first:
-        case Series():
-            return replace(first, values=rows("values"))
-        case Arrow():
-            return replace(first, directions=rows("directions"))
-        case Trace(quaternions=turned):
-            whole = None if turned is None else rows("quaternions")
-            return replace(first, directions=rows("directions"), quaternions=whole)
-        case GreatCircle():
-            return replace(first, normals=rows("normals"))
-        case Body(quaternions=turned) if turned is not None:
-            return replace(first, quaternions=rows("quaternions"))
-        case Portrait():
-            return replace(first, x=rows("x"), y=rows("y"))
-        case Diagram():
-            words = [word for part in parts for word in part.words]
-            return replace(
-                first,
-                places=rows("places"),
-                lines=rows("lines"),
-                words=words,
-                readings=None if first.readings is None else rows("readings"),
-            )
-        case _:
-            return first
+    whole: dict[str, Any] = {}
+    for name, rows in rows_of(first).items():
+        blocks = [getattr(part, name) for part in parts]
+        is_array = isinstance(rows, np.ndarray)
+        whole[name] = np.concatenate(blocks) if is_array else list(chain(*blocks))
+    return replace(first, **whole)

@@ -28,6 +28,7 @@ from spherekit.analysis.scene import (
     Surface,
     Text,
     Trace,
+    rows_of,
     titled,
 )
 from spherekit.region.mesh import sphere_mesh
@@ -187,19 +188,11 @@ def moving(
 
 def check_rows(primitive: Primitive, count: int) -> None:
     """Raise ValueError if a primitive has another number of rows than the block."""
-    match primitive:
-        case Body(quaternions=rows) if rows is not None:
-            length = len(rows)
-        case Arrow(directions=rows) | GreatCircle(normals=rows) | Series(values=rows):
-            length = len(rows)
-        case Trace(directions=rows) | Diagram(places=rows):
-            length = len(rows)
-        case Portrait(x=rows):
-            length = len(rows)
-        case _:
-            return
-    if length != count:
-        raise ValueError(f"{primitive.path} has {length} rows, the block has {count}")
+    for rows in rows_of(primitive).values():
+        if isinstance(rows, np.ndarray) and len(rows) != count:
+            raise ValueError(
+                f"{primitive.path} has {len(rows)} rows, the block has {count}"
+            )
 
 
 def present(rows: Floats) -> NDArray[np.bool_]:
