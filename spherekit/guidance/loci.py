@@ -250,9 +250,8 @@ def _runs(wanted: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], bool]]:
     if np.all(wanted):
         yield np.arange(len(wanted)), True
         return
-    once = wanted[:-1]
-    first = int(np.flatnonzero(~once)[0])
-    turned = np.roll(once, -first)
-    steps = np.flatnonzero(np.diff(np.append(turned, False).astype(int)))
-    for low, high in zip(steps[::2] + 1, steps[1::2] + 1, strict=True):
-        yield (np.arange(low, high) + first) % len(once), False
+    n = len(wanted) - 1
+    order = (np.arange(n) + np.argmin(wanted[:-1])) % n  # the first is none of them
+    for rows in np.split(order, np.flatnonzero(np.diff(wanted[order])) + 1):
+        if wanted[rows[0]]:
+            yield rows, False

@@ -110,7 +110,7 @@ class Optimality:
         return np.concatenate([self.at.jacobian, self.turning], axis=1)
 
     @cached_property
-    def _inverse(self) -> Floats:
+    def _pseudo_inverse(self) -> Floats:
         return np.asarray(np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14))
 
     @cached_property
@@ -205,7 +205,7 @@ class Optimality:
         loops alone do not.
         """
         right = np.concatenate([-self.at.residual, self.left], axis=1)
-        return np.asarray(np.einsum("nvm,nm->nv", self._inverse, right))
+        return np.asarray(np.einsum("nvm,nm->nv", self._pseudo_inverse, right))
 
     def miss(self, exact: bool) -> Floats:
         """Return by how much (n,) loops are open, and how far off the link is (rad).
@@ -238,7 +238,7 @@ class Optimality:
     def _exact_rates(self, axis: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the rates if the output link turns about the axis, and by how far not."""
         rows = self.system.shape[1]
-        inverse = self._inverse
+        inverse = self._pseudo_inverse
         right = np.zeros((len(self.values), rows))
         right[:, -3:] = axis
         first = np.einsum("nvm,nm->nv", inverse, right)
