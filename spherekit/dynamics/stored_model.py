@@ -1,7 +1,7 @@
 """What stored models of one coordinate and of several have in common: torques and loads."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, final, overload
@@ -231,27 +231,12 @@ class _Dynamics:
                 terms.append(f"-{put(steady[i])}")
             terms += [f"-{size}*{put(ways[i])}" for size, (_, ways) in laws.items()]
             torques.append(" + ".join(terms))
-        written, given = {"t": "t"}, dict[str, str]()
-        used = {
-            x for law, _ in laws.values() if isinstance(law, Expression) for x in law.names
-        }
-        for name in sorted(used - {"t"}):
-            if name.startswith("dtheta_"):
-                by = heading.by_coordinates(name[1:])
-                text = " + ".join(
-                    f"{put(stored(x))}*{rate}" for x, rate in zip(by, dq, strict=True)
-                )
-                written[name] = f"rate_{len(given)}"
-                given[written[name]] = text
-            else:
-                written[name] = put(stored(name))
-        tables = {}
-        for size, (law, _) in laws.items():
-            if isinstance(law, TorqueTable):
-                tables[f"table_{size}"] = law.one
-                given[size] = f"table_{size}(t)"
-            else:
-                given[size] = law.code(written)
+        given, tables = _sizes(
+            heading,
+            {size: law for size, (law, _) in laws.items()},
+            dq,
+            lambda x: put(stored(x)),
+        )
         body = torques[0] if alone else f"array([{', '.join(torques)}])"
         if given:
             first = ", ".join(f"{name} := {text}" for name, text in given.items())
@@ -260,3 +245,33 @@ class _Dynamics:
             f"lambda row, dq, ddq, t: {body}", {"array": np.array, **tables}
         )
         self.at = model._single(0, np.array(list(factors)).T)
+
+
+def _sizes(
+    heading: StoredHeading,
+    laws: Mapping[str, Expression | TorqueTable],
+    dq: Sequence[str],
+    put: Callable[[str], str],
+) -> tuple[dict[str, str], dict[str, Callable[[float], float]]]:
+    """Return magnitudes by name as Python, with the rates they need first, and tables.
+
+    `dq` are the rates of the coordinates, `put` gives a stored function of a name.
+    """
+    written, given = {"t": "t"}, dict[str, str]()
+    used = {x for law in laws.values() if isinstance(law, Expression) for x in law.names}
+    for name in sorted(used - {"t"}):
+        if name.startswith("dtheta_"):
+            by = heading.by_coordinates(name[1:])
+            text = " + ".join(f"{put(x)}*{rate}" for x, rate in zip(by, dq, strict=True))
+            written[name] = f"rate_{len(given)}"
+            given[written[name]] = text
+        else:
+            written[name] = put(name)
+    tables: dict[str, Callable[[float], float]] = {}
+    for size, law in laws.items():
+        if isinstance(law, TorqueTable):
+            tables[f"table_{size}"] = law.one
+            given[size] = f"table_{size}(t)"
+        else:
+            given[size] = law.code(written)
+    return given, tables

@@ -6,7 +6,7 @@ coefficients, as Chebyshev series of one coordinate of the whole configuration c
 their ranges.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -111,18 +111,25 @@ def online_model(
         working.tell(f"{at} of {len(size)}".__str__)
         sizes = size[at : at + len(units)]
         at += len(units)
-        function, ends = partial(sampler.columns, [k]), (sampler.low, sampler.high)
-        series = PiecewiseChebyshev.fit(
-            function, *ends, tolerance, sizes, FIRST_CELLS, rounding=ROUNDING
-        )
-        # Cells are parted unevenly, at other places than those sampled or checked.
-        part = 0.5 * (np.sqrt(5.0) - 1.0)
-        steps = [times * part % 1.0 * np.diff(series.edges) for times in (1, 2, 3)]
-        x = np.sort(np.concatenate([series.edges[:-1] + step for step in steps]))
-        error = np.max(np.abs(series.at(x) - function(x)), axis=0)
+        series, error = _fitted(sampler, k, tolerance, sizes)
         fitted.append(series)
         groups.append(_stored(units, sizes, error))
     return TabulatedModel(replace(heading, groups=tuple(groups)), tuple(fitted))
+
+
+def _fitted(
+    sampler: AlongCurve, group: int, tolerance: float, sizes: Floats
+) -> tuple[PiecewiseChebyshev, Floats]:
+    """Return the series of a group of functions, and the error measured of each."""
+    function, ends = partial(sampler.columns, [group]), (sampler.low, sampler.high)
+    series = PiecewiseChebyshev.fit(
+        function, *ends, tolerance, sizes, FIRST_CELLS, rounding=ROUNDING
+    )
+    # Cells are parted unevenly, at other places than those sampled or checked.
+    part = 0.5 * (np.sqrt(5.0) - 1.0)
+    steps = [times * part % 1.0 * np.diff(series.edges) for times in (1, 2, 3)]
+    x = np.sort(np.concatenate([series.edges[:-1] + step for step in steps]))
+    return series, np.max(np.abs(series.at(x) - function(x)), axis=0)
 
 
 @checked(SolveError)
@@ -186,13 +193,18 @@ def grid_model(
             "over the ranges of the inputs to be stored; narrow them, or give a larger "
             "tolerance"
         )
-    random = np.random.default_rng(1).random((MEASURED, inputs))
-    q = sampler.low + (sampler.high - sampler.low) * random
-    q = q[series.cells(q) >= 0]
-    gap = np.abs(series.at(q) - function(q))
-    error = np.max(gap[np.all(np.isfinite(gap), axis=1)], axis=0, initial=0.0)
+    error = _measured(series, function)
     functions = _stored(names, size, error)
     return GridModel(replace(heading, covered=series.covered, functions=functions), series)
+
+
+def _measured(series: TensorChebyshev, function: Callable[[Floats], Floats]) -> Floats:
+    """Return the largest error of each function at random places of the domain."""
+    random = np.random.default_rng(1).random((MEASURED, len(series.low)))
+    q = series.low + (series.high - series.low) * random
+    q = q[series.cells(q) >= 0]
+    gap = np.abs(series.at(q) - function(q))
+    return np.asarray(np.max(gap[np.all(np.isfinite(gap), axis=1)], axis=0, initial=0.0))
 
 
 def _storable(mechanism: AnyMechanism, tolerance: float, least: float) -> Mechanism:
