@@ -187,7 +187,8 @@ def test_rates_that_are_nearly_zero_at_a_sample_reverse_once(least):
     """Which way rounding points there does not matter."""
     q, along = np.array([-1.0, 0.0, 1.0]), np.array([[0.0], [0.6], [0.8]])
     w = along * [7e-4, least, -7e-4]
-    assert np.prod(_flips(q, np.ones(3), w, along * np.full(3, -7e-4))) == -1.0
+    path = np.concatenate([[q], np.ones((1, 3)), w, along * np.full(3, -7e-4)])
+    assert np.prod(_flips(path)) == -1.0
 
 
 def test_results_are_copied_as_arrays():

@@ -1,7 +1,7 @@
 """Signs of pole directions: continuous along each assembly mode, block after block."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
@@ -18,33 +18,8 @@ from spherekit.rates.request import Request
 from spherekit.rates.vectors import dot
 from spherekit.sphere.rotation import Floats
 
-
-@final
-@dataclass(frozen=True)
-class _Last:
-    """The last row of a pole: the way (1,), its sense (1,), w and dw (3, 1), the sign."""
-
-    way: Floats
-    sense: Floats
-    w: Floats
-    dw: Floats
-    sign: float
-
-
-@final
-@dataclass(frozen=True)
-class _Path:
-    """What a direction follows: the `way` (k,), the sense of the input, w and dw (3, k)."""
-
-    way: Floats
-    sense: Floats
-    v: Floats
-    dv: Floats
-
-    def at(self, rows: Any) -> "_Path":
-        """Return it at some rows."""
-        v, dv = self.v[:, rows], self.dv[:, rows]
-        return _Path(self.way[rows], self.sense[rows], v, dv)
+Path = Floats
+"""(8, k) what a direction follows: the way, the sense of the input, w and dw."""
 
 
 @final
@@ -55,7 +30,7 @@ class SignMemory:
     """
 
     def __init__(self) -> None:
-        self.last: dict[tuple[int, Pole], _Last] = {}
+        self.last: dict[tuple[int, Pole], tuple[Path, float]] = {}
         self.home: dict[int, Floats] = {}
 
     def state(self) -> dict[str, Any]:
@@ -65,8 +40,8 @@ class SignMemory:
                 [assembly_mode, side.tolist()] for assembly_mode, side in self.home.items()
             ],
             "last": [
-                [assembly_mode, *pole, *(np.ravel(part).tolist() for part in astuple(last))]
-                for (assembly_mode, pole), last in self.last.items()
+                [assembly_mode, *pole, path[:, 0].tolist(), sign]
+                for (assembly_mode, pole), (path, sign) in self.last.items()
             ],
         }
 
@@ -77,14 +52,8 @@ class SignMemory:
         memory.home = {
             assembly_mode: np.array(side) for assembly_mode, side in state["home"]
         }
-        for assembly_mode, low, high, way, sense, w, dw, sign in state["last"]:
-            memory.last[assembly_mode, (low, high)] = _Last(
-                np.array(way),
-                np.array(sense),
-                np.array(w)[:, None],
-                np.array(dw)[:, None],
-                *sign,
-            )
+        for assembly_mode, low, high, path, sign in state["last"]:
+            memory.last[assembly_mode, (low, high)] = np.array(path)[:, None], sign
         return memory
 
 
@@ -206,9 +175,8 @@ def signs_at_stops(
             if key not in memory.last:
                 home = _home(motion, mode.number, int(rows[good[0]]), memory)
                 side = -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0
-            path = _Path(way, np.ones(len(rows)), vectors[:, j, some], changes[:, j, some])
-            if len(good) < len(rows):
-                path = path.at(good)
+            parts = [way], np.ones((1, len(rows))), vectors[:, j, some], changes[:, j, some]
+            path = np.concatenate(parts)[:, good]
             linked = since[good[1:]] > since[good[:-1]]
             chain = _chain(memory, key, side, path, linked)
             if len(good) == len(rows) and not np.any(linked):
@@ -306,7 +274,8 @@ def continuous_signs(
             signs[rows.start + good] = np.where(home @ u < 0.0, -1.0, 1.0)
             continue
         side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
-        chain = _chain(memory, (assembly_mode.number, pole), side, _Path(t, here, v, dv))
+        path = np.concatenate([[t], [here], v, dv])
+        chain = _chain(memory, (assembly_mode.number, pole), side, path)
         signs[rows.start + good] = chain * along
         if len(good) == len(moved):
             continue
@@ -321,7 +290,7 @@ def _chain(
     memory: SignMemory,
     key: tuple[int, Pole],
     side: float,
-    path: _Path,
+    path: Path,
     linked: NDArray[np.bool_] | None = None,
 ) -> Floats:
     """Return the signs (k,) that go on along a path, and keep where it ends.
@@ -329,33 +298,26 @@ def _chain(
     From the last sign in memory, or the `side` that it starts on. It may reverse only
     where it is `linked` (k - 1,), unless that is left out.
     """
-    flips = np.ones(len(path.way) - 1)
+    flips = np.ones(path.shape[1] - 1)
     if linked is None or np.any(linked):
-        flips = _flips(path.way, path.sense, path.v, path.dv)
+        flips = _flips(path)
         if linked is not None:
             flips[~linked] = 1.0
     if key in memory.last:
-        last = memory.last[key]
-        side = last.sign
-        if last.w[:, 0] @ path.v[:, 0] < 0.0:
-            first = _flips(
-                np.append(last.way, path.way[:1]),
-                np.append(last.sense, path.sense[:1]),
-                np.column_stack([last.w, path.v[:, :1]]),
-                np.column_stack([last.dw, path.dv[:, :1]]),
-            )
-            side *= float(first[0])
+        last, side = memory.last[key]
+        if last[2:5, 0] @ path[2:5, 0] < 0.0:
+            side *= float(_flips(np.column_stack([last, path[:, :1]]))[0])
     chain = side * np.concatenate(([1.0], np.cumprod(flips)))
-    end = path.at(slice(-1, None))
-    memory.last[key] = _Last(end.way, end.sense, end.v, end.dv, float(chain[-1]))
+    memory.last[key] = path[:, -1:].copy(), float(chain[-1])
     return chain
 
 
-def _flips(q: Floats, sense: Floats, v: Floats, dv: Floats) -> Floats:
-    """Return +1 or -1 for each gap (k - 1,): whether v (3, k) reverses in between.
+def _flips(path: Path) -> Floats:
+    """Return +1 or -1 for each gap (k - 1,): whether w reverses in between.
 
     On a Hermite path, or a straight one where the sense changes and slopes are useless.
     """
+    (q, sense), v, dv = path[:2], path[2:5], path[5:]
     flips = np.ones(len(q) - 1)
     gap = np.flatnonzero(dot(v[:, 1:], v[:, :-1]) < 0.0)
     if not len(gap):
