@@ -185,6 +185,7 @@ def test_every_kind_of_load_is_kept(four_bar, tmp_path):
     found = inverse_dynamics(mechanism, Polynomial((0.3, 1.0, 1.0)), t, assembly_mode=0)
     parts = model.forces(found.q, found.dq, t)
     assert list(parts) == [load.name for load in mechanism.loads]
+    assert model.heading.loads[0].works_on == ("d(theta_21)/dq",)  # as older files have it
     turn = model.value("theta_32", 0.3) - found.values[0, 1]
     assert abs(turn / TURN - round(turn / TURN)) < 1e-12
     turns = {"spring": -1.5 * turn}  # a spring counts whole turns from where it starts

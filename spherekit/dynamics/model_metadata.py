@@ -348,8 +348,8 @@ def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
-def torque_load(heading: StoredHeading, name: str, pair: str, text: str) -> StoredLoad:
-    """Return a torque (N m) at a pair, an expression as in a file, as one more load.
+def torque_load(heading: StoredHeading, name: str, works_on: str, text: str) -> StoredLoad:
+    """Return a torque (N m), an expression as in a file, as one more load.
 
     Raises
     ------
@@ -362,4 +362,4 @@ def torque_load(heading: StoredHeading, name: str, pair: str, text: str) -> Stor
         parse(text, load_names(heading.angles))
     except ModelError as error:
         raise ModelError(f"{heading.mechanism}: torque: {error}") from None
-    return StoredLoad(name, (f"theta_{pair}",), (text,))
+    return StoredLoad(name, (works_on,), (text,))

@@ -107,7 +107,7 @@ class StoredModel(ABC):
     def _with_torques(
         self, torques: Mapping[str, tuple[str, str]]
     ) -> tuple[StoredLoad, ...]:
-        """Return the loads with torques more, (pair, expression) by their names."""
+        """Return the loads with torques more: by name what they work on, and how large."""
         heading = self.heading
         more = [torque_load(heading, name, *torque) for name, torque in torques.items()]
         return (*heading.loads, *more)

@@ -151,6 +151,10 @@ class AlongCurve(Sampler):
         self.high = self.laps * self.lap
         self.rise = self.curve.rise * self.sense * self.laps
 
+    def rate(self, variable: str) -> str:
+        """Return the name of what loads at a pair work on, by that of its variable."""
+        return f"d({variable})/d{self.coordinate}"
+
     def spread(self, count: int) -> Floats:
         """Return places (count,) over all of the coordinate, in rising order."""
         return np.linspace(self.low, self.high, count, endpoint=not self.periodic)
@@ -302,6 +306,10 @@ class OverBox(Sampler):
                 "a grid over the ranges of the inputs; give another assembly mode or range"
             )
         self.known = by_variables(self.closure, values[sure], self.driven)
+
+    def rate(self, variable: str) -> str:
+        """Return the name of what loads at a pair work on: of each input its rate."""
+        return variable
 
     def at(self, q: Floats, count: int) -> Floats:
         """Return all functions (n, count) at inputs (n, m), NaN where the mode is not."""

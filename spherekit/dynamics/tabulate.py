@@ -93,7 +93,7 @@ def online_model(
         wanted = tuple(dict.fromkeys(parse_pole(made, text) for text in poles))
     sampler = AlongCurve(tracer, wanted)
     heading = ModelMetadata(
-        **_heading(made, assembly_mode, wanted, sampler.loads),
+        **_heading(made, assembly_mode, wanted, sampler),
         input=tracer.inputs[0],
         coordinate=sampler.coordinate,
         periodic=sampler.periodic,
@@ -167,7 +167,7 @@ def grid_model(
     wanted = tuple(parse_pole(mechanism, text) for text in poles)
     sampler = OverBox(tracer, wanted)
     heading = GridMetadata(
-        **_heading(tracer.mechanism, assembly_mode, wanted, sampler.loads),
+        **_heading(tracer.mechanism, assembly_mode, wanted, sampler),
         inputs=tracer.inputs,
         low=tuple(sampler.low.tolist()),
         high=tuple(sampler.high.tolist()),
@@ -219,7 +219,10 @@ def _storable(mechanism: AnyMechanism, tolerance: float, least: float) -> Mechan
 
 
 def _heading(
-    mechanism: Mechanism, assembly_mode: int, poles: Iterable[Pole], loads: Loads
+    mechanism: Mechanism,
+    assembly_mode: int,
+    poles: Iterable[Pole],
+    sampler: AlongCurve | OverBox,
 ) -> dict[str, Any]:
     """Return what headings of all models say."""
     return {
@@ -230,7 +233,7 @@ def _heading(
         "variables": mechanism.variable_names,
         "angles": tuple(mechanism.angles),
         "poles": tuple(pole_name(mechanism, pole) for pole in poles),
-        "loads": _stored_loads(loads),
+        "loads": _stored_loads(sampler.loads, sampler.rate),
     }
 
 
@@ -241,14 +244,17 @@ def _stored(
     return tuple(StoredFunction(name, unit, most, off) for (name, unit), most, off in parts)
 
 
-def _stored_loads(loads: Loads) -> tuple[StoredLoad, ...]:
-    """Return what magnitudes of loads depend on besides the configuration."""
+def _stored_loads(loads: Loads, rate: Callable[[str], str]) -> tuple[StoredLoad, ...]:
+    """Return what magnitudes of loads depend on besides the configuration.
+
+    `rate` names what they work on of a pair's variable, by the variable's name.
+    """
     velocities, stored = own_velocities(loads), []
     for number, load in enumerate(loads.mechanism.loads):
         parts = [
             (k, x) for k, x in enumerate(loads.components) if loads.owners[k] == number
         ]
-        works_on = tuple(velocities.get(k, f"theta_{part.pair}") for k, part in parts)
+        works_on = tuple(velocities.get(k, rate(f"theta_{part.pair}")) for k, part in parts)
         if isinstance(load, TorqueTable):
             table = load.times, load.torques, load.periodic
             stored.append(StoredLoad(load.name, works_on, (), *table))

@@ -173,7 +173,8 @@ class TabulatedModel(StoredModel):
         ModelError
             If the expression breaks the grammar, or there is such a torque already.
         """
-        loads = self._with_torques({DRIVE: (self.heading.input, torque)})
+        works_on = self.heading.derivative(f"theta_{self.heading.input}")
+        loads = self._with_torques({DRIVE: (works_on, torque)})
         return TabulatedModel(replace(self.heading, loads=loads), self.groups)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -314,7 +315,7 @@ class GridModel(StoredModel):
                     f"{nearest(pair, heading.inputs) or ';'} Inputs: "
                     f"{listing(heading.inputs)}"
                 )
-        named = {f"{DRIVE}_{pair}": (pair, text) for pair, text in torques.items()}
+        named = {f"{DRIVE}_{p}": (f"theta_{p}", text) for p, text in torques.items()}
         return GridModel(replace(heading, loads=self._with_torques(named)), self.series)
 
     def save(self, path: str | os.PathLike[str]) -> None:
