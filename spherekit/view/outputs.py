@@ -50,6 +50,31 @@ class AbstractOutput(ABC):
         """Let go of the place; return what is kept of an unfinished recording."""
 
 
+class _LiveOutput(AbstractOutput):
+    """Another program that takes the recording as it goes on, called `place`."""
+
+    place: str
+
+    def flush(self) -> None:
+        """Wait until it has everything."""
+        try:
+            self.stream.flush(timeout_sec=LIVE_TIMEOUT)
+        except RuntimeError as error:
+            raise OutputError(
+                f"{self.place} no longer takes data ({_reason(error)}); start it again, or "
+                "record to a file"
+            ) from error
+
+    def complete(self, rows: int) -> None:
+        """Wait until it has everything; it goes on showing it."""
+        self.flush()
+
+    def close(self, keep: bool) -> str:
+        """Let go of it."""
+        self.stream.disconnect()
+        return ""
+
+
 def check_place(path: Path) -> None:
     """Raise `OutputError` unless a recording can be written there."""
     if path.suffix != ".rrd":
@@ -149,13 +174,14 @@ class FileOutput(AbstractOutput):
 
 
 @final
-class ServedOutput(AbstractOutput):
+class ServedOutput(_LiveOutput):
     """A server on this computer that keeps the recording for viewers that come."""
 
     def __init__(self, stream: rr.RecordingStream, port: int) -> None:
         self.stream = stream
         self.port = port
         self.url = f"rerun+http://127.0.0.1:{port}/proxy"
+        self.place = f"the server on port {port}"
 
     def open(self) -> None:
         """Start to listen, on the loopback address only."""
@@ -171,19 +197,6 @@ class ServedOutput(AbstractOutput):
                     "another port, or connect to the viewer that listens there"
                 ) from error
         self.stream.set_sinks(rr.GrpcServerSink("127.0.0.1", self.port))
-
-    def flush(self) -> None:
-        """Wait until the server holds everything."""
-        _flush_live(self.stream, f"the server on port {self.port}")
-
-    def complete(self, rows: int) -> None:
-        """Wait until the server holds everything; it goes on serving until closed."""
-        self.flush()
-
-    def close(self, keep: bool) -> str:
-        """Stop the server."""
-        self.stream.disconnect()
-        return ""
 
 
 @final
@@ -215,13 +228,14 @@ class NotebookOutput(AbstractOutput):
 
 
 @final
-class ViewerOutput(AbstractOutput):
+class ViewerOutput(_LiveOutput):
     """A viewer, or another server, that listens at a URL."""
 
     def __init__(self, stream: rr.RecordingStream, url: str) -> None:
         self.stream = stream
         self.url = url
-        self._place = ("", 0)
+        self.place = f"the viewer at {url}"
+        self._address = ("", 0)
 
     def open(self) -> None:
         """Check that a viewer listens there, and connect."""
@@ -235,8 +249,8 @@ class ViewerOutput(AbstractOutput):
                 f'"{self.url}" is not the address of a viewer; it looks like '
                 "rerun+http://127.0.0.1:9876/proxy"
             )
-        self._place = (host, port)
-        if not _speaks_http2(*self._place):
+        self._address = (host, port)
+        if not _speaks_http2(*self._address):
             raise OutputError(
                 f"no viewer listens at {self.url}; start one with `rerun --port {port}`"
                 " or leave the recording in a file"
@@ -245,30 +259,11 @@ class ViewerOutput(AbstractOutput):
 
     def flush(self) -> None:
         """Wait until the viewer has everything."""
-        if not _speaks_http2(*self._place):  # rerun would go on as if it were there
+        if not _speaks_http2(*self._address):  # rerun would go on as if it were there
             raise OutputError(
                 f"the viewer at {self.url} is gone; start it again, or record to a file"
             )
-        _flush_live(self.stream, f"the viewer at {self.url}")
-
-    def complete(self, rows: int) -> None:
-        """Wait until the viewer has everything."""
-        self.flush()
-
-    def close(self, keep: bool) -> str:
-        """Let go of the viewer."""
-        self.stream.disconnect()
-        return ""
-
-
-def _flush_live(stream: rr.RecordingStream, place: str) -> None:
-    try:
-        stream.flush(timeout_sec=LIVE_TIMEOUT)
-    except RuntimeError as error:
-        raise OutputError(
-            f"{place} no longer takes data ({_reason(error)}); start it again, or "
-            "record to a file"
-        ) from error
+        super().flush()
 
 
 def _speaks_http2(host: str, port: int) -> bool:
