@@ -277,12 +277,30 @@ def _mixed(made: Polynomials, roots: ChartRoots) -> Complexes:
     return out
 
 
+def _along(
+    made: Polynomials, roots: ChartRoots, given: Given, inverse: Complexes, rates: Complexes
+) -> tuple[Complexes, Complexes, Floats]:
+    """Return how the derivative changes along the axis by each input (n, k, k, inputs).
+
+    Then its derivatives by what is given, and by how much the axis is curved (n, k).
+    """
+    half, mixed = given.half, _mixed(made, roots)
+    along = np.einsum("nijl,nld->nijd", _second(made.values, roots), rates)
+    along += np.einsum("nijg,ngd->nijd", mixed, given.rates)
+    twice = np.einsum("nijd,nje->nide", along, rates)
+    twice += np.einsum("nijg,nje,ngd->nide", mixed, rates, given.rates)
+    bent = np.abs(np.einsum("nij,njde->nide", inverse, twice))
+    bent = 0.5 * bent + ROUNDING * np.einsum(
+        "nij,njde->nide", np.abs(inverse), np.abs(twice)
+    )
+    return along, mixed, np.einsum("nide,nd,ne->ni", bent, half, half)
+
+
 def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     """Return what is proven: to second order along the axes of tubes, bounded beyond.
 
-    All derivatives by z where |z| <= `disk` are bounded by `constant`, on the axis by
-    `axis`, times powers of `steps`, those by what is given by powers of `turned`
-    (S. Bernstein).
+    All derivatives by z in `reach`, or by 1, are at most `constant`, on the axis `axis`,
+    times powers of `steps`, those by what is given of `turned` (S. Bernstein).
     """
     count, half = roots.z.shape[1], given.half
     values, first, by_given = values_at(made, roots)
@@ -292,10 +310,9 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     rates = -inverse @ by_input
     moved = np.einsum("njg,ng->nj", np.abs(rates), half) * UP
     reach = np.abs(roots.z) + moved + WIDEST
-    disk = np.maximum(reach, 1.0)
     steps = 2.0 * made.degrees[:, :count]
     turned = made.degrees[:, count:].astype(float)
-    growth = np.exp(np.log(disk) @ steps.T) * UP
+    growth = np.exp(np.log(np.maximum(reach, 1.0)) @ steps.T) * UP
     constant = made.constant * growth
     near = np.maximum(np.abs(roots.z) + moved, 1.0)
     axis = made.constant * np.exp(np.log(near) @ steps.T) * UP
@@ -306,7 +323,7 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     way = (across + spread + stray) * UP
     around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
     bent = np.abs(_second([np.abs(array) for array in made.values], around))
-    bend_here, mixed = _second(made.values, roots), _mixed(made, roots)
+    along, mixed, curved = _along(made, roots, given, inverse, rates)
     count_of = np.array([array[0].size for array in made.values], dtype=float)
     off = made.error * count_of
     spare = (constant * (spread + stray) + off * growth) * UP
@@ -314,15 +331,6 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     # rounding: of the coefficients, and of the sums over them
     sums = np.stack([np.sum(np.abs(v.reshape(len(v), -1)), axis=1) for v in made.values], 1)
     blur = (off + 4 * ROUNDING * count_of * sums[roots.row]) * growth
-    # how the derivative changes along the axis: that of each input
-    along = np.einsum("nijl,nld->nijd", bend_here, rates)
-    along += np.einsum("nijg,ngd->nijd", mixed, given.rates)
-    twice = np.einsum("nijd,nje->nide", along, rates)
-    twice += np.einsum("nijg,nje,ngd->nide", mixed, rates, given.rates)
-    curved = 0.5 * np.einsum(
-        "nide,nd,ne->ni", np.abs(np.einsum("nij,njde->nide", inverse, twice)), half, half
-    )
-    curved += ROUNDING * np.einsum("nij,njde,nd,ne->ni", size, np.abs(twice), half, half)
     far = axis * (0.5 * (spread + stray) ** 2 + across * stray + way**3 / 6.0)
     far += np.einsum("nig,ng->ni", np.abs(by_given), given.off)
     rest = np.einsum("nig,ng->ni", np.abs(first @ rates + by_input), half)

@@ -7,7 +7,7 @@ each of them, with their angles as further inputs. Over a box of inputs roots th
 proven to be different at its centre and regular everywhere never meet.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
@@ -184,29 +184,17 @@ class Systems:
         modes = np.zeros(m, dtype=np.intp)
         following: list[Guide] = [{} for _ in range(m)]
         count, inputs = self.equations.construction.unknowns, centres.shape[1]
-        nothing = np.zeros(count)
-        waiting = [
-            _Mode(
-                row, (), nothing, np.zeros((count, 2)), np.zeros((count, inputs)), nothing
-            )
-            for row in range(m)
-        ]
+        none, turn, slope = (np.zeros((count, *size)) for size in ((), (2,), (inputs,)))
+        waiting = [_Mode(row, (), none, turn, slope, none) for row in range(m)]
         for number, (_, unknowns) in enumerate(self.parts):
             part = [mode for mode in waiting if good[mode.row]]
             waiting = []
             if not part:
                 break
             rows = [mode.row for mode in part]
-            others = self.given_to(number)
-            given = [
-                np.concatenate([mode.angle, centres[mode.row]])[others] for mode in part
-            ]
-            whole = [np.concatenate([mode.turn, turns[mode.row]])[others] for mode in part]
-            rates = [np.concatenate([mode.rates, np.eye(inputs)])[others] for mode in part]
-            off = [np.concatenate([mode.off, np.zeros(inputs)])[others] for mode in part]
-            moving = Given(half[rows], np.stack(rates), np.stack(off))
+            given, whole, moving = self._given(number, part, centres, turns, half)
             roots, proven, distinct = self._proven(
-                number, part, np.stack(given), np.stack(whole), moving, guides, hard
+                number, part, given, whole, moving, guides, hard
             )
             bound = self.bounds[number]
             apart = are_apart(roots, proven.radius, proven.good, bound)
@@ -229,17 +217,37 @@ class Systems:
                         modes[row] += mode.times
                         continue
                     where = place * bound + int(root)
-                    solution = (
-                        angle[where],
-                        circle(angle[where]),
-                        slopes[where],
-                        reach[where],
-                    )
+                    turned = circle(angle[where])
+                    solution = angle[where], turned, slopes[where], reach[where]
                     successor = mode.with_root(int(root), unknowns, solution)
                     good[row] &= bool(np.all(proven.reach[where] < WIDEST_ANGLE))
                     waiting.append(successor)
             waiting = self._joined(number + 1, waiting, half)
         return Counted(good, modes, following)
+
+    def _given(
+        self,
+        number: int,
+        part: Sequence[_Mode],
+        centres: Floats,
+        turns: Floats,
+        half: Floats,
+    ) -> tuple[Floats, Floats, Given]:
+        """Return the angles given to a system for modes, their turns, and how they move."""
+        rows, others = [mode.row for mode in part], self.given_to(number)
+        inputs = centres.shape[1]
+
+        def joined(values: Sequence[Floats], ends: Iterable[Floats]) -> Floats:
+            pairs = zip(values, ends, strict=True)
+            return np.stack([np.concatenate(two)[others] for two in pairs])
+
+        moving = Given(
+            half[rows],
+            joined([mode.rates for mode in part], [np.eye(inputs)] * len(part)),
+            joined([mode.off for mode in part], [np.zeros(inputs)] * len(part)),
+        )
+        angles = joined([mode.angle for mode in part], centres[rows])
+        return angles, joined([mode.turn for mode in part], turns[rows]), moving
 
     def _joined(self, number: int, modes: list[_Mode], half: Floats) -> list[_Mode]:
         """Return modes of which those that systems from a number on cannot tell are one.

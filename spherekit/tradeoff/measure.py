@@ -259,41 +259,23 @@ def timing_loop(
     """
     began = time.monotonic()
     measured: dict[str, Measured] = {}
-    alive: list[tuple[str, Runner]] = []
-    times: dict[str, list[tuple[float, float]]] = {}
     working = Working("measuring settings")
     for done, (name, setting, way) in enumerate(ways):
-        words = f"{name}, {done + 1} of {len(ways)}"
-        working.tell(words.__str__)
-        try:
-            tables, first, _ = way(True)
-            off = judge(tables)
-        except SpherekitError as problem:
-            measured[name] = Measured(name, setting, reason=problem.fault)
-            continue
-        largest = worst(off)
-        measured[name] = Measured(
-            name,
-            setting,
-            error=np.nan if largest is None else largest.error,
-            column="" if largest is None else f"{largest.table}.{largest.column}",
-            missing=sum(deviation.missing for deviation in off),
-            compile=first,
-        )
-        alive.append((name, way))
-        times[name] = []
+        working.tell(f"{name}, {done + 1} of {len(ways)}".__str__)
+        measured[name] = _judged(name, setting, way, judge)
+    alive = [(name, way) for name, _, way in ways if not measured[name].reason]
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name, _ in alive}
     for number in range(effort.rounds):
         if number >= LEAST_ROUNDS and time.monotonic() - began > effort.budget:
             break
         for name, way in alive if number % 2 == 0 else alive[::-1]:
             _, first, seconds = way(False)
             times[name].append((first, seconds - first))
-            words = f"{name}, round {number + 1} of {effort.rounds}"
-            working.tell(words.__str__)
-    for name, _ in alive:
+            working.tell(f"{name}, round {number + 1} of {effort.rounds}".__str__)
+    for name, rounds in times.items():
         made = measured[name].setting
         compiles = made is not None and made.compiles
-        before, after = np.array(times[name]).T
+        before, after = np.array(rounds).T
         first = float(np.min(before))
         measured[name] = replace(
             measured[name],
@@ -302,4 +284,27 @@ def timing_loop(
             per_sample_median=float(np.median(after)) / samples,
             compile=max(measured[name].compile - first, 0.0) if compiles else 0.0,
         )
-    return [measured[name] for name, *_ in ways]
+    return list(measured.values())
+
+
+def _judged(
+    name: str,
+    setting: Setting | None,
+    way: Runner,
+    judge: Callable[[Tables], Sequence[Deviation]],
+) -> Measured:
+    """Return a way with its error, or the reason why it does not apply."""
+    try:
+        tables, first, _ = way(True)
+        off = judge(tables)
+    except SpherekitError as problem:
+        return Measured(name, setting, reason=problem.fault)
+    largest = worst(off)
+    return Measured(
+        name,
+        setting,
+        error=np.nan if largest is None else largest.error,
+        column="" if largest is None else f"{largest.table}.{largest.column}",
+        missing=sum(deviation.missing for deviation in off),
+        compile=first,
+    )

@@ -86,6 +86,11 @@ def trade(
         )
     if study.start is not None:
         return _trade(bench, study, measured(bench, study, effort))
+    return _of_samples(bench, study, effort)
+
+
+def _of_samples(bench: Benchmark, study: Study, effort: Effort) -> Trade:
+    """Return the settings of samples against reference values."""
     most = effort.checked or max(
         FEWEST, CHECKED_ROWS // len(bench.course.tracer.assembly_modes)
     )
