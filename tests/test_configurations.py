@@ -10,7 +10,6 @@ import spherekit as sk
 from spherekit.guarantee import Guarantee
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.complex_modes import meetings_of
 from spherekit.motion.configuration import (
     MonotoneSegments,
     configuration_curves,
@@ -20,6 +19,7 @@ from spherekit.motion.input_turning_points import (
     InputTurningPoints,
     easiest_drive,
     input_turning_points,
+    meetings_of,
 )
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.crossings import crossings

@@ -17,7 +17,7 @@ from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, ModelError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, SizeGeometry
-from spherekit.motion.locked import lock
+from spherekit.motion.closure import lock
 from spherekit.motion.motion import Tracer, motion_of
 from spherekit.rates.core import equations
 from spherekit.singular.aspects import aspects

@@ -19,7 +19,7 @@ from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry
 from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.locked import lock
+from spherekit.motion.closure import lock
 from spherekit.motion.motion import Tracer
 
 FAMILY = "singularities"

@@ -17,8 +17,7 @@ import numpy as np
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.guidance.nearest import Optimality, Target
-from spherekit.motion.continuation import Rows, Verification, follow_paths
-from spherekit.motion.newton import NewtonSteps
+from spherekit.motion.continuation import NewtonSteps, Rows, Verification, follow_paths
 from spherekit.motion.steps import determinant_sign
 from spherekit.numeric.hermite import hermite
 from spherekit.sphere.poses import rotation

@@ -24,12 +24,12 @@ from spherekit.motion.continuation import (
     CurvePath,
     Rows,
     Verification,
+    newton,
     run_each,
     taylor,
 )
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.newton import newton
 from spherekit.motion.pairs import contact_tracks
 from spherekit.motion.segments import (
     CurvePoints,

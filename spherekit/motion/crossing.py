@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.closure import Closure
+from spherekit.motion.continuation import newton
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.newton import newton
 from spherekit.motion.segments import bordered_step
 from spherekit.sphere.rotation import Floats
 

@@ -19,8 +19,7 @@ import numpy as np
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN
 from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
-from spherekit.motion.closure import Closure
-from spherekit.motion.locked import Locked, lock
+from spherekit.motion.closure import Closure, Locked, lock
 from spherekit.motion.pairs import rolled_lengths
 from spherekit.motion.search import Distinct, search
 from spherekit.motion.turns import whole_laps

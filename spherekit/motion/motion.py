@@ -15,14 +15,13 @@ from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.assembly_modes import AssemblyMode, Solver
+from spherekit.motion.assembly_modes import AssemblyMode, Solver, named
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.guides import ModeOverGrid
 from spherekit.motion.input_grid import given_path, sampled
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import LoopTree, condition, left_inverse
 from spherekit.motion.modes import ModeSearch
-from spherekit.motion.named_modes import named
 from spherekit.motion.timing import Timing
 from spherekit.numeric.rows import ArrayRows
 from spherekit.planning.assembly import Assembly, plan_assembly

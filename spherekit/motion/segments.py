@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
+from spherekit.motion.continuation import NewtonSteps, newton
 from spherekit.motion.linearisation import Linearisation
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.newton import NewtonSteps, newton
 from spherekit.numeric.hermite import hermite
 from spherekit.numeric.rows import ArrayRows
 from spherekit.sphere.rotation import Floats
@@ -152,8 +152,12 @@ class Segments:
 
     def at(self, u: Floats) -> CurvePoints:
         """Return the curve at u (n,), to closure precision."""
+        return self.on(*self._places(u))
+
+    def _places(self, u: Floats) -> tuple[NDArray[np.intp], Floats]:
+        """Return the chords (n,) of u (n,), and how far from their starts (n,) it is."""
         which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chords) - 1)
-        return self.on(which, u - self.starts[which])
+        return which, u - self.starts[which]
 
     def on(self, which: NDArray[np.intp], way: Floats) -> CurvePoints:
         """Return the curve where its projection on the chord `which` (n,) is `way` (n,)."""
@@ -177,8 +181,8 @@ class Segments:
             If the curve cannot be found between its nodes.
         """
         flat = u.ravel()
-        which = np.clip(np.searchsorted(self.starts, flat) - 1, 0, len(self.chords) - 1)
-        points = self.on(which, flat - self.starts[which])
+        which, way = self._places(flat)
+        points = self.on(which, way)
         cosine = np.sum(points.tangents * self.directions[which], axis=1)
         if not np.all(np.isfinite(cosine)):
             lost = float(flat[~np.isfinite(cosine)][0])

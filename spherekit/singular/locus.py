@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.closure import Closure
+from spherekit.motion.continuation import NewtonSteps
 from spherekit.motion.loops import REDUNDANT
-from spherekit.motion.newton import NewtonSteps
 from spherekit.numeric.rows import ArrayRows
 from spherekit.singular.stationarity import (
     TINY,

@@ -20,7 +20,7 @@ from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arcs
 from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
-from spherekit.motion.locked import Locked, lock
+from spherekit.motion.closure import Locked, lock
 from spherekit.motion.segments import CurvePoints
 from spherekit.planning.assembly import plan_assembly
 from spherekit.singular.locus import Locus, LocusPoints

@@ -9,6 +9,7 @@ Euler angles, torsion and tilt have no jump where the tilt is zero.
 import numpy as np
 
 from spherekit.numeric.turns import wrap
+from spherekit.sphere.poses import rotation
 from spherekit.sphere.rotation import Floats, about_z
 
 
@@ -45,12 +46,8 @@ def euler_zyz(rotations: Floats) -> Floats:
 
 def from_euler_zyz(angles: Floats) -> Floats:
     """Return the rotations (n, 3, 3) = Z(a) Y(b) Z(c) of angles (n, 3) rad."""
-    swing = np.zeros((len(angles), 3, 3))
-    c, s = np.cos(angles[:, 1]), np.sin(angles[:, 1])
-    swing[:, 0, 0] = swing[:, 2, 2] = c
-    swing[:, 0, 2], swing[:, 2, 0] = s, -s
-    swing[:, 1, 1] = 1.0
-    return np.asarray(about_z(angles[:, 0]) @ swing @ about_z(angles[:, 2]))
+    first, swing, last = angles.T
+    return np.asarray(about_z(first) @ rotation(np.eye(3)[1], swing) @ about_z(last))
 
 
 def tilt_torsion(rotations: Floats) -> Floats:
