@@ -65,7 +65,7 @@ def expected(
     standing = RunState(signs, failures=dict(job.refused))
     for motion in job.evaluation.blocks(job.block):
         evaluate_block(job, motion, standing, store, None, Timer())
-    tried = standing.tally.configurations
+    tried, solves = standing.tally.configurations, standing.tally.by_equations
     every = len(course.tracer.assembly_modes)
     assembly_modes = every if assembly.has_closed_form else None
     rows = samples * (min(every, 1) if assembly_modes is None else assembly_modes)
@@ -85,7 +85,7 @@ def expected(
         "assembly_modes": assembly_modes,
         "configurations": rows,
         "tables": tables,
-        "velocity_equation_solves": round(standing.tally.solves * rows / max(tried, 1)),
+        "velocity_equation_solves": round(solves * rows / max(tried, 1)),
         "not_predicted": [a.name for a in analyses if a.name not in names],
     }
 

@@ -55,7 +55,7 @@ class RunState:
         return {
             "signs": [memory.state() for memory in self.signs],
             "angles": self.angles.state(),
-            "tally": self.tally.state(),
+            "tally": asdict(self.tally),
             "done": self.done,
             "failures": dict(self.failures),
             "findings": {name: asdict(item) for name, item in self.findings.items()},
@@ -73,7 +73,7 @@ class RunState:
         return cls(
             [SignMemory.restored(memory) for memory in state["signs"]],
             AngleMemory.restored(state["angles"]),
-            RunStatistics.restored(state["tally"]),
+            RunStatistics(**state["tally"]),
             int(state["done"]),
             dict(state["failures"]),
             findings,

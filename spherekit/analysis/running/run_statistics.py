@@ -1,7 +1,8 @@
 """What the summary says of all samples, counted block by block."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Self, final
+from dataclasses import dataclass, field
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,186 +17,143 @@ from spherekit.numeric.unread import Interleaved
 from spherekit.rates.pole_field import PoleField
 from spherekit.sphere.rotation import Floats
 
-CODES = len(Status)
+Counts = dict[str, int]
+"""How often each status is there, by its name."""
+
+RESIDUAL, OFF = "largest_closure_residual_rad", "largest_configuration_error_rad"
+BOUNDS = {
+    "error": "largest_direction_error_bound_rad",
+    "velocity_coefficient_error": "largest_velocity_coefficient_error_bound",
+    "acceleration_coefficient_error": "largest_acceleration_coefficient_error_bound",
+}
+"""What the summary calls the largest of bounds of poles."""
 
 
 @final
+@dataclass
 class RunStatistics:
-    """Counts and largest errors of the blocks so far; its size does not grow."""
+    """Counts and largest errors of the blocks so far, ready for JSON; they do not grow.
 
-    def __init__(self) -> None:
-        self._status: dict[int, NDArray[np.int64]] = {}
-        self._poles = np.zeros(CODES, dtype=np.int64)
-        self._failed: dict[str, dict[str, NDArray[np.int64]]] = {}
-        self._residual: float | None = None
-        self._off: float | None = None
-        self._error: float | None = None
-        self._rate: float | None = None
-        self._rate_dq: float | None = None
-        self._by_equations = [0, 0]
-        self._by_kernel = 0
-        self._rank: int | None = None
-        self._repeated: dict[str, Any] | None = None
+    `status` counts rows by assembly mode, `poles` pole axes, `failed` rows of tables by
+    analysis and table; `judged` rows of fields, of which `by_equations` were solved by the
+    velocity equations and `by_kernel` given by a kernel. `rank` is the mobility by rank at
+    the first sample with a configuration, `redundant` the redundant constraints there.
+    """
 
-    def state(self) -> dict[str, Any]:
-        """Return what was counted, ready for JSON."""
-        return {
-            "status": [
-                [assembly_mode, counts.tolist()]
-                for assembly_mode, counts in self._status.items()
-            ],
-            "poles": self._poles.tolist(),
-            "failed": {
-                name: {table: counts.tolist() for table, counts in tables.items()}
-                for name, tables in self._failed.items()
-            },
-            "residual": self._residual,
-            "configuration": self._off,
-            "error": self._error,
-            "velocity_coefficient": self._rate,
-            "acceleration_coefficient": self._rate_dq,
-            "by_equations": self._by_equations,
-            "by_kernel": self._by_kernel,
-            "rank": self._rank,
-            "repeated": self._repeated,
-        }
-
-    @classmethod
-    def restored(cls, state: Mapping[str, Any]) -> Self:
-        """Return the tally that `state` gave."""
-        tally = cls()
-        tally._status = {
-            assembly_mode: np.array(counts) for assembly_mode, counts in state["status"]
-        }
-        tally._poles = np.array(state["poles"])
-        tally._failed = {
-            name: {table: np.array(counts) for table, counts in tables.items()}
-            for name, tables in state["failed"].items()
-        }
-        tally._residual, tally._error = state["residual"], state["error"]
-        tally._off = state["configuration"]
-        tally._rate, tally._rate_dq = (
-            state["velocity_coefficient"],
-            state["acceleration_coefficient"],
-        )
-        tally._by_equations = list(state["by_equations"])
-        tally._by_kernel = int(state["by_kernel"])
-        tally._rank, tally._repeated = state["rank"], state["repeated"]
-        return tally
+    status: dict[str, Counts] = field(default_factory=dict)
+    poles: Counts = field(default_factory=dict)
+    failed: dict[str, dict[str, Counts]] = field(default_factory=dict)
+    largest: dict[str, float | None] = field(
+        default_factory=lambda: dict.fromkeys((RESIDUAL, OFF, *BOUNDS.values()))
+    )
+    judged: int = 0
+    by_equations: int = 0
+    by_kernel: int = 0
+    rank: int | None = None
+    redundant: dict[str, Any] | None = None
 
     def add(
         self, tracer: Tracer, motion: Motion, fields: Sequence[PoleField | UnreadField]
     ) -> None:
         """Count a block."""
-        status, every = run_status(motion, fields), np.zeros(CODES, dtype=np.int64)
+        status = run_status(motion, fields)
         for number, mode in enumerate(motion.assembly_modes):
             of_mode = status[number * motion.samples : (number + 1) * motion.samples]
-            counts = _codes(of_mode)
-            every = every + counts
-            self._status[mode.number] = counts + self._status.get(mode.number, 0)
-        self._residual = _largest(self._residual, motion.residual)
+            _add(self.status.setdefault(str(mode.number), {}), _counts(of_mode))
+        self._note(RESIDUAL, motion.residual)
         good = _good(motion.status)
-        self._off = _largest(self._off, motion.configuration_error[good])
-        for field in fields:
-            if field.status is not motion.status:
-                good = _good(field.status)
-            for codes, often in _counted_once(field.pole_status.values()):
-                alike = codes is status and isinstance(good, slice)
-                counts = every if alike else _codes(codes[good])
-                locked = len(fields) > 1 and counts[Status.NO_POLE] == np.sum(counts)
-                if not locked:  # links that other inputs hold together have none
-                    self._poles += often * counts
-            self._error = _largest_of(self._error, field, "error", good)
-            self._rate = _largest_of(self._rate, field, "velocity_coefficient_error", good)
-            self._rate_dq = _largest_of(
-                self._rate_dq, field, "acceleration_coefficient_error", good
-            )
-            self._by_equations[0] += int(np.count_nonzero(field.by_equations))
-            self._by_equations[1] += len(field.by_equations)
-            self._by_kernel += int(np.count_nonzero(field.by_kernel))
-        if self._rank is None and np.any(motion.status == Status.OK):
+        self._note(OFF, motion.configuration_error[good])
+        for poles in fields:
+            if poles.status is not motion.status:
+                good = _good(poles.status)
+            for codes, often in _counted_once(poles.pole_status.values()):
+                counts = _counts(codes[good])
+                if len(fields) == 1 or set(counts) != {Status.NO_POLE.name}:
+                    # Links that other inputs hold together have none.
+                    _add(self.poles, counts, often)
+            for name, largest in BOUNDS.items():
+                if isinstance(poles, UnreadField):
+                    self._note(largest, np.array([poles.largest[name]]))
+                    continue
+                for bound, _ in _counted_once(getattr(poles, name).values()):
+                    self._note(largest, bound[good])
+            self.by_equations += int(np.count_nonzero(poles.by_equations))
+            self.judged += len(poles.by_equations)
+            self.by_kernel += int(np.count_nonzero(poles.by_kernel))
+        if self.rank is None and np.any(motion.status == Status.OK):
             row = int(np.argmax(motion.status == Status.OK))
             closure = tracer.solver.closure
             tree, (vectors,) = closure.tree, closure.at(motion.values[[row]]).vectors
-            self._rank = int(rank_mobility(tree, vectors[None])[0])
+            self.rank = int(rank_mobility(tree, vectors[None])[0])
             over = redundancy(tree, vectors)
             names = [motion.mechanism.pairs[pair].name for pair in over.pairs]
-            self._repeated = {"count": over.count, "pairs": names}
+            self.redundant = {"count": over.count, "pairs": names}
+
+    def _note(self, name: str, values: Floats) -> None:
+        """Keep the largest finite number; what is infinite counts as none."""
+        largest = float(np.max(values, initial=-np.inf))
+        if not np.isfinite(largest):
+            largest = float(np.max(values[np.isfinite(values)], initial=-np.inf))
+        before = self.largest[name]
+        if np.isfinite(largest):
+            self.largest[name] = largest if before is None else max(before, largest)
 
     def add_rows(self, name: str, table: Table, data: TableData, batch: Batch) -> None:
         """Count rows of an analysis' table that failed where the configuration did not.
 
         What fails of pole axes is counted with these.
         """
-        failed = self._failed.setdefault(name, {})
+        needs, known = batch.needs, {Status.OK.name}
+        if needs.directions | needs.rates | needs.planes:
+            known |= {Status.NO_POLE.name, Status.ILL_CONDITIONED.name}
         for column in (c.name for c in table.columns if c.kind == "status"):
             given = data[column]
             parts = given.parts if isinstance(given, Interleaved) else (given,)
-            counts = failed.get(table.name, np.zeros(CODES, dtype=np.int64))
             for codes, often in _counted_once(np.asarray(part) for part in parts):
                 if table.in_assembly_modes and len(codes) % max(len(batch), 1) == 0:
                     of_rows = codes.reshape(len(batch), -1)
                     codes = of_rows[of_rows != batch.status[:, None]]
-                counts = counts + often * _codes(codes)
-            counts[Status.OK] = 0
-            needs = batch.needs
-            if needs.directions | needs.rates | needs.planes:
-                counts[[Status.NO_POLE, Status.ILL_CONDITIONED]] = 0
-            failed[table.name] = counts
+                counts = {k: n for k, n in _counts(codes).items() if k not in known}
+                if counts:
+                    tables = self.failed.setdefault(name, {})
+                    _add(tables.setdefault(table.name, {}), counts, often)
 
     @property
     def configurations(self) -> int:
         """Rows counted so far."""
-        return sum(int(np.sum(counts)) for counts in self._status.values())
+        return sum(sum(counts.values()) for counts in self.status.values())
 
-    @property
-    def solves(self) -> int:
-        """How many rows were solved by the velocity equations, for all inputs together."""
-        return self._by_equations[0]
-
-    @property
-    def rank(self) -> int | None:
-        """The mobility by rank at the first sample with a configuration."""
-        return self._rank
-
-    @property
-    def redundant(self) -> dict[str, Any] | None:
-        """The redundant constraints there."""
-        return self._repeated
-
-    def of_assembly_mode(self, assembly_mode: int) -> dict[str, int]:
+    def of_assembly_mode(self, number: int) -> Counts:
         """Return how many samples of an assembly mode have each status."""
-        return _counts(self._status.get(assembly_mode, np.zeros(CODES, dtype=np.int64)))
+        return _in_order(self.status.get(str(number), {}))
 
-    def failed_rows(self, name: str) -> dict[str, dict[str, int]]:
+    def failed_rows(self, name: str) -> dict[str, Counts]:
         """Return of each table of an analysis how many rows failed by which status."""
-        tables = self._failed.get(name, {}).items()
-        return {table: _counts(counts) for table, counts in tables if np.any(counts)}
+        tables = self.failed.get(name, {}).items()
+        return {table: _in_order(counts) for table, counts in tables}
 
     def statuses(self) -> dict[str, Any]:
         """Return the counts of samples and pole axes, and what their statuses mean."""
-        status = np.zeros(CODES, dtype=np.int64) + sum(self._status.values())
-        failed = [counts for tables in self._failed.values() for counts in tables.values()]
-        met = np.flatnonzero(status + self._poles + sum(failed))
+        status: Counts = {}
+        for counts in self.status.values():
+            _add(status, counts)
+        failed = [counts for tables in self.failed.values() for counts in tables.values()]
+        met = {name for counts in (status, self.poles, *failed) for name in counts}
         return {
-            "status": _counts(status),
-            "pole_status": _counts(self._poles),
+            "status": _in_order(status),
+            "pole_status": _in_order(self.poles),
             "status_meaning": {
-                Status(code).name: STATUS_MEANING[Status(code)] for code in met.tolist()
+                code.name: STATUS_MEANING[code] for code in Status if code.name in met
             },
         }
 
     def errors(self) -> dict[str, float | None]:
         """Return the largest errors reached."""
-        some, every = self._by_equations
+        every = self.judged
         return {
-            "largest_closure_residual_rad": self._residual,
-            "largest_configuration_error_rad": self._off,
-            "largest_direction_error_bound_rad": self._error,
-            "largest_velocity_coefficient_error_bound": self._rate,
-            "largest_acceleration_coefficient_error_bound": self._rate_dq,
-            "fraction_by_velocity_equations": some / every if every else None,
-            "fraction_by_kernel": self._by_kernel / every if every else None,
+            **self.largest,
+            "fraction_by_velocity_equations": self.by_equations / every if every else None,
+            "fraction_by_kernel": self.by_kernel / every if every else None,
         }
 
 
@@ -205,17 +163,21 @@ def _good(status: NDArray[np.int8]) -> slice | NDArray[np.bool_]:
     return slice(None) if np.all(held) else np.asarray(held)
 
 
-def _codes(status: NDArray[np.int8]) -> NDArray[np.int64]:
+def _counts(status: NDArray[np.int8]) -> Counts:
     """Return how often each code is there."""
     if not np.any(status != Status.OK):
-        counts = np.zeros(CODES, dtype=np.int64)
-        counts[Status.OK] = len(status)
-        return counts
-    return np.bincount(status, minlength=CODES)
+        return {Status.OK.name: len(status)} if len(status) else {}
+    counts = np.bincount(status, minlength=len(Status)).tolist()
+    return {code.name: counts[code] for code in Status if counts[code]}
 
 
-def _counts(counts: NDArray[np.int64]) -> dict[str, int]:
-    return {code.name: int(counts[code]) for code in Status if counts[code]}
+def _add(counts: Counts, more: Mapping[str, int], often: int = 1) -> None:
+    for name, count in more.items():
+        counts[name] = counts.get(name, 0) + often * count
+
+
+def _in_order(counts: Mapping[str, int]) -> Counts:
+    return {code.name: counts[code.name] for code in Status if code.name in counts}
 
 
 def _counted_once(
@@ -227,29 +189,3 @@ def _counted_once(
         key = array.__array_interface__["data"][0], array.strides
         counted[key] = array, counted.get(key, (array, 0))[1] + 1
     return counted.values()
-
-
-def _largest_of(
-    so_far: float | None,
-    field: PoleField | UnreadField,
-    name: str,
-    good: slice | NDArray[np.bool_],
-) -> float | None:
-    """Return the largest error so far, with those of poles at good rows."""
-    if isinstance(field, UnreadField):
-        return _largest(so_far, np.array([field.largest[name]]))
-    for error, _ in _counted_once(getattr(field, name).values()):
-        so_far = _largest(so_far, error[good])
-    return so_far
-
-
-def _largest(so_far: float | None, values: Floats) -> float | None:
-    if not len(values):
-        return so_far
-    largest = float(np.max(values))
-    if not np.isfinite(largest):
-        finite = values[np.isfinite(values)]
-        if not len(finite):
-            return so_far
-        largest = float(np.max(finite))
-    return largest if so_far is None else max(so_far, largest)

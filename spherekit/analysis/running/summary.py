@@ -99,5 +99,6 @@ def actual_cost(
             recorder.finish()
         logged = recorder.cost
     tally = standing.tally
-    cost = cost_of(ledger, job.requests, tally.configurations, tally.solves, tables, logged)
+    counts = tally.configurations, tally.by_equations
+    cost = cost_of(ledger, job.requests, *counts, tables, logged)
     return cost | job.course.cost()
