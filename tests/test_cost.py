@@ -15,7 +15,7 @@ from spherekit.analysis.registry import create
 from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.running import expected, recording
 from spherekit.analysis.running.cost import Timer, counts_of
-from spherekit.analysis.running.sizes import csv_row
+from spherekit.analysis.running.expected import csv_row
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
 from spherekit.model.dynamics import Mass, Spring

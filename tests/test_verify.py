@@ -18,7 +18,7 @@ from spherekit.analysis.running.evaluation import Evaluation
 from spherekit.analysis.running.run_plan import Asked, RunPlan
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import ORDINARY
-from spherekit.analysis.running.verdict_words import faults, told
+from spherekit.analysis.running.summary import faults, told
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main

@@ -1,38 +1,54 @@
-"""Running analyses: what they need is planned, evaluated in blocks, and handed over."""
+"""Running analyses: what they need is planned, evaluated in blocks, and handed over.
 
+Work in a folder is taken up as it was left, and kept if the run is stopped.
+"""
+
+import os
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any
 
+from spherekit.analysis.batch import Batch
+from spherekit.analysis.computed import computed, findings_of, scenes_of
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.execution import Execution
+from spherekit.analysis.faults import faults_of
+from spherekit.analysis.folder.journal import RunFolder, Unfinished, differences
 from spherekit.analysis.folder.on_disk import OnDisk
 from spherekit.analysis.folder.resource_check import need_disk
-from spherekit.analysis.folder.unfinished import (
-    engine_of,
-    kept,
-    opened,
-    setting_of,
-    taken_up,
-)
 from spherekit.analysis.options import Subject, study_of, takes
-from spherekit.analysis.result import RunResult, file_names, result_of
-from spherekit.analysis.running.block import add_events, evaluate_block
-from spherekit.analysis.running.cost import RECORDING, SEARCH, SIMULATION, Timer
-from spherekit.analysis.running.needed import left_out, needed_part
+from spherekit.analysis.result import MOTION, RunResult, file_names, result_of
+from spherekit.analysis.rows import InMemory
+from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.recording import RecordingSession, thinning_of
-from spherekit.analysis.running.run_plan import Asked, job_of
-from spherekit.analysis.running.sampling import courses_of
-from spherekit.analysis.running.setting import ORDINARY
-from spherekit.analysis.running.summary import actual_cost, summary_of
-from spherekit.analysis.running.verdict_words import faults
+from spherekit.analysis.running.run_plan import (
+    Asked,
+    RunPlan,
+    job_of,
+    left_out,
+    motion_rows,
+    needed_part,
+)
+from spherekit.analysis.running.run_state import RunState
+from spherekit.analysis.running.sampling import EVENTS, courses_of
+from spherekit.analysis.running.setting import ORDINARY, Setting
+from spherekit.analysis.running.summary import actual_cost, faults, summary_of
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import chosen
+from spherekit.analysis.table_scenes import table_scenes
 from spherekit.analysis.tables import Files
 from spherekit.checked import checked
-from spherekit.errors import AnalysisError
+from spherekit.conventions import listing
+from spherekit.engine.kernels import ENGINES, Engine
+from spherekit.errors import AnalysisError, OutputError, SpherekitError
 from spherekit.model.study import Study
+from spherekit.motion.motion import Motion
+from spherekit.rates.pole_field import PoleField
+from spherekit.rates.signs import SignMemory
+from spherekit.sphere.rotation import Floats
 
 
 @takes(Execution)
@@ -195,3 +211,202 @@ def traced(
         or execution.setting != ORDINARY
         or any(analysis.reads_samples for analysis in analyses)
     )
+
+
+def evaluate_block(
+    job: RunPlan,
+    motion: Motion,
+    standing: RunState,
+    store: OnDisk | InMemory | None,
+    stage: RecordingSession | None,
+    ledger: Timer,
+) -> tuple[tuple[PoleField | UnreadField, ...], Mapping[str, Floats]]:
+    """Evaluate a block for all analyses, and hand over what they make of it.
+
+    Return its poles for each input, and the variables that go on. An analysis that fails
+    is noted in `standing`, and not asked again.
+    """
+    course = job.course
+    with ledger.stage(AXES):
+        fields = job.evaluation.fields(motion, standing.signs)
+        angles = job.evaluation.angles(motion, standing.angles)
+    if stage is not None:
+        with ledger.stage(RECORDING):
+            stage.motion(motion)
+    for analysis, what in zip(job.analyses, job.needs, strict=True):
+        is_asked = analysis.reads_samples or standing.done == 0
+        if analysis.name in standing.failures or not is_asked:
+            continue
+        batch = Batch(
+            job.mechanism,
+            job.plans,
+            what,
+            motion,
+            fields,
+            angles,
+            course.timed,
+            course.tracer,
+            lambda: course.extent,
+        )
+        try:
+            with ledger.stage(f"analysis {analysis.name}"):
+                tables = computed(analysis, job.tables_of(analysis), batch)
+                before = standing.findings.get(analysis.name)
+                findings = findings_of(analysis, batch, before)
+            if stage is not None:
+                with ledger.stage(RECORDING):
+                    scenes = scenes_of(analysis, batch)
+                    scenes = scenes or table_scenes(job.tables_of(analysis), tables, batch)
+                    with faults_of(analysis.name, "showing its scene"):
+                        stage.scenes(scenes, motion, analysis.name)
+        except OutputError:
+            raise
+        except SpherekitError as problem:
+            standing.failures[analysis.name] = str(problem)
+            continue
+        standing.findings[analysis.name] = findings
+        for table, stored in zip(
+            job.tables_of(analysis), job.stored_tables_of(analysis), strict=True
+        ):
+            if store is not None:
+                named = stored.named(tables[table.name], job.names)
+                store.add(analysis.name, stored, named)
+            standing.count(analysis.name, table.name, tables[table.name])
+            standing.tally.add_rows(analysis.name, table, tables[table.name], batch)
+    if job.motion_tables:
+        stored = job.motion_tables[0]
+        rows = stored.named(motion_rows(course, motion, fields), job.names)
+        if store is not None:
+            store.add(MOTION, stored, rows)
+        standing.count(MOTION, MOTION, {"sample": motion.sample})
+    standing.tally.add(course.tracer, motion, fields)
+    standing.done += motion.samples
+    return fields, angles
+
+
+def add_events(job: RunPlan, standing: RunState, store: OnDisk | InMemory | None) -> None:
+    """Hand over what happened in the course of a simulation, known when it is whole."""
+    if job.course.simulation is not None:
+        events = job.course.events()
+        if store is not None:
+            store.add(MOTION, EVENTS.of(job.mechanism), events)
+        standing.count(MOTION, EVENTS.name, events)
+
+
+@contextmanager
+def opened(folder: str | os.PathLike[str] | None) -> Iterator[RunFolder | None]:
+    """Give the locked folder of a run, None without one."""
+    if folder is None:
+        yield None
+        return
+    with RunFolder.opened(folder) as place:
+        yield place
+
+
+def _began(place: RunFolder | None, unfinished: Unfinished, what: str) -> Any:
+    """Return what a run that goes on was begun with, None of one that starts."""
+    if place is None or unfinished != "resume" or not place.unfinished:
+        return None
+    identity = place.read().get("identity")
+    return identity.get(what) if isinstance(identity, dict) else None
+
+
+def engine_of(place: RunFolder | None, unfinished: Unfinished, engine: Engine) -> Engine:
+    """Return the engine: to go on, the one that was chosen when the run began."""
+    began = _began(place, unfinished, "engine") if engine == "auto" else None
+    return next((choice for choice in ENGINES if choice == began), engine)
+
+
+def setting_of(
+    place: RunFolder | None, unfinished: Unfinished, setting: Setting
+) -> Setting:
+    """Return the setting: to go on, the one that was chosen when the run began."""
+    began = _began(place, unfinished, "setting")
+    try:
+        return Setting(**began) if isinstance(began, dict) else setting
+    except TypeError:
+        return setting
+
+
+def taken_up(
+    job: RunPlan, place: RunFolder | None, unfinished: Unfinished, tables: bool
+) -> tuple[RunState, OnDisk | InMemory | None]:
+    """Return where the run stands, at the start or as it was stopped, and its store.
+
+    Raises
+    ------
+    OutputError
+        If there is unfinished work that is not to be gone on with, is of another run, or
+        is damaged.
+    """
+    standing = RunState([SignMemory() for _ in job.requests], failures=dict(job.refused))
+    if place is None:
+        return standing, InMemory() if tables else None
+    if not place.unfinished or unfinished == "discard":
+        place.discard()
+        return standing, OnDisk(place.work, not job.is_single_block, {})
+    state = place.read()
+    try:
+        differs = differences(state["identity"], job.identity)
+        done = int(state["standing"]["done"])
+        if not differs and unfinished == "resume":
+            store = OnDisk(place.work, not job.is_single_block, state["store"])
+            every = job.tables().items()
+            store.check([(name, table) for name, declared in every for table in declared])
+            return RunState.restored(state["standing"]), store
+    except OutputError as problem:
+        raise place.damaged(str(problem)) from None
+    except (LookupError, TypeError, ValueError, AttributeError) as problem:
+        raise place.damaged(f"{type(problem).__name__}: {problem}") from None
+    if differs:
+        raise OutputError(
+            f"{str(place.path)!r}: unfinished work of a different run is there "
+            f"({differs}); choose another folder, or throw that work away with --restart "
+            '(unfinished="discard")'
+        )
+    raise OutputError(
+        f"{str(place.path)!r}: this run was stopped there when {done} of "
+        f"{job.course.total} samples were done; go on with --resume "
+        '(unfinished="resume"), or begin again with --restart (unfinished="discard")'
+    )
+
+
+@contextmanager
+def kept(
+    job: RunPlan,
+    place: RunFolder | None,
+    standing: RunState,
+    store: OnDisk | InMemory | None,
+) -> Iterator[Callable[[RunPlan], None]]:
+    """Give what is called after each block; if the run is stopped, keep what was done."""
+    if place is None or not isinstance(store, OnDisk):
+        yield lambda job: None
+        return
+    last: dict[str, Any] = {}
+    done = standing.done
+
+    def write() -> None:
+        nonlocal done
+        store.settle()
+        place.write(last)
+        done = last["standing"]["done"]
+
+    def after_block(job: RunPlan) -> None:
+        last.update(identity=job.identity, standing=standing.state(), store=store.state())
+        if place.due:
+            write()
+
+    try:
+        yield after_block
+    except BaseException as error:
+        if last:
+            with suppress(OutputError):  # a full disk: then the journal before counts
+                write()
+        if done:
+            total = job.course.total
+            error.add_note(f"{done} of {total} samples are done and kept in {place.path}")
+        else:
+            why = f", since {listing(job.at_once)} looks at all samples at once"
+            error.add_note(f"nothing was kept{why if job.at_once else ''}")
+        raise
+    place.discard()

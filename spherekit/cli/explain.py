@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
     from spherekit.analysis.registry import create
-    from spherekit.analysis.running.needed import needed_part
+    from spherekit.analysis.running.run_plan import needed_part
     from spherekit.analysis.study import analyses_of
 
     study = study_from(options)

@@ -34,7 +34,7 @@ def report(summary: Any) -> str:
         lines.append(_simulated(summary["simulation"], summary["cost"]["simulate"]))
     lines += _errors(summary["errors_reached"])
     if "verified" in summary:
-        from spherekit.analysis.running.verdict_words import told
+        from spherekit.analysis.running.summary import told
 
         lines += told(summary["verified"])
     lines += spent(summary["cost"])

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.placed_labels import placed_labels
+from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Diagram, Floats, Page
 from spherekit.figures import style
 from spherekit.figures.sdk import Axes, Figure

@@ -6,8 +6,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.analysis.placed_labels import placed_labels
-from spherekit.analysis.plotted import MOST_KINDS, TURNS
+from spherekit.analysis.plotted import MOST_KINDS, TURNS, placed_labels
 from spherekit.analysis.scene import Axis, Floats, Mark, Page, Portrait, titled
 from spherekit.figures import style
 from spherekit.figures.curves import page_look

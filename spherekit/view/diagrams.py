@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from spherekit.analysis.placed_labels import placed_labels
+from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Diagram, Floats
 from spherekit.view import charts, colours
 from spherekit.view.sdk import rr

@@ -1,4 +1,4 @@
-"""A run made ready: what is evaluated for whom, in blocks of how many samples."""
+"""A run made ready: what is evaluated for whom, of which part, in which blocks."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, Self, final
 
+from spherekit.analysis.batch import run_status
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder.resource_check import need_memory
@@ -13,15 +14,31 @@ from spherekit.analysis.needs import Needs
 from spherekit.analysis.requests import requests_for
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.evaluation import Evaluation
-from spherekit.analysis.running.motion_table import motion_table
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.run_state import identity_of
 from spherekit.analysis.running.sampling import EVENTS, Sampling
 from spherekit.analysis.running.setting import Setting
-from spherekit.analysis.tables import Table
+from spherekit.analysis.tables import (
+    ASSEMBLY_MODE,
+    INPUTS,
+    RESIDUAL,
+    SAMPLE,
+    STATUS,
+    TIME,
+    Column,
+    Table,
+    TableArrays,
+    input_columns,
+)
 from spherekit.errors import AnalysisError, PluginError
+from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
+from spherekit.motion.motion import Motion
 from spherekit.planning.inputs import driven_at
+from spherekit.planning.part import part_for
 from spherekit.planning.poles import Plan
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import Request
 
 
@@ -204,3 +221,96 @@ def _need_times(course: Sampling, asked: Asked) -> None:
                 f"{analysis.name}: needs time, but with several inputs nothing says how "
                 "they move; give a law for every input, and a duration"
             )
+
+
+def motion_table(course: Sampling) -> Table:
+    """Return the table of the configurations of a course."""
+    mechanism = course.tracer.mechanism
+    variables = [
+        Column(name, "rad", f"variable of pair {mechanism.pairs[owner].name}")
+        for name, owner in zip(
+            mechanism.variable_names, mechanism.variable_owners, strict=True
+        )
+    ]
+    return Table(
+        MOTION,
+        "the configurations: one row per sample and assembly mode",
+        (
+            SAMPLE,
+            ASSEMBLY_MODE,
+            *([TIME] if course.timed else []),
+            INPUTS,
+            *variables,
+            RESIDUAL,
+            STATUS,
+        ),
+    ).of(mechanism)
+
+
+def motion_rows(
+    course: Sampling, motion: Motion, fields: Sequence[PoleField | UnreadField]
+) -> TableArrays:
+    """Return the rows of a block of a course whose poles were found."""
+    mechanism = course.tracer.mechanism
+    rows: dict[str, Any] = {"sample": motion.sample, "assembly_mode": motion.assembly_mode}
+    if course.timed and motion.timing is not None:
+        rows["t"] = motion.timing.t
+    rows |= input_columns(mechanism, motion.inputs)
+    rows |= dict(zip(mechanism.variable_names, motion.values.T, strict=True))
+    return rows | {"residual": motion.residual, "status": run_status(motion, fields)}
+
+
+def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
+    """Return the numbers of the links whose placement something declared depends on."""
+    poles = needs.directions | needs.rates | needs.planes | needs.turns
+    pairs = needs.pair_values | needs.continued_values | needs.pair_rates
+    names = needs.rotations | needs.link_rates
+    names |= {link for pair in pairs for link in mechanism.pair(pair).links}
+    return frozenset(
+        {link for pole in poles for link in pole}
+        | {mechanism.link_number[name] for name in names}
+        | needs.links
+    )
+
+
+def needed_part(study: Study, analyses: Sequence[AbstractAnalysis]) -> Mechanism:
+    """Return the mechanism of a study without what no analysis needs.
+
+    Raises
+    ------
+    AnalysisError
+        If an analysis does not declare what it reads, so that it may read anything, or
+        the motion follows from loads on all links.
+    PlanError
+        If there is not one freedom for each input.
+    """
+    mechanism = study.mechanism
+    if study.start is not None:
+        raise AnalysisError(
+            f"{mechanism.name}: a motion that follows from loads needs all links; run it "
+            "without only_needed (--only-needed)"
+        )
+    wanted: frozenset[int] = frozenset()
+    for analysis in analyses:
+        try:
+            needs = declared(analysis, mechanism)
+        except PluginError:
+            continue  # the run says so
+        links = links_of(mechanism, needs)
+        if not (needs.links if needs.tracer else links):
+            raise AnalysisError(
+                f"{analysis.name}: looks at the whole mechanism, so no part of it can be "
+                "left out; run it without only_needed (--only-needed)"
+            )
+        wanted |= links
+    return part_for(mechanism, wanted)
+
+
+def left_out(whole: Mechanism, part: Mechanism) -> dict[str, Any]:
+    """Return what a part lacks, with the fingerprint of the whole, ready for JSON."""
+    names = {pair.name for pair in part.pairs}
+    return {
+        "mechanism_hash": mechanism_hash(whole),
+        "left_out_links": [link for link in whole.links if link not in part.links],
+        "left_out_pairs": [p.name for p in whole.pairs if p.name not in names],
+    }

@@ -1,25 +1,205 @@
-"""How far a run is, and what it carries from block to block."""
+"""How far a run is, what it carries from block to block, and what its summary counts."""
 
 import hashlib
 import platform
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self, final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from spherekit.analysis.batch import Batch, run_status
 from spherekit.analysis.contract import AbstractAnalysis, Findings
-from spherekit.analysis.running.run_statistics import RunStatistics
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.setting import Setting
-from spherekit.analysis.tables import TableData
+from spherekit.analysis.tables import Table, TableData
+from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.files.plain import as_json
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.continued import AngleMemory
+from spherekit.motion.loops import rank_mobility, redundancy
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.numeric.unread import Interleaved
+from spherekit.rates.pole_field import PoleField
 from spherekit.rates.signs import SignMemory
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
+
+Counts = dict[str, int]
+"""How often each status is there, by its name."""
+
+RESIDUAL, OFF = "largest_closure_residual_rad", "largest_configuration_error_rad"
+BOUNDS = {
+    "error": "largest_direction_error_bound_rad",
+    "velocity_coefficient_error": "largest_velocity_coefficient_error_bound",
+    "acceleration_coefficient_error": "largest_acceleration_coefficient_error_bound",
+}
+"""What the summary calls the largest of bounds of poles."""
+
+
+@final
+@dataclass
+class RunStatistics:
+    """Counts and largest errors of the blocks so far, ready for JSON; they do not grow.
+
+    `status` counts rows by assembly mode, `poles` pole axes, `failed` rows of tables by
+    analysis and table; `judged` rows of fields, of which `by_equations` were solved by the
+    velocity equations and `by_kernel` given by a kernel. `rank` is the mobility by rank at
+    the first sample with a configuration, `redundant` the redundant constraints there.
+    """
+
+    status: dict[str, Counts] = field(default_factory=dict)
+    poles: Counts = field(default_factory=dict)
+    failed: dict[str, dict[str, Counts]] = field(default_factory=dict)
+    largest: dict[str, float | None] = field(
+        default_factory=lambda: dict.fromkeys((RESIDUAL, OFF, *BOUNDS.values()))
+    )
+    judged: int = 0
+    by_equations: int = 0
+    by_kernel: int = 0
+    rank: int | None = None
+    redundant: dict[str, Any] | None = None
+
+    def add(
+        self, tracer: Tracer, motion: Motion, fields: Sequence[PoleField | UnreadField]
+    ) -> None:
+        """Count a block."""
+        status = run_status(motion, fields)
+        for number, mode in enumerate(motion.assembly_modes):
+            of_mode = status[number * motion.samples : (number + 1) * motion.samples]
+            _add(self.status.setdefault(str(mode.number), {}), _counts(of_mode))
+        self._note(RESIDUAL, motion.residual)
+        good = _good(motion.status)
+        self._note(OFF, motion.configuration_error[good])
+        for poles in fields:
+            if poles.status is not motion.status:
+                good = _good(poles.status)
+            for codes, often in _counted_once(poles.pole_status.values()):
+                counts = _counts(codes[good])
+                if len(fields) == 1 or set(counts) != {Status.NO_POLE.name}:
+                    # Links that other inputs hold together have none.
+                    _add(self.poles, counts, often)
+            for name, largest in BOUNDS.items():
+                if isinstance(poles, UnreadField):
+                    self._note(largest, np.array([poles.largest[name]]))
+                    continue
+                for bound, _ in _counted_once(getattr(poles, name).values()):
+                    self._note(largest, bound[good])
+            self.by_equations += int(np.count_nonzero(poles.by_equations))
+            self.judged += len(poles.by_equations)
+            self.by_kernel += int(np.count_nonzero(poles.by_kernel))
+        if self.rank is None and np.any(motion.status == Status.OK):
+            row = int(np.argmax(motion.status == Status.OK))
+            closure = tracer.solver.closure
+            tree, (vectors,) = closure.tree, closure.at(motion.values[[row]]).vectors
+            self.rank = int(rank_mobility(tree, vectors[None])[0])
+            over = redundancy(tree, vectors)
+            names = [motion.mechanism.pairs[pair].name for pair in over.pairs]
+            self.redundant = {"count": over.count, "pairs": names}
+
+    def _note(self, name: str, values: Floats) -> None:
+        """Keep the largest finite number; what is infinite counts as none."""
+        largest = float(np.max(values, initial=-np.inf))
+        if not np.isfinite(largest):
+            largest = float(np.max(values[np.isfinite(values)], initial=-np.inf))
+        before = self.largest[name]
+        if np.isfinite(largest):
+            self.largest[name] = largest if before is None else max(before, largest)
+
+    def add_rows(self, name: str, table: Table, data: TableData, batch: Batch) -> None:
+        """Count rows of an analysis' table that failed where the configuration did not.
+
+        What fails of pole axes is counted with these.
+        """
+        needs, passed_over = batch.needs, {Status.OK.name}
+        if needs.directions | needs.rates | needs.planes:
+            passed_over |= {Status.NO_POLE.name, Status.ILL_CONDITIONED.name}
+        for column in (c.name for c in table.columns if c.kind == "status"):
+            given = data[column]
+            parts = given.parts if isinstance(given, Interleaved) else (given,)
+            for codes, often in _counted_once(np.asarray(part) for part in parts):
+                if table.in_assembly_modes and len(codes) % max(len(batch), 1) == 0:
+                    of_rows = codes.reshape(len(batch), -1)
+                    codes = of_rows[of_rows != batch.status[:, None]]
+                counts = {k: n for k, n in _counts(codes).items() if k not in passed_over}
+                if counts:
+                    tables = self.failed.setdefault(name, {})
+                    _add(tables.setdefault(table.name, {}), counts, often)
+
+    @property
+    def configurations(self) -> int:
+        """Rows counted so far."""
+        return sum(sum(counts.values()) for counts in self.status.values())
+
+    def of_assembly_mode(self, number: int) -> Counts:
+        """Return how many samples of an assembly mode have each status."""
+        return _in_order(self.status.get(str(number), {}))
+
+    def failed_rows(self, name: str) -> dict[str, Counts]:
+        """Return of each table of an analysis how many rows failed by which status."""
+        tables = self.failed.get(name, {}).items()
+        return {table: _in_order(counts) for table, counts in tables}
+
+    def statuses(self) -> dict[str, Any]:
+        """Return the counts of samples and pole axes, and what their statuses mean."""
+        status: Counts = {}
+        for counts in self.status.values():
+            _add(status, counts)
+        failed = [counts for tables in self.failed.values() for counts in tables.values()]
+        met = {name for counts in (status, self.poles, *failed) for name in counts}
+        return {
+            "status": _in_order(status),
+            "pole_status": _in_order(self.poles),
+            "status_meaning": {
+                code.name: STATUS_MEANING[code] for code in Status if code.name in met
+            },
+        }
+
+    def errors(self) -> dict[str, float | None]:
+        """Return the largest errors reached."""
+        every = self.judged
+        return {
+            **self.largest,
+            "fraction_by_velocity_equations": self.by_equations / every if every else None,
+            "fraction_by_kernel": self.by_kernel / every if every else None,
+        }
+
+
+def _good(status: NDArray[np.int8]) -> slice | NDArray[np.bool_]:
+    """Return which rows are well: a slice, if all are."""
+    held = status == Status.OK
+    return slice(None) if np.all(held) else np.asarray(held)
+
+
+def _counts(status: NDArray[np.int8]) -> Counts:
+    """Return how often each code is there."""
+    if not np.any(status != Status.OK):
+        return {Status.OK.name: len(status)} if len(status) else {}
+    counts = np.bincount(status, minlength=len(Status)).tolist()
+    return {code.name: counts[code] for code in Status if counts[code]}
+
+
+def _add(counts: Counts, more: Mapping[str, int], often: int = 1) -> None:
+    for name, count in more.items():
+        counts[name] = counts.get(name, 0) + often * count
+
+
+def _in_order(counts: Mapping[str, int]) -> Counts:
+    return {code.name: counts[code.name] for code in Status if code.name in counts}
+
+
+def _counted_once(
+    arrays: Iterable[NDArray[Any]],
+) -> Iterable[tuple[NDArray[Any], int]]:
+    """Return arrays without those that are there again, and how often each is."""
+    counted: dict[tuple[int, tuple[int, ...]], tuple[NDArray[Any], int]] = {}
+    for array in arrays:
+        key = array.__array_interface__["data"][0], array.strides
+        counted[key] = array, counted.get(key, (array, 0))[1] + 1
+    return counted.values()
 
 
 @final

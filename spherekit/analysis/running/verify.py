@@ -22,7 +22,7 @@ from spherekit.analysis.needs import Needs
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.run_plan import RunPlan
-from spherekit.analysis.running.verdict_words import BOUNDED
+from spherekit.analysis.running.summary import BOUNDED
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     RESIDUAL,
