@@ -331,7 +331,7 @@ class Archive:
                         "anew with this spherekit"
                     )
                 given = {name: archive[name] for name in archive.files if name != "header"}
-            return {name: _tuples(value) for name, value in header.items()}, given
+            return _tuples(header), given
         except OSError as error:
             raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
         except DAMAGED as error:
@@ -345,6 +345,9 @@ class Archive:
 
 
 def _tuples(value: Any) -> Any:
+    """Return what a heading says with tuples for lists, wherever they are in it."""
+    if isinstance(value, dict):
+        return {name: _tuples(part) for name, part in value.items()}
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
