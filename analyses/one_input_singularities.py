@@ -268,7 +268,7 @@ class OneInput:
 
         def ratio(measures: RelationMeasures) -> Floats:
             with np.errstate(divide="ignore", invalid="ignore"):
-                return np.asarray(measures.output_rate / measures.input_rate)
+                return measures.output_rate / measures.input_rate
 
         status = np.where(batch.status == Status.OK, sampled.status, batch.status)
 

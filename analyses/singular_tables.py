@@ -104,7 +104,7 @@ def of_type(kind: str) -> str:
 
 def angle_of(sizes: Floats) -> Floats:
     """Return (n,) rad: the angle of all motions to those that keep inputs or output."""
-    return np.asarray(np.arcsin(np.minimum(sizes, 1.0)))
+    return np.arcsin(np.minimum(sizes, 1.0))
 
 
 def configuration_columns(

@@ -83,7 +83,7 @@ class DyadsWithClosingLink:
         one, other = _around(directions)
         x = dot(one, first) + dot(other, second)
         y = dot(other, first) - dot(one, second)
-        return np.asarray(np.arctan2(y, x))
+        return np.arctan2(y, x)
 
     def links_of(self, placed: Placed, signs: Signs, count: int) -> Floats:
         """Return the orientations (n, count, 3, 3) of all links but the virtual ones."""
@@ -204,7 +204,7 @@ class DyadsWithClosingLink:
     def slope(self, placed: Placed, directions: Floats, signs: Signs) -> Floats:
         """Return the derivative of f (n,) by the turn."""
         rate = self.rate(placed, signs)
-        return np.asarray(dot(rate.top, directions) / rate.bottom)
+        return dot(rate.top, directions) / rate.bottom
 
     def sense(self, directions: Floats, turn: Floats, signs: Signs) -> Floats:
         """Return +1 or -1 (n,): whether f grows or falls with the turn."""

@@ -151,7 +151,7 @@ def output_rates(motion: Motion, output: Output) -> Floats:
     mechanism = motion.mechanism
     link = mechanism.link_number[output.link]
     base = mechanism.link_number[output.relative_to]
-    good = np.asarray(motion.status == Status.OK)
+    good = motion.status == Status.OK
     rates = np.full((len(motion), 3, motion.inputs.shape[1]), np.nan)
     inverse = transpose(motion.rotations[good, base])
     for column, pair in enumerate(motion.assembly.inputs):

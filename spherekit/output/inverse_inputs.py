@@ -100,4 +100,4 @@ class Inverse:
         if rows.shape[2] == 2:
             along = np.cross(rows[..., 0, :], rows[..., 1, :])
         columns, volume = reciprocal(rows, along)
-        return np.asarray(np.swapaxes(columns, -1, -2) / volume[..., None, None])
+        return np.swapaxes(columns, -1, -2) / volume[..., None, None]

@@ -34,7 +34,7 @@ class InputRates:
     def rates(self) -> Floats:
         """(n, inputs, 3) rates per unit angular velocity of the output."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(self.tops / self.bottoms[..., None])
+            return self.tops / self.bottoms[..., None]
 
     @property
     def type_1(self) -> Floats:
@@ -54,4 +54,4 @@ def reciprocal(vectors: Floats, along: Floats | None) -> tuple[Floats, Floats]:
     every = [cross(b, third), cross(third, a)]
     if along is None:
         every.append(cross(a, b))
-    return np.stack(every, axis=-2), np.asarray(np.sum(a * every[0], axis=-1))
+    return np.stack(every, axis=-2), np.sum(a * every[0], axis=-1)

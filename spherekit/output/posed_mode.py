@@ -57,7 +57,7 @@ class Rate:
     @property
     def unit(self) -> Floats:
         """The unit normal (3, n)."""
-        return np.asarray(self.normal * (self.sense / self.size))
+        return self.normal * (self.sense / self.size)
 
 
 @final
@@ -109,7 +109,7 @@ class PosedMode:
         """The derivative (n,) of the bar's gap by the turn."""
         assert self.turn is not None
         gap, directions = self.turn
-        return np.asarray(dot(gap.top, directions) / gap.bottom)
+        return dot(gap.top, directions) / gap.bottom
 
     def input(self, pair: int) -> Floats:
         """Return an input (n,), NaN where the mode has no configuration."""

@@ -40,7 +40,7 @@ def pose_of(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
     """Return the orientations (n, 3, 3) of an output from those of all links."""
     base = mechanism.link_number[output.relative_to]
     link = mechanism.link_number[output.link]
-    return np.asarray(transpose(rotations[:, base]) @ rotations[:, link])
+    return transpose(rotations[:, base]) @ rotations[:, link]
 
 
 def solved(

@@ -63,7 +63,7 @@ class SingularCurve:
     @cached_property
     def directions(self) -> Floats:
         """Unit vectors (n - 1, V) of the chords."""
-        return np.asarray(np.diff(self.nodes.values, axis=0) / self.chords[:, None])
+        return np.diff(self.nodes.values, axis=0) / self.chords[:, None]
 
     @cached_property
     def s(self) -> Floats:

@@ -124,7 +124,7 @@ class LocusPoints(ArrayRows):
     @property
     def good(self) -> NDArray[np.bool_]:
         """(n,) points on the locus."""
-        return np.asarray(self.residual < ON_LOCUS)
+        return self.residual < ON_LOCUS
 
 
 @final

@@ -153,7 +153,7 @@ def local_least(
         grid = np.append(grid, grid[1:3] + curve.length)
 
     def square(s: Floats) -> Floats:
-        return np.asarray(np.sin(angles(s)) ** 2)
+        return np.sin(angles(s)) ** 2
 
     places, squares = minima(square, grid, limit**2)
     if curve.closed:

@@ -83,7 +83,7 @@ def located(along: AlongCurve, pole: Pole) -> Roots | None:
 def place_error(curve: ArcCurve, error: Floats, slope: Floats) -> Floats:
     """Return bounds (n,) of the errors of simple zeros."""
     steep = np.maximum(np.abs(slope), EPS)
-    return np.asarray(np.minimum(error / steep + 16.0 * EPS * curve.length, curve.length))
+    return np.minimum(error / steep + 16.0 * EPS * curve.length, curve.length)
 
 
 def groups_of(

@@ -140,7 +140,7 @@ class Relation:
         """Return (n,) by how much rates break the relation, relative to their size."""
         size = np.hypot(output_rate, input_rate)
         gap = np.abs(self.c * output_rate - self.d * input_rate)
-        return np.asarray(gap / np.where(size > 0.0, size, 1.0))
+        return gap / np.where(size > 0.0, size, 1.0)
 
 
 def form_i(links: FourLinks, poles: SixPoles) -> Relation:

@@ -266,7 +266,7 @@ class SampledSingularities:
             )
             return np.where(np.hypot(of, to) > STILL, np.arctan2(of, to), np.nan)
         measure = Transmission(along.closure.tree, (self._driven,), *links)
-        return np.asarray(np.arcsin(measure.at(along.vectors(s))))
+        return np.arcsin(measure.at(along.vectors(s)))
 
     def measures(self) -> list[RelationMeasures]:
         """Return the measures of every output in each form."""

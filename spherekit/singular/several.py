@@ -261,7 +261,7 @@ def _with_motions(
             if pole != driven[0]:
                 between = rates[:, pole[0]] - rates[:, pole[1]]
             size = np.linalg.norm(between, axis=1, keepdims=True)
-            return np.asarray(between / np.where(size > SINGULAR, size, np.nan))
+            return between / np.where(size > SINGULAR, size, np.nan)
 
         filling = _relation(FourLinks(i, r, output.link, output.relative_to), direction)
         for whole, part in zip((c[:, k], d[:, k], u[:, k]), filling, strict=True):

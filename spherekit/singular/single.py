@@ -439,4 +439,4 @@ def _volume(rates: LinkRates, links: FourLinks) -> tuple[Floats, Floats]:
     normal = cross(b, c)
     slope = np.sum(da * normal, axis=1)
     slope += np.sum(a * (cross(db, c) + cross(b, dc)), axis=1)
-    return np.asarray(np.sum(a * normal, axis=1)), slope
+    return np.sum(a * normal, axis=1), slope

@@ -266,12 +266,12 @@ class OutputStationary:
         moved = cross(w[:, :, None], watched[:, None])
         turned = self._between(at)[:, None] * space.turned
         change = moved @ np.swapaxes(turning, 1, 2)[:, None]
-        return np.asarray(change + watched[:, None] @ np.swapaxes(turned, 2, 3))
+        return change + watched[:, None] @ np.swapaxes(turned, 2, 3)
 
     def equations(self, at: Linearisation) -> Floats:
         """Return E (n, m, V)."""
         watched, turning = self._watched_at(at)
-        return np.asarray(watched @ np.swapaxes(turning, 1, 2))
+        return watched @ np.swapaxes(turning, 1, 2)
 
     def _between(self, at: Linearisation) -> Floats:
         """Return how variables turn the output: (V,) 1, -1, or 0 for no part in it."""
@@ -287,7 +287,7 @@ class OutputStationary:
     def orientation(self, at: Linearisation) -> Floats:
         """Return (n, 3, 3), from the link's axes to those of the reference link."""
         reference = np.swapaxes(at.placed[:, self.relative_to], 1, 2)
-        return np.asarray(reference @ at.placed[:, self.link])
+        return reference @ at.placed[:, self.link]
 
     def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:
         """Return (n, k, 3) in the axes of body 0, of k rates (n, V, k)."""

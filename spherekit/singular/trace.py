@@ -123,7 +123,7 @@ class _Node:
 
     @property
     def tangent(self) -> Floats:
-        return np.asarray(self.point.tangents[0, :, 0])
+        return self.point.tangents[0, :, 0]
 
 
 def _points(nodes: Sequence[_Node]) -> LocusPoints:

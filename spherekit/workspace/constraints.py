@@ -288,7 +288,7 @@ def _of_pairs(mechanism: Mechanism, limits: Sequence[PairLimit]) -> tuple[AngleL
             continue
 
         def cosine(rows: Rows, number: int = number, middle: float = middle) -> Floats:
-            return np.asarray(np.cos(rows.angle(number) - middle))
+            return np.cos(rows.angle(number) - middle)
 
         title = f"{kind} of {item.pair}, {_deg(item.low)} to {_deg(item.high)}"
         bounds.append(AngleLimit(title, half, False, cosine))
@@ -320,13 +320,13 @@ def _of_singularities(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ..
     for number, item in enumerate(mechanism.inputs):
 
         def first(rows: Rows, number: int = number) -> Floats:
-            return np.asarray(1.0 - 2.0 * rows.type_1_square[:, number])
+            return 1.0 - 2.0 * rows.type_1_square[:, number]
 
         title = f"type I of {item.pair} at least {_deg(near)} away"
         bounds.append(AngleLimit(title, 2.0 * near, True, first, 0.5))
 
     def second(rows: Rows) -> Floats:
-        return np.asarray(1.0 - 2.0 * rows.type_2**2)
+        return 1.0 - 2.0 * rows.type_2**2
 
     bounds.append(
         AngleLimit(f"type II at least {_deg(near)} away", 2.0 * near, True, second, 0.5)

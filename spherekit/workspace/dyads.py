@@ -150,7 +150,7 @@ class _GearedRows:
         return owner.number.get(pair, pair - len(owner.wheels))
 
     def angle(self, pair: int) -> Floats:
-        return np.asarray(self._values[:, pair])
+        return self._values[:, pair]
 
     @cached_property
     def inputs(self) -> Floats:
@@ -172,7 +172,7 @@ class _GearedRows:
 
     @cached_property
     def rates(self) -> Floats:
-        return np.asarray(self.owner.carriers.inverse @ self.rows.rates)
+        return self.owner.carriers.inverse @ self.rows.rates
 
     @property
     def type_1(self) -> Floats:

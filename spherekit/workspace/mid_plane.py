@@ -110,7 +110,7 @@ class _MidPlaneRows:
     def angle(self, pair: int) -> Floats:
         for k, leg in enumerate(self.form.legs):
             if pair == leg.base:
-                return np.asarray(self.form.plane.readings(self._elbows[0])[:, k])
+                return self.form.plane.readings(self._elbows[0])[:, k]
         ends, joint = self.form.mechanism.ends[pair], revolute(self.form.joints[pair])
         placed = self.form.place(self.normals, self.signs, links=ends)
         return turns_of([ends], [joint], placed)[0][:, 0]

@@ -51,7 +51,7 @@ class Judged:
     @property
     def inside(self) -> NDArray[np.bool_]:
         """Which poses (n,) keep to all bounds."""
-        return np.asarray(self.margin >= 0.0)
+        return self.margin >= 0.0
 
 
 @final
@@ -304,7 +304,7 @@ def _beyond(start: Floats, aim: Floats, step: float) -> Floats:
     way = aim - (aim @ start) * start
     size = float(np.linalg.norm(way))
     turned = start + (step / size) * way if size > 0.0 else start
-    return np.asarray(turned / np.linalg.norm(turned))
+    return turned / np.linalg.norm(turned)
 
 
 def _on_way(
