@@ -325,7 +325,7 @@ def test_nothing_is_traced_for_what_reads_no_samples(tmp_path, monkeypatch):
     def followed(*given, **named):
         raise AssertionError("a motion was traced")
 
-    monkeypatch.setattr("spherekit.motion.motion.find_assembly_modes", followed)
+    monkeypatch.setattr("spherekit.motion.motion.ModeSearch", followed)
     made = sk.load("two_dof_spm")
     for request in (
         "inverse_kinematics:poses=21=14+61=23",
