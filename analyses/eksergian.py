@@ -43,7 +43,7 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .of_rows import as_loads_see, curve, plotted, repeated, row_columns
+from .dynamics import as_loads_see, curve, plotted, repeated, row_columns
 
 USABLE_RATES = 1e-6
 """Inertia and torque are not given where more than this part of the rates is in doubt."""

@@ -43,16 +43,16 @@ from spherekit.plugin.workspace import (
     output_kinematics,
 )
 
-from .inverse_tables import (
+from .pose_lists import (
     FORWARD,
     INVERSE,
     PAIRS,
     FoundPoses,
+    Given,
     forward_rows,
     inverse_rows,
     pair_rows,
 )
-from .pose_lists import Given
 
 Row = dict[str, Any]
 

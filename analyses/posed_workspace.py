@@ -6,13 +6,22 @@ from typing import Any, final
 
 import numpy as np
 
-from spherekit.plugin import AnalysisError, Floats, listing
+from spherekit.plugin import (
+    AnalysisError,
+    Floats,
+    listing,
+)
 from spherekit.plugin.rotations import (
     AtDirection,
     AtInputs,
     AtMirror,
     AtOrientation,
+    AtRotation,
+    Pose,
+    from_quaternion,
+    from_tilt_torsion,
     normals_of,
+    pointing,
     quaternion,
 )
 from spherekit.plugin.workspace import (
@@ -28,7 +37,123 @@ from spherekit.plugin.workspace import (
     nearest_reachable,
 )
 
-from .pose_text import read_pose
+DIRECTION = ("x", "y", "z")
+AZIMUTH_TILT = ("azimuth", "tilt")
+MIRROR = ("phi", "gamma")
+TILT_TORSION = ("azimuth", "tilt", "torsion")
+QUATERNION = ("qx", "qy", "qz", "qw")
+VECTOR = ("rx", "ry", "rz")
+TURN = ("ux", "uy", "uz", "angle")
+ANGLES = frozenset((*TILT_TORSION, *MIRROR, *VECTOR))
+"""Terms that are angles."""
+
+
+def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
+    """Return the pose that a text gives; angles in it are in degrees.
+
+    Parameters
+    ----------
+    text
+        ``name=number+name=number``: all driven pairs; x, y, z; azimuth, tilt; phi,
+        gamma; azimuth, tilt, torsion; qx, qy, qz, qw; or rx, ry, rz.
+    inputs
+        Names of the driven pairs.
+    where
+        What the text is, for complaints.
+
+    Raises
+    ------
+    AnalysisError
+        If it is no such text.
+    """
+    pose = read_end(text, inputs, where, turns=False)
+    assert not isinstance(pose, AtRotation)
+    return pose
+
+
+def read_end(
+    text: str, inputs: tuple[str, ...], where: str, turns: bool = True
+) -> Pose | AtRotation:
+    """Return the pose, or with `turns` also the turn (ux, uy, uz, angle), of a text."""
+    (given,) = numbers_of(text.split("+"), where, several=False)
+    kinds = [inputs, DIRECTION, AZIMUTH_TILT, MIRROR, TILT_TORSION, QUATERNION, VECTOR]
+    if turns:
+        kinds.append(TURN)
+    kind = next((names for names in kinds if set(names) == set(given)), None)
+    if kind is None:
+        ways = listing("+".join(f"{name}=.." for name in names) for names in kinds)
+        raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {ways}')
+    values = np.array([given[name] for name in kind])
+    if kind == inputs or ANGLES.issuperset(kind):
+        values = np.radians(values)
+    if kind == inputs:
+        return AtInputs(values)
+    if kind == MIRROR:
+        return AtMirror(*values)
+    if kind in (DIRECTION, QUATERNION, TURN):
+        length = float(np.linalg.norm(values[:3] if kind == TURN else values))
+        if length == 0.0:
+            raise AnalysisError(f'{where}: "{text}" has no direction: all numbers are 0')
+        if kind == TURN and not values[3] > 0.0:
+            raise AnalysisError(
+                f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
+            )
+        if kind == TURN:
+            return AtRotation(values[:3] / length, float(np.radians(values[3])))
+        values = values / length
+    pose = posed(kind, values[None])[0]
+    return AtDirection(pose) if pose.ndim == 1 else AtOrientation(pose)
+
+
+def posed(kind: tuple[str, ...], rows: Floats) -> Floats:
+    """Return directions (n, 3) or rotations (n, 3, 3) said in terms of one kind, in rad."""
+    match kind:
+        case ("azimuth", "tilt"):
+            return pointing(rows)
+        case ("azimuth", "tilt", "torsion"):
+            return from_tilt_torsion(rows)
+        case ("qx", "qy", "qz", "qw"):
+            return np.asarray(from_quaternion(rows))
+        case ("rx", "ry", "rz"):
+            half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
+            vector = 0.5 * np.sinc(half / np.pi) * rows
+            return np.asarray(
+                from_quaternion(np.concatenate([vector, np.cos(half)], axis=1))
+            )
+        case ("x", "y", "z"):
+            return rows
+    return rows.reshape(-1, 3, 3)
+
+
+def numbers_of(
+    parts: Sequence[str], where: str, several: bool = True
+) -> list[dict[str, float]]:
+    """Return the numbers by name of poses; a name that comes again begins the next.
+
+    Raises
+    ------
+    AnalysisError
+        If a part is not ``name=number``, or there are `several` poses and may be one.
+    """
+    poses: list[dict[str, float]] = [{}]
+    for part in parts:
+        name, equals, value = part.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = np.nan
+        again = name in poses[-1]
+        if not (name and equals and np.isfinite(number)) or (again and not several):
+            raise AnalysisError(
+                f'{where}: "{part}" of "{"+".join(parts)}" is not name=number'
+                f"{'' if several else ', each name once'}; say for example "
+                "azimuth=10+tilt=20"
+            )
+        if again:
+            poses.append({})
+        poses[-1][name] = number
+    return poses
+
 
 UNDEFINED = "the output is not determined"
 """Name of a border where no bound is 0."""

@@ -28,7 +28,7 @@ from spherekit.plugin import (
 )
 from spherekit.plugin.designs import Deviations, Distribution, Sensitivity
 
-from .of_rows import curve, largest_of, repeated, row_columns
+from .dynamics import curve, largest_of, repeated, row_columns
 
 DEG = np.pi / 180.0
 EQUAL = 1e-9

@@ -41,12 +41,12 @@ from spherekit.plugin.singularities import (
     what_vanishes,
 )
 
-from .singular_scenes import SeveralScenes
 from .singular_tables import (
     ASPECTS,
     RELATION,
     SELF_MOTION,
     SINGULARITIES,
+    SeveralScenes,
     angle_of,
     configuration_columns,
     of_type,

@@ -1,29 +1,367 @@
 """Singularities: where a mechanism locks or loses control, and how near it comes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, final
+from typing import Any, ClassVar, Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.plugin import (
     AbstractAnalysis,
     AnalysisError,
     Batch,
     Findings,
+    Floats,
     Mechanism,
     Needs,
     Scene,
+    Status,
     Sweep,
     Table,
     TableData,
+    counted,
+    listing,
 )
 from spherekit.plugin.designs import Merit, middle_pairs
-from spherekit.plugin.singularities import ordered_pole, output_of
+from spherekit.plugin.singularities import (
+    NearMiss,
+    RelationAt,
+    RelationMeasures,
+    SampledSingularities,
+    SingularPoint,
+    Type,
+    grashof,
+    near_misses,
+    ordered_pole,
+    output_of,
+)
 
-from .one_input_singularities import OneInput
 from .several_singularities import MOST_INPUTS, SeveralInputs, no_aspects
-from .singular_tables import ASPECTS, RELATION, SINGULARITIES
+from .singular_tables import (
+    ASPECTS,
+    RELATION,
+    SELF_MOTION,
+    SINGULARITIES,
+    OneInputScenes,
+    configuration_columns,
+    of_type,
+)
+from .singular_words import coming_near, least_angles, places, swings
+
+Row = dict[str, Any]
+
+RESTS = 1e-8
+"""A rate by arc length below this is none."""
+
+
+@final
+@dataclass(frozen=True)
+class OneInput:
+    """Singularities of a mechanism with one input, asked for once in a run.
+
+    `outputs` are the relative motions of interest, as numbers of links; `near` (degrees)
+    is the angle to a singularity below which a warning is given.
+    """
+
+    outputs: tuple[tuple[int, int], ...]
+    near: float
+
+    def points(self, batch: Batch) -> Row:
+        """Return the main table: points on curves, then where curves cross."""
+        return batch.once(
+            "points",
+            lambda: SINGULARITIES.stacked(batch.mechanism, self._listed(batch)),
+        )
+
+    def relation(self, batch: Batch) -> Row:
+        """Return c y' = d q' and nearness of every row, by output and form."""
+        return batch.once(
+            "relation", lambda: RELATION.stacked(batch.mechanism, self._measured(batch))
+        )
+
+    def aspect_rows(self, batch: Batch) -> Row:
+        """Return no rows: aspects are those of several inputs."""
+        return ASPECTS.stacked(batch.mechanism)
+
+    def scenes(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return plots of each assembly mode, and a page of the singularities."""
+        return OneInputScenes(
+            batch,
+            self._found(batch),
+            self._names(batch),
+            self.points(batch),
+            self.relation(batch),
+        ).pages()
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return how many singularities there are, and where a mode comes near one."""
+        sampled = self._found(batch)
+        points = self.points(batch)
+        inside = points["inside"] == "yes"
+        figures: dict[str, Any] = {
+            "singularities": _counted(points["kind"][inside]),
+            "outside": _counted(points["kind"][~inside]),
+            "configuration_curves": len(sampled.curves),
+            "guarantee": str(sampled.configurations.claim),
+            "checks_failed": list(sampled.configurations.mismatches),
+            "notes": [*sampled.report.gaps, *sampled.report.notes],
+        }
+        if sampled.report.everywhere is not None:
+            figures["freedoms_everywhere"] = sampled.report.everywhere
+        warnings = [*sampled.report.gaps, *sampled.configurations.mismatches]
+        if sampled.report.everywhere is not None:
+            warnings.append(
+                f"to a part in a million, the mechanism has {sampled.report.everywhere} "
+                "freedoms in every configuration: it is singular everywhere, and its "
+                "tables are empty"
+            )
+        for name in dict.fromkeys(points["output"][inside & (points["kind"] == "II")]):
+            warnings.append(
+                f"output {name} meets type II in the range: the locked input does not hold "
+                "it there"
+            )
+        pair = batch.moving_inputs[0]
+        names = self._names(batch)
+        misses = near_misses(sampled, np.radians(self.near))
+        figures["near_misses"] = [_missed(miss, names) for miss in misses]
+        warnings += coming_near(misses, points, names, self.near, pair)
+        counts = _in_words(figures["singularities"]) or "no singularities"
+        beyond = _in_words(figures["outside"])
+        if sampled.is_simulation:
+            counts += " passed" + f", {beyond} elsewhere" * bool(beyond)
+        elif beyond:
+            counts += f" in the range of the input, {beyond} outside"
+        count = len(sampled.curves)
+        remarks = [
+            f"{counts} on {count} configuration {'curve' if count == 1 else 'curves'}"
+            f"{_part(sampled)}; "
+            f"{sampled.configurations.claim}"
+        ]
+        made = grashof(batch.mechanism)
+        if made is not None:
+            figures["grashof"] = made.name
+            remarks.append(str(made))
+        for name in names:
+            remarks += places(points, name, pair)
+        if sampled.report.everywhere is None:
+            remarks += swings(sampled, names)
+        remarks += least_angles(sampled, names, pair)
+        return Findings(figures, tuple(warnings), tuple(remarks))
+
+    def _found(self, batch: Batch) -> SampledSingularities:
+        return batch.once(
+            "found",
+            lambda: SampledSingularities(
+                batch.tracer,
+                self.outputs,
+                batch.motion.values,
+                batch.assembly_mode,
+                None if batch.motion.sense is None else batch.q,
+            ),
+        )
+
+    def _names(self, batch: Batch) -> list[str]:
+        sampled = self._found(batch)
+        return [_named(sampled.tracer.mechanism, o) for o in sampled.report.outputs]
+
+    def _listed(self, batch: Batch) -> list[Row]:
+        """Return rows of points on curves, of where curves cross, and of whole curves."""
+        sampled = self._found(batch)
+        rows: list[Row] = []
+        for point in sampled.report.points:
+            if point.type is Type.APPARENT:
+                continue
+            agreeing = [at for at in point.relations if at.agrees]
+            words = [item.words for at in agreeing for item in at.conditions]
+            rows += self._rows(
+                batch,
+                point.values,
+                point.output,
+                [(point.curve, point.s)],
+                agreeing,
+                [point.note, *dict.fromkeys(words or [at.note for at in point.relations])],
+                kind=str(point.type),
+                decided="yes" if point.decided else "no",
+                error=point.error,
+                turns=" and ".join(_turns(point)),
+                double="yes" if point.double else "no",
+            )
+        rows += self._crossed(batch)
+        for whole in sampled.report.whole:
+            pieces = sampled.configurations.curves[whole.curve].pieces
+            rows.append(
+                {
+                    "kind": str(whole.type),
+                    "assembly_mode": _joined(sampled.modes_of(pieces)),
+                    "inside": "yes",
+                    "output": _named(sampled.tracer.mechanism, whole.output),
+                    "curve": whole.curve,
+                    "residual": 0.0,
+                    "decided": "yes",
+                    "note": f"at rest on the whole of curve {whole.curve}",
+                }
+            )
+        claim = sampled.configurations.guarantee.value
+        return [{"double": "no", "guarantee": claim, **row} for row in rows]
+
+    def _crossed(self, batch: Batch) -> list[Row]:
+        """Return rows of where curves cross, for each output."""
+        sampled = self._found(batch)
+        rows: list[Row] = []
+        for crossing in sampled.report.crossings:
+            ends = [
+                (curve, 0.0 if at_start else sampled.curves[curve].length)
+                for curve, at_start in crossing.ends
+            ]
+            met = crossing.crossing
+            count = 0 if met is None else len(met.tangents)
+            words = [
+                f"{counted(count, 'curve')} cross" if count else "curves end",
+                "ends of curves " + _joined(sorted({curve for curve, _ in ends}), ", "),
+                crossing.note,
+            ]
+            for output, links in enumerate(sampled.report.outputs):
+                through = crossing.relations[output] if crossing.relations else ()
+                made = [at for relations in through for at in relations]
+                error = np.nan if met is None else met.error
+                rows += self._rows(
+                    batch,
+                    crossing.values,
+                    links,
+                    ends,
+                    made,
+                    words,
+                    kind="III",
+                    decided="yes" if crossing.decided else "no",
+                    error=error,
+                )
+        return rows
+
+    def _rows(
+        self,
+        batch: Batch,
+        values: Floats,
+        links: tuple[int, int],
+        ends: Sequence[tuple[int, float]],
+        relations: Iterable[RelationAt],
+        words: Iterable[str],
+        **columns: Any,
+    ) -> list[Row]:
+        """Return a row for each input of the range at which a configuration is met."""
+        sampled, (curve, s) = self._found(batch), ends[0]
+        part = None if sampled.tracer is batch.tracer else sampled.tracer
+        held = [item for relation in relations for item in relation.conditions]
+        labels = dict.fromkeys(h.label + ("" if h.decided else "?") for h in held)
+        whole = {
+            **configuration_columns(batch, values[None], links, part=part),
+            **columns,
+            "condition": " ".join(labels),
+            "residual": min((h.residual for h in held), default=np.nan),
+            "output": _named(sampled.tracer.mechanism, links),
+            "curve": curve,
+            "s": s,
+            "note": "; ".join(filter(None, words)),
+        }
+        rows = []
+        for q in sampled.inputs_of(curve, values):
+            modes = {k for end in ends for k in sampled.assembly_modes_at(*end, q)}
+            inside = "yes" if sampled.inside(q, ends) else "no"
+            here = {"assembly_mode": _joined(sorted(modes)), "q": q, "inside": inside}
+            rows.append({**whole, **here})
+        return rows
+
+    def _measured(self, batch: Batch) -> list[Row]:
+        sampled = self._found(batch)
+        sigma, reciprocal_condition = sampled.singular_values()
+        names = self._names(batch)
+
+        def ratio(measures: RelationMeasures) -> Floats:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                return measures.output_rate / measures.input_rate
+
+        status = np.where(batch.status == Status.OK, sampled.status, batch.status)
+
+        def kinds(measures: RelationMeasures) -> NDArray[Any]:
+            finite = np.isfinite(measures.input_rate)
+            rest = [np.abs(r) < RESTS for r in (measures.output_rate, measures.input_rate)]
+            return np.select(
+                [sampled.crossed, ~finite, rest[0] & rest[1], *rest],
+                ["III", "", SELF_MOTION, "I", "II"],
+                "regular",
+            )
+
+        return [
+            {
+                "sample": batch.sample,
+                "assembly_mode": batch.assembly_mode,
+                "q": batch.q,
+                "output": names[measures.output],
+                "form": str(measures.form),
+                "c": measures.c,
+                "d": measures.d,
+                "velocity_coefficient": ratio(measures),
+                "output_rate": measures.output_rate,
+                "input_rate": measures.input_rate,
+                "angle_I": measures.type_i,
+                "angle_II": measures.type_ii,
+                "transmission": measures.transmission,
+                "to_I": measures.to_i,
+                "to_II": measures.to_ii,
+                "sigma": sigma,
+                "reciprocal_condition": reciprocal_condition,
+                "status": status,
+                "moving": batch.moving_inputs[0],
+                "type": kinds(measures),
+                "group": np.isin(kinds(measures), ("I", "II", "III")).astype(np.int64),
+            }
+            for measures in sampled.measures()
+        ]
+
+
+def _missed(miss: NearMiss, names: Sequence[str]) -> Row:
+    """Return a near miss as the summary has it."""
+    return {
+        "type": str(miss.type),
+        "output": names[miss.output],
+        "assembly_modes": list(miss.assembly_modes),
+        "q_rad": miss.q,
+        "angle_rad": miss.angle,
+        "velocity_coefficient": miss.velocity_coefficient,
+    }
+
+
+def _part(sampled: SampledSingularities) -> str:
+    """Return of which links curves are, where not of all."""
+    links = sampled.tracer.mechanism.links
+    left = len(sampled.whole.mechanism.links) - len(links)
+    return f" of the links {listing(links)}" if left else ""
+
+
+def _named(mechanism: Mechanism, links: tuple[int, int]) -> str:
+    return "/".join(mechanism.links[k] for k in links)
+
+
+def _counted(kinds: NDArray[Any]) -> dict[str, int]:
+    return {str(kind): int(np.sum(kinds == kind)) for kind in np.unique(kinds)}
+
+
+def _in_words(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{n} {of_type(kind)}" for kind, n in counts.items())
+
+
+def _joined(numbers: Iterable[int], sign: str = "+") -> str:
+    return sign.join(map(str, numbers))
+
+
+def _turns(point: SingularPoint) -> list[str]:
+    """Return what reverses at a singularity."""
+    turns = []
+    if point.input_turns and point.type is not Type.I:
+        turns.append("input")
+    if point.output_turns and point.type is not Type.II:
+        turns.append("output")
+    return turns
 
 
 def _found_with(

@@ -36,7 +36,7 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .of_rows import (
+from .dynamics import (
     as_loads_see,
     curve,
     largest_of,

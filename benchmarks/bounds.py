@@ -18,11 +18,10 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.proof.balls import FEWEST, Digits, exactly, floats
+from spherekit.proof.gears import Written
 from spherekit.proof.rows import exact_direction, exact_field, exact_rows_by_input
-from spherekit.proof.written import Written
 from spherekit.rates.field import evaluate
-from spherekit.rates.pole_field import PoleField
-from spherekit.rates.request import Request, request
+from spherekit.rates.request import PoleField, Request, request
 from spherekit.sphere.rotation import Floats
 
 TINY = 1e-300

@@ -11,13 +11,13 @@ import numpy as np
 import spherekit as sk
 from benchmarks.report import Cell, Section
 from benchmarks.timing import median, ratio, rounds
-from spherekit.analysis.merit import parse_merit
+from spherekit.analysis.contract import parse_merit
 from spherekit.design.evaluate import FOLLOWED, Evaluator
 from spherekit.design.figures import DesignSamples
 from spherekit.design.variables import design_variable, designed
 from spherekit.exchange.mjcf import mjcf
-from spherekit.files.change import document_of
 from spherekit.files.read import read
+from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
 from spherekit.motion.motion import Tracer

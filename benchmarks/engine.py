@@ -11,16 +11,16 @@ from benchmarks.timing import median, ratio, rounds
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import PoseStart, prepare
-from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import available, heyoka
+from spherekit.engine.dyads import COMPILED
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.integration import Integration
 from spherekit.engine.kernels import MOST_DERIVATIVES, Engine, Source, kernel
 from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
-from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
+from spherekit.model.study import Start
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate

@@ -9,13 +9,17 @@ import numpy as np
 from benchmarks.report import Cell, Section
 from benchmarks.timing import median, rounds
 from spherekit.files.read import load
-from spherekit.guidance.symmetry import mid_plane_form
+from spherekit.guidance.loci import mid_plane_form
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.dyads import Signs
 from spherekit.output.inverse import InverseKinematics
-from spherekit.sphere.mirror import upward
-from spherekit.sphere.rotation import Floats, from_quaternion
-from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
+from spherekit.sphere.rotation import (
+    Floats,
+    azimuth_tilt,
+    euler_zyz,
+    from_quaternion,
+    upward,
+)
 
 MECHANISMS = ("three_rrr", "agile_eye", "five_bar")
 BAR, OFF = "two_dof_spm", (1e-6, 1e-3, 1e-2)

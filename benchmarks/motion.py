@@ -9,8 +9,7 @@ from spherekit.files.read import load
 from spherekit.motion.motion import BLOCK, Motion, Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
-from spherekit.rates.request import Request, request
-from spherekit.rates.signs import SignMemory
+from spherekit.rates.request import Request, SignMemory, request
 
 NAMES = (
     "four_bar",

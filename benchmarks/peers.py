@@ -14,17 +14,16 @@ from spherekit.dynamics.kinematics import by_variables
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.start import Problem, prepare
 from spherekit.dynamics.tabulate import online_model
-from spherekit.dynamics.tabulated_motion import online_motion
+from spherekit.dynamics.tabulated import online_motion
 from spherekit.engine.compiler import available
 from spherekit.errors import ModelError
 from spherekit.exchange.bodies import RigidBodies, rigid_bodies
 from spherekit.exchange.mjcf import mjcf
 from spherekit.files.read import load
-from spherekit.model.dynamics import Mass, PairTorque
-from spherekit.model.geometry import link_axes
-from spherekit.model.inertia import uniform_arc
-from spherekit.model.laws import Start
+from spherekit.model.dynamics import Mass, PairTorque, uniform_arc
+from spherekit.model.gears import link_axes
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Start
 from spherekit.motion.motion import Tracer
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]

@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.report import Cell, Section
 from benchmarks.samples import grown
 from benchmarks.timing import median, ratio, rounds
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.plan import plan
 
 SIZES = (4, 6, 8, 12, 16, 24, 32, 48, 64, 80, 100)

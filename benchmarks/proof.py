@@ -16,13 +16,13 @@ from benchmarks.samples import EIGHT_BARS, Structure, mechanism, random_axes, te
 from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, PoseGeometry
-from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.elimination import assemblies
 from spherekit.motion.input_turning_points import input_turning_points
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 from spherekit.proof.curves import certified_curves
+from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.written import Written
 
 FOUR_BAR: Structure = ((1, 2), (2, 3), (3, 4), (1, 4))
 WATT: Structure = ((1, 2), (2, 3), (3, 4), (1, 4), (4, 5), (5, 6), (1, 6))

@@ -10,10 +10,10 @@ from benchmarks.report import Cell, Section
 from benchmarks.samples import grown
 from benchmarks.timing import median, ratio, rounds
 from spherekit.analysis.registry import create
-from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.run import run as run_analyses
 from spherekit.analysis.running.cost import counts_of
-from spherekit.analysis.running.run_plan import needed_part
+from spherekit.analysis.running.summary import needed_part
+from spherekit.analysis.study import needs_of, requests_for
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study

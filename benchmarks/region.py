@@ -11,18 +11,18 @@ from benchmarks.timing import median, rounds
 from spherekit import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.region.orientations import find_orientations
-from spherekit.region.region import Region, find_region
+from spherekit.region.refine import Region, find_region
 from spherekit.sphere.rotation import Floats, from_quaternion
-from spherekit.workspace.constraints import (
+from spherekit.workspace.inverse import closed_kinematics
+from spherekit.workspace.rows import (
     AngleLimit,
     AxesLimit,
     Constraints,
     PairLimit,
     bounds_of,
 )
-from spherekit.workspace.inverse import closed_kinematics
-from spherekit.workspace.kinematics import ClosedKinematics
 from spherekit.workspace.workspace import (
+    ClosedKinematics,
     DirectionWorkspace,
     direction_workspaces,
     judge,

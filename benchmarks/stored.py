@@ -13,8 +13,7 @@ from spherekit.dynamics.kinematics import by_variables
 from spherekit.dynamics.tabulate import grid_model, online_model
 from spherekit.dynamics.tabulated import TabulatedModel
 from spherekit.files.read import load
-from spherekit.model.bearings import Bearings
-from spherekit.model.dynamics import Damper
+from spherekit.model.dynamics import Bearings, Damper
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import parse_pole

@@ -37,7 +37,7 @@ from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
     from spherekit.analysis.result import RunResult as RunResult
-    from spherekit.analysis.running.setting import Setting as Setting
+    from spherekit.analysis.running.evaluation import Setting as Setting
     from spherekit.conventions import Status as Status
     from spherekit.dynamics.forward import simulate as simulate
     from spherekit.dynamics.inverse import inverse_dynamics as inverse_dynamics
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from spherekit.dynamics.tabulate import grid_model as grid_model
     from spherekit.dynamics.tabulate import online_model as online_model
     from spherekit.dynamics.tabulated import load_reduced as load_reduced
-    from spherekit.dynamics.tabulated_motion import online_motion as online_motion
+    from spherekit.dynamics.tabulated import online_motion as online_motion
     from spherekit.errors import SpherekitError as SpherekitError
     from spherekit.exchange.coupling import load_coupling as load_coupling
     from spherekit.exchange.coupling_made import coupling_table as coupling_table
@@ -60,17 +60,17 @@ if TYPE_CHECKING:
     from spherekit.front.evaluate import Kinematics as Kinematics
     from spherekit.front.evaluate import evaluate as evaluate
     from spherekit.front.export import export as export
-    from spherekit.front.plan import plan as plan
+    from spherekit.front.export import plan as plan
     from spherekit.front.run import run as run
+    from spherekit.front.run import trade as trade
     from spherekit.front.size import size_of as size_of
-    from spherekit.front.sweep import sweep as sweep
-    from spherekit.front.trade import trade as trade
+    from spherekit.front.size import sweep as sweep
     from spherekit.guidance.follow import follow_rotation as follow_rotation
     from spherekit.guidance.follow import follow_to as follow_to
+    from spherekit.guidance.loci import mid_plane_form as mid_plane_form
     from spherekit.guidance.rotation import quickest as quickest
-    from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
-    from spherekit.model.bearings import Bearings as Bearings
-    from spherekit.model.bearings import ContactFriction as ContactFriction
+    from spherekit.model.dynamics import Bearings as Bearings
+    from spherekit.model.dynamics import ContactFriction as ContactFriction
     from spherekit.model.dynamics import Damper as Damper
     from spherekit.model.dynamics import Friction as Friction
     from spherekit.model.dynamics import Gravity as Gravity
@@ -78,21 +78,21 @@ if TYPE_CHECKING:
     from spherekit.model.dynamics import PairTorque as PairTorque
     from spherekit.model.dynamics import PointForce as PointForce
     from spherekit.model.dynamics import Spring as Spring
-    from spherekit.model.laws import ConstantSpeed as ConstantSpeed
-    from spherekit.model.laws import Cycloidal as Cycloidal
-    from spherekit.model.laws import Polynomial as Polynomial
-    from spherekit.model.laws import Start as Start
-    from spherekit.model.laws import Tabulated as Tabulated
     from spherekit.model.load import TorqueTable as TorqueTable
     from spherekit.model.locking import lock as lock
     from spherekit.model.mechanism import Mechanism as Mechanism
+    from spherekit.model.study import ConstantSpeed as ConstantSpeed
+    from spherekit.model.study import Cycloidal as Cycloidal
+    from spherekit.model.study import Polynomial as Polynomial
+    from spherekit.model.study import Start as Start
     from spherekit.model.study import Study as Study
+    from spherekit.model.study import Tabulated as Tabulated
     from spherekit.motion.motion import Motion as Motion
     from spherekit.motion.motion import trace as trace
     from spherekit.output.forward import ForwardKinematics as ForwardKinematics
     from spherekit.output.inverse import InverseKinematics as InverseKinematics
     from spherekit.planning.poles import Plan as Plan
-    from spherekit.planning.table import as_text as table  # noqa: F401
+    from spherekit.planning.poles import as_text as table  # noqa: F401
     from spherekit.proof.balls import Digits as Digits
     from spherekit.proof.rows import exact_rows as exact_rows
     from spherekit.version import __version__ as __version__

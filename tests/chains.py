@@ -9,7 +9,7 @@ import numpy as np
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 from spherekit.sphere.paths import axes_about
 
 EIGHT_BARS = (

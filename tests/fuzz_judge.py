@@ -12,7 +12,7 @@ from spherekit.conventions import EPS, Status
 from spherekit.errors import CountError, PlanError, SpherekitError
 from spherekit.model.joints import revolute
 from spherekit.motion.motion import Tracer
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 import spherekit as sk
-from spherekit.model.geometry import link_axes
-from spherekit.sphere.mirror import mirror_angles, normals_of, reflections
-from spherekit.sphere.rotation import cross
+from spherekit.model.gears import link_axes
+from spherekit.sphere.rotation import cross, mirror_angles, normals_of, reflections
 
 
 def mid_plane_mechanism(alphas):

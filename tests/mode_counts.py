@@ -9,7 +9,7 @@ from mode_judge import Structure
 from spherekit.errors import PlanError
 from spherekit.model.parts import Input
 from spherekit.motion.motion import Tracer
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 
 HALF = np.radians(30.0)
 """Half of the range of the input (rad), its middle the reference pose."""

@@ -15,7 +15,7 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
 )
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 from spherekit.motion.closure import Closure
 
 

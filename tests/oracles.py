@@ -4,7 +4,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 
 
 def revolute_frames(mechanism):

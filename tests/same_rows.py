@@ -12,9 +12,7 @@ from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
-from spherekit.rates.pole_field import PoleField
-from spherekit.rates.request import request
-from spherekit.rates.signs import SignMemory
+from spherekit.rates.request import PoleField, SignMemory, request
 
 TURN = 2.0 * np.pi
 

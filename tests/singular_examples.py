@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherekit import load
-from spherekit.singular.slices import solver_of
+from spherekit.singular.locus import solver_of
 
 SOURCE = load("four_bar")
 

@@ -16,14 +16,14 @@ from singular_examples import components
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 from spherekit.model.parts import Profile
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.closure import Closure
 from spherekit.motion.configuration import configuration_curves
 from spherekit.motion.motion import Tracer
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 
 NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
 """Shortest and longest link together exceed the others: no link turns fully."""

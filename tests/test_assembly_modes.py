@@ -11,13 +11,11 @@ from independent import multi_start
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.elimination import candidates
+from spherekit.motion.elimination import assemblies, candidates, solutions
 from spherekit.motion.groups import group_closure
 from spherekit.motion.motion import Tracer
-from spherekit.motion.solutions import solutions
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 from spherekit.sphere.trigonometric import all_angles, common_angles, eliminated_degree
 
 THREE_RRR = "1-2 1-3 1-4 2-5 3-6 4-7 5-8 6-8 7-8"
@@ -345,7 +343,7 @@ def test_a_platform_that_can_move_is_searched_and_said_to_be(monkeypatch):
     assert "infinitely many" in found.problem
     assert not len(found.values)
     started = []
-    monkeypatch.setattr("spherekit.motion.solutions.search", lambda *a: started.append(a))
+    monkeypatch.setattr("spherekit.motion.elimination.search", lambda *a: started.append(a))
     _, method = solutions(group, closure)
     assert len(started) == 1
     assert str(method) == "search (there are infinitely many complex solutions)"

@@ -9,7 +9,7 @@ from multibody import Bearing, Hinge, MultiBody
 from newton_euler import body
 
 import spherekit as sk
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 from spherekit.motion.closure import Closure
 
 

@@ -12,9 +12,8 @@ from test_reactions import STARTS, moving
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
-from spherekit.model.laws import Polynomial
-from spherekit.motion.motion import Tracer
-from spherekit.motion.timing import by_laws
+from spherekit.model.study import Polynomial
+from spherekit.motion.motion import Tracer, by_laws
 
 PLACES, TEETH = (0.4, 0.9), np.radians(20.0)
 STARTS = STARTS | {"bevel_differential": (0.3, 0.2)}

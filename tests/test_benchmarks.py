@@ -13,7 +13,7 @@ from benchmarks import configurations
 from benchmarks.history import comparison, entry_of, keep, kept
 from benchmarks.report import Section, markdown
 from spherekit.model.graph import pieces
-from spherekit.planning.rigidity import graph_mobility
+from spherekit.planning.inputs import graph_mobility
 
 ROOT = Path(__file__).parent.parent
 

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis, Findings
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.scene import Axis, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.errors import UndeclaredNeed
 from spherekit.model.dynamics import PairTorque
-from spherekit.model.laws import ConstantSpeed, Start
-from spherekit.motion.continued import AngleMemory
-from spherekit.motion.motion import Tracer
+from spherekit.model.study import ConstantSpeed, Start
+from spherekit.motion.motion import AngleMemory, Tracer
 
 BACK = {"laws": {"21": ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
 """More than three turns of the crank, and of the coupler on it, backwards."""

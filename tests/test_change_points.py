@@ -9,11 +9,11 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.model.dynamics import Mass
-from spherekit.model.laws import Polynomial
+from spherekit.model.study import Polynomial
 from spherekit.motion.motion import Tracer
 from spherekit.proof.balls import Digits, floats
-from spherekit.proof.forces import exact_inertia
 from spherekit.proof.rows import exact_rows
+from spherekit.proof.simulation import exact_inertia
 
 CHANGE_POINTS = {
     "equal opposite arcs": (60.0, 40.0, 60.0, 40.0),

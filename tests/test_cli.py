@@ -18,7 +18,7 @@ from spherekit.cli.main import main
 from spherekit.cli.run_progress import Bar
 from spherekit.cli.run_report import duration
 from spherekit.errors import ModelError
-from spherekit.guidance.symmetry import mid_plane_form
+from spherekit.guidance.loci import mid_plane_form
 
 ROOT = Path(__file__).parent.parent
 

@@ -8,13 +8,13 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.guarantee import Guarantee
-from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.configuration import (
     MonotoneSegments,
     configuration_curves,
     turning_inputs,
 )
+from spherekit.motion.elimination import assemblies
 from spherekit.motion.input_turning_points import (
     InputTurningPoints,
     easiest_drive,
@@ -23,7 +23,7 @@ from spherekit.motion.input_turning_points import (
 )
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.crossings import crossings
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 from spherekit.sphere.complex_rotation import taking
 
 TURN = 2.0 * np.pi

@@ -7,7 +7,7 @@ import pytest
 
 from spherekit.conventions import Status
 from spherekit.files.read import load
-from spherekit.motion.continuation import (
+from spherekit.motion.closure import (
     STEP_PARTS,
     CurvePath,
     Verification,

@@ -12,16 +12,15 @@ from rerun.chunk import RrdReader
 
 import spherekit as sk
 from spherekit.analysis.registry import create
-from spherekit.analysis.requests import needs_of, requests_for
 from spherekit.analysis.running import expected, recording
 from spherekit.analysis.running.cost import Timer, counts_of
 from spherekit.analysis.running.expected import csv_row
+from spherekit.analysis.study import needs_of, requests_for
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
 from spherekit.model.dynamics import Mass, Spring
-from spherekit.model.laws import Start
-from spherekit.model.study import Study
-from spherekit.planning.assembly import plan_assembly
+from spherekit.model.study import Start, Study
+from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.part import needed_groups, part_for
 from spherekit.planning.poles import (
     CoaxialPole,
@@ -29,8 +28,7 @@ from spherekit.planning.poles import (
     PrimaryPole,
     pole_of,
 )
-from spherekit.rates.field import evaluate
-from spherekit.rates.sequence import PlannedPoles
+from spherekit.rates.field import PlannedPoles, evaluate
 from spherekit.view.rerun_view import RerunRecorder
 
 NARROW, WIDE = "poles:only=6/1", "poles"

@@ -21,7 +21,7 @@ from spherekit.dynamics import forward
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import PoseStart
 from spherekit.dynamics.tabulate import online_model
-from spherekit.dynamics.tabulated_motion import online_motion
+from spherekit.dynamics.tabulated import online_motion
 from spherekit.engine.compiler import available
 from spherekit.errors import (
     AnalysisError,
@@ -31,9 +31,9 @@ from spherekit.errors import (
     SpherekitError,
 )
 from spherekit.model.dynamics import Friction, Gravity, Mass, PairTorque, Spring, Stop
-from spherekit.model.laws import ConstantSpeed, Polynomial, Start
 from spherekit.model.load import TorqueTable
 from spherekit.model.parts import Profile
+from spherekit.model.study import ConstantSpeed, Polynomial, Start
 from spherekit.motion.motion import Tracer
 
 

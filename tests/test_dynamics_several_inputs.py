@@ -14,8 +14,8 @@ from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.engine.compiler import available
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.dynamics import Stop
-from spherekit.model.geometry import geometry_of
-from spherekit.model.laws import Polynomial, Start
+from spherekit.model.gears import geometry_of
+from spherekit.model.study import Polynomial, Start
 from spherekit.motion.closure import Closure
 from spherekit.plugin.rotations import normal_at
 

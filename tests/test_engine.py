@@ -18,12 +18,12 @@ from scipy.integrate import solve_ivp
 
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.start import PoseStart, prepare
-from spherekit.engine.arrays import BLOCK
-from spherekit.engine.cache import Cache
 from spherekit.engine.compiler import available, heyoka
+from spherekit.engine.dyads import Cache
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.integration import Integration
 from spherekit.engine.kernels import kernel
+from spherekit.engine.system import BLOCK
 from spherekit.errors import EngineError, EngineMissing, SolveError
 from spherekit.files.read import load
 from spherekit.model.dynamics import (
@@ -36,10 +36,10 @@ from spherekit.model.dynamics import (
     Spring,
     Stop,
 )
-from spherekit.model.laws import Start
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mass, Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
+from spherekit.model.study import Start
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
@@ -779,7 +779,7 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monk
     three axes are not plane: the compiled engine may not end in a crossing of curves there.
     It is so where nothing is known of the wheels, and all is one group.
     """
-    held = "spherekit.planning.assembly.held_meshes"
+    held = "spherekit.planning.inputs.held_meshes"
     monkeypatch.setattr(held, lambda mechanism: frozenset())
     made = geared_five_bar()
     driving = {"torque": "0.1*sin(2*t)"}

@@ -21,21 +21,29 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.errors import ModelError, SolveError
 from spherekit.guidance.follow import follow_rotation, follow_to
+from spherekit.guidance.loci import mid_plane_form
 from spherekit.guidance.rotation import SHAPES, RotationSamples, quickest
-from spherekit.guidance.symmetry import mid_plane_form
-from spherekit.model.geometry import geometry_of
-from spherekit.model.laws import Polynomial
+from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
+from spherekit.model.study import Polynomial
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
-from spherekit.sphere.mirror import mirror_angles, normal_at, normals_of
-from spherekit.sphere.poses import LogRate, TurnStatus, rotation, turns_between
-from spherekit.sphere.rotation import cross, rotation_vector
+from spherekit.sphere.rotation import (
+    LogRate,
+    TurnStatus,
+    cross,
+    mirror_angles,
+    normal_at,
+    normals_of,
+    rotation,
+    rotation_vector,
+    turns_between,
+)
 
 OUTWARD = (-1, 1, 1)
 """The driven links as in Fig. 5(a)."""

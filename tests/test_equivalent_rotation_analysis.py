@@ -8,14 +8,14 @@ import pytest
 from mpmath import mp
 
 import spherekit as sk
-from spherekit.analysis.batch import Batch
+from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.contract import Findings
 from spherekit.analysis.frames import to_frame
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.registry import create
 from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError, SpherekitError
+from spherekit.guidance.loci import mid_plane_form
 from spherekit.guidance.mid_plane_architecture import MidPlaneRotation
 from spherekit.guidance.poses import (
     AtDirection,
@@ -24,14 +24,19 @@ from spherekit.guidance.poses import (
     AtOrientation,
     PoseFinder,
 )
-from spherekit.guidance.symmetry import mid_plane_form
 from spherekit.model.parts import Output
 from spherekit.motion.motion import Tracer
 from spherekit.output.inverse import InverseKinematics
-from spherekit.sphere.mirror import normal_at, upward
-from spherekit.sphere.poses import rotation, turns_between
-from spherekit.sphere.rotation import arc, from_quaternion, quaternion
-from spherekit.sphere.tilt_torsion import tilt_torsion
+from spherekit.sphere.rotation import (
+    arc,
+    from_quaternion,
+    normal_at,
+    quaternion,
+    rotation,
+    tilt_torsion,
+    turns_between,
+    upward,
+)
 from spherekit.workspace.inverse import closed_kinematics
 from spherekit.workspace.workspace import judge, orientation_samples
 

@@ -18,7 +18,6 @@ from spherekit.model.parts import Input, Pair, PoseGeometry
 from spherekit.motion.motion import Tracer
 from spherekit.proof import rows
 from spherekit.proof.balls import Digits, exactly, floats
-from spherekit.proof.forces import exact_inertia
 from spherekit.proof.linkage import left_inverse
 from spherekit.proof.rows import (
     exact_direction,
@@ -27,6 +26,7 @@ from spherekit.proof.rows import (
     exact_rows,
     exact_rows_by_input,
 )
+from spherekit.proof.simulation import exact_inertia
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 

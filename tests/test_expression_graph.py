@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from spherekit.engine.algebra import SeriesExpressions, length, vector
-from spherekit.engine.arrays import BLOCK, array_function
 from spherekit.engine.design_kernel import (
     compile_complex,
 )
@@ -23,6 +22,7 @@ from spherekit.engine.expression_graph import (
     varies,
 )
 from spherekit.engine.loads import expression_value
+from spherekit.engine.system import BLOCK, array_function
 from spherekit.model.expression import load_names, parse
 
 X, Y, Z = symbols(["x", "y", "z"])

@@ -12,8 +12,8 @@ import pytest
 pytest.importorskip("matplotlib")
 
 import spherekit as sk
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table

@@ -12,8 +12,7 @@ import pytest
 
 from spherekit.conventions import MAX_NAME_LENGTH
 from spherekit.errors import FileError
-from spherekit.files.document import MAX_BYTES
-from spherekit.files.locate import locate
+from spherekit.files.document import MAX_BYTES, locate
 from spherekit.files.read import load, loads
 from spherekit.files.schema import schema
 from spherekit.files.write import dumps

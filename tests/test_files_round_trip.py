@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from spherekit.errors import OutputError, SpherekitError
-from spherekit.files.angles import to_radians, to_text, unit_vector
 from spherekit.files.atomic import check_file, make_folder, write_text
 from spherekit.files.document import LiteralNumber
 from spherekit.files.read import load, loads
 from spherekit.files.schema import schema
+from spherekit.files.units import to_radians, to_text, unit_vector
 from spherekit.files.write import canonical_text, dump, dumps
-from spherekit.model.bearings import Bearings
 from spherekit.model.dynamics import (
+    Bearings,
     Damper,
     Friction,
     Mass,

@@ -18,8 +18,8 @@ from spherekit.dynamics.tabulate import online_model
 from spherekit.engine import kernel
 from spherekit.errors import SpherekitError
 from spherekit.exchange.mjcf import mjcf
-from spherekit.model.laws import ConstantSpeed, Cycloidal, Start, Tabulated
 from spherekit.model.load import Load
+from spherekit.model.study import ConstantSpeed, Cycloidal, Start, Tabulated
 from spherekit.motion.motion import Tracer
 from spherekit.tradeoff.trade import trade
 

@@ -25,8 +25,9 @@ from spherekit.planning.poles import (
     LinePole,
     PrimaryPole,
     all_poles,
+    as_dict,
+    as_text,
 )
-from spherekit.planning.table import as_dict, as_text
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 

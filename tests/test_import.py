@@ -22,7 +22,7 @@ from spherekit.model.dynamics import (
     Spring,
     Stop,
 )
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 from spherekit.motion.closure import Closure
 from spherekit.planning.inputs import driven_pairs
 

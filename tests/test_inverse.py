@@ -12,15 +12,15 @@ from spherekit.conventions import EPS, Status
 from spherekit.errors import FileError, ModelError, PlanError, SolveError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry
-from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import AssemblyMode
+from spherekit.motion.elimination import assemblies
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.virtual_output import with_wrist
-from spherekit.sphere.tilt_torsion import (
+from spherekit.sphere.rotation import (
     azimuth_tilt,
     euler_zyz,
     from_euler_zyz,

@@ -11,17 +11,17 @@ import spherekit as sk
 from spherekit.analysis.scene import SphereMap
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, FileError, PlanError
-from spherekit.guidance.symmetry import mid_plane_form
+from spherekit.guidance.loci import mid_plane_form
 from spherekit.motion.motion import motion_of
+from spherekit.output.dyads import InputRates
 from spherekit.output.forward import ForwardKinematics, output_rates
-from spherekit.output.measures import InputRates
 from spherekit.region.mesh import spread
-from spherekit.workspace.constraints import Constraints, bounds_of
 from spherekit.workspace.inverse import (
     GraphKinematics,
     closed_kinematics,
     output_kinematics,
 )
+from spherekit.workspace.rows import Constraints, bounds_of
 from spherekit.workspace.workspace import judge
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")

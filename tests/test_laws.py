@@ -7,7 +7,7 @@ import pytest
 
 from spherekit.errors import FileError, ModelError
 from spherekit.files.study import load_study
-from spherekit.model.laws import (
+from spherekit.model.study import (
     ConstantSpeed,
     Cycloidal,
     Polynomial,

@@ -10,9 +10,9 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.errors import ModelError
-from spherekit.model.laws import ConstantSpeed
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Output, Pair, PoseGeometry
+from spherekit.model.study import ConstantSpeed
 from spherekit.motion.motion import Tracer
 
 CASES = {

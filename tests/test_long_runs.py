@@ -20,21 +20,21 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis import tables
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.folder import journal, on_disk
 from spherekit.analysis.folder import resource_check as room
 from spherekit.analysis.folder.journal import WORK, RunFolder
 from spherekit.analysis.frames import read_parquet
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.running import rows_at_once
 from spherekit.analysis.scene import Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, FileError, OutputError
-from spherekit.files.lock import locked
+from spherekit.files.plain import locked
 from spherekit.model.dynamics import PairTorque
-from spherekit.model.laws import ConstantSpeed, Start
+from spherekit.model.study import ConstantSpeed, Start
 
 try:
     import resource
@@ -298,7 +298,7 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
 def test_the_lock_of_a_killed_run_locks_nothing(tmp_path):
     code = (
         "import os, sys; from pathlib import Path; "
-        "from spherekit.files.lock import locked; "
+        "from spherekit.files.plain import locked; "
         "lock = locked(Path(sys.argv[1])); print('ready', flush=True); "
         "sys.stdin.read()"
     )

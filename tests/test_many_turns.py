@@ -13,8 +13,8 @@ from spherekit.dynamics.start import PoseStart, reduced, whole_turns
 from spherekit.engine.compiler import available
 from spherekit.errors import SolveError
 from spherekit.model.dynamics import Stop
-from spherekit.model.laws import ConstantSpeed, Start
 from spherekit.model.parts import Input
+from spherekit.model.study import ConstantSpeed, Start
 
 TURN = 2.0 * np.pi
 TIMES = np.linspace(0.0, 1.0, 9)

@@ -21,9 +21,9 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
     Stop,
+    uniform_arc,
 )
-from spherekit.model.geometry import link_axes
-from spherekit.model.inertia import uniform_arc
+from spherekit.model.gears import link_axes
 from spherekit.model.load import TorqueTable
 
 BASE = """\

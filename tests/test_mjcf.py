@@ -15,7 +15,7 @@ from spherekit.exchange.posed import posed
 from spherekit.files.read import load
 from spherekit.files.write import dumps
 from spherekit.model.dynamics import Damper, Moment, PairTorque, PointForce, Spring
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 from spherekit.motion.closure import Closure
 
 mujoco = pytest.importorskip("mujoco")

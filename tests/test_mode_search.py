@@ -9,13 +9,12 @@ from mode_judge import Structure
 import spherekit as sk
 from spherekit import progress
 from spherekit.cli.main import main
-from spherekit.motion.assemblies import RangeSearch, assemblies
 from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.elimination import RangeSearch, assemblies, in_order, solutions
 from spherekit.motion.groups import group_closure
 from spherekit.motion.motion import Tracer
 from spherekit.motion.search import STARTS, Census
-from spherekit.motion.solutions import in_order, solutions
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 
 
 def solver_of(made):

@@ -17,7 +17,7 @@ from spherekit.model.parts import Input, LinkSizes, SizeGeometry
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.guides import follow
 from spherekit.motion.motion import Tracer
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 
 SHIPPED = (
     "four_bar",

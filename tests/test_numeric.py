@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.local import LocalPolynomials
 from spherekit.numeric.periodic import Periodic
 from spherekit.numeric.zeros import zeros

@@ -8,7 +8,7 @@ from spherekit.files.document import parse
 from spherekit.files.read import loads, read
 from spherekit.files.write import dumps
 from spherekit.proof.balls import bits, middle
-from spherekit.proof.written import Written
+from spherekit.proof.gears import Written
 
 GEARS = """
 format = 1

@@ -12,10 +12,17 @@ import spherekit as sk
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.plan import plan
-from spherekit.planning.poles import LinePole, all_poles
-from spherekit.planning.table import as_dict, as_markdown, as_text, cells, describe
+from spherekit.planning.poles import (
+    LinePole,
+    all_poles,
+    as_dict,
+    as_markdown,
+    as_text,
+    cells,
+    describe,
+)
 
 
 def test_table_of_the_lecture():

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.batch import Batch
+from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.contract import AbstractAnalysis, Findings
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.registry import create, load, names, records, registered
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
@@ -256,7 +255,7 @@ def third_party(tmp_path: Path):
         """
 from dataclasses import dataclass
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.needs import Needs
+from spherekit.analysis.batch import Needs
 class NotOne: pass
 class Base(AbstractAnalysis):
     version = "1"; summary = "s"; tables = ()

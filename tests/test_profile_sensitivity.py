@@ -12,8 +12,8 @@ import pytest
 
 import spherekit as sk
 from spherekit.design.sensitivity import Sensitivity
-from spherekit.files.change import document_of
-from spherekit.model.geometry import geometry_of
+from spherekit.files.write import document_of
+from spherekit.model.gears import geometry_of
 
 DIGITS = 50
 BY_Q, BY_NUMBER = mp.mpf(10) ** -9, mp.mpf(10) ** -12

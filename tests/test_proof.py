@@ -18,17 +18,14 @@ from spherekit.errors import PlanError
 from spherekit.files.document import parse
 from spherekit.files.read import read
 from spherekit.guarantee import Guarantee
-from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
-from spherekit.planning.assembly import plan_assembly
-from spherekit.planning.inputs import driven_at
+from spherekit.motion.elimination import assemblies
+from spherekit.planning.inputs import driven_at, plan_assembly
 from spherekit.proof.balls import middle, upper
-from spherekit.proof.certificate import modes_certificate
+from spherekit.proof.certificate import certified_poles, modes_certificate
 from spherekit.proof.construction import construct, permanent, removals
+from spherekit.proof.gears import Written, structure_of
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.poles import certified_poles
-from spherekit.proof.structure import structure_of
-from spherekit.proof.written import Written
 
 CASES = [
     ("four_bar", None, ("40",), 2),

@@ -15,8 +15,8 @@ from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import bits, exact, middle, pi
 from spherekit.proof.certificate import modes_certificate
 from spherekit.proof.curves import certified_curves
+from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.written import Written
 
 BASE, TIP = 40, 75
 """Angles (deg) from the axis of symmetry to the base's axes and to those of the cranks."""

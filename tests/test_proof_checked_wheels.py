@@ -16,11 +16,11 @@ from spherekit.proof.certificate import (
     curves_certificate,
     modes_certificate,
     singular_table,
+    singularities,
 )
 from spherekit.proof.curves import certified_curves
+from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.singular import singularities
-from spherekit.proof.written import Written
 
 PLANET = FIVE_BAR.replace('links = ["2", "5"]\nteeth', 'links = ["1", "3"]\nteeth')
 PLANET = PLANET.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')

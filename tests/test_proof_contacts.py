@@ -19,8 +19,8 @@ from spherekit.files.read import read
 from spherekit.proof.balls import middle
 from spherekit.proof.certificate import modes_certificate
 from spherekit.proof.construction import construct
+from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.written import Written
 
 DISCS = """
 format = 1

@@ -15,11 +15,11 @@ from spherekit.files.document import parse
 from spherekit.files.read import read
 from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import bits, decimal, pi
+from spherekit.proof.certificate import singularities
 from spherekit.proof.curves import certified_curves
+from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.singular import singularities
 from spherekit.proof.tubes import corrected
-from spherekit.proof.written import Written
 
 TURN = ("0", "360")
 FOLDS = ("80", "30", "50", "60")

@@ -18,13 +18,12 @@ from spherekit.files.document import parse
 from spherekit.files.read import read
 from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import bits, exact, middle
-from spherekit.proof.certificate import curves_certificate
+from spherekit.proof.certificate import curves_certificate, singularities
 from spherekit.proof.construction import construct, turned_together
 from spherekit.proof.curves import certified_curves
 from spherekit.proof.equations import Equations, Placed
+from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.singular import singularities
-from spherekit.proof.written import Written
 
 
 def geared(teeth, text=FIVE_BAR):

@@ -9,8 +9,8 @@ pytest.importorskip("flint")
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.proof.input_map import CONTAINS, REGULAR, input_map
-from spherekit.proof.written import Written
+from spherekit.proof.gears import Written
+from spherekit.proof.paving import CONTAINS, REGULAR, input_map
 
 
 @pytest.fixture(scope="module")

@@ -22,15 +22,18 @@ from spherekit.model.parts import Input
 from spherekit.planning.inputs import driven_at
 from spherekit.proof.along import rates
 from spherekit.proof.balls import bits, circle, exact
-from spherekit.proof.certificate import curves_certificate, singular_table
+from spherekit.proof.certificate import (
+    curves_certificate,
+    output_pairs,
+    singular_table,
+    singularities,
+)
 from spherekit.proof.construction import construct
 from spherekit.proof.curves import certified_curves
 from spherekit.proof.equations import Equations
+from spherekit.proof.gears import Written, structure_of
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.singular import output_pairs, singularities
-from spherekit.proof.structure import structure_of
 from spherekit.proof.tubes import local
-from spherekit.proof.written import Written
 
 TURN = ("0", "360")
 

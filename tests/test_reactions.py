@@ -12,9 +12,8 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import holding_torques, output_stiffness
 from spherekit.dynamics.reactions import reactions
-from spherekit.model.laws import Polynomial
-from spherekit.motion.motion import Tracer
-from spherekit.motion.timing import by_laws
+from spherekit.model.study import Polynomial
+from spherekit.motion.motion import Tracer, by_laws
 
 STARTS = {
     "two_dof_spm": (0.3, 0.35),

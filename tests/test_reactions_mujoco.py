@@ -11,9 +11,8 @@ from test_dynamics_several_inputs import STARTS, heavy
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
 from spherekit.exchange.mjcf import mjcf
-from spherekit.model.laws import Polynomial
-from spherekit.motion.motion import Tracer
-from spherekit.motion.timing import by_laws
+from spherekit.model.study import Polynomial
+from spherekit.motion.motion import Tracer, by_laws
 
 mujoco = pytest.importorskip("mujoco")
 

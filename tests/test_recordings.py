@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rerun", reason="the viewer extra is not installed")
 
 from rerun.chunk import RrdReader
-from spherekit_analyses.pole_scenes import Chart
+from spherekit_analyses.poles import Chart
 
 import spherekit as sk
 from spherekit.analysis.plotted import broken, cut, plotted_range
@@ -21,8 +21,8 @@ from spherekit.errors import OutputError, SolveError
 from spherekit.view.charts import FRAME_HEIGHT, gridded, ticks, written
 from spherekit.view.diagrams import clipped
 from spherekit.view.pictures import check_picture, check_version
-from spherekit.view.preview import preview
 from spherekit.view.rerun_view import RerunRecorder
+from spherekit.view.viewer import preview
 
 
 class Listener:

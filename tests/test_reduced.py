@@ -26,10 +26,10 @@ from spherekit.model.dynamics import (
     Moment,
     PointForce,
     Spring,
+    moments_of_point,
 )
-from spherekit.model.inertia import moments_of_point
-from spherekit.model.laws import Polynomial
 from spherekit.model.load import TorqueTable
+from spherekit.model.study import Polynomial
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import parse_pole
 from spherekit.rates.field import evaluate

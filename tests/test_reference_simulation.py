@@ -8,21 +8,21 @@ import pytest
 
 import spherekit as sk
 from spherekit.analysis.registry import create
-from spherekit.analysis.running.setting import Setting
+from spherekit.analysis.running.evaluation import Setting
 from spherekit.conventions import EPS, Status
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.reference import reference_simulation
 from spherekit.engine.compiler import available
 from spherekit.errors import EngineError
 from spherekit.model.dynamics import Gravity, Mass, PairTorque, Spring, Stop
-from spherekit.model.laws import Start
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
+from spherekit.model.study import Start
 from spherekit.motion.motion import Tracer
 from spherekit.proof.balls import Digits, exactly, floats, library
-from spherekit.proof.forces import exact_inertia
 from spherekit.proof.rows import exact_direction, exact_rows
+from spherekit.proof.simulation import exact_inertia
 from spherekit.tradeoff.trade import trade
 
 compiled = pytest.mark.skipif(not available(), reason="heyoka is not installed")
@@ -411,8 +411,8 @@ def test_the_table_says_what_the_reference_was(monkeypatch):
     def none(*given, **more):
         raise EngineError("there is none")
 
-    monkeypatch.setattr("spherekit.tradeoff.simulated.refined", none)
-    monkeypatch.setattr("spherekit.tradeoff.simulated.available", lambda: False)
+    monkeypatch.setattr("spherekit.tradeoff.measure.refined", none)
+    monkeypatch.setattr("spherekit.tradeoff.measure.available", lambda: False)
     found = short_trade()
     assert found.reference.startswith("simulation numpy tolerance 1e-13, known to")
     assert found.reference.endswith("from numpy tolerance 1e-12 (there is none)")

@@ -12,7 +12,7 @@ from closed_forms import (
 from sphere_areas import common_area
 
 from spherekit.errors import RegionError
-from spherekit.region.region import find_region
+from spherekit.region.refine import find_region
 
 
 def unit(vector):

@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.conventions import EPS, Status
-from spherekit.output.forward import ForwardKinematics
-from spherekit.output.solutions import pose_of
-from spherekit.sphere.poses import turns_between
+from spherekit.output.forward import ForwardKinematics, pose_of
+from spherekit.sphere.rotation import turns_between
 from spherekit.workspace.inverse import output_kinematics
 
 COUNTS = [2000, pytest.param(100_000, marks=pytest.mark.long)]

@@ -15,9 +15,9 @@ from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import (
     ROUTES,
+    SignMemory,
     request,
 )
-from spherekit.rates.signs import SignMemory
 
 SHARP = 2e-10
 """Bound of directions (rad) below which a row counts as well conditioned."""

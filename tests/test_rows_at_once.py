@@ -20,8 +20,7 @@ from spherekit.model.study import Study
 from spherekit.numeric.unread import Unread
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
-from spherekit.rates.request import request
-from spherekit.rates.signs import _flips, signs_at_stops
+from spherekit.rates.request import _flips, request, signs_at_stops
 
 LONG_SEARCHES = {7, 15}
 """Seeds of chains that cannot move, which takes seconds to find out."""

@@ -9,12 +9,12 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.design.sensitivity import Deviations, Sensitivity
 from spherekit.design.variables import sizes_of
-from spherekit.engine.frames import DesignGeometry, revolute_frames
+from spherekit.engine.algebra import DesignGeometry, revolute_frames
 from spherekit.errors import AnalysisError, DesignError, FileError
-from spherekit.files.change import document_of, number_at, number_path, with_numbers
 from spherekit.files.library import find
 from spherekit.files.read import read
-from spherekit.model.geometry import geometry_of
+from spherekit.files.write import document_of, number_at, number_path, with_numbers
+from spherekit.model.gears import geometry_of
 from spherekit.model.joints import Revolute
 from spherekit.model.parts import SizeGeometry
 from spherekit.motion.closure import Closure

@@ -16,9 +16,9 @@ from spherekit.model.parts import Input
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Tracer
+from spherekit.planning.inputs import graph_mobility
 from spherekit.planning.plan import plan, plans
 from spherekit.planning.poles import CoaxialPole, all_poles
-from spherekit.planning.rigidity import graph_mobility
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 

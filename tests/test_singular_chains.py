@@ -6,7 +6,7 @@ from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
 from exact_rest import exact_rest
 
 from spherekit.guarantee import Guarantee
-from spherekit.motion.assemblies import assemblies
+from spherekit.motion.elimination import assemblies
 from spherekit.motion.motion import Tracer
 from spherekit.singular.relation import Type
 from spherekit.singular.single import SingleFreedom

@@ -10,14 +10,13 @@ from singular_examples import ROCKER, axes_at, findings_of, four_bar
 
 import spherekit as sk
 from spherekit import progress
-from spherekit.budget import Budget
-from spherekit.guarantee import Guarantee
+from spherekit.guarantee import Budget, Guarantee
 from spherekit.guidance.loci import SIDE, mid_plane_loci
 from spherekit.motion.motion import Tracer
 from spherekit.motion.turns import into_range, turns_in_range
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.surface import singular_surface
-from spherekit.sphere.mirror import normal_at
+from spherekit.sphere.rotation import normal_at
 
 NAME = "singularities"
 GEARED = """

@@ -21,13 +21,11 @@ from spherekit.motion.closure import lock
 from spherekit.motion.motion import Tracer, motion_of
 from spherekit.rates.core import equations
 from spherekit.singular.aspects import aspects
-from spherekit.singular.curves import singular_curves
-from spherekit.singular.locus import Locus
+from spherekit.singular.curves import singular_curves, trace_curves
+from spherekit.singular.locus import Locus, solver_of
 from spherekit.singular.several import RowType, coefficients, relations
-from spherekit.singular.slices import solver_of
 from spherekit.singular.stationarity import InputsLocked, output_of
 from spherekit.singular.surface import singular_surface
-from spherekit.singular.trace import trace_curves
 
 LEGS = [(1, 2), (2, 3), (3, 8), (1, 4), (4, 5), (5, 8), (1, 6), (6, 7), (7, 8)]
 """Three legs of three pairs from link 1 to link 8, pair by pair."""

@@ -13,14 +13,14 @@ from singular_examples import four_bar
 from spherekit import load
 from spherekit.conventions import Status
 from spherekit.errors import PlanError, SolveError
+from spherekit.motion.arc_curve import curve_points
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.crossing import crossing_near, jacobian_rates, ways_out
 from spherekit.motion.motion import Tracer
-from spherekit.motion.segments import curve_points
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import all_poles, pole_of
 from spherekit.rates.core import driven_rates
-from spherekit.rates.sequence import PlannedPoles
+from spherekit.rates.field import PlannedPoles
 from spherekit.singular.relation import FourLinks, SixPoles, Type, form_i, form_ii
 from spherekit.singular.single import SingleFreedom
 

@@ -13,9 +13,8 @@ import spherekit as sk
 from spherekit.model.parts import Input, Output
 from spherekit.motion.motion import motion_of
 from spherekit.rates.transmission import SINGULAR, Transmission
-from spherekit.singular.points import View
-from spherekit.singular.several import coefficients, what_vanishes
-from spherekit.singular.slices import solver_of
+from spherekit.singular.locus import solver_of
+from spherekit.singular.several import View, coefficients, what_vanishes
 from spherekit.singular.starts import closed_configurations, everywhere, points_from
 from spherekit.singular.stationarity import output_of
 from spherekit.workspace.inverse import output_kinematics

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.design.cutting_planes import least_greatest
-from spherekit.design.descent import FigureGradients
+from spherekit.design.descent import FigureGradients, least_greatest
 from spherekit.design.held_modes import SignedMode
 from spherekit.design.sizing import one_linkage
 from spherekit.design.wanted import nondominated

@@ -5,8 +5,8 @@ import pytest
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients
-from spherekit.design.file_numbers import EIGHTH
 from spherekit.design.held_modes import HeldModes
+from spherekit.design.variables import EIGHTH
 from spherekit.errors import DesignError
 from spherekit.files.library import find
 from spherekit.front.size import sizing_of

@@ -17,8 +17,8 @@ from spherekit.dynamics.tabulate import online_model
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Guarantee
 from spherekit.model.dynamics import Gravity, Mass
-from spherekit.model.laws import ConstantSpeed, Start
 from spherekit.model.parts import Input, Output
+from spherekit.model.study import ConstantSpeed, Start
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate

@@ -8,8 +8,7 @@ from common import bare
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
-from spherekit.motion.motion import Tracer
-from spherekit.motion.timing import by_laws
+from spherekit.motion.motion import Tracer, by_laws
 
 
 def at_rest(made, pair, q):

@@ -15,9 +15,9 @@ from spherekit.files.read import load
 from spherekit.files.write import dump
 from spherekit.model.dynamics import Friction, Mass, PairTorque, Stop
 from spherekit.model.expression import parse
-from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
+from spherekit.model.study import Start
 from spherekit.motion.motion import Tracer
 
 ENGINES = (

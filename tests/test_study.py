@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 import spherekit as sk
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.registry import registered
 from spherekit.analysis.study import analyses_of
 from spherekit.cli.main import main

@@ -16,12 +16,12 @@ import pytest
 from common import bare
 
 import spherekit as sk
-from spherekit.analysis.merit import Merit, Reducing
+from spherekit.analysis.contract import Merit, Reducing
 from spherekit.cli.main import main
 from spherekit.design.descent import FigureGradients
 from spherekit.design.figures import DesignSamples, refused
 from spherekit.design.held_modes import SignedMode
-from spherekit.design.space import DesignSpace, between, listed, variation
+from spherekit.design.sweep import DesignSpace, between, listed, variation
 from spherekit.design.sweep_parts import run_sweep
 from spherekit.design.variables import sizes_of
 from spherekit.engine.design_kernel import (
@@ -39,13 +39,12 @@ from spherekit.errors import (
     PlanError,
     SolveError,
 )
-from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.library import find
 from spherekit.files.read import read
-from spherekit.front.size import sizing_of
-from spherekit.front.sweep import sweep_of
+from spherekit.files.write import document_of, number_path, with_numbers
+from spherekit.front.size import sizing_of, sweep_of
 from spherekit.model.study import Study
-from spherekit.numeric.turns import widest_swing, wrap
+from spherekit.numeric.crossings import widest_swing, wrap
 from spherekit.plugin.designs import middle_pairs, row_quantities
 
 SAMPLES = 25

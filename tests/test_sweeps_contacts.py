@@ -7,8 +7,8 @@ import spherekit as sk
 from spherekit.design.descent import FigureGradients
 from spherekit.design.held_modes import SignedMode
 from spherekit.design.sensitivity import Sensitivity
-from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.read import read
+from spherekit.files.write import document_of, number_path, with_numbers
 
 WHEELS = """
 format = 1

@@ -6,8 +6,8 @@ import pytest
 import spherekit as sk
 from spherekit.design.variables import design_variable
 from spherekit.errors import DesignError
-from spherekit.files.change import document_of, number_path, with_numbers
 from spherekit.files.read import read
+from spherekit.files.write import document_of, number_path, with_numbers
 from spherekit.model.study import Study
 from spherekit.plugin.designs import Sensitivity
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.run import run
 from spherekit.analysis.tables import Column, Table
 from spherekit.cli.main import main
@@ -26,7 +26,7 @@ from spherekit.errors import (
 )
 from spherekit.files.study import load_study
 from spherekit.model.dynamics import Stop
-from spherekit.model.laws import ConstantSpeed, Start
+from spherekit.model.study import ConstantSpeed, Start
 
 HEAD = """\
 format = 1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spherekit.model.geometry import TOUCHING
+from spherekit.model.gears import TOUCHING
 from spherekit.sphere.paths import axes_about
 from spherekit.sphere.profile import (
     Curve,

@@ -10,9 +10,9 @@ import pytest
 import spherekit as sk
 from spherekit.analysis.contract import Sweep
 from spherekit.analysis.registry import create
-from spherekit.analysis.requests import requests_for
+from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.sampling import course_of
-from spherekit.analysis.running.setting import Setting
+from spherekit.analysis.study import requests_for
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, TURN, Status
 from spherekit.engine.compiler import available
@@ -23,8 +23,7 @@ from spherekit.proof.balls import Digits, floats
 from spherekit.proof.rows import exact_direction, exact_rows
 from spherekit.tradeoff.choice import WORTH, choose
 from spherekit.tradeoff.measure import Benchmark
-from spherekit.tradeoff.record import MARGIN, Measured, check_tolerance
-from spherekit.tradeoff.stored import read_trade
+from spherekit.tradeoff.record import MARGIN, Measured, check_tolerance, read_trade
 from spherekit.tradeoff.trade import _places_apart, trade
 
 FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
@@ -257,7 +256,7 @@ def test_a_compiled_run_gives_the_tables_of_an_ordinary_one():
 
 
 def test_a_simulation_trades_tolerances():
-    from spherekit.model.laws import Start
+    from spherekit.model.study import Start
 
     own = [Setting(integrator="numpy", tolerance=t) for t in (1e-4, 1e-8)]
     found = trade(
@@ -387,7 +386,7 @@ def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
     capsys, tmp_path, monkeypatch
 ):
     few = [Setting(integrator="numpy", tolerance=t) for t in (1e-4, 1e-7, 1e-11)]
-    monkeypatch.setattr("spherekit.tradeoff.simulated.of_simulation", lambda: few)
+    monkeypatch.setattr("spherekit.tradeoff.measure.of_simulation", lambda: few)
     kept = stored_trade(tmp_path, *MOVED)
     capsys.readouterr()
     given = ["run", "four_bar", *MOVED, "--trade", kept]

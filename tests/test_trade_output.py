@@ -8,12 +8,10 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from spherekit.analysis.running.setting import Setting
+from spherekit.analysis.running.evaluation import Setting
 from spherekit.cli.main import main
 from spherekit.figures.contents import figures_of
-from spherekit.tradeoff.chart import scene
-from spherekit.tradeoff.record import Measured, Trade
-from spherekit.tradeoff.text import as_text, seconds
+from spherekit.tradeoff.record import Measured, Trade, as_text, scene, seconds
 
 
 def made():

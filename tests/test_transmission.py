@@ -14,13 +14,13 @@ from spherekit.conventions import Status
 from spherekit.guidance.follow import follow_rotation
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.motion import Tracer, motion_of
-from spherekit.planning.assembly import plan_assembly
+from spherekit.planning.inputs import plan_assembly
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.singular.several import RowType, coefficients
 from spherekit.singular.stationarity import output_of
-from spherekit.sphere.mirror import normal_at
-from spherekit.workspace.constraints import Constraints, bounds_of
+from spherekit.sphere.rotation import normal_at
 from spherekit.workspace.inverse import closed_kinematics, output_kinematics
+from spherekit.workspace.rows import Constraints, bounds_of
 from spherekit.workspace.workspace import judge
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")

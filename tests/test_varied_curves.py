@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from spherekit.sphere.profile import circle, fourier, through
-from spherekit.sphere.varied_curve import varied_round, varied_through
-from spherekit.sphere.varied_spline import quintic_panels
+from spherekit.sphere.varied_curve import quintic_panels, varied_round, varied_through
 
 STEP = 1e-5
 CENTRE = np.array([0.36, 0.48, 0.8])

@@ -11,22 +11,19 @@ from independent import arcs_of, closed_form
 
 import spherekit as sk
 from spherekit.analysis import run as runner
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.running import evaluation, verify
-from spherekit.analysis.running.evaluation import Evaluation
-from spherekit.analysis.running.run_plan import Asked, RunPlan
+from spherekit.analysis.running.evaluation import ORDINARY, Evaluation
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.running.setting import ORDINARY
-from spherekit.analysis.running.summary import faults, told
+from spherekit.analysis.running.summary import Asked, RunPlan, faults, told
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
 from spherekit.errors import EngineError, FileError
-from spherekit.model.laws import Start
-from spherekit.motion.continued import AngleMemory
-from spherekit.motion.motion import Tracer
+from spherekit.model.study import Start
+from spherekit.motion.motion import AngleMemory, Tracer
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 

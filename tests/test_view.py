@@ -25,25 +25,25 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.analysis.link_scenes import link_bodies
-from spherekit.analysis.recording_head import RecordingHead
 from spherekit.analysis.scene import (
     Arrow,
     Body,
     Graph,
     GreatCircle,
     Primitive,
+    RecordingHead,
     Scene,
     Series,
     Text,
 )
 from spherekit.errors import OutputError
 from spherekit.motion.motion import Tracer
+from spherekit.view.blueprint import input_scale, input_timeline
 from spherekit.view.names import Names
 from spherekit.view.pictures import screenshot
 from spherekit.view.rerun_view import RerunRecorder
 from spherekit.view.shapes import path_on_sphere, quaternions_to
 from spherekit.view.sight import Sight
-from spherekit.view.timelines import input_scale, input_timeline
 
 SAMPLES = np.arange(361)
 INPUTS = np.radians(SAMPLES)

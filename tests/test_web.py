@@ -11,7 +11,7 @@ import pytest
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import OutputError
-from spherekit.view.web import served
+from spherekit.view.viewer import served
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +49,8 @@ def answers(host, port):
 
 
 def test_the_command_says_the_address_and_ends_with_ctrl_c(recording, capsys, monkeypatch):
-    monkeypatch.setattr("spherekit.view.web.has_display", lambda: False)
-    monkeypatch.setattr("spherekit.view.web.time.sleep", interrupted)
+    monkeypatch.setattr("spherekit.view.viewer.has_display", lambda: False)
+    monkeypatch.setattr("spherekit.view.viewer.time.sleep", interrupted)
     assert main(["view", str(recording), "--web"]) == 0
     said = capsys.readouterr().err
     assert "http://127.0.0.1:" in said and "Ctrl-C" in said

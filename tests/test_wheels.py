@@ -19,8 +19,8 @@ from spherekit.dynamics.start import prepare
 from spherekit.guarantee import Guarantee
 from spherekit.model.dynamics import Mass
 from spherekit.model.gears import pitch_angles
-from spherekit.model.laws import ConstantSpeed, Start
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
+from spherekit.model.study import ConstantSpeed, Start
 from spherekit.motion.motion import Tracer
 from spherekit.output.forward import ForwardKinematics
 

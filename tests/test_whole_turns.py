@@ -12,9 +12,9 @@ from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.errors import SolveError
 from spherekit.exchange.coupling_made import coupling_table
 from spherekit.exchange.posed import posed
-from spherekit.files.change import document_of
+from spherekit.files.write import document_of
 from spherekit.model.dynamics import Mass, PairTorque, Stop
-from spherekit.model.laws import ConstantSpeed, Start
+from spherekit.model.study import ConstantSpeed, Start
 from spherekit.motion.motion import Tracer
 
 AWAY = 0.3 + 6.0 * np.pi

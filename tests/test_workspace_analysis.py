@@ -23,10 +23,15 @@ from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics
 from spherekit.output.inverse import InverseKinematics
 from spherekit.region.mesh import spread
-from spherekit.sphere.rotation import arc, from_quaternion, transpose
-from spherekit.sphere.tilt_torsion import azimuth_tilt, euler_zyz
-from spherekit.workspace.constraints import AxesLimit, Constraints, PairLimit, bounds_of
+from spherekit.sphere.rotation import (
+    arc,
+    azimuth_tilt,
+    euler_zyz,
+    from_quaternion,
+    transpose,
+)
 from spherekit.workspace.inverse import closed_kinematics
+from spherekit.workspace.rows import AxesLimit, Constraints, PairLimit, bounds_of
 from spherekit.workspace.workspace import (
     direction_workspaces,
     judge,

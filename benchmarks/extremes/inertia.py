@@ -21,8 +21,8 @@ from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque, Tensor
-from spherekit.model.laws import Polynomial, Start
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Polynomial, Start
 
 FAMILY = "inertia"
 RATIO = "inertia of one link over the others"

@@ -23,8 +23,8 @@ from spherekit.conventions import Status
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
-from spherekit.rates.pole_field import PoleField
 from spherekit.rates.request import (
+    PoleField,
     Route,
     request,
 )

@@ -25,8 +25,8 @@ from spherekit.errors import SpherekitError
 from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.joints import revolute
-from spherekit.model.laws import Polynomial, Start
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Polynomial, Start
 
 FAMILY = "loads"
 POWER = "power of ten of the load, N m"

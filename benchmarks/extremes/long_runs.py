@@ -11,9 +11,9 @@ from spherekit.dynamics.start import PoseStart
 from spherekit.errors import EngineError
 from spherekit.files.read import load
 from spherekit.model.dynamics import PairTorque
-from spherekit.model.laws import Start
 from spherekit.model.mechanism import Mechanism
-from spherekit.numeric.turns import wrap
+from spherekit.model.study import Start
+from spherekit.numeric.crossings import wrap
 
 FAMILY = "long runs"
 TURNS = "turns of the input"

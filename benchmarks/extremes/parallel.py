@@ -10,7 +10,7 @@ from benchmarks.extremes.reference import DIGITS, Reference, exact
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar, point_of
 from benchmarks.samples import EIGHT_BARS, mechanism, random_axes
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.rates.request import (
     Route,

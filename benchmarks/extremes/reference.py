@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.errors import ModelError
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree

@@ -1,23 +1,75 @@
 """What an analysis may read: a block of samples, limited to what it declared."""
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.running.kernel_columns import UnreadField
+from spherekit.analysis.scene import Primitive, Scene, Series
+from spherekit.analysis.tables import (
+    ASSEMBLY_MODE,
+    INPUTS,
+    RESIDUAL,
+    SAMPLE,
+    TIME,
+    Column,
+    Table,
+    TableData,
+)
 from spherekit.conventions import Status, listing
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Motion, Tracer
-from spherekit.motion.timing import Extent, Timing
+from spherekit.motion.motion import Extent, Motion, Timing, Tracer
 from spherekit.numeric.unread import Interleaved, Unread
 from spherekit.planning.poles import Plan, Pole, pole_of
-from spherekit.rates.pole_field import PoleField
+from spherekit.rates.request import PoleField
 from spherekit.sphere.rotation import Floats
+
+
+@final
+@dataclass(frozen=True)
+class Needs:
+    """What an analysis reads, by link numbers, pair names and link names.
+
+    `directions`: poles whose axis direction is wanted. `rates`: poles whose velocity
+    coefficient is wanted too; with `derivatives`, also its derivative by the input.
+    `turns`: poles whose direction's derivative is wanted, with `derivatives`.
+    `planes`: poles whose two great circles are wanted. `link_rates`: links whose angular
+    velocity per unit rate of the input is wanted, `pair_rates`: pairs whose variable's
+    rate is; with `derivatives`, also the derivative of the former. `pair_values`,
+    `rotations`: pairs and links. `continued_values`: pairs whose variable is wanted
+    without jumps of a turn. All five by name. `time`: when the rows happen, with
+    the rates and accelerations of the inputs. `tracer`: what finds configurations, for
+    an analysis that asks for more of them than the samples; `links` are the numbers of
+    those whose motion relative to the input it asks about, none if about all.
+    """
+
+    directions: frozenset[Pole] = frozenset()
+    rates: frozenset[Pole] = frozenset()
+    derivatives: bool = False
+    planes: frozenset[Pole] = frozenset()
+    pair_values: frozenset[str] = frozenset()
+    continued_values: frozenset[str] = frozenset()
+    rotations: frozenset[str] = frozenset()
+    link_rates: frozenset[str] = frozenset()
+    pair_rates: frozenset[str] = frozenset()
+    time: bool = False
+    tracer: bool = False
+    turns: frozenset[Pole] = frozenset()
+    links: frozenset[int] = frozenset()
+
+    def union(self, other: "Needs") -> "Needs":
+        """Return what two analyses need together."""
+        return Needs(
+            **{
+                one.name: getattr(self, one.name) | getattr(other, one.name)
+                for one in fields(Needs)
+            }
+        )
+
 
 Values = TypeVar("Values", bound=NDArray[Any])
 Made = TypeVar("Made")
@@ -405,3 +457,69 @@ def run_status(
         if pole_field.status is not motion.status:
             status = np.where(status == Status.OK, pole_field.status, status)
     return np.asarray(status, dtype=np.int8)
+
+
+MOST_SUBJECTS = 60
+"""A table with more rows at a sample is not drawn."""
+
+
+def table_scenes(
+    tables: Sequence[Table], data: Mapping[str, TableData], batch: Batch
+) -> tuple[Scene, ...]:
+    """Return the numbers of tables with rows at the samples, over these, by mode.
+
+    Rows that belong to one sample are told apart by what their columns of text say.
+    """
+    sampled = [table for table in tables if table.in_assembly_modes]
+    scenes = []
+    for mode, rows in batch.assembly_mode_rows().items():
+        parts = [
+            part
+            for table in sampled
+            for part in _parts(table, data[table.name], mode, batch.sample[rows])
+        ]
+        if parts:
+            scenes.append(Scene(mode, tuple(parts)))
+    return tuple(scenes)
+
+
+def _parts(
+    table: Table, data: TableData, mode: int, samples: NDArray[np.int64]
+) -> Iterator[Primitive]:
+    """Yield the columns of one mode, of each subject that has a row at every sample."""
+    here = np.asarray(data[ASSEMBLY_MODE.name]) == mode
+    texts = [
+        np.asarray(data[column.name]).astype(str)[here]
+        for column in table.columns
+        if column.kind == "text"
+    ]
+    subjects = np.array([", ".join(words) for words in zip(*texts, strict=True)], dtype=str)
+    if not texts:
+        subjects = np.full(int(np.sum(here)), "")
+    names = list(dict.fromkeys(subjects.tolist()))
+    if len(names) > MOST_SUBJECTS:
+        return
+    for subject in names:
+        chosen = np.flatnonzero(here)[subjects == subject]
+        if not np.array_equal(np.asarray(data[SAMPLE.name])[chosen], samples):
+            continue
+        for column in table.columns:
+            if _shown(column):
+                path = f"tables/{table.name}/{column.name}/{subject}"
+                values = np.asarray(data[column.name], dtype=float)[chosen]
+                label = subject or column.name
+                yield Series(path, label, column.meaning, values, column.unit)
+
+
+def _shown(column: Column) -> bool:
+    """Return whether a column is a result, and not an input, the time or an error."""
+    given = (INPUTS.name, TIME.name, RESIDUAL.name)
+    is_input = column.name.startswith(f"{INPUTS.name}_") and column.meaning.startswith(
+        INPUTS.meaning
+    )
+    return (
+        column.kind == "number"
+        and column.scale != "none"
+        and column.name not in given
+        and not is_input
+    )

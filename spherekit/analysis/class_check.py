@@ -9,8 +9,8 @@ from spherekit.analysis.arguments import parameters
 from spherekit.analysis.contract import CONTRACT, AbstractAnalysis, Sweep
 from spherekit.analysis.faults import described
 from spherekit.analysis.result import MOTION
+from spherekit.analysis.scene import SYMBOLS, is_unit
 from spherekit.analysis.tables import COLUMNS, Column, Kind, Scale, Table, Turns
-from spherekit.analysis.units import SYMBOLS, is_unit
 from spherekit.conventions import NAME_PATTERN, listing
 
 TAKEN = (MOTION, COLUMNS.partition(".")[0])

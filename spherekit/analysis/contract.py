@@ -5,18 +5,263 @@ parameters. It says what it needs before anything is computed, gets exactly that
 after block or for all samples at once, and returns the tables it declared.
 """
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, final
 
-from spherekit.analysis.batch import Batch
-from spherekit.analysis.merit import Merit
-from spherekit.analysis.needs import Needs
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import Table, TableData
-from spherekit.errors import AnalysisError
+from spherekit.analysis.tables import Table, TableArrays, TableData
+from spherekit.conventions import listing, nearest
+from spherekit.errors import AnalysisError, ModelError, PluginError
+from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
+from spherekit.numeric.crossings import SAME_ANGLE, wrap
+
+Floats = NDArray[np.float64]
+
+REDUCTIONS = {
+    "min": "the least value",
+    "max": "the greatest value",
+    "mean": "the mean over the samples",
+    "rms": "the root of the mean square",
+    "range": "the greatest value less the least",
+    "swing": "the range of an angle that is followed over whole turns",
+    "sum": "the sum over the rows",
+    "argmin": "the input at which it is least",
+    "argmax": "the input at which it is greatest",
+    "at": "the value at an input: at(EXPRESSION, Q); at several: at(EXPRESSION, Q, Q)",
+}
+"""How rows become one number. Samples that do not close are left out."""
+
+_FORM = re.compile(r"(?:([A-Za-z_]\w*)\s*=(?!=))?\s*([A-Za-z_]\w*)\s*\((.*)\)\s*", re.S)
+_TABLE = re.compile(r"\s*(\w+\.\w+)((?:\s+\w+\s*=\s*\w+)*)\s*:(.*)", re.S)
+_POINT = re.compile(r"(.*?)((?:,[^,()]*)+)", re.S)
+_PLACE = re.compile(r"(.*),\s*(\w+)\s*", re.S)
+_BARE = re.compile(r"\s*(?:abs\s*\(\s*)?([A-Za-z_]\w*)\s*\)?\s*")
+
+
+@final
+@dataclass(frozen=True)
+class Merit:
+    """A figure of merit: a reduction of an expression over the rows of a design.
+
+    Attributes
+    ----------
+    name
+        What its column is called.
+    reduction
+        One of `REDUCTIONS`.
+    expression
+        Of quantities of a row (rad, SI), or of the columns of a `table`.
+    point
+        The input (rad) of ``at``, or each of several.
+    place
+        The pair of several inputs whose value ``argmin`` and ``argmax`` give.
+    table
+        ``ANALYSIS.TABLE`` whose rows are meant; None for those that kernels compute.
+    only
+        Columns of the table, and what each is in the rows that count.
+    meaning
+        What it says, in a few words.
+    """
+
+    name: str
+    reduction: str
+    expression: str
+    point: tuple[float, ...] = ()
+    table: str | None = None
+    meaning: str = ""
+    only: tuple[tuple[str, str], ...] = ()
+    place: str = ""
+
+    def __post_init__(self) -> None:
+        if self.reduction not in REDUCTIONS:
+            hint = nearest(self.reduction, REDUCTIONS) or ";"
+            raise AnalysisError(
+                f'{self.name}: "{self.reduction}" is no reduction{hint} it is '
+                f"{listing(REDUCTIONS)}"
+            )
+        if not re.fullmatch(r"[A-Za-z_]\w*", self.name):
+            raise AnalysisError(
+                f'"{self.name}" cannot name a figure of merit: letters, digits and _ can'
+            )
+        if bool(self.point) != (self.reduction == "at"):
+            raise AnalysisError(
+                f"{self.name}: at(EXPRESSION, Q) needs an input Q, and no other has one"
+            )
+
+    @property
+    def of_table(self) -> tuple[str, str]:
+        """The names of the analysis and of its table."""
+        assert self.table is not None
+        analysis, _, table = self.table.partition(".")
+        return analysis, table
+
+    def parsed(self, names: dict[str, str]) -> Expression:
+        """Return the expression, of quantities with units by name.
+
+        Raises
+        ------
+        AnalysisError
+            If it is not an expression of these.
+        """
+        try:
+            return parse(self.expression, names)
+        except ModelError as problem:
+            raise AnalysisError(f"{self.name}: {problem}") from None
+
+    def unit(self, names: dict[str, str]) -> str:
+        """Return its unit where the expression is a quantity or its size, else nothing."""
+        if self.reduction.startswith("arg"):
+            return names.get(f"q_{self.place}" if self.place else "q", "")
+        bare = _BARE.fullmatch(self.expression)
+        return names.get(bare[1], "") if bare else ""
+
+
+def parse_merit(text: str, radians: float) -> Merit:
+    """Return the figure of merit of ``NAME=REDUCTION(EXPRESSION)``, the name optional.
+
+    Parameters
+    ----------
+    text
+        Such as ``least=min(transmission_angle_43)`` or ``at(theta_41, 30)``; of the rows
+        of a table ``max(workspace.areas: size)``, of some of them
+        ``max(workspace.areas part=whole: size)``.
+    radians
+        What a unit of an input given by ``at`` is in rad.
+
+    Raises
+    ------
+    AnalysisError
+        If it has not that form.
+    """
+    match = _FORM.fullmatch(text.strip())
+    if match is None:
+        raise AnalysisError(
+            f'"{text}" is no figure of merit: write NAME=REDUCTION(EXPRESSION), such as '
+            f"least=min(transmission_angle_43); reductions: {listing(REDUCTIONS)}"
+        )
+    name, reduction, expression = match.groups()
+    point: tuple[float, ...] = ()
+    place, ending = "", ""
+    rows = _TABLE.fullmatch(expression)
+    table, only = None, ""
+    if rows:
+        table, only, expression = rows.groups()
+    if reduction == "at":
+        parts = _POINT.fullmatch(expression)
+        try:
+            expression, texts = parts.groups() if parts else ("", "")
+            point = tuple(float(part) * radians for part in texts.split(",")[1:])
+        except ValueError:
+            point = ()
+        if not point:
+            raise AnalysisError(
+                f'"{text}": at needs an expression and an input, at(theta_41, 30)'
+            )
+        ending = "_".join(texts.split(",")).replace(" ", "")
+    elif reduction.startswith("arg") and (parts := _PLACE.fullmatch(expression)):
+        expression, place = parts.groups()
+        ending = f"_{place}"
+    if name is None:
+        words = f"{reduction}_{expression.strip()}{ending}"
+        name = re.sub(r"\W+", "_", words).strip("_")
+    chosen = re.findall(r"(\w+)\s*=\s*(\w+)", only)
+    only_of = tuple(chosen)
+    return Merit(name, reduction, expression.strip(), point, table, "", only_of, place)
+
+
+@final
+class Reducing:
+    """A figure of merit of n designs while their samples come, in order.
+
+    `returns` says that the inputs of the last sample are those of the first but for turns.
+    """
+
+    def __init__(self, merit: Merit, count: int, returns: bool = False) -> None:
+        self.kind = merit.reduction
+        self._returns = returns
+        self._low = np.full(count, np.nan)
+        self._high = np.full(count, np.nan)
+        self._total = np.zeros(count)
+        self._rows = np.zeros(count)
+        self._place = np.full(count, np.nan)
+        self._before = np.full(count, np.nan)
+        self._reached = np.full(count, np.nan)
+        self._first: Floats | None = None
+        self._head = np.full((2, count), np.nan)
+        self._broken = np.zeros(count, dtype=bool)
+
+    def take(self, q: float, values: Floats) -> None:
+        """Take the values (n,) at an input q; NaN where the design does not close."""
+        kind = self.kind
+        if kind in ("max", "range"):
+            np.fmax(self._high, values, out=self._high)
+        if kind in ("min", "range"):
+            np.fmin(self._low, values, out=self._low)
+        if kind == "at":
+            self._high = values.copy()
+        if kind in ("mean", "rms", "sum"):
+            finite = np.isfinite(values)
+            self._rows += finite
+            part = values * values if kind == "rms" else values
+            self._total += np.where(finite, part, 0.0)
+        if kind in ("argmin", "argmax"):
+            better = values < self._low if kind == "argmin" else values > self._low
+            better |= np.isnan(self._low) & np.isfinite(values)
+            self._low[better] = values[better]
+            self._place[better] = q
+        if kind == "swing":
+            self._turn(values)
+
+    def _turn(self, values: Floats) -> None:
+        """Go on with angles; a gap begins anew, and the widest piece counts."""
+        onward = wrap(values - self._before)
+        fresh = np.isnan(onward)
+        self._reached = np.where(fresh, values, self._reached + onward)
+        self._low = np.where(fresh, values, np.fmin(self._low, self._reached))
+        self._high = np.where(fresh, values, np.fmax(self._high, self._reached))
+        self._before = values
+        self._total = np.fmax(self._total, self._high - self._low)
+        self._rows += np.isfinite(values)
+        if self._first is None:
+            self._first = values.copy()
+        self._broken |= np.isnan(values)
+        ends = np.stack([self._low, self._high]) - self._first
+        self._head = np.where(self._broken, self._head, ends)
+
+    def _swung(self) -> Floats:
+        """Return the widest piece; the last goes on with the first where inputs return."""
+        if self._first is None or not self._returns:
+            return self._total
+        meets = np.abs(wrap(self._before - self._first)) < SAME_ANGLE
+        low = np.fmin(self._low, self._reached + self._head[0])
+        high = np.fmax(self._high, self._reached + self._head[1])
+        return np.where(meets & self._broken, np.fmax(self._total, high - low), self._total)
+
+    def result(self) -> Floats:
+        """Return the figure (n,); NaN for designs without a value."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            figure: Any = {
+                "min": self._low,
+                "max": self._high,
+                "at": self._high,
+                "range": self._high - self._low,
+                "mean": self._total / self._rows,
+                "rms": np.sqrt(self._total / self._rows),
+                "sum": np.where(self._rows > 0, self._total, np.nan),
+                "swing": np.where(self._rows > 0, self._swung(), np.nan),
+                "argmin": self._place,
+                "argmax": self._place,
+            }[self.kind]
+        return np.asarray(figure, dtype=float)
+
 
 CONTRACT = 1
 """Version of this contract; a plugin states the one it was written for."""
@@ -134,3 +379,23 @@ class AbstractAnalysis(ABC):
                 "next; define joined(), which says what holds for both"
             )
         return now
+
+
+@final
+@dataclass(frozen=True)
+class Unusable(AbstractAnalysis):
+    """An analysis that is asked for and cannot be used; `why` says what is wrong."""
+
+    name: str  # type: ignore[misc]
+    why: str
+    version: ClassVar[str] = ""
+    summary: ClassVar[str] = ""
+    tables: ClassVar[tuple[Table, ...]] = ()
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Raise `PluginError` with what is wrong."""
+        raise PluginError(self.why)
+
+    def compute(self, batch: Batch) -> Mapping[str, TableArrays]:
+        """Raise `PluginError` with what is wrong."""
+        raise PluginError(self.why)

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.class_check import fault_of_class
-from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.contract import AbstractAnalysis, Unusable
 from spherekit.analysis.faults import faults_of
-from spherekit.analysis.needs import Needs
-from spherekit.analysis.unusable import Unusable
 from spherekit.conventions import listing, nearest
 from spherekit.errors import PluginError
 from spherekit.model.mechanism import Mechanism

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from spherekit.analysis.folder.journal import Unfinished
+from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.recording import Recorder
-from spherekit.analysis.running.setting import ORDINARY, Setting
 from spherekit.analysis.tables import Format
 from spherekit.checked import check_fields
 from spherekit.engine.kernels import Engine

@@ -8,12 +8,11 @@ import numpy as np
 
 from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
 from spherekit.conventions import listing
-from spherekit.model.geometry import geometry_of, link_axes
+from spherekit.model.gears import geometry_of, link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
-from spherekit.planning.poles import Plan, PrimaryPole
-from spherekit.planning.table import as_markdown, describe
+from spherekit.planning.poles import Plan, PrimaryPole, as_markdown, describe
 from spherekit.sphere.rotation import Floats, arc, quaternion
 
 CURVE_STEP = np.radians(2.0)

@@ -23,14 +23,14 @@ from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.files.atomic import check_own
 from spherekit.model.mechanism import Mechanism
-from spherekit.numeric.turns import wrap
+from spherekit.numeric.crossings import wrap
 from spherekit.progress import Working
 from spherekit.proof.balls import Ball, bits, exact, middle, upper
+from spherekit.proof.certificate import CertifiedPole, enclosed_poles
 from spherekit.proof.construction import construct
 from spherekit.proof.equations import Equations
-from spherekit.proof.poles import CertifiedPole, enclosed_poles
+from spherekit.proof.gears import Written
 from spherekit.proof.roots import root_near
-from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
 PRECISION = 80

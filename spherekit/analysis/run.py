@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any
 
-from spherekit.analysis.batch import Batch
+from spherekit.analysis.batch import Batch, table_scenes
 from spherekit.analysis.computed import computed, findings_of, scenes_of
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.execution import Execution
@@ -18,27 +18,27 @@ from spherekit.analysis.faults import faults_of
 from spherekit.analysis.folder.journal import RunFolder, Unfinished, differences
 from spherekit.analysis.folder.on_disk import OnDisk
 from spherekit.analysis.folder.resource_check import need_disk
-from spherekit.analysis.options import Subject, study_of, takes
 from spherekit.analysis.result import MOTION, RunResult, file_names, result_of
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
+from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.recording import RecordingSession, thinning_of
-from spherekit.analysis.running.run_plan import (
+from spherekit.analysis.running.run_state import RunState
+from spherekit.analysis.running.sampling import EVENTS, courses_of
+from spherekit.analysis.running.summary import (
     Asked,
     RunPlan,
+    actual_cost,
+    faults,
     job_of,
     left_out,
     motion_rows,
     needed_part,
+    summary_of,
 )
-from spherekit.analysis.running.run_state import RunState
-from spherekit.analysis.running.sampling import EVENTS, courses_of
-from spherekit.analysis.running.setting import ORDINARY, Setting
-from spherekit.analysis.running.summary import actual_cost, faults, summary_of
 from spherekit.analysis.running.verify import Verifier
-from spherekit.analysis.study import chosen
-from spherekit.analysis.table_scenes import table_scenes
+from spherekit.analysis.study import Subject, chosen, study_of, takes
 from spherekit.analysis.tables import Files
 from spherekit.checked import checked
 from spherekit.conventions import listing
@@ -46,8 +46,7 @@ from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import AnalysisError, OutputError, SpherekitError
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
-from spherekit.rates.pole_field import PoleField
-from spherekit.rates.signs import SignMemory
+from spherekit.rates.request import PoleField, SignMemory
 from spherekit.sphere.rotation import Floats
 
 

@@ -6,16 +6,50 @@ samples that failed: nothing is drawn there. Quantities are in SI and rad, with 
 `in_degrees` turns what is in rad for people.
 """
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.tables import IN_DEGREES
-from spherekit.analysis.units import in_signs
+from spherekit.checked import checked_class
+from spherekit.errors import OutputError
 from spherekit.sphere.rotation import from_quaternion
+
+SYMBOLS = frozenset(
+    ("1", "rad", "sr", "s", "m", "kg", "N", "J", "W", "Hz", "Pa", "K", "A", "V", "C")
+)
+
+_EXPONENT = re.compile(r"(?<=[A-Za-z])\d")
+_RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_POWER = re.compile(r"([A-Za-z]+|1)(\d?)")
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit such as ``kg m2/rad``, or empty for pure numbers.
+
+    Several by ``or`` are units of one column whose rows differ in kind.
+    """
+    return not text or all(_is_single(unit) for unit in text.split(" or "))
+
+
+def in_signs(unit: str) -> str:
+    """Return a unit as people print it: ``kg m2`` as ``kg m²``."""
+    return _EXPONENT.sub(lambda digit: digit[0].translate(_RAISED), unit)
+
+
+def _is_single(text: str) -> bool:
+    parts = [part.split() for part in text.split("/")]
+    matches = [_POWER.fullmatch(symbol) for part in parts for symbol in part]
+    return (
+        len(parts) <= 2
+        and all(parts)
+        and all(match is not None and match[1] in SYMBOLS for match in matches)
+    )
+
 
 Floats = NDArray[np.float64]
 TINY = 1e-300
@@ -474,3 +508,39 @@ def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
         for name, rows in rows_of(primitive).items()
     }
     return replace(primitive, **kept)
+
+
+@final
+@checked_class(OutputError)
+@dataclass(frozen=True)
+class RecordingHead:
+    """What a recorder is told once, before the first block of samples.
+
+    Attributes
+    ----------
+    scenes : sequence of Scene
+        Primitives without samples: the ground, the graph, texts.
+    inputs : array (n,) rad, or None
+        All input values of the run, which fix the unit of the input timeline.
+        None if the run has no single input.
+    assembly_modes : mapping
+        Number and title of each assembly mode to come, in the order of their pages.
+        An assembly mode left out gets its page when its first block comes.
+    properties : mapping
+        Words about the run that the recording carries: versions, hashes.
+    focus : array (3,), or None
+        Unit vector to the middle of the mechanism, which the eye faces at first.
+    row : int, or None
+        Number of successive samples that are neighbours, in a grid of inputs; the
+        paths of poles are cut after each such row. All samples by default.
+    times : array (n,) s, or None
+        All times of the run, if its samples are times, instead of the inputs.
+    """
+
+    scenes: Sequence[Scene] = ()
+    inputs: Floats | None = None
+    assembly_modes: Mapping[int, str] = field(default_factory=dict)
+    properties: Mapping[str, str] = field(default_factory=dict)
+    focus: Floats | None = None
+    row: int | None = None
+    times: Floats | None = None

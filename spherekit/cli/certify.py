@@ -103,7 +103,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.files.write import dumps
     from spherekit.planning.inputs import driven_at
     from spherekit.proof.construction import construct
-    from spherekit.proof.written import Written
+    from spherekit.proof.gears import Written
 
     path = find(options.file)
     document, tolerance = parse(read_text(path), str(path)), options.tolerance
@@ -154,9 +154,8 @@ Made = tuple[list[str], dict[str, Any], bool]
 def _at(written: Any, text: str, with_poles: bool) -> Made:
     """Return lines and certificate of the modes at inputs."""
     from spherekit.errors import AnalysisError
-    from spherekit.proof.certificate import modes_certificate, pole_table
+    from spherekit.proof.certificate import certified_poles, modes_certificate, pole_table
     from spherekit.proof.modes import certified_modes
-    from spherekit.proof.poles import certified_poles
 
     mechanism = written.mechanism
     values = [_decimal("--at", part) for part in text.split(",")]
@@ -255,10 +254,14 @@ def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
     """Return lines and certificate of the curves over the range of the only input."""
     from spherekit.errors import AnalysisError
     from spherekit.guarantee import Guarantee
-    from spherekit.proof.certificate import curves_certificate, singular_table
+    from spherekit.proof.certificate import (
+        curves_certificate,
+        output_pairs,
+        singular_table,
+        singularities,
+    )
     from spherekit.proof.construction import construct
     from spherekit.proof.curves import certified_curves
-    from spherekit.proof.singular import output_pairs, singularities
 
     mechanism = written.mechanism
     ends = [_decimal("--range", end) for end in given] if given else None
@@ -294,7 +297,7 @@ def _map(written: Any, options: argparse.Namespace) -> Made:
     """Return lines and certificate of boxes of two inputs, and draw them if asked."""
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import map_certificate
-    from spherekit.proof.input_map import CELL, input_map
+    from spherekit.proof.paving import CELL, input_map
 
     mechanism = written.mechanism
     names = [item.pair for item in mechanism.inputs]
@@ -323,7 +326,7 @@ def _draw(boxes: Any, names: list[str], path: str) -> None:
     import numpy as np
 
     from spherekit.figures import certified_map
-    from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED
+    from spherekit.proof.paving import CONTAINS, REGULAR, UNDECIDED
 
     centres, half = np.degrees(boxes.centres), np.degrees(boxes.radii)
     counts = sorted(boxes.counts)

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Print the closure of what the analyses need."""
     from spherekit.analysis.registry import create
-    from spherekit.analysis.running.run_plan import needed_part
+    from spherekit.analysis.running.summary import needed_part
     from spherekit.analysis.study import analyses_of
 
     study = study_from(options)
@@ -69,12 +69,11 @@ def execute(options: argparse.Namespace) -> int:
 def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, Any]:
     """Return what analyses ask for, and what that takes."""
     from spherekit.analysis.folder.resource_check import memory_at_once
-    from spherekit.analysis.requests import needs_of, requests_for
     from spherekit.analysis.running.cost import counts_of
     from spherekit.analysis.running.expected import expected
-    from spherekit.planning.assembly import plan_assembly
-    from spherekit.planning.inputs import driven_pairs
-    from spherekit.planning.table import describe
+    from spherekit.analysis.study import needs_of, requests_for
+    from spherekit.planning.inputs import driven_pairs, plan_assembly
+    from spherekit.planning.poles import describe
 
     mechanism = study.mechanism
     requests = requests_for(mechanism, needs_of(mechanism, analyses))

@@ -105,8 +105,8 @@ def numbers(text: str) -> tuple[float, ...]:
 
 def execute(options: argparse.Namespace) -> int:
     """Write the file and say what it holds."""
-    from spherekit.files.angles import to_radians
     from spherekit.files.read import angle_unit_of, load
+    from spherekit.files.units import to_radians
     from spherekit.front.export import OWN, SUFFIXES, export
 
     for name, kinds in OWN.items():

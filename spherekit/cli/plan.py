@@ -56,7 +56,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.motion.motion import Tracer
     from spherekit.planning.inputs import driven_pairs
     from spherekit.planning.plan import plan
-    from spherekit.planning.table import as_dict, as_markdown, as_text, describe
+    from spherekit.planning.poles import as_dict, as_markdown, as_text, describe
 
     mechanism = with_locks(load(options.file), options.lock, options.file)
     names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]

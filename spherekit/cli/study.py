@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.suggest import analyses, pairs, studies, suggesting
 
 if TYPE_CHECKING:
-    from spherekit.model.laws import Law
     from spherekit.model.mechanism import Mechanism
-    from spherekit.model.study import Study
+    from spherekit.model.study import Law, Study
 
 GIVEN = (
     "samples",
@@ -200,7 +199,7 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     from spherekit.conventions import listing, nearest
     from spherekit.errors import AnalysisError, ModelError
     from spherekit.files.units import KEYS
-    from spherekit.model.laws import KINDS
+    from spherekit.model.study import KINDS
     from spherekit.planning.inputs import driven_pairs
 
     mechanism = study.mechanism

@@ -118,9 +118,9 @@ def execute(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from spherekit.analysis.registry import create
-    from spherekit.design.space import DesignSpace, variation
+    from spherekit.design.sweep import DesignSpace, variation
     from spherekit.errors import DesignError
-    from spherekit.front.sweep import perform, sweep_of
+    from spherekit.front.size import perform, sweep_of
 
     if options.tables and options.output is None:
         raise DesignError("--tables: give the folder to which they go, -o DIR")

@@ -54,9 +54,8 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.analysis.registry import create
     from spherekit.analysis.study import analyses_of
     from spherekit.errors import AnalysisError
-    from spherekit.front.trade import trade
-    from spherekit.tradeoff.record import check_tolerance
-    from spherekit.tradeoff.text import as_text
+    from spherekit.front.run import trade
+    from spherekit.tradeoff.record import as_text, check_tolerance
 
     study = study_from(options)
     if options.tol is not None:
@@ -103,7 +102,7 @@ def _check_places(options: argparse.Namespace) -> None:
 
 def _write(result: Any, options: argparse.Namespace) -> None:
     from spherekit.files.atomic import MARK, make_folder, write_text
-    from spherekit.tradeoff.text import as_csv
+    from spherekit.tradeoff.record import as_csv
 
     folder = make_folder(options.output)
     data = json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False)
@@ -124,8 +123,8 @@ def _record(result: Any, options: argparse.Namespace) -> None:
 
     import numpy as np
 
-    from spherekit.analysis.recording_head import RecordingHead
-    from spherekit.tradeoff.chart import scene
+    from spherekit.analysis.scene import RecordingHead
+    from spherekit.tradeoff.record import scene
     from spherekit.view.rerun_view import RerunRecorder
 
     with RerunRecorder(result.mechanism, path=Path(options.save)) as recorder:

@@ -71,8 +71,8 @@ def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
     from spherekit.files.study import load_study
     from spherekit.motion.loops import rank_mobility
     from spherekit.motion.motion import Tracer
+    from spherekit.planning.inputs import graph_mobility
     from spherekit.planning.plan import plans
-    from spherekit.planning.rigidity import graph_mobility
 
     study = load_study(name)
     study = replace(study, mechanism=with_locks(study.mechanism, locks, name))

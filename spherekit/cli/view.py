@@ -94,8 +94,7 @@ def is_mechanism(name: str) -> bool:
 def _of_mechanism(options: argparse.Namespace) -> int:
     """Show a mechanism as its file has it, without a run."""
     from spherekit.files.read import load
-    from spherekit.view.preview import preview
-    from spherekit.view.viewer import has_display
+    from spherekit.view.viewer import has_display, preview
 
     mechanism = load(options.file)
     if options.png is None and not has_display():
@@ -120,7 +119,7 @@ def _of_mechanism(options: argparse.Namespace) -> int:
 
 def _of_recording(path: Path, options: argparse.Namespace) -> int:
     if options.web:
-        from spherekit.view.web import serve_web
+        from spherekit.view.viewer import serve_web
 
         serve_web(path, lambda url: print(f"{url}  (Ctrl-C ends it)", file=sys.stderr))
         return 0

@@ -12,20 +12,27 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.class_check import fault_of_class
 from spherekit.analysis.computed import computed, findings_of, scenes_of
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.declared import declared
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.faults import faults_of
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.registry import create, load, origin_of
 from spherekit.analysis.run import executed
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, TableArrays, arrays
-from spherekit.conformance.comparison import BLOCKS, VARIANTS, difference, in_words, matched
-from spherekit.conformance.report import Line, Report
-from spherekit.conformance.trial import Trial, failed_at
-from spherekit.conformance.variants import NotTurnedError, renamed, turned
+from spherekit.conformance.report import Line, Report, Trial, failed_at
+from spherekit.conformance.variants import (
+    BLOCKS,
+    VARIANTS,
+    NotTurnedError,
+    difference,
+    in_words,
+    matched,
+    renamed,
+    turned,
+)
 from spherekit.conventions import counted, listing
 from spherekit.errors import PluginError, SpherekitError, UndeclaredNeed
 from spherekit.files.read import mechanism_of

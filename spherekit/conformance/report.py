@@ -1,8 +1,26 @@
 """What a conformance check found: one named line for each thing that it looks at."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, final
+
+import numpy as np
+
+from spherekit.analysis.batch import Batch, Needs
+from spherekit.analysis.computed import computed, findings_of
+from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.rows import InMemory
+from spherekit.analysis.running.evaluation import ORDINARY
+from spherekit.analysis.running.sampling import Sampling, course_of
+from spherekit.analysis.running.summary import Asked, RunPlan, job_of
+from spherekit.analysis.tables import TableArrays
+from spherekit.conventions import Status
+from spherekit.errors import PluginError
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
+from spherekit.motion.motion import AngleMemory, Motion
+from spherekit.rates.request import SignMemory
 
 Verdict = Literal["holds", "FAILS", "not checked"]
 
@@ -41,3 +59,125 @@ class Report:
 
     def __str__(self) -> str:
         return "\n".join([f"conformance of {self.analysis}:", *map(str, self.lines)])
+
+
+Change = Callable[[Motion], Motion]
+Tables = Mapping[str, TableArrays]
+
+
+def _kept(motion: Motion) -> Motion:
+    return motion
+
+
+@final
+@dataclass(frozen=True)
+class Trial:
+    """An analysis and what it is tried on: `samples` of each input's range."""
+
+    analysis: AbstractAnalysis
+    mechanism: Mechanism
+    samples: int
+
+    @cached_property
+    def course(self) -> Sampling:
+        """The samples, with the assembly modes."""
+        study = Study(self.mechanism.name, self.mechanism, samples=self.samples)
+        return course_of(study)
+
+    @cached_property
+    def job(self) -> RunPlan:
+        """The run made ready.
+
+        Raises
+        ------
+        PluginError
+            If the analysis breaks the contract.
+        """
+        asked = Asked.of([self.analysis], self.course.tracer.mechanism)
+        job = job_of(self.course, asked, None, ORDINARY, False)
+        for fault in job.refused.values():
+            raise PluginError(fault)
+        return job
+
+    @property
+    def needs(self) -> Needs:
+        """What the analysis reads."""
+        return self.job.needs[0]
+
+    @cached_property
+    def whole(self) -> tuple[Tables, Findings]:
+        """What the analysis gives for all samples at once."""
+        return self.given(len(self.course))
+
+    def batches(
+        self, size: int, change: Change = _kept, shown: Change = _kept
+    ) -> list[Batch]:
+        """Return the batches of a run in blocks of a size.
+
+        `change` changes the motion that poles and angles follow from, `shown` what the
+        analysis then sees of it.
+        """
+        job, course = self.job, self.course
+        signs, memory = [SignMemory() for _ in job.requests], AngleMemory()
+        made = []
+        for block in job.evaluation.blocks(size):
+            motion = change(block)
+            fields = job.evaluation.fields(motion, signs)
+            angles = job.evaluation.angles(motion, memory)
+            what = job.mechanism, job.plans, self.needs, shown(motion), fields, angles
+            made.append(Batch(*what, course.timed, course.tracer, lambda: course.extent))
+        return made if self.analysis.reads_samples else made[:1]
+
+    def given(
+        self, size: int, change: Change = _kept, shown: Change = _kept
+    ) -> tuple[Tables, Findings]:
+        """Return tables and findings of a run in blocks of a size.
+
+        Raises
+        ------
+        SpherekitError
+            See `spherekit.analysis.computed`.
+        """
+        store, findings = InMemory(), None
+        tables = self.job.tables_of(self.analysis)
+        for batch in self.batches(size, change, shown):
+            given = computed(self.analysis, tables, batch)
+            findings = findings_of(self.analysis, batch, findings)
+            for table in tables:
+                store.add(self.analysis.name, table, given[table.name])
+        assert findings is not None
+        return {t.name: store.table(self.analysis.name, t) for t in tables}, findings
+
+    def only_declared(self, motion: Motion) -> Motion:
+        """Return a motion with NaN for what the analysis has not declared.
+
+        For orientations of links, and variables of pairs.
+        """
+        needs, mechanism = self.needs, motion.mechanism
+        links = [mechanism.link_number[name] for name in needs.rotations]
+        pairs = [mechanism.pair_number[name] for name in needs.pair_values]
+        kept = [v for pair in pairs for v in mechanism.variables_of(pair)]
+        rotations = np.full_like(motion.rotations, np.nan)
+        values = np.full_like(motion.values, np.nan)
+        rotations[:, links] = motion.rotations[:, links]
+        values[:, kept] = motion.values[:, kept]
+        made = replace(motion, placed=rotations, values=values)
+        for name in ("linearisation", "conditioning"):  # these follow from all
+            vars(made)[name] = getattr(motion, name)
+        return made
+
+
+def failed_at(row: int) -> Change:
+    """Return what makes a row of a motion one without a configuration."""
+
+    def change(motion: Motion) -> Motion:
+        values, placed = motion.values.copy(), motion.rotations.copy()
+        residual, status = motion.residual.copy(), motion.status.copy()
+        for numbers in (values, placed, residual):
+            numbers[row] = np.nan
+        status[row] = Status.OUT_OF_REACH
+        return replace(
+            motion, values=values, placed=placed, residual=residual, status=status
+        )
+
+    return change

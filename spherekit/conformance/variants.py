@@ -1,15 +1,20 @@
 """The same mechanism said otherwise: turned as a whole, or links of other names, order."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spherekit.model.geometry import axes_from_sizes, reference_frame
+from spherekit.analysis.tables import Column, Table, TableArrays
+from spherekit.model.gears import axes_from_sizes, reference_frame
+from spherekit.model.locking import restated, turned_vector
+from spherekit.model.locking import turned as turned_profile
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
-from spherekit.model.restated import restated, turned_vector
-from spherekit.model.restated import turned as turned_profile
+from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import Floats
 
 DATUM = ("datum_z", "datum_y")
@@ -92,3 +97,129 @@ def renamed(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
         geometry=given,
         **restated(mechanism, names=names, words=words),
     )
+
+
+BLOCKS = 1e-10
+"""Numbers from other blocks may differ by so much, of the largest of their column or 1."""
+VARIANTS = 1e-6
+"""Numbers from a mechanism said otherwise: roundings grow where it is nearly singular."""
+
+
+def difference(
+    table: Table,
+    one: TableArrays,
+    other: TableArrays,
+    within: float = BLOCKS,
+    rotation: Floats | None = None,
+) -> str:
+    """Return the first column in which tables differ, in words, or nothing.
+
+    What describes the computation is compared where the mechanism is said the same. With
+    a `rotation` (3, 3) vectors of the first are turned by it, and what else depends on axes
+    is left out. Where rows are not those of samples, or texts that depend on axes name
+    them, they are other rows in other axes, and none is compared.
+    """
+    others = [column.kind for column in table.columns if column.turns == "otherwise"]
+    unnamed = not table.in_assembly_modes or "text" in others
+    if rotation is not None and others and unnamed:
+        return ""
+    rows = [len(next(iter(data.values()))) for data in (one, other)]
+    if rows[0] != rows[1]:
+        return f"table {table.name} has {rows[1]} rows instead of {rows[0]}"
+    for column, first, second in _pairs(table, one, other, rotation):
+        if within >= VARIANTS and column.scale == "none":
+            continue
+        off = _off(column, first, second, within)
+        if off is not None:
+            return (
+                f"table {table.name}, column {column.name}, row {off}: {second[off]} "
+                f"instead of {first[off]}"
+            )
+    return ""
+
+
+def _pairs(
+    table: Table, one: TableArrays, other: TableArrays, rotation: Floats | None
+) -> Iterator[tuple[Column, NDArray[Any], NDArray[Any]]]:
+    """Yield columns to be compared, the vectors of the first table turned."""
+    vector: list[Column] = []
+    for column in table.columns:
+        if rotation is None or column.kind == "text" or column.turns == "no":
+            yield column, one[column.name], other[column.name]
+            continue
+        if column.turns == "vector":
+            vector.append(column)
+        if len(vector) == 3:
+            components = np.stack([one[axis.name] for axis in vector])
+            for component, turned in zip(vector, rotation @ components, strict=True):
+                yield component, turned, other[component.name]
+            vector = []
+
+
+def _off(
+    column: Column, one: NDArray[Any], other: NDArray[Any], within: float
+) -> int | None:
+    """Return the first row in which columns differ, if there is one."""
+    if column.kind != "number":
+        wrong = one != other
+    else:
+        sizes = np.abs(one[np.isfinite(one)])
+        scale = max(1.0, float(np.max(sizes, initial=0.0)))
+        with np.errstate(invalid="ignore"):
+            away = other - one
+            if column.unit == "rad":
+                away = wrap(away)
+            close = np.abs(away) <= within * scale
+        wrong = ~(close | (one == other) | (np.isnan(one) & np.isnan(other)))
+    return int(np.argmax(wrong)) if np.any(wrong) else None
+
+
+def in_words(data: TableArrays, words: Mapping[str, str]) -> TableArrays:
+    """Return a table in whose texts words are replaced, such as names of links."""
+
+    def put(text: str) -> str:
+        return re.sub(r"\w+", lambda match: words.get(match[0], match[0]), text)
+
+    return {
+        name: np.array([put(text) for text in values.tolist()], dtype=str)
+        if values.dtype.kind == "U"
+        else values
+        for name, values in data.items()
+    }
+
+
+def matched(
+    table: Table, one: TableArrays, other: TableArrays, numbers: Mapping[str, int]
+) -> tuple[TableArrays, TableArrays] | str:
+    """Return the rows that two tables share whose rows may have another order, or words.
+
+    Rows are told apart by texts and whole numbers. Where a row is of one link relative to
+    another, it is left out if the order of these links is not the same: it may then be
+    that of the second relative to the first. `numbers` are those of links in the second.
+    """
+    keys = [c for c in table.columns if c.kind in ("text", "integer")]
+    by_key: list[dict[tuple[Any, ...], list[int]]] = []
+    for data in (one, other):
+        positions: dict[tuple[Any, ...], list[int]] = {}
+        columns = [data[column.name].tolist() for column in keys]
+        for row, key in enumerate(zip(*columns, strict=True)):
+            positions.setdefault(key, []).append(row)
+        by_key.append(positions)
+    if not keys or any(len(rows) > 1 for keyed in by_key for rows in keyed.values()):
+        return one, other
+    rows: list[tuple[int, int]] = []
+    for key, (row,) in by_key[0].items():
+        if key in by_key[1]:
+            rows.append((row, by_key[1][key][0]))
+        elif not _is_of_two_links(key, numbers):
+            return f"table {table.name} has no row of {', '.join(map(str, key))} any more"
+    order = np.array(rows, dtype=int).reshape(-1, 2)
+    return (
+        {name: values[order[:, 0]] for name, values in one.items()},
+        {name: values[order[:, 1]] for name, values in other.items()},
+    )
+
+
+def _is_of_two_links(key: tuple[Any, ...], numbers: Mapping[str, int]) -> bool:
+    words = [w for cell in key if isinstance(cell, str) for w in re.findall(r"\w+", cell)]
+    return sum(word in numbers for word in words) > 1

@@ -22,8 +22,8 @@ from spherekit.engine.row_quantities import (
     DesignTerms,
 )
 from spherekit.model.parts import Input
-from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.elimination import assemblies
 from spherekit.sphere.rotation import Floats
 
 MOST_SOLUTIONS = 64

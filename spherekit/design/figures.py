@@ -7,11 +7,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.merit import Merit, Reducing
+from spherekit.analysis.contract import Merit, Reducing
 from spherekit.analysis.running.sampling import UNIT_SPEED, check_time
 from spherekit.conventions import counted, listing
-from spherekit.design.file_numbers import OK, reason_of
 from spherekit.design.profile_numbers import columns_of
+from spherekit.design.variables import OK, reason_of
 from spherekit.engine.design_kernel import DesignKernel
 from spherekit.engine.row_quantities import row_quantities, sample_names
 from spherekit.errors import (
@@ -23,13 +23,12 @@ from spherekit.errors import (
     SpherekitError,
 )
 from spherekit.model.joints import Track
-from spherekit.model.laws import ConstantSpeed
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import Study
+from spherekit.model.study import ConstantSpeed, Study
 from spherekit.motion.input_grid import InputGrid, given_path, grid, straight
-from spherekit.motion.timing import by_laws
-from spherekit.numeric.rows import ArrayRows
-from spherekit.numeric.turns import return_by_turns
+from spherekit.motion.motion import by_laws
+from spherekit.numeric.crossings import return_by_turns
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 

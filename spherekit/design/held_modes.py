@@ -9,8 +9,8 @@ import numpy as np
 
 from spherekit.design.all_solutions import SAME, apart
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.varied import DesignAt
-from spherekit.design.verified_steps import followed
+from spherekit.design.profile_numbers import followed
+from spherekit.design.sensitivity import DesignAt
 from spherekit.engine.design_kernel import NewtonKernel, newton_kernel
 from spherekit.errors import SpherekitError
 from spherekit.sphere.rotation import Floats

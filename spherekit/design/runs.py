@@ -7,21 +7,19 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.contract import AbstractAnalysis, Merit, Reducing
 from spherekit.analysis.execution import Execution
-from spherekit.analysis.merit import Merit, Reducing
 from spherekit.analysis.result import MOTION, RunResult, stem_of
 from spherekit.analysis.run import executed
 from spherekit.analysis.tables import Table, TableArrays
 from spherekit.conventions import Status, counted, listing, nearest
 from spherekit.design.evaluate import SINGLY, Evaluator
 from spherekit.design.figures import IMPOSSIBLE, Evaluated, refused
-from spherekit.design.file_numbers import OK
-from spherekit.design.variables import DesignVariable, designed
+from spherekit.design.variables import OK, DesignVariable, designed
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.study import Study
-from spherekit.numeric.turns import return_by_turns
+from spherekit.numeric.crossings import return_by_turns
 from spherekit.sphere.rotation import Floats
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from spherekit.design.sweep import Columns
 from spherekit.design.variables import ACTIONS, designed
 from spherekit.design.wanted import MATCH, Sizing, front_of, nondominated
 from spherekit.errors import DesignError
-from spherekit.model.geometry import pair_frames
+from spherekit.model.gears import pair_frames
 from spherekit.model.mechanism import Mechanism
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats

@@ -34,7 +34,7 @@ from spherekit.engine.equation import (
     compiled_equation,
 )
 from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run
-from spherekit.engine.several_freedoms import STEEPEST, mass_size
+from spherekit.engine.system import STEEPEST, mass_size
 from spherekit.errors import EngineError, PlanError
 from spherekit.sphere.rotation import Floats
 

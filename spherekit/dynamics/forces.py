@@ -1,16 +1,22 @@
 """Generalised forces of the loads on a mechanism, load by load, at rows of a motion."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.dynamics.kinematics import CoordinateMotion
 from spherekit.model.actions import steep
-from spherekit.model.bearings import sliding_rate
+from spherekit.model.dynamics import Bearings, ContactFriction, sliding_rate
+from spherekit.model.joints import Joint
 from spherekit.model.load import Called, Component, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.model.parts import Pair
+from spherekit.motion.motion import Timing
+from spherekit.numeric.zeros import ArrayRows
+from spherekit.sphere.rotation import Floats, cross, transpose
 
 
 @final
@@ -169,3 +175,382 @@ class Loads:
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
     """Return the rates by time (n, variables), given those (n, m) of coordinates."""
     return np.asarray((speed[:, None] @ motion.rates)[:, 0])
+
+
+DEPENDENT = 1e-9
+"""Reactions whose relative singular value is below this balance each other."""
+
+SIDES = 6
+"""Times that teeth may change the side on which they press before it is left open."""
+
+DETERMINED = 1e-7
+"""A reaction that takes a larger part than this in such a balance is not determined."""
+
+
+@final
+@dataclass(frozen=True)
+class Driven(ArrayRows):
+    """n rows of a mechanism that moves, with the torques (n, inputs) that drive it.
+
+    `joints` are those of its pairs with their `frames` (n, pairs, 3, 3) in ground axes,
+    `motion` how it moves by its inputs, `timing` how these move in time; `carried` as of
+    `spherekit.dynamics.forces.Loads.magnitudes`.
+    """
+
+    mechanism: Mechanism
+    joints: tuple[Joint, ...]
+    frames: Floats
+    motion: CoordinateMotion
+    timing: Timing
+    torques: Floats
+    carried: Floats | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Transmitted:
+    """Moments about O (N m) and forces through it (N), in pair axes, at n rows.
+
+    `wrenches` (n, pairs, 6), the moment and then the force, which is NaN where it was not
+    asked for; `is_open` (n, pairs, 6) which components are not determined, also NaN;
+    `unbalanced` (n,) is what is left over of the moments, `slides` (n, links) which links
+    no pair holds at O.
+    """
+
+    wrenches: Floats
+    is_open: NDArray[np.bool_]
+    unbalanced: Floats
+    slides: NDArray[np.bool_]
+
+    @property
+    def moments(self) -> Floats:
+        """(n, pairs, 3) N m."""
+        return self.wrenches[..., :3]
+
+    @property
+    def across(self) -> Floats:
+        """(n, pairs) N m: the part across the axis."""
+        return np.asarray(np.hypot(self.wrenches[..., 0], self.wrenches[..., 1]))
+
+
+@final
+class Balance:
+    """Newton's and Euler's equations of all links at n rows, solved for what pairs hold.
+
+    `columns` are the pair and the component of its wrench of each reaction, `matrix` (n,
+    equations, columns) what these do, `is_open` (n, columns) which are not determined,
+    `slides` (n, links) which links no pair holds at O, `working` (pairs, 6) the wrench of
+    1 N m of loads at each pair in its axes.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        joints: Sequence[Joint],
+        frames: Floats,
+        *,
+        forces: bool = False,
+        sides: Floats | None = None,
+    ) -> None:
+        """`frames` (n, pairs, 3, 3) are those of the pairs in ground axes.
+
+        Without `forces` the equations of moments alone are solved. `sides` (n, pairs) are
+        the signs of the moments about y of teeth with a pressure angle, 1 if left out.
+        """
+        self.mechanism, self.frames = mechanism, frames
+        self.columns = [
+            (number, k)
+            for number, (pair, joint) in enumerate(
+                zip(mechanism.pairs, joints, strict=True)
+            )
+            for k in _held(joint)
+            if k or pair.pressure_angle is None
+        ]
+        distances = []
+        if forces:
+            self.columns += _force_columns(mechanism, joints)
+            distances = [x.distance for x in mechanism.pairs if x.distance is not None]
+        # A length makes forces comparable with moments where contacts tie them.
+        self.length = float(np.mean(distances)) if distances else 1.0
+        self.working = np.stack([_working(pair) for pair in mechanism.pairs])
+        self.wrenches = self._wrenches(
+            np.ones(frames.shape[:2]) if sides is None else sides
+        )
+        n, links = len(frames), len(mechanism.links)
+        matrix = np.zeros((n, links, 6, len(self.columns)))
+        for k, (pair, _) in enumerate(self.columns):
+            first, second = mechanism.ends[pair]
+            by_half = self.wrenches[:, k].reshape(n, 2, 3) * [[1.0], [self.length]]
+            column = np.einsum("nab,nhb->nha", frames[:, pair], by_half).reshape(n, 6)
+            matrix[:, second, :, k] += column
+            matrix[:, first, :, k] -= column
+        self._rows = np.zeros((links, 6), dtype=bool)
+        self._rows[1:, :3] = True
+        if forces:
+            self._rows[1:, 3:] = True
+            for link in without_centre(mechanism):
+                self._rows[mechanism.link_number[link], 3:] = False
+        self.matrix = matrix[:, self._rows]
+        self._invert(bool(distances))
+
+    def _invert(self, tied: bool) -> None:
+        """Solve the equations, and note what they leave open and who slides."""
+        n, equations_of_all, columns_of_all = self.matrix.shape
+        self._inverse = np.zeros((n, columns_of_all, equations_of_all))
+        self.is_open = np.zeros((n, columns_of_all), dtype=bool)
+        unheld = np.zeros((n, equations_of_all), dtype=bool)
+        # Moments and forces are two systems unless the places of contacts tie them.
+        of_row = np.nonzero(self._rows)[1] < 3
+        of_column = np.array([component < 3 for _, component in self.columns], dtype=bool)
+        halves = [(of_row, of_column), (~of_row, ~of_column)]
+        if tied:
+            halves = [(np.full_like(of_row, True), np.full_like(of_column, True))]
+        for equations, columns in halves:
+            part = self.matrix[:, equations][:, :, columns]
+            if not part.size:
+                unheld[:, equations] = True
+                self.is_open[:, columns] = True
+                continue
+            left, sizes, back = np.linalg.svd(part, full_matrices=False)
+            kept = sizes > DEPENDENT * sizes[:, :1]
+            with np.errstate(divide="ignore"):
+                scales = np.where(kept, 1.0 / sizes, 0.0)
+            inverse = transpose(back) @ (scales[..., None] * transpose(left))
+            places = np.ix_(np.arange(n), *map(np.flatnonzero, (columns, equations)))
+            self._inverse[places] = inverse
+            self.is_open[:, columns] = 1.0 - _share(kept, back) > DETERMINED
+            unheld[:, equations] = 1.0 - _share(kept, transpose(left)) > DETERMINED
+        by_link = np.zeros((n, len(self.mechanism.links), 6), dtype=bool)
+        by_link[:, self._rows] = unheld
+        self.slides = np.any(by_link[..., 3:], axis=2)
+
+    def _wrenches(self, sides: Floats) -> Floats:
+        """Return the wrench (n, columns, 6) of each reaction of size one, in pair axes.
+
+        The force at a point of z is along y against its moment about x, and along x as that
+        about y.
+        """
+        wrenches = np.zeros((len(sides), len(self.columns), 6))
+        for k, (number, component) in enumerate(self.columns):
+            pair = self.mechanism.pairs[number]
+            wrench = wrenches[:, k]
+            wrench[:, component] = 1.0 if component < 3 else 1.0 / self.length
+            if component < 3 and pair.pressure_angle is not None:
+                wrench[:, 0] = np.tan(pair.pressure_angle) * sides[:, number]
+            if component < 3 and pair.distance is not None:
+                wrench[:, 3] = wrench[:, 1] / pair.distance
+                wrench[:, 4] = -wrench[:, 0] / pair.distance
+        return wrenches
+
+    def left_by(self, needed: Floats, about: Floats) -> Floats:
+        """Return what is left for reactions (n, links, 6), `about` (n, pairs) taken off.
+
+        `needed` (n, links, 6) moves the links, `about` N m are torques about axes, and of
+        contacts what acts along their tangents.
+        """
+        left = needed.copy()
+        for pair, (first, second) in enumerate(self.mechanism.ends):
+            frames = self.frames[:, pair, None]
+            by_half = (frames @ self.working[pair].reshape(2, 3, 1)).reshape(-1, 6)
+            left[:, second] -= about[:, pair, None] * by_half
+            left[:, first] += about[:, pair, None] * by_half
+        return left
+
+    def held(self, left: Floats) -> tuple[Floats, Floats]:
+        """Return the reactions (n, columns) and what misses the equations (n,), N m."""
+        scale = np.repeat([1.0, self.length], 3)
+        right = (left * scale)[:, self._rows][..., None]
+        reactions = self._inverse @ right
+        # A step of refinement brings back the digits that the inverse loses.
+        reactions = reactions + self._inverse @ (right - self.matrix @ reactions)
+        missed = right - self.matrix @ reactions
+        worst = np.max(np.abs(missed[..., 0]), axis=1, initial=0.0)
+        return reactions[..., 0], worst
+
+    def on_pairs(self, reactions: Floats) -> Floats:
+        """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes."""
+        wrenches = np.zeros((len(reactions), len(self.mechanism.pairs), 6))
+        for k, (pair, _) in enumerate(self.columns):
+            wrenches[:, pair] += reactions[:, k, None] * self.wrenches[:, k]
+        return wrenches
+
+
+def _working(pair: Pair) -> Floats:
+    """Return the wrench (6,), in pair axes, of 1 N m about an axis or along a tangent."""
+    wrench = np.zeros(6)
+    wrench[2 if pair.kind.has_axis else 1] = 1.0
+    if pair.distance is not None:
+        wrench[3] = 1.0 / pair.distance
+    return wrench
+
+
+def without_centre(mechanism: Mechanism) -> list[str]:
+    """Return the moving links with inertia whose centre of mass is not known."""
+    return [
+        mass.link
+        for mass in mechanism.masses
+        if mass.link != mechanism.ground and (mass.mass is None or mass.centre is None)
+    ]
+
+
+def _held(joint: Joint) -> tuple[int, ...]:
+    """Return the columns of a pair's frame about which it holds its links."""
+    return tuple(range(3 - joint.freedoms))
+
+
+def _force_columns(mechanism: Mechanism, joints: Sequence[Joint]) -> list[tuple[int, int]]:
+    """Return the components of forces that moments do not say: 3, 4 and 5 are x, y, z."""
+    bearings = [load for load in mechanism.loads if isinstance(load, Bearings)]
+    floating = {load.pair for load in bearings if load.floats}
+    rubs = {load.pair for load in mechanism.loads if isinstance(load, ContactFriction)}
+    columns = []
+    for number, (pair, joint) in enumerate(zip(mechanism.pairs, joints, strict=True)):
+        if not pair.kind.has_axis:
+            # Against the moment about x the force is along y, as that about y along x.
+            acting = () if pair.distance is not None else _held(joint)
+            if acting and pair.name in rubs:
+                acting = (0, 1)
+            columns += [(number, 4 - axis) for axis in acting]
+        else:
+            most = 2 if pair.name in floating else 3
+            columns += [(number, 3 + axis) for axis in range(most)]
+    return columns
+
+
+def _share(kept: NDArray[np.bool_], vectors: Floats) -> Floats:
+    """Return the parts (n, k) of unit vectors that lie in the span of the kept rows."""
+    return np.asarray(np.sum(np.where(kept[..., None], vectors, 0.0) ** 2, axis=1))
+
+
+def transmitted(driven: Driven, *, forces: bool = False) -> Transmitted:
+    """Return what every pair transmits; open components are NaN.
+
+    Where links slide, forces are not determined, for the loads would move the links.
+    """
+    mechanism = driven.mechanism
+    n, pairs = len(driven.frames), len(mechanism.pairs)
+    wrenches = np.full((n, pairs, 6), np.nan)
+    is_open = np.zeros((n, pairs, 6), dtype=bool)
+    unbalanced = np.zeros(n)
+    slides = np.zeros((n, len(mechanism.links)), dtype=bool)
+    rest = np.arange(n)
+    for whole in (True, False) if forces else (False,):
+        if not len(rest):
+            break
+        solved = balanced(driven if len(rest) == n else driven.rows(rest), whole)
+        balance = solved.balance
+        if whole:
+            slides = balance.slides
+        held = ~np.any(balance.slides, axis=1) if whole else np.ones(len(rest), dtype=bool)
+        rows = rest[held]
+        values = balance.on_pairs(solved.reactions)[held]
+        values += solved.about[held][..., None] * balance.working
+        opened = balance.on_pairs(balance.is_open.astype(float))[held] != 0.0
+        opened[~solved.settled[held]] = True
+        if not whole:
+            values[..., 3:], opened[..., 3:] = np.nan, forces
+        wrenches[rows], is_open[rows] = np.where(opened, np.nan, values), opened
+        unbalanced[rows] = solved.missed[held]
+        rest = rest[~held]
+    return Transmitted(wrenches, is_open, unbalanced, slides)
+
+
+@final
+@dataclass(frozen=True)
+class Balanced:
+    """Equations solved for the loads: what was left for reactions, and these.
+
+    `left` (n, links, 6), `about` (n, pairs), `reactions` (n, columns), `missed` (n,) N m
+    what misses the equations, `settled` (n,) whether it is known on which side teeth bear.
+    """
+
+    balance: Balance
+    left: Floats
+    about: Floats
+    reactions: Floats
+    missed: Floats
+    settled: NDArray[np.bool_]
+
+
+def balanced(driven: Driven, forces: bool) -> Balanced:
+    """Return the equations of all links solved for what moves and drives them.
+
+    Teeth press on the side on which they turn the wheels, and that follows from the
+    solution: so it is solved again where they were taken to press on the other.
+    """
+    mechanism, motion, timing = driven.mechanism, driven.motion, driven.timing
+    loads, about = applied(driven)
+    needed = accelerating(mechanism, motion, timing.ddq)
+    needed += gyroscopic(mechanism, motion, timing.dq)
+    toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
+    sides = np.ones(driven.frames.shape[:2])
+    for _ in range(SIDES):
+        balance = Balance(
+            mechanism, driven.joints, driven.frames, forces=forces, sides=sides
+        )
+        left = balance.left_by(needed - loads, about)
+        reactions, missed = balance.held(left)
+        turned = (balance.on_pairs(reactions)[..., 1] * sides < 0.0) & toothed
+        if not np.any(turned):
+            break
+        sides = np.where(turned, -sides, sides)
+    return Balanced(balance, left, about, reactions, missed, ~np.any(turned, axis=1))
+
+
+# What links need and what loads give: wrenches (6,), a moment about the centre O (N m) and
+# then a force (N), in ground axes.
+
+
+def accelerating(mechanism: Mechanism, motion: CoordinateMotion, change: Floats) -> Floats:
+    """Return the wrenches (n, links, 6) that the coordinates' accelerations (n, m) need.
+
+    Forces of links whose centre of mass is not known are left out.
+    """
+    return _of_inertia(mechanism, motion, np.einsum("ni,nila->nla", change, motion.w))
+
+
+def gyroscopic(mechanism: Mechanism, motion: CoordinateMotion, speed: Floats) -> Floats:
+    """Return those (n, links, 6) that rates (n, m) need while these stay as they are."""
+    w = np.einsum("ni,nila->nla", speed, motion.w)
+    bend = np.einsum("ni,nk,nikla->nla", speed, speed, motion.dw)
+    wrenches = _of_inertia(mechanism, motion, bend)
+    momenta = _of_inertia(mechanism, motion, w)
+    for half in (slice(0, 3), slice(3, 6)):
+        wrenches[..., half] += cross(w, momenta[..., half])
+    return wrenches
+
+
+def _of_inertia(mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats) -> Floats:
+    """Return I v and m v x c of the links' vectors v (n, links, 3), in ground axes."""
+    wrenches = np.zeros((*vectors.shape[:2], 6))
+    for mass in mechanism.masses:
+        link = mechanism.link_number[mass.link]
+        turn, vector = motion.rotations[:, link], vectors[:, link]
+        tensor = turn @ np.array(mass.tensor) @ transpose(turn)
+        wrenches[:, link, :3] = (tensor @ vector[..., None])[..., 0]
+        if mass.mass is not None and mass.centre is not None:
+            wrenches[:, link, 3:] = mass.mass * cross(vector, turn @ np.array(mass.centre))
+    return wrenches
+
+
+def applied(driven: Driven) -> tuple[Floats, Floats]:
+    """Return the wrenches of loads on links (n, links, 6), and torques at pairs (n, pairs).
+
+    These with the torques of the drives.
+    """
+    mechanism, motion, timing = driven.mechanism, driven.motion, driven.timing
+    loads = Loads(mechanism)
+    rates = rates_by_time(motion, timing.dq)
+    magnitudes = loads.magnitudes(motion.values, rates, timing.t, driven.carried)
+    wrenches = np.zeros((len(timing.t), len(mechanism.links), 6))
+    about = np.zeros((len(timing.t), len(mechanism.pairs)))
+    for size, part in zip(magnitudes.T, loads.components, strict=True):
+        if part.pair:
+            about[:, mechanism.pair_number[part.pair]] += size
+        for link, moment, force in loads.on_links(part, motion.rotations):
+            wrenches[:, link, :3] += size[:, None] * moment
+            if force is not None:
+                wrenches[:, link, 3:] += size[:, None] * force
+    for k, item in enumerate(mechanism.inputs):
+        about[:, mechanism.pair_number[item.pair]] += driven.torques[:, k]
+    return wrenches, about

@@ -10,7 +10,6 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.compiled_engine import by_taylor_series, first_of
-from spherekit.dynamics.differences import by_differences
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.simulation import (
     NO_SERIES,
@@ -18,6 +17,7 @@ from spherekit.dynamics.simulation import (
     Forecast,
     Simulation,
     SimulationEnd,
+    by_differences,
 )
 from spherekit.dynamics.start import PoseStart, Problem, Torques, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
@@ -25,8 +25,8 @@ from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import EngineError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.actions import smooth
-from spherekit.model.laws import Crossings, Start, StartGiven
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Crossings, Start, StartGiven
 from spherekit.progress import tell
 from spherekit.sphere.rotation import Floats
 
@@ -141,7 +141,7 @@ def simulate(
         False compiles longer for about two thirds of the time of solving.
     scheme, step
         ``"paper"`` takes the source's finite differences instead, with equal steps (s)
-        and without events; see `spherekit.dynamics.differences`.
+        and without events; see `spherekit.dynamics.simulation`.
 
     Returns
     -------

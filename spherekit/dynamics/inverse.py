@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
 from spherekit.conventions import SINGULAR_RATIO, Status, counted, listing
-from spherekit.dynamics.forces import Loads
+from spherekit.dynamics.forces import Driven, Loads
 from spherekit.dynamics.inertia import Inertia, driving_torques, inertia
 from spherekit.dynamics.kinematics import (
     CoordinateMotion,
@@ -18,19 +18,16 @@ from spherekit.dynamics.kinematics import (
     determined,
     single,
 )
-from spherekit.dynamics.rubbing import rubbed
 from spherekit.dynamics.start import at_inputs
-from spherekit.dynamics.transmitted import Driven
+from spherekit.dynamics.state import rubbed
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.rotation import Schedule
-from spherekit.model.laws import TimeLaw
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import TimeLaw
 from spherekit.motion.closure import Closure
-from spherekit.motion.continued import going_on
-from spherekit.motion.linearisation import Linearisation
-from spherekit.motion.motion import Motion, Tracer
-from spherekit.motion.timing import Timing, by_laws
+from spherekit.motion.loops import Linearisation
+from spherekit.motion.motion import Motion, Timing, Tracer, by_laws, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.rates.core import driven_rates
 from spherekit.sphere.rotation import Floats

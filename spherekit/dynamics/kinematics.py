@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure
-from spherekit.motion.linearisation import Linearisation
-from spherekit.motion.loops import left_inverse
-from spherekit.motion.pairs import penetrates
-from spherekit.numeric.rows import ArrayRows
+from spherekit.motion.loops import Linearisation, left_inverse, penetrates
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.rates.core import null_motion
 from spherekit.sphere.rotation import Floats
 

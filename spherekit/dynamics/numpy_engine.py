@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import STATUS_MEANING, Status
-from spherekit.dynamics.collocation import (
+from spherekit.dynamics.inertia import inertia_matrix
+from spherekit.dynamics.kinematics import reciprocal_condition
+from spherekit.dynamics.path import (
     NODES,
     Attempt,
+    CollocationPath,
     Step,
     StepEvents,
     attempt,
     gauss,
     next_length,
 )
-from spherekit.dynamics.inertia import inertia_matrix
-from spherekit.dynamics.kinematics import reciprocal_condition
-from spherekit.dynamics.path import CollocationPath
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
@@ -39,8 +39,7 @@ from spherekit.dynamics.simulation import (
 )
 from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
-from spherekit.engine.integration import CROSSED
-from spherekit.engine.probes import good_until
+from spherekit.engine.integration import CROSSED, good_until
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 

@@ -1,19 +1,349 @@
 """Where a simulation went: its states at any time, whichever engine found them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol, final
 
 import numpy as np
+from numpy.polynomial import legendre
 
-from spherekit.dynamics.collocation import Step
+from spherekit.conventions import EPS
 from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.start import variable_of
 from spherekit.dynamics.state import EquationOfMotion, Roots
 from spherekit.engine.integration import Run
-from spherekit.engine.several_freedoms import mass_size
-from spherekit.numeric.rows import ArrayRows
+from spherekit.engine.system import mass_size
+from spherekit.model.dynamics import Stop
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.closure import Closure
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.sphere.rotation import Floats
+
+NODES = 24
+"""Measured: fewest evaluations on linkages at tolerances of 1e-7 to 1e-11."""
+
+MOST_ITERATIONS = 40
+MANY_ITERATIONS = 24
+"""Steps that take more are shortened: iterations grow faster than the step."""
+
+RENEWED = (1, 4, 9)
+"""Iterations in which Newton's method for a stiff state finds its slope anew."""
+
+DIFFERENCE = 1e-7
+"""Part of a state's size by which it is moved to find that slope."""
+
+CONTINUED = 12
+"""Coefficients of the last step that are continued as the first guess of the next."""
+
+SAFETY, GROWTH, SHRINKAGE = 0.8, 1.4, 0.35
+
+
+@final
+@dataclass(frozen=True)
+class Gauss:
+    """Nodes (N,) in [-1, 1] and the matrices of Gauss collocation.
+
+    `to_series` (N, N) turns values at the nodes into Legendre coefficients; `integral`
+    (N, N) gives the integrals from -1 to each node, from such values.
+    """
+
+    nodes: Floats
+    to_series: Floats
+    integral: Floats
+
+
+@lru_cache(maxsize=4)
+def gauss(count: int) -> Gauss:
+    """Return the method with this number of nodes."""
+    nodes, weights = legendre.leggauss(count)
+    basis = legendre.legvander(nodes, count - 1)
+    to_series = (np.arange(count)[:, None] + 0.5) * basis.T * weights
+    return Gauss(nodes, to_series, integrals(nodes, count) @ to_series)
+
+
+def integrals(x: Floats, count: int) -> Floats:
+    """Return the integrals (n, count) of the first Legendre polynomials from -1 to x."""
+    basis = legendre.legvander(x, count)
+    degree = np.arange(1, count)
+    series = np.empty((len(x), count))
+    series[:, 0] = x + 1.0
+    series[:, 1:] = (basis[:, 2:] - basis[:, :-2]) / (2 * degree + 1)
+    return series
+
+
+@final
+@dataclass(frozen=True)
+class Step:
+    """One accepted step: start, length, state at the start, and the rate's series.
+
+    `series` (N, states) are Legendre coefficients of the state's rate over the step.
+    """
+
+    start: float
+    length: float
+    state: Floats
+    series: Floats
+
+    @property
+    def stop(self) -> float:
+        """Time at the end."""
+        return self.start + self.length
+
+    def at(self, t: Floats) -> Floats:
+        """Return the state (n, states) at times (n,) within the step."""
+        x = 2.0 * (t - self.start) / self.length - 1.0
+        swept = integrals(x, len(self.series)) @ self.series
+        return np.asarray(self.state + 0.5 * self.length * swept)
+
+    def rate(self, t: Floats) -> Floats:
+        """Return the state's rate (n, states) at times (n,) within the step."""
+        x = 2.0 * (t - self.start) / self.length - 1.0
+        return np.asarray(legendre.legvander(x, len(self.series) - 1) @ self.series)
+
+    @property
+    def end(self) -> Floats:
+        """The state (states,) at the end, to the order 2 N."""
+        return np.asarray(self.state + self.length * self.series[0])
+
+
+Field = Callable[[Floats, Floats], Floats]
+"""Rates (n, states) at times (n,) and states (n, states); NaN where there are none."""
+
+
+@final
+@dataclass(frozen=True)
+class Attempt:
+    """A step as tried: it is accepted where `error` is at most 1.
+
+    `error` is the size of what the polynomial leaves out over what is tolerated,
+    infinite where the iteration failed; `iterations` counts evaluations of the field.
+    """
+
+    step: Step
+    error: float
+    iterations: int
+
+
+def attempt(
+    field: Field,
+    start: float,
+    length: float,
+    state: Floats,
+    tolerance: float,
+    before: Step | None = None,
+    sizes: Floats | None = None,
+    stiff: int | None = None,
+) -> Attempt:
+    """Try one step of a system of ordinary differential equations.
+
+    Parameters
+    ----------
+    field
+        The right-hand side.
+    start, length, state
+        Time and state (states,) at the start, and the length of the step.
+    tolerance
+        Error tolerated over the step in states of their usual size; larger ones by theirs.
+    before
+        The step that ends here, from which the first guess is continued.
+    sizes
+        Usual sizes of the states (states,), 1 by default.
+    stiff
+        Number of the state whose rate may depend on itself so much that Picard's iteration
+        of it does not converge: it is found by Newton's method.
+    """
+    method = gauss(NODES)
+    t = start + 0.5 * length * (method.nodes + 1.0)
+    scale = np.maximum(np.ones(len(state)) if sizes is None else sizes, np.abs(state))
+    if before is None:
+        rates = np.repeat(field(np.array([start]), state[None]), NODES, axis=0)
+    else:
+        x = 2.0 * (t - before.start) / before.length - 1.0
+        low = before.series[:CONTINUED]
+        rates = legendre.legvander(x, len(low) - 1) @ low
+    states = state + 0.5 * length * (method.integral @ rates)
+    enough = max(0.05 * tolerance, 8 * EPS)
+    last = np.inf
+    for count in range(1, MOST_ITERATIONS + 1):
+        rates = field(t, states)
+        moved = state + 0.5 * length * (method.integral @ rates)
+        if stiff is not None:
+            if count in RENEWED:
+                slope = _slope(field, t, states, rates, stiff, scale[stiff])
+                inverse = _inverse(method, 0.5 * length * slope)
+            moved[:, stiff] = states[:, stiff] + inverse @ (moved - states)[:, stiff]
+        change = float(np.max(np.abs(moved - states) / scale))
+        states = moved
+        if not np.isfinite(change) or (count > 4 and change > 4.0 * last):
+            return Attempt(Step(start, length, state, rates), np.inf, count)
+        if change < enough or (change < 64 * EPS and change >= 0.5 * last):
+            break
+        last = change
+    else:
+        return Attempt(Step(start, length, state, rates), np.inf, count)
+    series = method.to_series @ rates
+    left_out = np.max(np.abs(series[-3:]), axis=0) * length / (4 * NODES - 2)
+    error = float(np.max(left_out / scale)) / tolerance
+    return Attempt(Step(start, length, state, series), error, count)
+
+
+def _slope(
+    field: Field, t: Floats, states: Floats, rates: Floats, column: int, size: float
+) -> Floats:
+    """Return how the rate of one state depends on it (N,), by differences."""
+    other = states.copy()
+    shift = DIFFERENCE * size
+    other[:, column] += shift
+    slope = (field(t, other)[:, column] - rates[:, column]) / shift
+    return np.asarray(np.where(np.isfinite(slope), slope, 0.0))
+
+
+def _inverse(method: Gauss, slope: Floats) -> Floats:
+    """Return what turns misses (N,) of a linear collocation into corrections."""
+    matrix = np.eye(len(slope)) - method.integral * slope
+    return np.asarray(np.linalg.inv(matrix))
+
+
+def next_length(tried: Attempt) -> float:
+    """Return the length to try next: shorter after a step that was not accepted."""
+    length = tried.step.length
+    if not np.isfinite(tried.error):
+        return SHRINKAGE * length
+    factor = SAFETY * max(tried.error, EPS) ** (-1.0 / NODES)
+    if tried.iterations > MANY_ITERATIONS:
+        factor = min(factor, SAFETY)
+    return length * float(np.clip(factor, SHRINKAGE, GROWTH))
+
+
+@final
+@dataclass(frozen=True)
+class StepEvents:
+    """An accepted step with the coordinates' rates (N, m, variables) at its nodes.
+
+    Of one freedom they are tangents of the curve. `whole` (variables,) rad are turns by
+    which its variables are less than those of stops.
+    """
+
+    step: Step
+    rates: Floats
+    whole: Floats
+
+    @cached_property
+    def t(self) -> Floats:
+        """(N + 2,) times of the nodes and both ends."""
+        x = np.concatenate([[-1.0], gauss(NODES).nodes, [1.0]])
+        return np.asarray(self.step.start + 0.5 * self.step.length * (x + 1.0))
+
+    @cached_property
+    def states(self) -> Floats:
+        """(N + 2, states) there."""
+        return self.step.at(self.t)
+
+    def dead_centres(self, variables: Sequence[int]) -> list[float]:
+        """Return the times at which so many variables do not say how all others move.
+
+        A single one turns back on the curve there.
+        """
+        return self._zeros_of_samples(np.linalg.det(self.rates[:, :, list(variables)]))
+
+    def rests(self, column: int) -> list[float]:
+        """Return the times at which a column of the state is zero."""
+        return self._zeros(self._column(column, 0.0), self.states[:, column])
+
+    def stop(self, mechanism: Mechanism) -> tuple[float, Stop] | None:
+        """Return the first time at which a pair passes a stop, and that stop."""
+        reached: list[tuple[float, Stop]] = []
+        for stop in mechanism.stops:
+            column = variable_of(mechanism, stop.pair)
+            for limit, sense in ((stop.low, -1.0), (stop.high, 1.0)):
+                level = limit - self.whole[column]
+                beyond = sense * (self.states[:, column] - level)
+                beyond[0] = min(beyond[0], 0.0)
+                value = self._column(column, level)
+                t, beyond = self._with_turns(value, sense, beyond)
+                for k in np.flatnonzero((beyond[1:] > 0.0) & (beyond[:-1] <= 0.0))[:1]:
+                    reached.append((_root(value, t[k], t[k + 1]), stop))
+        return min(reached, key=lambda item: item[0], default=None)
+
+    def orientation(self, closure: Closure) -> Floats:
+        """Return (N,) the determinant of the closure equations bordered by the rates.
+
+        On one smooth curve it keeps its sign; where curves cross it passes through zero.
+        Ones, if constraints are redundant.
+        """
+        values = self.states[1:-1, : self.rates.shape[2]]
+        bordered = np.concatenate([closure.at(values).jacobian, self.rates], axis=1)
+        if bordered.shape[1] != bordered.shape[2]:
+            return np.ones(len(values))
+        return np.asarray(np.linalg.det(bordered))
+
+    def crossing(self, orientation: Floats, largest: float, least: float) -> float | None:
+        """Return the time at which the orientation (N,) vanishes, if it does.
+
+        `largest` is the largest seen so far, with the sign it had at the last node;
+        orientations smaller than the part `least` of it are zero.
+        """
+        turned = orientation * largest < 0.0
+        near = np.abs(orientation) < least * abs(largest)
+        if not np.any(turned | near):
+            return None
+        zeros = self._zeros_of_samples(orientation) if np.any(turned) else []
+        first = int(np.argmax(turned | near))
+        return min([*zeros, float(self.t[1 + first])])
+
+    def _with_turns(
+        self, value: Callable[[float], float], sense: float, samples: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return times and samples, and the highest place where samples rise and fall.
+
+        Only where it is not beyond zero already, so that a short visit there is seen.
+        """
+        from scipy.optimize import minimize_scalar
+
+        rising, inside = np.diff(samples) > 0.0, samples[1:-1] <= 0.0
+        steep = np.abs(np.diff(samples))
+        within = -samples[1:-1] <= np.maximum(steep[1:], steep[:-1])
+        t, values = self.t, samples
+        for k in np.flatnonzero(rising[:-1] & ~rising[1:] & inside & within)[::-1] + 1:
+            low, high = self.t[k - 1], self.t[k + 1]
+            best = minimize_scalar(
+                lambda t: -sense * value(t),
+                bounds=(low, high),
+                method="bounded",
+                options={"xatol": 1e-9 * (high - low)},
+            )
+            place = int(np.searchsorted(t, best.x))
+            t, values = np.insert(t, place, best.x), np.insert(values, place, -best.fun)
+        return t, values
+
+    def _column(self, column: int, level: float) -> Callable[[float], float]:
+        return lambda t: float(self.step.at(np.array([t]))[0, column]) - level
+
+    def _zeros_of_samples(self, samples: Floats) -> list[float]:
+        """Return the zeros of the polynomial through samples (N,) at the nodes."""
+        series = gauss(NODES).to_series @ samples
+
+        def value(t: float) -> float:
+            x = 2.0 * (t - self.step.start) / self.step.length - 1.0
+            return float(legendre.legval(x, series))
+
+        ends = value(self.t[0]), value(self.t[-1])
+        return self._zeros(value, np.array([ends[0], *samples, ends[1]]))
+
+    def _zeros(self, value: Callable[[float], float], samples: Floats) -> list[float]:
+        changes = (samples[:-1] != 0.0) & (samples[:-1] * samples[1:] <= 0.0)
+        return [_root(value, self.t[k], self.t[k + 1]) for k in np.flatnonzero(changes)]
+
+
+def _root(value: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a function that changes sign between two times is zero."""
+    from scipy.optimize import brentq
+
+    one, other = value(low), value(high)
+    if one * other >= 0.0:
+        return float(low if abs(one) <= abs(other) else high)
+    return float(brentq(value, low, high, xtol=1e-15, rtol=1e-15))
 
 
 @final

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
+from spherekit.dynamics.forces import Driven, transmitted
 from spherekit.dynamics.inverse import InverseSolution, needed_torques
-from spherekit.dynamics.rubbing import Lacking, lacking
-from spherekit.dynamics.transmitted import Driven, transmitted
-from spherekit.model.bearings import Bearings
-from spherekit.motion.linearisation import Linearisation
+from spherekit.dynamics.state import Lacking, lacking
+from spherekit.model.dynamics import Bearings
+from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import Floats
 

@@ -8,8 +8,8 @@ from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.errors import EngineError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.model.bearings import need_no_rubbing
-from spherekit.model.laws import Start, StartGiven
+from spherekit.model.dynamics import need_no_rubbing
+from spherekit.model.study import Start, StartGiven
 from spherekit.proof.balls import FEWEST, Digits
 from spherekit.proof.simulation import ExactSimulation
 from spherekit.sphere.rotation import Floats

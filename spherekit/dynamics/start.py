@@ -10,13 +10,13 @@ from spherekit.checked import checked_class
 from spherekit.conventions import STATUS_MEANING, TURN, Status, counted, listing, nearest
 from spherekit.dynamics.inertia import need_inertia, need_moving_inertia
 from spherekit.dynamics.state import EquationOfMotion
-from spherekit.engine.cache import Cache
+from spherekit.engine.dyads import Cache
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.dynamics import DRIVE, PairTorque
-from spherekit.model.geometry import geometry_of
-from spherekit.model.laws import Start
+from spherekit.model.gears import geometry_of
 from spherekit.model.load import TorqueFunction, TorqueTable
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Start
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Motion, Tracer

@@ -15,18 +15,18 @@ import numpy as np
 
 from spherekit.checked import checked
 from spherekit.dynamics.forces import Loads
-from spherekit.dynamics.model_metadata import (
+from spherekit.dynamics.inertia import AlongCurve, OverBox, own_velocities, pole_name
+from spherekit.dynamics.stored_model import (
     GridMetadata,
     ModelMetadata,
     StoredFunction,
     StoredLoad,
 )
-from spherekit.dynamics.stored_samples import AlongCurve, OverBox, own_velocities, pole_name
 from spherekit.dynamics.tabulated import GridModel, TabulatedModel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
-from spherekit.model.bearings import need_no_rubbing
+from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.expression import Expression
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism

@@ -4,7 +4,7 @@ Arrays are NumPy object arrays of numbers and expressions. Terms drop products w
 1 and share what occurs twice, so nothing is simplified here.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -12,6 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.engine.expression_graph import Expr, ExpressionNode, function
+from spherekit.errors import EngineError
+from spherekit.model.gears import COLLINEAR, axes_from_sizes, reference_frame
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, SizeGeometry
+from spherekit.model.pose_sizes import pose_sizes
 from spherekit.sphere.rotation import Floats
 
 Exprs = NDArray[np.object_]
@@ -204,3 +209,149 @@ def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
         [minor(i, j) if (i + j) % 2 == 0 else -1.0 * minor(i, j) for j in places]
         for i in places
     ]
+
+
+@final
+@dataclass(frozen=True)
+class DesignGeometry:
+    """Sizes that take the place of a mechanism's own: numbers (rad) or terms.
+
+    `arcs`, `angles` by link and the pair they lead to (in a reference pose `pose_sizes`),
+    `zeros` and `values` by pair; in a reference pose `longitudes` and `latitudes` of axes
+    by pair, of both or none.
+    """
+
+    arcs: Mapping[tuple[str, str], Expr]
+    angles: Mapping[tuple[str, str], Expr]
+    zeros: Mapping[str, Expr]
+    values: Mapping[str, Expr]
+    longitudes: Mapping[str, Expr]
+    latitudes: Mapping[str, Expr]
+
+
+Frames = tuple[Exprs, Exprs]
+"""The frames (3, 3) of a pair in its first and its second link."""
+
+
+def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, Frames]:
+    """Return the frames of every R pair in terms, by name.
+
+    Raises
+    ------
+    EngineError
+        If two axes of a link lie on one line, so that no arc between them varies.
+    """
+    geometry = mechanism.geometry
+    made = {}
+    for pair in mechanism.pairs:
+        if not pair.kind.has_axis:
+            continue
+        if isinstance(geometry, PoseGeometry):
+            made[pair.name] = _in_pose(mechanism, geometry, design, pair)
+        else:
+            zero = design.zeros.get(pair.name, geometry.zeros.get(pair.name, 0.0))
+            one, other = (
+                _in_link(mechanism, geometry, design, link, pair.name)
+                for link in pair.links
+            )
+            made[pair.name] = one @ about_z(zero), other
+    return made
+
+
+def _in_pose(
+    mechanism: Mechanism, geometry: PoseGeometry, design: DesignGeometry, pair: Pair
+) -> Frames:
+    x, y, z = geometry.axes[pair.name]
+    longitude = design.longitudes.get(pair.name, float(np.arctan2(y, x)))
+    latitude = design.latitudes.get(pair.name, float(np.arctan2(z, np.hypot(x, y))))
+    level = cosine(latitude)
+    axis = vector([level * cosine(longitude), level * sine(longitude), sine(latitude)])
+    east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
+    frame = np.stack([east, cross(axis, east), axis], axis=1)
+    value = design.values.get(pair.name, geometry.values.get(pair.name, 0.0))
+    one, other = (_off(mechanism, design, link, pair.name, frame) for link in pair.links)
+    return one, other @ about_z(value)
+
+
+def _off(
+    mechanism: Mechanism, design: DesignGeometry, link: str, pair: str, frame: Exprs
+) -> Exprs:
+    """Return the frame of a pair in a link whose sizes are not those of the pose."""
+    key = link, pair
+    terms = {"arcs": design.arcs.get(key), "angles": design.angles.get(key)}
+    if all(term is None for term in terms.values()):
+        return frame
+    for size in pose_sizes(mechanism, link):  # arcs before angles
+        term = terms[size.kind]
+        if size.pair == pair and term is not None:
+            frame = _about(size.about, term - size.value) @ frame
+    return frame
+
+
+def _in_link(
+    mechanism: Mechanism,
+    geometry: SizeGeometry,
+    design: DesignGeometry,
+    link: str,
+    pair: str,
+) -> Exprs:
+    sizes = geometry.links.get(link, LinkSizes(()))
+    if link not in {named for named, _ in (*design.arcs, *design.angles)}:
+        frame = reference_frame(axes_from_sizes(sizes), pair)
+        return np.array(frame.tolist(), dtype=object)
+    place = sizes.axes.index(pair)
+    leading = place or 1
+    if abs(np.sin(sizes.arcs[leading - 1])) < COLLINEAR:
+        raise EngineError(
+            f"{mechanism.name}: links.{link}: the arc to {sizes.axes[leading]} is 0 or 180 "
+            "deg, and where it opens its pair's zero jumps, so its sizes have no "
+            "derivatives; vary another size, or compare with a file of an arc that is small"
+        )
+    key = link, sizes.axes[leading]
+    arc = design.arcs.get(key, sizes.arcs[leading - 1])
+    turn: Expr = 0.0
+    if leading > 1:
+        turn = design.angles.get(key, sizes.angles[leading - 2])
+    # Beyond half a turn the way to the other axis runs in the opposite direction.
+    sense = 1.0 if np.sin(sizes.arcs[leading - 1]) > 0.0 else -1.0
+    outward = vector([-1.0 * sine(turn), cosine(turn), 0.0])
+    up = vector([0.0, 0.0, 1.0])
+    if place == 0:
+        axis, tangent = up, outward * sense
+    else:
+        axis = outward * sine(arc) + up * cosine(arc)
+        tangent = (up * sine(arc) - outward * cosine(arc)) * sense
+    return np.stack([tangent, cross(axis, tangent), axis], axis=1)
+
+
+def about_z(angle: Expr) -> Exprs:
+    """Return the rotation (3, 3) about z by a number or a term."""
+    c, s = cosine(angle), sine(angle)
+    rows = [[c, -1.0 * s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+    return np.array(rows, dtype=object)
+
+
+def _about(axis: Floats, angle: Expr) -> Exprs:
+    """Return the rotation about an axis of numbers (Rodrigues)."""
+    x, y, z = map(float, axis)
+    c, s = cosine(angle), sine(angle)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    along = np.outer(axis, axis)
+    rows = [
+        [
+            c * float(i == k) + s * float(across[i, k]) + (1.0 - c) * float(along[i, k])
+            for k in range(3)
+        ]
+        for i in range(3)
+    ]
+    return np.array(rows, dtype=object)
+
+
+def sine(angle: Expr) -> Expr:
+    """Return the sine of a number or a term."""
+    return angle.sin() if isinstance(angle, ExpressionNode) else float(np.sin(angle))
+
+
+def cosine(angle: Expr) -> Expr:
+    """Return the cosine of a number or a term."""
+    return angle.cos() if isinstance(angle, ExpressionNode) else float(np.cos(angle))

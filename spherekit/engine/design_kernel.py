@@ -13,16 +13,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.algebra import Exprs, constants, cross, dot
-from spherekit.engine.arrays import ArrayFunction, array_function
+from spherekit.engine.algebra import DesignGeometry, Exprs, constants, cross, dot
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
-from spherekit.engine.coordinate_rates import (
-    answers,
-    misfits,
-    newton_step,
-    openness,
-    rates_by_inputs,
-)
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -31,9 +23,16 @@ from spherekit.engine.expression_graph import (
     rewrite,
     symbols,
 )
-from spherekit.engine.frames import DesignGeometry
+from spherekit.engine.kinematics import (
+    answers,
+    misfits,
+    newton_step,
+    openness,
+    rates_by_inputs,
+)
 from spherekit.engine.pose import spin_vectors
 from spherekit.engine.row_quantities import DesignTerms, RowQuantities
+from spherekit.engine.system import ArrayFunction, array_function
 from spherekit.engine.turns import turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats

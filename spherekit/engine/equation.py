@@ -1,7 +1,7 @@
 """The equation of motion as a system that the Taylor integrator runs.
 
-Of one freedom it is that of `spherekit.engine.one_freedom`, of several that of
-`spherekit.engine.several_freedoms` in given coordinates; loads, stops and switches are the
+Of one freedom it is that of `spherekit.engine.system`, of several that of
+`spherekit.engine.system` in given coordinates; loads, stops and switches are the
 same.
 """
 
@@ -12,7 +12,6 @@ from typing import Any, final
 
 import numpy as np
 
-from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import (
     CompiledFunction,
     EventFunction,
@@ -23,16 +22,17 @@ from spherekit.engine.compiler import (
     compile_with_rates,
     heyoka,
 )
+from spherekit.engine.dyads import COMPILED
 from spherekit.engine.kinematics import Structure
 from spherekit.engine.loads import steep_arguments
-from spherekit.engine.one_freedom import one_freedom
-from spherekit.engine.several_freedoms import several_freedoms
 from spherekit.engine.system import (
     MOMENT,
     EventKind,
     ParameterLayout,
     System,
     constant,
+    one_freedom,
+    several_freedoms,
     stop_events,
 )
 from spherekit.engine.turns import turning_pairs

@@ -1,7 +1,7 @@
 """Terms: expressions as a graph in which what occurs twice is one node.
 
 The engine writes a mechanism's kinematics and loads in terms. `spherekit.engine.compiler`
-gives them to heyoka, `spherekit.engine.arrays` runs them on NumPy arrays.
+gives them to heyoka, `spherekit.engine.system` runs them on NumPy arrays.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

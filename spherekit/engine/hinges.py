@@ -15,9 +15,8 @@ from typing import final
 import numpy as np
 
 from spherekit.conventions import EQUAL_CURVATURE
-from spherekit.engine.algebra import Exprs
+from spherekit.engine.algebra import Exprs, about_z, cosine, sine
 from spherekit.engine.expression_graph import Expr
-from spherekit.engine.frames import about_z, cosine, sine
 from spherekit.engine.turns import (
     AxisRotation,
     AxisTerm,
@@ -28,8 +27,8 @@ from spherekit.engine.turns import (
     turning_pairs,
 )
 from spherekit.errors import EngineError
-from spherekit.model.bearings import ContactFriction
-from spherekit.model.geometry import geometry_of
+from spherekit.model.dynamics import ContactFriction
+from spherekit.model.gears import geometry_of
 from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import LinkSizes, Pair, SizeGeometry

@@ -10,14 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.engine.algebra import SeriesExpressions, by_coordinate, length, vector
-from spherekit.engine.arrays import ArrayFunction, array_function
-from spherekit.engine.cache import COMPILED
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
-from spherekit.engine.dyads import place_by_inputs
+from spherekit.engine.dyads import COMPILED, place_by_inputs
 from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
-from spherekit.engine.inertia import inertia, tensors
 from spherekit.engine.kinematics import RateExpressions, Structure
 from spherekit.engine.pose import LinkOrientation, place_by_variables
+from spherekit.engine.system import ArrayFunction, array_function, inertia, tensors
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole, all_poles, pole_of

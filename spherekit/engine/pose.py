@@ -1,14 +1,21 @@
 """Orientations of links as expressions of the pair variables."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, cross, vector
-from spherekit.engine.expression_graph import Expr, function
-from spherekit.engine.turns import AxisRotation, Chain, Entries, ProfileFrame, TurningPairs
+from spherekit.engine.expression_graph import Expr, ExpressionNode, function
+from spherekit.engine.turns import (
+    AxisRotation,
+    Chain,
+    Entries,
+    ProfileFrame,
+    ProfileSide,
+    TurningPairs,
+)
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
 
@@ -157,4 +164,178 @@ def spin_vectors(
             None if spin.slide is None else placed_as(spin.link, spin.slide),
         )
         for spin in spins
+    )
+
+
+@final
+@dataclass(frozen=True)
+class CarriedVector:
+    """A variable's `vector` (3,): it turns with a link, and slides on it.
+
+    By `slide` (3,) per unit of the variable, None where it is fixed in the link. `size` and
+    `slid` are the lengths of both, `bent` bounds how the slide changes on the link.
+    """
+
+    vector: Exprs
+    link: int
+    size: Expr = 1.0
+    slide: Exprs | None = None
+    slid: Expr = 0.0
+    bent: Expr = 0.0
+
+
+@final
+@dataclass(frozen=True)
+class ContactLine:
+    """The line of a rolling contact, carried by a link: `point` and `tangent` (3,).
+
+    `relative` is by how much more the first profile curves than the second, `slope` its
+    derivative by the arc length.
+    """
+
+    point: Exprs
+    tangent: Exprs
+    link: int
+    relative: Expr
+    slope: Expr
+
+
+@final
+@dataclass(frozen=True)
+class CarriedVectors:
+    """The vectors of all variables, the lines of rolling contacts by pair, and curvatures.
+
+    `relative` are by how much more first profiles curve than second ones, of all contacts.
+    """
+
+    vectors: tuple[CarriedVector, ...]
+    lines: Mapping[int, ContactLine]
+    relative: tuple[Expr, ...]
+
+
+def carried_vectors(
+    mechanism: Mechanism,
+    pairs: TurningPairs,
+    placed: Sequence[LinkOrientation],
+    variables: Sequence[Expr],
+) -> CarriedVectors:
+    """Return them of links that are placed, by pair variables."""
+    angles = Angles(variables)
+    carried: dict[int, CarriedVector] = {}
+    lines: dict[int, ContactLine] = {}
+    for pair, ends in enumerate(mechanism.ends):
+        owned = mechanism.variables_of(pair)
+        if pair not in pairs.sides:
+            spins = pairs.spins[owned[0]][0], pairs.twin[owned[0]]
+            held = min(spins, key=lambda spin: placed[spin.link].depth)
+            axis = placed[held.link].direction(held.axis)
+            carried[owned[0]] = CarriedVector(vector(list(axis * held.size)), held.link)
+            continue
+        sides = pairs.sides[pair]
+        if len(owned) == 1:
+            near = 0 if placed[ends[0]].depth <= placed[ends[1]].depth else 1
+            line = _line(sides, near, ends[near], placed[ends[near]], angles)
+            lines[pair] = line
+            carried[owned[0]] = _rolling(sides, near, line)
+            continue
+        for number, (variable, side, link) in enumerate(
+            zip(owned, sides, ends, strict=True)
+        ):
+            sense = -1.0 if number else 1.0
+            carried[variable] = _sliding(sense, side, link, placed[link], angles)
+    relative = tuple(_relative(sides) for sides in pairs.sides.values())
+    return CarriedVectors(tuple(carried[v] for v in sorted(carried)), lines, relative)
+
+
+def root(item: Expr) -> Expr:
+    """Return the square root of a number or a term."""
+    return function("sqrt", item) if isinstance(item, ExpressionNode) else float(item**0.5)
+
+
+def size_of(item: Expr) -> Expr:
+    """Return the absolute value of a number or a term."""
+    return root(item * item)
+
+
+def bounded(items: Iterable[Expr]) -> Expr:
+    """Return what none of these, not negative, exceeds: the largest, if all are numbers."""
+    items = list(items)
+    terms = dict.fromkeys(x for x in items if isinstance(x, ExpressionNode))
+    total: Expr = max((x for x in items if not isinstance(x, ExpressionNode)), default=0.0)
+    for term in terms:
+        total = total + term
+    return total
+
+
+def largest(items: Iterable[Expr]) -> Expr:
+    """Return the largest of numbers and terms, none of which is negative."""
+    items = list(items)
+    terms = dict.fromkeys(x for x in items if isinstance(x, ExpressionNode))
+    most: Expr = max((x for x in items if not isinstance(x, ExpressionNode)), default=0.0)
+    for term in terms:
+        most = function("maximum", most, term) if most else term
+    return most
+
+
+def _relative(sides: tuple[ProfileSide, ProfileSide]) -> Expr:
+    return sides[0].curvature - sides[1].curvature
+
+
+def _line(
+    sides: tuple[ProfileSide, ProfileSide],
+    near: int,
+    link: int,
+    placed: LinkOrientation,
+    angles: Angles,
+) -> ContactLine:
+    tangent, _, point = _frame(sides[near], placed, angles)
+    slope = sides[0].slope - sides[1].slope
+    return ContactLine(point, tangent, link, _relative(sides), slope)
+
+
+def _frame(
+    side: ProfileSide, placed: LinkOrientation, angles: Angles
+) -> tuple[Exprs, Exprs, Exprs]:
+    """Return the tangent, the normal and the point (3,) of a profile at the contact."""
+    there = placed_by(side.frame, placed, angles)
+    axes = (there.direction(axis) for axis in np.eye(3))
+    tangent, normal, point = (vector(list(axis)) for axis in axes)
+    return tangent, normal, point
+
+
+def _rolling(
+    sides: tuple[ProfileSide, ProfileSide], near: int, line: ContactLine
+) -> CarriedVector:
+    """Return (k1 - k2) p."""
+    relative, slope, curvature = line.relative, line.slope, sides[near].curvature
+    more = sides[0].most_bent + sides[1].most_bent
+    swing = size_of(relative) * root(1.0 + curvature * curvature)
+    vector, slide = sides[0].rolled(sides[1], line.tangent, line.point)
+    return CarriedVector(
+        vector,
+        line.link,
+        size_of(relative),
+        slide,
+        root(relative * relative + slope * slope),
+        2.0 * size_of(slope) + swing + more,
+    )
+
+
+def _sliding(
+    sense: float, side: ProfileSide, link: int, placed: LinkOrientation, angles: Angles
+) -> CarriedVector:
+    """Return n + k p, or the opposite."""
+    if isinstance(side.turn, AxisRotation):
+        axis = placed.direction(side.before[:, 2]) * (sense * side.turn.scale)
+        return CarriedVector(vector(list(axis)), link, abs(side.turn.scale))
+    _, normal, point = _frame(side, placed, angles)
+    k, slope = side.curvature, side.slope
+    along, slide = side.slid(sense, normal, point)
+    return CarriedVector(
+        along,
+        link,
+        root(1.0 + k * k),
+        slide,
+        size_of(slope),
+        size_of(slope) + side.most_bent,
     )

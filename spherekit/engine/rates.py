@@ -19,7 +19,7 @@ from spherekit.engine.expression_graph import WITHOUT_EXPRESSIONS, Expr
 from spherekit.errors import EngineError
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
-from spherekit.planning.assembly import Assembly, Group
+from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.rotation import Floats
 
 
@@ -284,7 +284,7 @@ class HomogeneousRates:
     `driven` are the rates of the driven pairs. `span(a, b)` is the constant |A x B|^2 of
     two variables' vectors, or None where it is not constant. With `misfits` (3,) of pairs,
     all driven ones at rest, the rates over `scale` are the answers of the variables
-    (`spherekit.engine.coordinate_rates`).
+    (`spherekit.engine.kinematics`).
     """
 
     def __init__(

@@ -10,25 +10,26 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.engine.algebra import sum_of
-from spherekit.engine.arrays import ArrayFunction, array_function
-from spherekit.engine.block_elimination import Pivot, pivots_of
-from spherekit.engine.cache import COMPILED
-from spherekit.engine.carried_vectors import largest, root
 from spherekit.engine.columns import (
     ERRORS,
     LARGEST_ERROR,
     Outputs,
+    Pivot,
     Place,
     RatePlaces,
     Terms,
+    pivots_of,
 )
 from spherekit.engine.compiler import CompiledFunction, compile_function
 from spherekit.engine.dyads import (
+    COMPILED,
     closed_form,
     lost_by,
 )
 from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted
-from spherekit.engine.profile_columns import ProfileColumns, with_columns
+from spherekit.engine.pose import largest, root
+from spherekit.engine.system import ArrayFunction, array_function
+from spherekit.engine.turns import ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
 from spherekit.rates.core import NEARLY_FLAT

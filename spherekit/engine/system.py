@@ -4,17 +4,41 @@ The state is the pair variables, the momenta in a unit of their own, and the wor
 load in the square of that unit. What is set for each run are parameters.
 """
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import Any, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import TURN
+from spherekit.engine.algebra import (
+    Exprs,
+    SeriesExpressions,
+    cofactors,
+    constants,
+    cross,
+    determinant,
+    dot,
+    vector,
+)
 from spherekit.engine.compiler import EventFunction
-from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
-from spherekit.engine.kinematics import Structure
-from spherekit.engine.loads import LoadState, Switches
+from spherekit.engine.expression_graph import (
+    Expr,
+    ExpressionNode,
+    in_order,
+    power,
+    symbols,
+    varies,
+)
+from spherekit.engine.kinematics import CoordinateRates, RateExpressions, Structure
+from spherekit.engine.loads import LoadState, Switches, generalised_forces
+from spherekit.engine.pose import LinkOrientation, place_by_variables
+from spherekit.engine.turns import Entries
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import Floats
 
 (MOMENT,) = symbols(["moment"])
 
@@ -172,3 +196,394 @@ def stop_events(mechanism: Mechanism, state: Symbols) -> list[SystemEvent]:
             passed = EventFunction(value - level, stops=True, sense=sense)
             events.append((passed, "stop", place))
     return events
+
+
+def tensors(mechanism: Mechanism) -> dict[int, Floats]:
+    """Return the tensors (3, 3) of links with mass about O, in link axes (kg m2)."""
+    return {
+        mechanism.link_number[mass.link]: np.array(mass.tensor, dtype=float)
+        for mass in mechanism.masses
+    }
+
+
+def inertia(flow: RateExpressions, by_link: Mapping[int, Entries]) -> SeriesExpressions:
+    """Return the generalised inertia of a flow; `by_link` are the links' tensors."""
+    # Entries near 0 are made exact zeros, so they need a size near one.
+    plain = [
+        plain_tensor for plain_tensor in by_link.values() if plain_tensor.dtype != object
+    ]
+    unit = (
+        max((float(np.max(np.abs(plain_tensor))) for plain_tensor in plain), default=1.0)
+        or 1.0
+    )
+    total: list[Expr] = [0.0] * (flow.order + 1)
+    for link, tensor in by_link.items():
+        if link == 0 or not np.any(tensor):
+            continue
+        here = flow.placed[link].tensor(tensor / unit)
+        y = flow.seen(link)
+        for k in range(flow.order + 1):
+            for i in range(k // 2 + 1):
+                part = _form(y[i], here, y[k - i])
+                total[k] = total[k] + (part if 2 * i == k else 2.0 * part)
+    return SeriesExpressions(tuple(unit * coefficient for coefficient in total))
+
+
+def _form(a: Exprs, matrix: Exprs, b: Exprs) -> Expr:
+    """Return a . M b; with a = b each mixed term once."""
+    if a is b:
+        total: Expr = 0.0
+        for i in range(3):
+            total = total + matrix[i, i] * (a[i] * a[i])
+            for j in range(i):
+                total = total + (2.0 * matrix[i, j]) * (a[i] * a[j])
+        return total
+    total = 0.0
+    for i in range(3):
+        row: Expr = 0.0
+        for j in range(3):
+            row = row + matrix[i, j] * a[j]
+        total = total + row * b[i]
+    return total
+
+
+def one_freedom(mechanism: Mechanism) -> System:
+    """Return the equation of a mechanism whose first input is the input."""
+    symbols = Symbols.of(mechanism)
+    structure = Structure.of(mechanism, mechanism.inputs[0].pair)
+    flow = RateExpressions(
+        structure, place_by_variables(mechanism, structure.pairs, symbols.variables)
+    )
+    (momentum,) = symbols.momenta
+    share = power(inertia(flow, tensors(mechanism)).coefficients[0], -0.5)
+    speed = constant(symbols.layout.unit) * momentum * share
+    moving = LoadState.along(
+        flow,
+        symbols.variables,
+        symbols.turns,
+        speed,
+        MOMENT,
+        symbols.switches,
+        symbols.table,
+    )
+    push = constant(symbols.layout.unit + 1) * share
+    forces = [generalised_forces(load, moving)[0] * push for load in mechanism.loads]
+    tau = vector(flow.tau[0])
+    square = dot(tau, tau)
+    events: list[SystemEvent] = [(EventFunction(momentum), "rest", -1)]
+    driven = structure.driven
+    if varies(tau[driven]):
+        events.append((EventFunction(tau[driven]), "dead_centre", driven))
+    if varies(square):
+        crossed = square - constant(symbols.layout.least)
+        events.append((EventFunction(crossed, stops=True, sense=-1), "singularity", -1))
+    return System(
+        structure,
+        symbols,
+        [rate * speed for rate in flow.tau[0]],
+        [sum(forces, 0.0)],
+        [force * momentum for force in forces],
+        [flow.tau[0]],
+        square,
+        events,
+        moving,
+    )
+
+
+BLOCK = 8192
+"""Columns evaluated together: enough that calls cost little, few enough for the cache."""
+
+_OPERATORS = {
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": np.divide,
+    "**": np.power,
+}
+
+
+@final
+@dataclass(frozen=True)
+class _Step:
+    """An operation: rows or numbers it reads, and the row it writes."""
+
+    operation: Callable[..., Any]
+    arguments: tuple[int, ...]
+    result: int
+
+
+@final
+@dataclass(frozen=True)
+class ArrayFunction:
+    """A function of arrays (inputs, n) with values (outputs, n), made of NumPy's.
+
+    The steps run on places: the inputs, the outputs, the numbers, then `rows` rows of a
+    block for what is needed in between. `number` is the type computed with, `seconds` is
+    what making it took.
+    """
+
+    inputs: int
+    outputs: int
+    numbers: tuple[float, ...]
+    rows: int
+    steps: tuple[_Step, ...]
+    number: type[Any]
+    seconds: float
+
+    def __call__(self, inputs: NDArray[Any], out: NDArray[Any] | None = None) -> Any:
+        """Return the values (outputs, n) at inputs (inputs, n), written to `out`."""
+        count = inputs.shape[1]
+        if out is None:
+            out = np.empty((self.outputs, count), dtype=self.number)
+        numbers = [np.array(number, dtype=self.number) for number in self.numbers]
+        work = np.empty((self.rows, min(count, BLOCK)), dtype=self.number)
+        with np.errstate(all="ignore"):
+            for start in range(0, count, BLOCK):
+                block = slice(start, min(start + BLOCK, count))
+                places = [*inputs[:, block], *out[:, block], *numbers]
+                places += [*work[:, : block.stop - block.start]]
+                for step in self.steps:
+                    given = [places[place] for place in step.arguments]
+                    step.operation(*given, out=places[step.result])
+        return out
+
+
+def array_function(
+    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], number: type[Any] = float
+) -> ArrayFunction:
+    """Return expressions as a function of arrays; `number` is the type computed with."""
+    started = time.perf_counter()
+    order = [term for term in in_order(outputs) if term.operation != "variable"]
+    used = [item for term in order for item in term.arguments] + list(outputs)
+    numbers = tuple(
+        dict.fromkeys(float(x) for x in used if not isinstance(x, ExpressionNode))
+    )
+    places: dict[Any, int] = {term: k for k, term in enumerate(inputs)}
+    for k, item in enumerate(outputs):
+        if isinstance(item, ExpressionNode):
+            places.setdefault(item, len(inputs) + k)
+    first = len(inputs) + len(outputs)
+    places |= {x: first + k for k, x in enumerate(numbers)}
+    first += len(numbers)
+    steps, rows = _steps(order, places, first)
+    for k, item in enumerate(outputs):
+        if places[item] != len(inputs) + k:
+            steps.append(_Step(np.positive, (places[item],), len(inputs) + k))
+    seconds = time.perf_counter() - started
+    sizes = len(inputs), len(outputs)
+    return ArrayFunction(*sizes, numbers, rows, tuple(steps), number, seconds)
+
+
+def _steps(
+    order: Sequence[ExpressionNode], places: dict[Any, int], first: int
+) -> tuple[list[_Step], int]:
+    """Return the steps that form terms, and how many rows from `first` on they need.
+
+    A row is free again after the last step that reads it.
+    """
+    last = {item: k for k, term in enumerate(order) for item in term.arguments}
+    free: list[int] = []
+    rows = 0
+    steps: list[_Step] = []
+    for k, term in enumerate(order):
+        given = tuple(places[item] for item in term.arguments)
+        done = [x for x in dict.fromkeys(term.arguments) if last[x] == k]
+        free += [places[item] for item in done if places[item] >= first]
+        if term not in places:
+            if not free:
+                free.append(first + rows)
+                rows += 1
+            places[term] = free.pop()
+        steps.append(_Step(_ufunc(term.operation), given, places[term]))
+    return steps, rows
+
+
+def _ufunc(operation: str) -> Callable[..., Any]:
+    ufunc: Callable[..., Any] = _OPERATORS.get(operation) or getattr(np, operation)
+    return ufunc
+
+
+STEEPEST = 400.0
+"""Squares of all variables' rates per unit rates of the coordinates, added up, at which
+others have to be taken."""
+
+
+def mass_size(mechanism: Mechanism) -> float:
+    """Return the sum of the links' largest moments of inertia, kg m2."""
+    by_link = [tensor for link, tensor in tensors(mechanism).items() if link]
+    return float(np.sum(np.linalg.norm(by_link, 2, axis=(1, 2))))
+
+
+def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) -> System:
+    """Return the equations of a mechanism whose inputs are the coordinates.
+
+    Parameters
+    ----------
+    values
+        (variables,) a closed configuration, at which independent equations are chosen
+        where they repeat.
+    held
+        The variables of the mechanism's own inputs, for the event "type_2".
+    """
+    symbols = Symbols.of(mechanism)
+    layout = symbols.layout
+    structure = Structure.at(mechanism, values)
+    placed = place_by_variables(mechanism, structure.pairs, symbols.variables)
+    flow = CoordinateRates(structure, placed)
+    size = mass_size(mechanism)
+    root = float(np.sqrt(size))
+    share = 1.0 / flow.scale
+    speeds = [constant(layout.unit) * y * (1.0 / root) for y in symbols.momenta]
+    slow = [speed * share for speed in speeds]
+    rates = [
+        sum((tau[v] * s for tau, s in zip(flow.tau, slow, strict=True)), 0.0)
+        for v in range(layout.variables)
+    ]
+    for pair, speed in zip(structure.assembly.inputs, speeds, strict=True):
+        rates[mechanism.variables_of(pair)[0]] = speed
+    w = [_along(by_input, slow) for by_input in zip(*flow.w, strict=True)]
+    moving = LoadState(
+        mechanism,
+        placed,
+        flow.tau,
+        flow.w,
+        symbols.variables,
+        symbols.turns,
+        rates,
+        MOMENT,
+        symbols.switches,
+        symbols.table,
+    )
+    forces = [generalised_forces(load, moving) for load in mechanism.loads]
+    masses = _Masses(mechanism, placed, flow, size)
+    pull = masses.pull(flow.bias(rates, w), slow)
+    total = [sum(of_loads, 0.0) * (1.0 / size) for of_loads in zip(*forces, strict=True)]
+    total = total or [0.0] * layout.freedoms
+    right = vector([a - b for a, b in zip(total, pull, strict=True)])
+    matrix = masses.matrix
+    changes = _solved(matrix, right)
+    back = constant(layout.unit + 1) * root * flow.scale
+    square = constant(layout.unit + 1) * constant(layout.unit + 1)
+    powers = [dot(vector(of_load), vector(slow)) * square for of_load in forces]
+    gram = [[dot(vector(a), vector(b)) for b in flow.tau] for a in flow.tau]
+    spread = sum((gram[k][k] for k in range(layout.freedoms)), 0.0) * share * share
+    measure = determinant(gram)
+    for _ in range(2 * layout.freedoms - 2):
+        measure = measure * share
+    if varies(measure):
+        # heyoka's tolerance is relative to the largest of the state and of all events.
+        begun = array_function([measure], symbols.variables)(values[:, None])
+        measure = measure * (1.0 / float(begun[0, 0]))
+    return System(
+        structure,
+        symbols,
+        rates,
+        [change * back for change in changes],
+        powers,
+        flow.tau,
+        measure,
+        _events(symbols, flow, measure, spread, held),
+        moving,
+    )
+
+
+def _along(parts: Sequence[Exprs], rates: Sequence[Expr]) -> Exprs:
+    total = vector([0.0, 0.0, 0.0])
+    for part, rate in zip(parts, rates, strict=True):
+        total = total + part * rate
+    return total
+
+
+def _solved(matrix: Sequence[Sequence[Expr]], right: Exprs) -> list[Expr]:
+    minors = cofactors(matrix)
+    share = 1.0 / dot(vector(matrix[0]), vector(minors[0]))
+    return [dot(vector(row), right) * share for row in minors]
+
+
+def _events(
+    symbols: Symbols,
+    flow: CoordinateRates,
+    measure: Expr,
+    spread: Expr,
+    held: Sequence[int],
+) -> list[SystemEvent]:
+    mechanism = flow.structure.mechanism
+    events: list[SystemEvent] = []
+    taken = {mechanism.variables_of(pair)[0] for pair in flow.structure.assembly.inputs}
+    if taken != set(held):
+        part = determinant([[tau[v] for v in held] for tau in flow.tau])
+        if varies(part):
+            for _ in held:
+                part = part / flow.scale
+            events.append((EventFunction(part * (1.0 / STEEPEST)), "type_2", -1))
+    if varies(measure):
+        crossed = EventFunction(
+            measure - constant(symbols.layout.least), stops=True, sense=-1
+        )
+        events.append((crossed, "singularity", -1))
+    if varies(spread):
+        room = 1.0 - spread * (1.0 / STEEPEST)
+        events.append((EventFunction(room, stops=True, sense=-1), "coordinates", -1))
+    return events
+
+
+@final
+class _Masses:
+    """What the links' inertia does, all of it over `size`."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        placed: Sequence[LinkOrientation],
+        flow: CoordinateRates,
+        size: float,
+    ) -> None:
+        self._links = [
+            (link, placed[link], placed[link].tensor(tensor / size))
+            for link, tensor in tensors(mechanism).items()
+            if link and np.any(tensor)
+        ]
+        self._seen = [
+            [placed.seen(w[link]) for w in flow.w] for link, placed, _ in self._links
+        ]
+        self._momenta = [
+            [constants(tensor) @ y for y in seen]
+            for (_, _, tensor), seen in zip(self._links, self._seen, strict=True)
+        ]
+
+    @property
+    def matrix(self) -> list[list[Expr]]:
+        """The inertia matrix by tau."""
+        count = len(self._seen[0])
+        matrix: list[list[Expr]] = [[0.0] * count for _ in range(count)]
+        for seen, momenta in zip(self._seen, self._momenta, strict=True):
+            for i in range(count):
+                for k in range(i + 1):
+                    matrix[i][k] = matrix[i][k] + dot(seen[i], momenta[k])
+        for i in range(count):
+            for k in range(i):
+                matrix[k][i] = matrix[i][k]
+        return matrix
+
+    def pull(self, bias: Sequence[Exprs], slow: Sequence[Expr]) -> list[Expr]:
+        """Return what the links resist by at no acceleration of the inputs, by tau.
+
+        With y_i the rates w_ji seen from the link, h its momentum: y_i . I b, as I y_i . b,
+        and y_i . (w x h) = sum of s_k h . (y_i x y_k), of which one sign is enough.
+        """
+        count = len(slow)
+        pulls: list[Expr] = [0.0] * count
+        turned: list[list[Expr]] = [[0.0] * count for _ in range(count)]
+        for (link, placed, _), seen, momenta in zip(
+            self._links, self._seen, self._momenta, strict=True
+        ):
+            acceleration, momentum = placed.seen(bias[link]), _along(momenta, slow)
+            for i in range(count):
+                pulls[i] = pulls[i] + dot(momenta[i], acceleration)
+                for k in range(i):
+                    turned[i][k] = turned[i][k] + dot(cross(seen[i], seen[k]), momentum)
+        for i in range(count):
+            for k in range(i):
+                pulls[i] = pulls[i] + slow[k] * turned[i][k]
+                pulls[k] = pulls[k] - slow[i] * turned[i][k]
+        return pulls

@@ -17,15 +17,14 @@ import numpy as np
 from spherekit.analysis.link_scenes import link_shapes
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
-from spherekit.model.dynamics import Mass
-from spherekit.model.geometry import geometry_of
+from spherekit.model.dynamics import Mass, moments_of_point
+from spherekit.model.gears import geometry_of
 from spherekit.model.graph import spanning
-from spherekit.model.inertia import moments_of_point
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Profile
 from spherekit.motion.closure import Closure
-from spherekit.motion.linearisation import Linearisation
+from spherekit.motion.loops import Linearisation
 from spherekit.planning.wheels import (
     on_carrier,
 )

@@ -15,8 +15,7 @@ from spherekit.exchange.coupling import Coupled, CouplingTable
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.continued import going_on
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import Tracer, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, parse_pole
 from spherekit.progress import Working

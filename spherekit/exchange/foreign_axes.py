@@ -12,7 +12,7 @@ from typing import Any, final
 
 import numpy as np
 
-from spherekit.model.changes import AngleUnit
+from spherekit.model.parts import AngleUnit
 from spherekit.sphere.rotation import Floats
 
 ONE_LINE = 1e-6

@@ -19,8 +19,8 @@ from spherekit.exchange.foreign_axes import (
     plain,
 )
 from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
-from spherekit.model.changes import AngleUnit
-from spherekit.model.inertia import moved_to_sphere_centre
+from spherekit.model.dynamics import moved_to_sphere_centre
+from spherekit.model.parts import AngleUnit
 from spherekit.sphere.rotation import Floats
 
 WITHIN = 1e-6

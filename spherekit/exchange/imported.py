@@ -14,8 +14,8 @@ from spherekit.files.atomic import write_text
 from spherekit.files.read import loads
 from spherekit.files.schema import FORMAT
 from spherekit.files.toml_text import assignment, tables
-from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import AngleUnit
 
 
 @final

@@ -8,8 +8,7 @@ from spherekit.conventions import counted, listing
 from spherekit.dynamics.start import at_inputs
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.continued import going_on
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import Tracer, going_on
 from spherekit.sphere.rotation import Floats
 
 SAMPLES = 61

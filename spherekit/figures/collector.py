@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from spherekit.analysis.recording_head import RecordingHead
-from spherekit.analysis.scene import Axis, Floats, Page, Primitive, Scene, rows_of
+from spherekit.analysis.scene import (
+    Axis,
+    Floats,
+    Page,
+    Primitive,
+    RecordingHead,
+    Scene,
+    rows_of,
+)
 
 if TYPE_CHECKING:
     from spherekit.analysis.running.recording import Recorder

@@ -1,16 +1,19 @@
 """Which figures the scenes of a run make, by name, each drawn when it is asked for."""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from html import escape
 from typing import Any, TypeVar, final
 
 import numpy as np
 
+from spherekit.analysis.plotted import map_range, placed_labels, plotted_range, scale_of
 from spherekit.analysis.scene import (
     Arrow,
     Axis,
     Diagram,
+    Floats,
     InputMarks,
     Page,
     Portrait,
@@ -21,18 +24,289 @@ from spherekit.analysis.scene import (
     Surface,
     Trace,
     in_degrees,
+    titled,
 )
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
-from spherekit.figures.curves import Curve, draw_curves
-from spherekit.figures.diagrams import draw_diagrams
-from spherekit.figures.input_maps import InputMap, along_path, draw_maps, ticks
+from spherekit.figures import style
+from spherekit.figures.curves import Curve, OnSphere, draw_curves, draw_paths, draw_sphere
 from spherekit.figures.plane import Plane, draw_plane
-from spherekit.figures.sdk import Figure
-from spherekit.figures.sheet import Sheet, as_data_url
-from spherekit.figures.sphere import OnSphere, draw_paths, draw_sphere
+from spherekit.figures.sdk import Axes, Figure, Normalize, Poly3DCollection, ScalarMappable
+from spherekit.figures.sheet import (
+    Sheet,
+    as_data_url,
+    ends,
+    line_between,
+    stroke,
+    ticks_of,
+    wrapped,
+)
 from spherekit.figures.style import Columns
-from spherekit.figures.surfaces import draw_surfaces
+
+
+def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
+    """Return a figure of surfaces in the same space."""
+    meshed = [item for item in surfaces if len(item.triangles)]
+    clouds = [item for item in surfaces if not len(item.triangles)]
+    entries = [
+        (item.label, stroke(style.tone_colour(item.tone), width=4.0)) for item in meshed
+    ]
+    with style.look():
+        size = min(sheet.width, 4.5)
+        figure = sheet.figure(1, size, sheet.legend_rows(entries))
+        panel: Any = figure.add_subplot(projection="3d")
+        for surface in meshed:
+            panel.add_collection3d(
+                Poly3DCollection(
+                    surface.vertices[surface.triangles],
+                    facecolors=style.tone_colour(surface.tone),
+                    alpha=0.6,
+                    shade=True,
+                    linewidths=0.0,
+                )
+            )
+        for surface in clouds:
+            if surface.values is None:
+                panel.scatter(*surface.vertices.T, c=style.tone_colour(surface.tone), s=3.0)
+                continue
+            tint = Normalize(*map_range(surface.values, surface.values_unit))
+            dots = panel.scatter(
+                *surface.vertices.T, c=surface.values, norm=tint, cmap=style.HEAT, s=3.0
+            )
+            bar = figure.colorbar(
+                dots,
+                ax=panel,
+                shrink=0.7,
+                pad=0.12,
+                aspect=28,
+                extend=ends(surface.values, tint),
+            )
+            bar.set_label(titled(surface.label, surface.values_unit))
+        every = np.concatenate([item.vertices for item in surfaces])
+        first = surfaces[0]
+        for which, name, column in zip("xyz", first.axes, every.T, strict=True):
+            getattr(panel, f"set_{which}label")(titled(name, first.unit))
+            getattr(panel, f"set_{which}lim")(np.nanmin(column), np.nanmax(column))
+            ticks_of(panel, first.unit, which, 5)
+        panel.set_box_aspect((1, 1, 1), zoom=0.85)
+        sheet.legend(figure, entries)
+    return figure
+
+
+RATIO = 0.95
+FAR = 0.5
+"""Steps of a path longer than this part of the frame lead through infinity."""
+LETTER = 6.5
+
+
+def draw_diagrams(items: Sequence[tuple[Page, Diagram]], sheet: Sheet) -> Figure:
+    """Return a figure of the paths of points, each named where it starts."""
+    with style.look():
+        figure, panels, across = sheet.panels(len(items), RATIO)
+        for place, (panel, (page, item)) in enumerate(zip(panels, items, strict=True)):
+            panel.set_title(sheet.title(page))
+            panel.set_xlim(*item.x_range)
+            panel.set_ylim(*item.y_range)
+            panel.set_aspect("equal")
+            if place + across >= len(items):
+                panel.set_xlabel(item.x_label)
+            if place % across == 0:
+                panel.set_ylabel(item.y_label)
+            for k, name in enumerate(item.names):
+                colour, dashes = _look(item, k)
+                look = {"color": colour, "linestyle": dashes, "label": name}
+                line_between(panel, _joined(item.places[:, k], item), look)
+        figure.draw_without_rendering()
+        for panel, (_, item) in zip(panels, items, strict=True):
+            _label(panel, item)
+    return figure
+
+
+def _look(item: Diagram, number: int) -> tuple[str, Any]:
+    """Return colour and dashes of a path: of a tone in ink, or one of its own."""
+    tones = item.tones
+    if tones[number] == 0:
+        return style.INK, "-"
+    return style.series_look(sum(tone != 0 for tone in tones[:number]))
+
+
+def _joined(path: Floats, item: Diagram) -> Floats:
+    """Return a path (n, 2) with gaps where it passes through infinity."""
+    size = np.array([np.ptp(item.x_range), np.ptp(item.y_range)])
+    far = np.any(np.abs(np.diff(path, axis=0)) > FAR * size, axis=1)
+    return np.insert(path, np.flatnonzero(far) + 1, np.nan, axis=0)
+
+
+def _label(panel: Axes, item: Diagram) -> None:
+    """Name each point where its path is in the frame first, with a dot there."""
+    (left, right), (low, high) = item.x_range, item.y_range
+    x, y = np.moveaxis(item.places, -1, 0)
+    seen = (x >= left) & (x <= right) & (y >= low) & (y <= high)
+    shown = np.flatnonzero(seen.any(axis=0))
+    if not len(shown):
+        return
+    starts = item.places[np.argmax(seen, axis=0)[shown], shown]
+    figure = panel.get_figure(root=True)
+    assert figure is not None
+    dots = figure.dpi / 72.0
+    places = panel.transData.transform(starts)
+    names = [item.names[k] for k in shown.tolist()]
+    middles = placed_labels(names, places[None], LETTER * dots)[0]
+    for k, start, offset in zip(
+        shown.tolist(), starts.tolist(), (middles - places) / dots, strict=True
+    ):
+        colour, _ = _look(item, k)
+        panel.plot(*start, "o", color=colour, markersize=2.5)
+        panel.annotate(
+            item.names[k],
+            start,
+            xytext=offset.tolist(),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=LETTER,
+            color=colour,
+        )
+
+
+SIGNED = "RdBu_r"
+TURNED = 0.3
+"""Neighbours of unlike signs that differ by more, over the range, pass no zero."""
+MOST_SLICES = 3
+"""Values of further inputs at which a map is drawn."""
+
+
+@final
+@dataclass(frozen=True)
+class InputMap:
+    """A series of a mode over several inputs."""
+
+    page: Page
+    series: Series
+    over: tuple[Axis, ...]
+
+
+def ticks(over: Sequence[Axis]) -> list[Floats] | None:
+    """Return the values of each axis if the rows are a grid of them, the last quickest."""
+    per_axis = [np.unique(axis.values) for axis in over]
+    if any(len(values) < 2 for values in per_axis):
+        return None
+    if np.prod([len(values) for values in per_axis]) != len(over[0].values):
+        return None
+    mesh = np.meshgrid(*per_axis, indexing="ij")
+    same = all(
+        np.array_equal(axis.values, flat.ravel())
+        for axis, flat in zip(over, mesh, strict=True)
+    )
+    return per_axis if same else None
+
+
+def along_path(over: Sequence[Axis]) -> Axis:
+    """Return how far rows are along a path of several inputs."""
+    points = np.stack([axis.values for axis in over], axis=1)
+    steps = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
+    return Axis("path of the inputs", over[0].unit, np.cumsum(steps))
+
+
+def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
+    """Return a figure of one quantity over two inputs, in every mode.
+
+    With more inputs at the first, the middle and the last value of the others.
+    """
+    grid = ticks(maps[0].over)
+    assert grid is not None
+    panels_of = [(item, at) for item in maps for at in _slices(grid[2:])]
+    first = maps[0].series
+    values = np.concatenate([item.series.values for item in maps])
+    scale = scale_of(values, first.unit)
+    low, high = plotted_range(values, scale, first.resolution, "colours")
+    signed = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
+    if signed:
+        low, high = -max(-low, high), max(-low, high)
+    with style.look():
+        figure, panels, across = sheet.panels(len(panels_of), RATIO)
+        tint = Normalize(low, high)
+        colours = SIGNED if signed else style.HEAT
+        for k, (panel, (input_map, at)) in enumerate(zip(panels, panels_of, strict=True)):
+            shape = [len(axis) for axis in grid]
+            table = np.moveaxis(input_map.series.values.reshape(shape), (0, 1), (-2, -1))[
+                at
+            ]
+            panel.pcolormesh(
+                grid[0],
+                grid[1],
+                table.T,
+                norm=tint,
+                cmap=colours,
+                shading="nearest",
+                rasterized=True,
+            )
+            if signed:
+                _zeros(panel, grid[0], grid[1], table, high - low)
+            panel.set_title(_title(input_map, grid, at, sheet), color=_ink(input_map.page))
+            _axes(panel, input_map.over, k % across == 0, k + across >= len(panels))
+        bar = figure.colorbar(
+            ScalarMappable(tint, colours),
+            ax=panels,
+            shrink=0.8,
+            pad=0.02,
+            aspect=30,
+            extend=ends(values, tint),
+        )
+        words = titled(first.group, first.unit)
+        if first.label != first.group:
+            words = f"{first.label}: {words}"
+        bar.set_label(wrapped(words, 42))
+    return figure
+
+
+def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> None:
+    """Draw where a quantity passes zero, and not where its sign is turned."""
+    still = table.copy()
+    for axis in (0, 1):
+        step = np.diff(table, axis=axis)
+        sign = np.moveaxis(np.abs(step) > TURNED * span, axis, 0)
+        lines = np.moveaxis(still, axis, 0)
+        lines[:-1][sign] = np.nan
+        lines[1:][sign] = np.nan
+    finite = still[np.isfinite(still)]
+    if len(finite) and np.min(finite) < 0.0 < np.max(finite):
+        panel.contour(x, y, still.T, levels=[0.0], colors=style.INK, linewidths=0.8)
+
+
+def _axes(panel: Axes, over: Sequence[Axis], left: bool, bottom: bool) -> None:
+    x, y = over[:2]
+    panel.set_facecolor("#eeeeee")
+    panel.set_box_aspect(1.0)
+    ticks_of(panel, x.unit, "x", 5)
+    ticks_of(panel, y.unit, "y", 5)
+    if bottom:
+        panel.set_xlabel(titled(x.label, x.unit))
+    if left:
+        panel.set_ylabel(titled(y.label, y.unit))
+
+
+def _slices(rest: Sequence[Floats]) -> list[tuple[int, ...]]:
+    """Return at which values of the further inputs maps are drawn."""
+    chosen: list[tuple[int, ...]] = [()]
+    for values in rest:
+        ends = np.linspace(0, len(values) - 1, min(MOST_SLICES, len(values)))
+        chosen = [(*at, k) for at in chosen for k in np.unique(np.round(ends).astype(int))]
+    return chosen
+
+
+def _title(
+    input_map: InputMap, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet
+) -> str:
+    words = [sheet.title(input_map.page)] if isinstance(input_map.page, int) else []
+    for axis, values, k in zip(input_map.over[2:], grid[2:], at, strict=True):
+        words.append(f"{axis.label} = {values[k]:.4g} {axis.unit}")
+    return "\n".join(words)
+
+
+def _ink(page: Page) -> Any:
+    return style.mode_colour(page) if isinstance(page, int) else style.INK
+
 
 MOST_PANELS = 12
 """A figure with more is parted in several."""

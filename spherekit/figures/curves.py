@@ -7,13 +7,42 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.plotted import TURNS, broken, plotted_range, scale_of
-from spherekit.analysis.scene import Axis, Floats, InputMarks, Page, Series, titled
-from spherekit.analysis.units import in_signs
+from spherekit.analysis.plotted import TURNS, broken, map_range, plotted_range, scale_of
+from spherekit.analysis.scene import (
+    Arrow,
+    Axis,
+    Floats,
+    InputMarks,
+    Page,
+    Series,
+    SphereCurves,
+    SphereMap,
+    in_signs,
+    titled,
+)
 from spherekit.figures import style
-from spherekit.figures.sdk import Axes, Figure, Line2D
+from spherekit.figures.projection import (
+    EQUAL_AREA,
+    STEREOGRAPHIC,
+    Centre,
+    Projection,
+    centre_of,
+    opposite,
+)
+from spherekit.figures.sdk import (
+    Axes,
+    BoundaryNorm,
+    Circle,
+    Figure,
+    Line2D,
+    Normalize,
+    ScalarMappable,
+    Triangulation,
+    withStroke,
+)
 from spherekit.figures.sheet import (
     Sheet,
+    ends,
     label_x,
     line_between,
     spot,
@@ -188,3 +217,275 @@ def _same(one: Floats, other: Floats, span: float) -> bool:
 
 def _of(curves: Sequence[Curve], label: str) -> list[Curve]:
     return [curve for curve in curves if curve.series.label == label]
+
+
+RING = np.radians(30.0)
+"""Between the circles of the graticule."""
+WIDEST = np.radians(120.0)
+"""What reaches farther from the centre is shown as two hemispheres."""
+HALF = np.radians(90.0)
+STEP = np.radians(15.0)
+BEYOND = np.radians(12.0)
+"""So far beyond the rim triangles are drawn before they are cut off there."""
+MOST_WHOLE = 12
+"""Most whole numbers that have colours of their own."""
+MOST_NAMED = 6
+NET: dict[str, Any] = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4, "zorder": 1.4}
+"""How the graticule is drawn."""
+
+
+@final
+@dataclass(frozen=True)
+class OnSphere:
+    """What of a page is on the sphere and does not move."""
+
+    maps: Sequence[SphereMap]
+    curves: Sequence[SphereCurves]
+
+    @property
+    def values(self) -> Floats:
+        """The numbers that the maps show."""
+        values = np.concatenate([item.shown_values for item in self.maps])
+        return np.asarray(values[np.isfinite(values)])
+
+    def focus(self) -> Floats:
+        """Return the directions (n, 3) that have to be on a map.
+
+        Those of maps and marks, or else of the curves, which may leave it at its rim.
+        """
+        every = [np.zeros((0, 3))]
+        for item in self.maps:
+            meshed = len(item.triangles) > 0
+            used = np.unique(item.triangles) if meshed else slice(None)
+            every.append(item.vertices[used])
+        every += [mark.place[None] for curves in self.curves for mark in curves.marks]
+        if len(every) == 1:
+            every += [
+                np.asarray(curve) for curves in self.curves for curve in curves.curves
+            ]
+        directions = np.concatenate(every)
+        return directions[np.isfinite(directions).all(axis=1)]
+
+    @property
+    def content(self) -> bytes:
+        """What tells it from others."""
+        parts = [item.values.tobytes() for item in self.maps]
+        parts += [np.asarray(c).tobytes() for curves in self.curves for c in curves.curves]
+        return b"".join(parts)
+
+
+@final
+@dataclass(frozen=True)
+class View:
+    """A map about a centre, out to a rim at an angle (rad)."""
+
+    centre: Centre
+    projection: Projection
+    rim: float
+
+    def placed(self, directions: Floats) -> Floats:
+        """Return places (n, 2), NaN well beyond the rim."""
+        places = self.centre.placed(directions, self.projection)
+        places[self.centre.angles(directions) > self.rim + BEYOND] = np.nan
+        return places
+
+    @property
+    def radius(self) -> float:
+        """Of the rim on the map."""
+        return float(self.projection.radius(np.array(self.rim)))
+
+
+def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
+    """Return a figure of a page in equal areas and stereographic, side by side."""
+    focus = shown.focus()
+    centre = centre_of(focus)
+    farthest = float(np.max(centre.angles(focus), initial=0.0))
+    rim = max(RING, STEP * np.ceil(farthest / STEP + 1e-9))
+    if not shown.maps and rim < HALF:
+        rim = HALF
+    centres, rim = ([centre], rim) if rim <= WIDEST else ([centre, opposite(centre)], HALF)
+    views = [View(c, p, rim) for c in centres for p in (EQUAL_AREA, STEREOGRAPHIC)]
+    entries = _entries(shown)
+    with style.look():
+        across = 2 if sheet.columns == 2 else 1
+        rows = len(views) // across
+        width = sheet.width * (0.85 if shown.maps else 1.0)
+        figure = sheet.figure(rows, width / across + 0.3, sheet.legend_rows(entries))
+        panels = figure.subplots(rows, across, squeeze=False).ravel().tolist()
+        tint, colours = _tint(shown)
+        for panel, view in zip(panels, views, strict=True):
+            rim_patch = _graticule(panel, view)
+            for item in shown.maps:
+                _map(panel, view, item, tint, colours, rim_patch)
+            for curves in shown.curves:
+                _curves(panel, view, curves, rim_patch)
+            panel.set_title(f"{view.projection.name}, about {view.centre.name}", pad=12)
+        if shown.maps:
+            first = shown.maps[0]
+            bar = figure.colorbar(
+                ScalarMappable(tint, colours),
+                ax=panels,
+                shrink=0.75,
+                pad=0.03,
+                aspect=28,
+                extend=ends(shown.values, tint),
+            )
+            if isinstance(tint, BoundaryNorm):
+                whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))
+                bar.set_ticks(whole.tolist(), labels=[f"{n:.0f}" for n in whole])
+            bar.set_label(titled(first.label, first.unit))
+        sheet.legend(figure, entries)
+    return figure
+
+
+def draw_paths(arrows: Sequence[tuple[Page, Arrow]], sheet: Sheet) -> Figure:
+    """Return a figure of the paths of axes: a panel for each, a colour for each mode.
+
+    An axis is drawn where it leaves the near hemisphere, by its direction or the opposite.
+    """
+    labels = list(dict.fromkeys(arrow.label for _, arrow in arrows))
+    pages = list(dict.fromkeys(page for page, _ in arrows))
+    directions = np.concatenate([arrow.directions for _, arrow in arrows])
+    finite = directions[np.isfinite(directions).all(axis=1)]
+    out = int(np.argmax(np.mean(finite**2, axis=0))) if len(finite) else 2
+    centre = centre_of(np.eye(3)[[out]])
+    view = View(centre, EQUAL_AREA, HALF)
+    entries: list[tuple[str, Line2D]] = []
+    if len(pages) > 1:
+        entries = [(sheet.title(page), stroke(*page_look(page))) for page in pages]
+    with style.look():
+        figure, panels, _ = sheet.panels(len(labels), 1.05, sheet.legend_rows(entries))
+        for panel, label in zip(panels, labels, strict=True):
+            rim_patch = _graticule(panel, view)
+            panel.set_title(f"{label}, about {centre.name}", pad=12)
+            for page, arrow in arrows:
+                if arrow.label == label:
+                    _path(panel, view, arrow.directions, page, rim_patch)
+        sheet.legend(figure, entries)
+    return figure
+
+
+def _path(panel: Axes, view: View, directions: Floats, page: Page, rim: Circle) -> None:
+    """Draw an axis over the samples, with a gap where it goes round the rim."""
+    near = np.sign(directions @ view.centre.frame[2])[:, None] * directions
+    turned = np.sum(near[1:] * near[:-1], axis=1) < 0.0
+    near = np.insert(near, np.nonzero(turned)[0] + 1, np.nan, axis=0)
+    colour, dashes = page_look(page)
+    (line,) = panel.plot(*view.placed(near).T, color=colour, linestyle=dashes)
+    line.set_clip_path(rim)
+    line.set_gid(f"mode {page}" if isinstance(page, int) else None)
+    first = view.placed(near[np.isfinite(near).all(axis=1)][:1])
+    panel.plot(*first.T, "o", color=colour, markersize=3.0)
+
+
+def _entries(shown: OnSphere) -> list[tuple[str, Line2D]]:
+    entries = [
+        (curves.label, stroke(style.tone_colour(curves.tone)))
+        for curves in shown.curves
+        if len(curves.curves)
+    ]
+    kinds = {
+        (mark.label if len(curves.curves) else _told(curves.label, mark.label), mark.tone)
+        for curves in shown.curves
+        for mark in curves.marks
+        if mark.label != curves.label or not len(curves.curves)
+    }
+    if len(kinds) <= MOST_NAMED:
+        entries += [(label, spot(tone)) for label, tone in sorted(kinds)]
+    return entries
+
+
+def _told(label: str, mark: str) -> str:
+    return label if label == mark else f"{label}: {mark}"
+
+
+def _graticule(panel: Axes, view: View) -> Circle:
+    """Draw circles about the centre, named by their angles, and axes of the ground."""
+    panel.set_aspect("equal")
+    panel.set_axis_off()
+    panel.set_xlim(-1.18 * view.radius, 1.18 * view.radius)
+    panel.set_ylim(-1.12 * view.radius, 1.12 * view.radius)
+    for k in range(12):
+        turn = np.radians(30.0 * k)
+        ends = view.radius * np.array([np.cos(turn), np.sin(turn)])
+        panel.plot([0.0, ends[0]], [0.0, ends[1]], **NET)
+    step = RING if view.rim > np.radians(45.0) else STEP
+    for angle in np.arange(step, view.rim - 1e-9, step).tolist():
+        radius = float(view.projection.radius(np.array(angle)))
+        panel.add_patch(Circle((0.0, 0.0), radius, fill=False, **NET))
+        panel.annotate(
+            f"{np.degrees(angle):.0f}°",
+            (radius * np.cos(np.radians(-75.0)), radius * np.sin(np.radians(-75.0))),
+            ha="center",
+            va="center",
+            fontsize=6.0,
+            color="#555555",
+            zorder=5.0,
+            path_effects=[withStroke(linewidth=1.5, foreground="white", alpha=0.7)],
+        )
+    rim = Circle((0.0, 0.0), view.radius, fill=False, edgecolor=style.INK, linewidth=0.6)
+    panel.add_patch(rim)
+    for name, x, y in zip(view.centre.sides, (1.0, 0.0), (0.0, 1.0), strict=True):
+        where = 1.08 * view.radius
+        panel.annotate(name, (where * x, where * y), ha="center", va="center", fontsize=7.0)
+    panel.annotate(
+        f"{np.degrees(view.rim):.0f}°",
+        (1.07 * view.radius * np.cos(np.radians(-75.0)), -1.05 * view.radius),
+        ha="center",
+        va="center",
+        fontsize=6.0,
+        color="#777777",
+    )
+    return rim
+
+
+def _tint(shown: OnSphere) -> tuple[Normalize, Any]:
+    """Return the scale of colours of maps: by steps where values are few whole numbers."""
+    if not shown.maps:
+        return Normalize(0.0, 1.0), style.HEAT
+    values, unit = shown.values, shown.maps[0].unit
+    low, high = map_range(values, unit)
+    if unit == "" and np.all(values == np.round(values)) and high < MOST_WHOLE:
+        return BoundaryNorm(np.arange(low - 0.5, high + 1.0), 256), style.HEAT
+    return Normalize(low, high), style.HEAT
+
+
+def _map(
+    panel: Axes, view: View, item: SphereMap, tint: Normalize, colours: Any, rim: Circle
+) -> None:
+    places = view.placed(item.vertices)
+    if len(item.triangles):
+        drawable = np.asarray(np.isfinite(places).all(axis=1))
+        near = item.triangles[drawable[item.triangles].all(axis=1)]
+        if not len(near):
+            return
+        x, y = np.nan_to_num(places).T
+        mesh, look = Triangulation(x, y, near), {"norm": tint, "cmap": colours}
+        look |= {"rasterized": True, "zorder": 1.0}
+        if isinstance(tint, BoundaryNorm):
+            least = np.min(item.values[near], axis=1)
+            drawn: Any = panel.tripcolor(mesh, facecolors=least, **look)
+        else:
+            drawn = panel.tripcolor(mesh, item.values, shading="gouraud", **look)
+    else:
+        x, y = places.T
+        dots: dict[str, Any] = {"s": 7.0, "linewidths": 0.0, "zorder": 1.0}
+        drawn = panel.scatter(x, y, c=item.values, norm=tint, cmap=colours, **dots)
+    drawn.set_clip_path(rim)
+
+
+def _curves(panel: Axes, view: View, item: SphereCurves, rim: Circle) -> None:
+    for curve in item.curves:
+        (line,) = panel.plot(
+            *view.placed(np.asarray(curve)).T,
+            color=style.tone_colour(item.tone),
+            linewidth=1.3,
+            zorder=2.0,
+        )
+        line.set_clip_path(rim)
+    for mark in item.marks:
+        if mark.label == item.label and len(item.curves):
+            continue
+        place = view.placed(mark.place[None])[0]
+        if view.centre.angles(mark.place[None])[0] <= view.rim + 1e-9:
+            panel.plot(*place, zorder=4.0, **spot_look(mark.tone))

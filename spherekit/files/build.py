@@ -9,12 +9,11 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import counted
 from spherekit.errors import ModelError
-from spherekit.files.document import Document, spelt
-from spherekit.files.locate import KeyPath
+from spherekit.files.document import Document, KeyPath, spelt
 from spherekit.files.read import read
 from spherekit.files.schema import FORMAT
-from spherekit.model.changes import AngleUnit
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import AngleUnit
 
 Tables = Mapping[Any, Any]
 """Tables by name; what is wrong with them is told with the path of the key."""

@@ -13,20 +13,33 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import TURN, listing, nearest
 from spherekit.errors import FileError, ModelError
-from spherekit.files.angles import Vector
-from spherekit.files.document import Document, parse, read_text
+from spherekit.files.document import Document, KeyPath, parse, read_text
 from spherekit.files.library import find, is_study
-from spherekit.files.locate import KeyPath
 from spherekit.files.schema import check
-from spherekit.files.units import Table, converted, made
-from spherekit.model.changes import AngleUnit
-from spherekit.model.dynamics import LOADS, Mass, PairTorque, Stop, check_tensor
-from spherekit.model.gears import gear_axes, pitch_angles, start_of_phase, touching_angles
-from spherekit.model.geometry import arc_pole, given_axis, link_axes
-from spherekit.model.inertia import axes_frame, moved_to_sphere_centre, uniform_arc
+from spherekit.files.units import Table, Vector, converted, made
+from spherekit.model.dynamics import (
+    LOADS,
+    Mass,
+    PairTorque,
+    Stop,
+    axes_frame,
+    check_tensor,
+    moved_to_sphere_centre,
+    uniform_arc,
+)
+from spherekit.model.gears import (
+    arc_pole,
+    gear_axes,
+    given_axis,
+    link_axes,
+    pitch_angles,
+    start_of_phase,
+    touching_angles,
+)
 from spherekit.model.load import Load, vector_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
+    AngleUnit,
     Input,
     LinkSizes,
     NamedMode,

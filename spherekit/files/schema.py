@@ -18,8 +18,7 @@ import numpy as np
 
 from spherekit.conventions import MAX_NAME_LENGTH, listing, nearest
 from spherekit.errors import FileError
-from spherekit.files.document import Document, spelt, values_in
-from spherekit.files.locate import KeyPath
+from spherekit.files.document import Document, KeyPath, spelt, values_in
 
 FORMAT = 1
 """The format of mechanism and study files that this version reads and writes."""

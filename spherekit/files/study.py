@@ -11,18 +11,15 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, listing, nearest
 from spherekit.errors import FileError, ModelError
-from spherekit.files.document import Document, parse, read_text
+from spherekit.files.document import Document, KeyPath, parse, read_text
 from spherekit.files.library import STUDY_SUFFIX, find, is_study, named_in
-from spherekit.files.locate import KeyPath
 from spherekit.files.read import angle_unit_of, load
 from spherekit.files.schema import check
 from spherekit.files.units import Table, converted, made
-from spherekit.model.changes import AngleUnit
-from spherekit.model.laws import KINDS, Law, Start, Tabulated
 from spherekit.model.locking import lock
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Input
-from spherekit.model.study import Study
+from spherekit.model.parts import AngleUnit, Input
+from spherekit.model.study import KINDS, Law, Start, Study, Tabulated
 from spherekit.sphere.rotation import Floats
 
 Subject = Study | Mechanism | str | os.PathLike[str]

@@ -7,10 +7,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.analysis.batch import Batch
+from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.frames import to_frame
-from spherekit.analysis.needs import Needs
-from spherekit.analysis.requests import requests_for
+from spherekit.analysis.study import requests_for
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     INPUTS,

@@ -1,7 +1,7 @@
 """Mechanisms for other programs: functions, tables, MuJoCo models, mechanism files."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, final
@@ -11,9 +11,8 @@ import numpy as np
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing
 from spherekit.dynamics.tabulate import grid_model, online_model
-from spherekit.errors import OutputError
-from spherekit.exchange.coupling import CouplingTable, write_csv, write_npz
-from spherekit.exchange.coupling_header import header
+from spherekit.errors import OutputError, PlanError
+from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
 from spherekit.exchange.coupling_made import coupling_table
 from spherekit.exchange.mjcf import mjcf
 from spherekit.exchange.posed import posed
@@ -22,7 +21,9 @@ from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import dump
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
+from spherekit.planning import plan as planning
 from spherekit.planning.inputs import driven_at
+from spherekit.planning.poles import Plan, Pole
 
 Kind = Literal["model", "mjcf", "coupling", "file"]
 
@@ -242,3 +243,39 @@ def _mujoco(
     model = mjcf(made, values)
     write_text(target, model.text)
     return Exported(target, f"a MuJoCo model at {where}", model.notes)
+
+
+@checked(PlanError)
+def plan(
+    mechanism: AnyMechanism,
+    poles: Iterable[Pole | str] | None = None,
+    input_pair: str | None = None,
+) -> Plan:
+    """Return the plan for some poles (all by default) while one input moves.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, the name of a shipped one, or the path of a file.
+    poles
+        Poles to find, as text such as ``"3/1"`` or pairs of link numbers; the plan then
+        holds their ancestors only.
+    input_pair
+        The input that moves, by default the first.
+
+    Raises
+    ------
+    PlanError
+        If the mechanism has not one freedom for each input, or a pole is unknown.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> print(sk.table(sk.plan("four_bar")))
+         1  2  3  4
+    1    ■  x  I  x
+    2    x  ■  x  I
+    3    I  x  ■  x
+    4    x  I  x  ■
+    """
+    return planning.plan(mechanism_of(mechanism), poles, input_pair)

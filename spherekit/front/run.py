@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING, Any, ParamSpec, final
 from spherekit.analysis import run as analysis
 from spherekit.analysis.result import Columns, RunResult
 from spherekit.figures.collector import Collector
+from spherekit.tradeoff import trade as measured
+from spherekit.tradeoff.record import Trade
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from spherekit.analysis.running.recording import Recorder
+
+
 
 P = ParamSpec("P")
 
@@ -80,3 +84,24 @@ def _visible(function: Callable[P, RunResult]) -> Callable[P, RunResult]:
 
 
 run = _visible(analysis.run)
+
+
+def _drawable(function: Callable[P, Trade]) -> Callable[P, Trade]:
+    """Return a function that measures, with results that can be drawn."""
+
+    @wraps(function)
+    def _trade(*args: P.args, **kwargs: P.kwargs) -> Trade:
+        return replace(function(*args, **kwargs), draw=_figure)
+
+    return _trade
+
+
+def _figure(result: Trade, tolerance: float | None, columns: Columns) -> "Figure":
+    from spherekit.figures.contents import figures_of
+    from spherekit.tradeoff.record import scene
+
+    (figure,) = figures_of([scene(result, tolerance)], {}, columns=columns).values()
+    return figure
+
+
+trade = _drawable(measured.trade)

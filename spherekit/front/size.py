@@ -1,22 +1,221 @@
 """A sizing from a file."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from spherekit.analysis.contract import Merit, parse_merit
+from spherekit.analysis.registry import create
 from spherekit.checked import checked
+from spherekit.design.figures import DesignSamples
+from spherekit.design.sensitivity import DEG
 from spherekit.design.sizing import Sized, size
-from spherekit.design.space import DesignSpace, between
-from spherekit.design.varied import DEG
+from spherekit.design.sweep import (
+    DesignSpace,
+    Scheme,
+    Sweep,
+    Variation,
+    between,
+    listed,
+    variation,
+)
+from spherekit.design.sweep_parts import SweepResult, run_sweep
 from spherekit.design.wanted import Sizing
 from spherekit.errors import DesignError
-from spherekit.files.change import document_of
 from spherekit.files.document import Document, parse, read_text
-from spherekit.files.library import named_in
+from spherekit.files.library import find, is_study, named_in
+from spherekit.files.read import angle_unit_of, load
 from spherekit.files.schema import check
-from spherekit.front.sweep import sweep_of
+from spherekit.files.study import Subject, study_of
+from spherekit.files.write import document_of
+from spherekit.model.mechanism import Mechanism
+from spherekit.planning.inputs import driven_at
+
+if TYPE_CHECKING:
+    from spherekit.analysis.contract import AbstractAnalysis
+
+
+
+Vary = Mapping[str, str | Sequence[float]]
+
+
+@checked(DesignError)
+def sweep(
+    subject: Subject,
+    vary: Vary,
+    reduce: str | Sequence[str] = (),
+    *,
+    analyses: Sequence[str] = (),
+    tables: bool = False,
+    where: str | Sequence[str] = (),
+    samples: int | Sequence[int] | None = None,
+    designs: int | None = None,
+    scheme: Scheme | None = None,
+    seed: int = 0,
+    folder: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    dask: str | None = None,
+) -> SweepResult:
+    """Return figures of merit, or whole tables, of many designs of one topology.
+
+    Parameters
+    ----------
+    subject
+        A mechanism or a study, or the path or the shipped name of either.
+    vary
+        By key of the file, such as ``"links.2.arc"`` or ``"pairs.41.zero"``, in the
+        file's units: a sequence of values, ``"10:40:31"`` for so many from 10 to 40, or
+        ``"10:40"`` for all between with `designs`.
+    reduce
+        Figures of merit, ``"least=min(transmission_angle_43)"``: a name if wanted, a
+        reduction, an expression of what a configuration has (rad, SI).
+    analyses
+        Names of analyses whose own figures of merit are wanted too.
+    tables
+        Whether the tables that runs of these analyses have are wanted, of every design;
+        `SweepResult.table` reads them.
+    where
+        Conditions, ``"links_2_arc < links_4_arc"`` or ``"least > 30"``: designs and rows
+        that do not meet them are left out.
+    samples
+        Samples of the inputs that each design goes through, on the straight way through
+        their ranges, or a number for each input of a grid; by default the study's.
+    designs, scheme, seed
+        How many designs, by ``"sobol"``, ``"latin"`` or ``"random"``; without them the
+        grid of all combinations.
+    folder
+        Where parts are written, Parquet; a sweep that was stopped there goes on.
+    workers
+        Processes at work, by default one for each core; in memory there is one.
+    dask
+        Address of a Dask scheduler whose workers compute the parts; they see the folder.
+
+    Returns
+    -------
+    SweepResult
+        A row for each design and assembly mode; designs that are impossible or never close
+        have one with the reason in `status`.
+
+    Raises
+    ------
+    DesignError, FileError, AnalysisError
+        With what is asked for wrongly, before anything is computed.
+    EngineError
+        If the mechanism has pairs that no kernel knows.
+    OutputError
+        If the folder holds another sweep, or cannot be written.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> found = sk.sweep(
+    ...     "four_bar",
+    ...     {"links.2.arc": "10:30:3", "links.3.arc": [60, 70]},
+    ...     "least=min(transmission_angle_43)",
+    ... )
+    >>> found.frame()[["links_2_arc", "grashof", "least"]].shape
+    (12, 3)
+    """
+    made = sweep_of(
+        subject,
+        DesignSpace.of([_variation(*item) for item in vary.items()], designs, scheme, seed),
+        [reduce] if isinstance(reduce, str) else reduce,
+        [create(name) for name in analyses],
+        samples,
+        tables=tables,
+    )
+    conditions = (where,) if isinstance(where, str) else tuple(where)
+    return perform(replace(made, where=conditions), folder, workers, dask)
+
+
+def sweep_of(
+    subject: Subject,
+    space: DesignSpace,
+    reduce: Sequence[str],
+    analyses: Sequence["AbstractAnalysis"] = (),
+    samples: int | Sequence[int] | None = None,
+    source: str | os.PathLike[str] | None = None,
+    tables: bool = False,
+) -> Sweep:
+    """Return the sweep that texts ask for; `source` is the file of a study, if known."""
+    study = study_of(subject)
+    study = replace(study, mechanism=driven_at(study.mechanism))
+    if samples is not None:
+        study = replace(study, samples=samples, path=None)
+    document = _document(study.mechanism, subject if source is None else source)
+    radians = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
+    merits: dict[str, Merit] = {}
+    for analysis in analyses:
+        offered = analysis.merits(study.mechanism)
+        if not offered and not tables:
+            raise DesignError(
+                f"{analysis.name} has no figures of merit of its own for "
+                f"{study.mechanism.name}; say what is wanted by reduce, or ask for tables"
+            )
+        merits |= {merit.name: merit for merit in offered}
+    merits |= {m.name: m for m in (parse_merit(text, radians) for text in reduce)}
+    if tables and not analyses:
+        raise DesignError(
+            f"{study.mechanism.name}: tables are those of analyses: say of which"
+        )
+    chosen = tuple(merits.values())
+    of_kernel = [merit for merit in chosen if not merit.table]
+    through = DesignSamples.of(study) if of_kernel or not (chosen or tables) else None
+    given = {analysis.name: analysis for analysis in analyses}
+    wanted = dict.fromkeys(given if tables else ())
+    wanted |= dict.fromkeys(merit.of_table[0] for merit in chosen if merit.table)
+    return Sweep(
+        study.mechanism,
+        through,
+        document,
+        space,
+        chosen,
+        study=study if wanted else None,
+        analyses=tuple(given.get(name) or create(name) for name in wanted),
+        tables=tables,
+    )
+
+
+def perform(
+    sweep: Sweep,
+    folder: str | os.PathLike[str] | None,
+    workers: int | None,
+    dask: str | None,
+) -> SweepResult:
+    """Return what a sweep finds, by so many processes or by the workers of a cluster."""
+    if workers is not None and workers < 1:
+        raise DesignError(f"workers: {workers} processes; give at least 1")
+    if dask is None:
+        return run_sweep(sweep, folder, workers or os.cpu_count() or 1)
+    if folder is None:
+        raise DesignError("dask: give a folder that its workers see, for their parts")
+    from spherekit.design.wanted import Cluster
+
+    return run_sweep(sweep, folder, elsewhere=Cluster(dask))
+
+
+def _document(mechanism: Mechanism, subject: Subject) -> Document:
+    """Return the file that a mechanism is of, or else the file that it would make.
+
+    A mechanism with locked pairs, or that of a study, is not that of a file.
+    """
+    if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
+        stated = load(subject)
+        if replace(stated, inputs=()) == replace(mechanism, inputs=()):
+            return document_of(subject)
+        return document_of(mechanism, angle_unit_of(subject))
+    return document_of(mechanism)
+
+
+def _variation(key: str, values: str | Sequence[float]) -> Variation:
+    if isinstance(values, str):
+        return variation(key, values)
+    return listed(key, [float(value) for value in values])
+
 
 SAMPLES, DESIGNS = 181, 16384
 

@@ -16,7 +16,6 @@ from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.guidance.nearest import Optimality, Target
 from spherekit.guidance.rotation import (
     RotationSamples,
     turn_to,
@@ -29,15 +28,16 @@ from spherekit.guidance.rotation_path import (
     VERIFIED,
     March,
     Node,
+    Optimality,
+    Target,
     corrected,
 )
-from spherekit.model.geometry import geometry_of
-from spherekit.model.outputs import chosen_output
+from spherekit.model.gears import geometry_of
+from spherekit.model.mechanism import chosen_output
 from spherekit.motion.closure import Closure
-from spherekit.numeric.hermite import hermite
+from spherekit.numeric.zeros import hermite
 from spherekit.rates.transmission import SINGULAR, Transmission
-from spherekit.sphere.poses import rotation, turns_between
-from spherekit.sphere.rotation import Floats, arc
+from spherekit.sphere.rotation import Floats, arc, rotation, turns_between
 
 AROUND, POINTS = 0.08, 14
 """How far around a configuration that was stepped over (rad of theta) rates are

@@ -22,19 +22,23 @@ from spherekit.model.joints import Joint, revolute, revolutes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure
-from spherekit.motion.loops import rank_mobility
-from spherekit.motion.pairs import turns_of
+from spherekit.motion.loops import rank_mobility, turns_of
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.region.mesh import spread
-from spherekit.sphere.mirror import (
+from spherekit.sphere.rotation import (
+    Floats,
     MirrorAngles,
+    arc,
+    cross,
+    frame_toward,
     mirror_angles,
     mirror_of,
     reflections,
+    rotation,
+    transpose,
+    turns_between,
     upward,
 )
-from spherekit.sphere.poses import rotation, turns_between
-from spherekit.sphere.rotation import Floats, arc, cross, frame_toward, transpose
 
 PROOF_POSES, SPREAD = 64, 2**16
 """Poses at which the closed form is proven, about, of so many mid-planes."""

@@ -3,7 +3,7 @@
 Three or more legs of two links with equal arcs lead from the base to the end effector,
 and their middle axes, the elbows, lie in one plane. The unit normal n of this mid-plane
 is the whole pose: two freedoms, and closed forms both ways (Chen et al. 2021, section 2).
-Which mechanisms have this form is found out by `spherekit.guidance.symmetry`.
+Which mechanisms have this form is found out by `spherekit.guidance.loci`.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.conventions import REACH_SLACK
-from spherekit.numeric.turns import wrap
-from spherekit.sphere.mirror import upward
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.numeric.crossings import wrap
+from spherekit.sphere.rotation import Floats, cross, upward
 
 
 @final

@@ -17,23 +17,27 @@ from spherekit.conventions import listing
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import follow_rotation, follow_to
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, MidPlaneRotation
-from spherekit.guidance.nearest import Target
 from spherekit.guidance.rotation import FixedAxisRotation, unit
-from spherekit.guidance.rotation_path import UNFIXED
-from spherekit.model.geometry import geometry_of
+from spherekit.guidance.rotation_path import UNFIXED, Target
+from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
-from spherekit.motion.assemblies import assemblies
 from spherekit.motion.assembly_modes import Solver, label_of
 from spherekit.motion.closure import Closure
+from spherekit.motion.elimination import assemblies
 from spherekit.motion.motion import Motion, trace
+from spherekit.output.forward import pose_of
 from spherekit.output.inverse import InverseKinematics
-from spherekit.output.solutions import pose_of
 from spherekit.output.virtual_output import with_wrist
 from spherekit.rates.transmission import SINGULAR, Transmission
-from spherekit.sphere.mirror import mirror_angles, normal_at, upward
-from spherekit.sphere.poses import turns_between
-from spherekit.sphere.rotation import Floats, arc
+from spherekit.sphere.rotation import (
+    Floats,
+    arc,
+    mirror_angles,
+    normal_at,
+    turns_between,
+    upward,
+)
 
 SAME_POSE = 1e-7
 """Orientations that differ by less (rad) are one; solutions near a fold are known less

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.checked import checked
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import SolveError
-from spherekit.model.laws import Cycloidal, Law, Polynomial
+from spherekit.model.study import Cycloidal, Law, Polynomial
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
-from spherekit.sphere.poses import TURN_MEANING, TurnStatus, turns_between
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import TURN_MEANING, Floats, TurnStatus, turns_between
 
 DEAD = 1e3
 """An input that turns by more for each rad of the output link is at a dead centre."""

@@ -6,13 +6,12 @@ from types import MappingProxyType
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.checked import checked_class
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
-from spherekit.model.bearings import Bearings, ContactFriction
-from spherekit.model.changes import need_finite
-from spherekit.model.inertia import moments_of_point
+from spherekit.model.expression import parse
 from spherekit.model.load import (
     Axes,
     Called,
@@ -20,15 +19,264 @@ from spherekit.model.load import (
     LinkMoment,
     Load,
     Loaded,
+    Rubbing,
     TorqueFunction,
     TorqueTable,
     Vector,
     law_of,
     need_angle,
+    need_at_least_zero,
     number_text,
     vector_of,
 )
-from spherekit.sphere.rotation import Floats
+from spherekit.model.parts import need_finite
+from spherekit.sphere.rotation import Floats, cross, frame_from
+
+PARALLEL = 1e-9
+"""Below this sine two axes count as one line, which has no arc and gives no frame."""
+
+
+def moments_of_point(mass: float, place: Floats) -> Floats:
+    """Return the tensor (3, 3), kg m2, about O of a mass (kg) at a place (3,), m."""
+    return np.asarray(mass * (place @ place * np.eye(3) - np.outer(place, place)))
+
+
+def moved_to_sphere_centre(tensor: Floats, mass: float, centre: Floats) -> Floats:
+    """Return the tensor (3, 3) about O, given that about the centre of mass (kg m2).
+
+    `mass` is in kg, `centre` (3,) in m from O. Steiner's theorem.
+    """
+    return np.asarray(tensor + moments_of_point(mass, centre))
+
+
+def axes_frame(first: Floats, second: Floats) -> Floats:
+    """Return the frame (3, 3) with z along `first` and `second` at x = 0, y > 0.
+
+    The columns are x, y, z, as the frame of Di Gregorio 2024, Fig. 3, on the two axes.
+
+    Raises
+    ------
+    ModelError
+        If the axes, unit vectors (3,), are parallel.
+    """
+    across = cross(second, first)
+    length = np.linalg.norm(across)
+    if length < PARALLEL:
+        raise ModelError(
+            "the two axes are parallel, so that no plane and no arc is theirs; name "
+            "others, or give tensor in link axes"
+        )
+    return frame_from(first, across / length)
+
+
+def uniform_arc(
+    first: Floats, second: Floats, mass: float, radius: float
+) -> tuple[Floats, Floats]:
+    """Return tensor about O (kg m2) and centre of mass (m) of a thin uniform arc.
+
+    The mass (kg) is spread evenly over the shorter great-circle arc of a radius (m) from
+    the unit vector `first` (3,) to `second`.
+
+    Raises
+    ------
+    ModelError
+        If the two axes are parallel.
+
+    Notes
+    -----
+    With the length a of the arc, means over it along and across the direction e of its
+    middle are <cos^2> = 1/2 + sin a / (2 a) and <sin^2> = 1/2 - sin a / (2 a); the centre
+    is at radius sin(a/2) / (a/2) along e.
+    """
+    frame = axes_frame(first, second)
+    length = float(np.arctan2(second @ frame[:, 1], second @ first))
+    half = length / 2
+    middle = np.cos(half) * frame[:, 2] + np.sin(half) * frame[:, 1]
+    across = np.cos(half) * frame[:, 1] - np.sin(half) * frame[:, 2]
+    spread = np.sin(length) / (2 * length)
+    taken = (0.5 + spread) * np.outer(middle, middle)
+    taken += (0.5 - spread) * np.outer(across, across)
+    tensor = mass * radius**2 * (np.eye(3) - taken)
+    return tensor, radius * np.sin(half) / half * middle
+
+
+@final
+@checked_class(ModelError)
+@dataclass(frozen=True)
+class Bearings(Rubbing):
+    """The bearings of an R pair, with Coulomb's friction that follows from its reaction.
+
+    `positions` (m) are where they sit along the axis, from the centre of the sphere: one,
+    which holds the pair together with the centre, or two, which carry a couple. `axial`
+    are the parts that they take of the force along the axis, 1 a fixed bearing and 0 a
+    floating one; where all are 0 the pair lets its links slide along the axis. Where it
+    is None that is not said. Their friction is -(coefficient radius F tanh(v' / speed)) at
+    rates v', with their `radius` (m) and the sum F of the forces on them: with `axial` of
+    all forces, without of those of the couple alone.
+    """
+
+    kind = "bearings"
+    keys = MappingProxyType(
+        {
+            "pair": "pair",
+            "positions": "numbers",
+            "axial": "numbers",
+            "radius": "m",
+            "coefficient": "",
+            "speed": "rate",
+        }
+    )
+    absent = MappingProxyType(
+        {"axial": None, "radius": 0.0, "coefficient": 0.0, "speed": 1e-3}
+    )
+
+    name: str
+    pair: str
+    positions: tuple[float, ...]
+    radius: float = 0.0
+    coefficient: float = 0.0
+    speed: float = 1e-3
+    axial: tuple[float, ...] | None = None
+
+    @property
+    def floats(self) -> bool:
+        """Whether the pair transmits no force along its axis."""
+        return self.axial is not None and not any(self.axial)
+
+    @property
+    def grip(self) -> float:
+        """The friction (N m) per force (N) on the bearings."""
+        return self.coefficient * self.radius
+
+    @property
+    def asks_forces(self) -> bool:
+        """See `Rubbing`."""
+        return self.axial is not None
+
+    def carried(
+        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the forces (..., bearings, 3) N on the bearings, in pair axes.
+
+        They have the moment about the centre that the pair transmits (..., 3) N m and,
+        with the force through it (..., 3) N, this for their sum; without, they are those
+        of the couple alone. Along the axis they are NaN where `axial` is not said.
+        """
+        bent = np.stack(
+            [moments[..., 1], -moments[..., 0], np.zeros(moments.shape[:-1])], axis=-1
+        )
+        first, *rest = self.positions
+        pull = np.zeros_like(bent) if forces is None else forces * [1.0, 1.0, 0.0]
+        if rest:
+            (second,) = rest
+            span = second - first
+            parts = [(second * pull - bent) / span, (bent - first * pull) / span]
+        else:
+            parts = [bent / first]
+        if forces is not None:
+            shares = self.axial or (np.nan,) * len(parts)
+            for part, share in zip(parts, shares, strict=True):
+                part[..., 2] = share * forces[..., 2] if share else 0.0
+        return np.stack(parts, axis=-2)
+
+    def check(self, key: str, mechanism: Loaded) -> None:
+        """See `Load`."""
+        super().check(key, mechanism)
+        first, *rest = self.positions or (0.0,)
+        if len(rest) > 1 or (rest[0] == first if rest else first == 0.0):
+            raise ModelError(
+                f"{key}.positions: found {list(self.positions)} m, needs one that is not "
+                "0, or two that differ: distances of the bearings from the centre along "
+                "the axis"
+            )
+        if self.axial is not None:
+            self._check_axial(f"{key}.axial", self.axial)
+        for load in mechanism.loads:
+            if isinstance(load, Bearings) and load.pair == self.pair and load != self:
+                raise ModelError(
+                    f"{key}.pair: loads.{load.name} has the bearings of pair {self.pair} "
+                    "too; give both positions in one of them"
+                )
+
+    def _check_axial(self, key: str, axial: tuple[float, ...]) -> None:
+        for part in axial:
+            need_at_least_zero(key, part, "")
+        whole = abs(sum(axial) - 1.0) < 1e-9
+        if len(axial) != len(self.positions) or not (whole or not any(axial)):
+            raise ModelError(
+                f"{key}: found {list(axial)}, needs one part for each of the "
+                f"{len(self.positions)} positions, 1 in all (a fixed bearing takes 1, a "
+                "floating one 0), or 0 for each where the pair lets its links slide along "
+                "its axis"
+            )
+
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+        """See `Load`."""
+        rate = f"dtheta_{self.pair}"
+        text = f"-tanh({rate}/{number_text(self.speed)})" if self.grip > 0.0 else "0"
+        return (Component(law_of(mechanism, text), self.pair, rubs=self),)
+
+
+@final
+@checked_class(ModelError)
+@dataclass(frozen=True)
+class ContactFriction(Rubbing):
+    """Coulomb's friction of a contact that slides, which follows from its push.
+
+    It is `coefficient` times the push, against the rate v at which the second link slides
+    along the first, smoothed by tanh(v / `speed`), in rad/s: at the distance r of the
+    contact from the centre it slides at r v.
+    """
+
+    kind = "contact_friction"
+    keys = MappingProxyType({"pair": "contact", "coefficient": "", "speed": "rate"})
+
+    name: str
+    pair: str
+    coefficient: float
+    speed: float = 1e-3
+
+    @property
+    def grip(self) -> float:
+        """The friction (N m) per push (N m)."""
+        return self.coefficient
+
+    def carried(
+        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the push (..., 1, 3) N m, see `Rubbing`."""
+        return (moments * [1.0, 0.0, 0.0])[..., None, :]
+
+    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+        """See `Load`."""
+        if not self.grip > 0.0:
+            return (Component(parse("0", [])),)
+        rate = sliding_rate(self.pair)
+        law = parse(f"-tanh({rate}/{number_text(self.speed)})", [rate])
+        return (Component(law, self.pair, rubs=self),)
+
+
+def sliding_rate(pair: str) -> str:
+    """Return the name of the rate at which a contact slides, in magnitudes."""
+    return f"sliding_{pair}"
+
+
+def need_no_rubbing(mechanism: Loaded, what: str) -> None:
+    """Raise `ModelError` if friction follows from reactions, which `what` does not know."""
+    for load in mechanism.loads:
+        if isinstance(load, Rubbing) and load.grip > 0.0:
+            instead = (
+                "a load of kind friction there, whose torque the analysis reactions can "
+                "tell, or "
+                if isinstance(load, Bearings)
+                else ""
+            )
+            raise ModelError(
+                f"{mechanism.name}: loads.{load.name}: its friction follows from the "
+                f"reaction of pair {load.pair}, which {what}; or take {instead}"
+                "coefficient = 0"
+            )
+
 
 Tensor = tuple[Vector, Vector, Vector]
 Expressions = tuple[str, str, str]

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from spherekit.checked import checked_class
 from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
-from spherekit.model.changes import need_finite, need_increasing
 from spherekit.model.expression import Expression, load_names, parse
-from spherekit.model.parts import Pair
+from spherekit.model.parts import Pair, need_finite, need_increasing
 
 Vector = tuple[float, float, float]
 TorqueFunction = Callable[[float, float, float], float]

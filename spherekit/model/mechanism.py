@@ -13,18 +13,11 @@ from spherekit.checked import checked
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, counted, listing, nearest
 from spherekit.errors import ModelError
 from spherekit.markup import html_table
-from spherekit.model.changes import (
-    AngleUnit,
-    Sizes,
-    all_in_radians,
-    along,
-    in_radians,
-    rows_of,
-)
 from spherekit.model.dynamics import Mass, Stop, check_mass, check_stop
 from spherekit.model.joints import KINDS
 from spherekit.model.load import Load
 from spherekit.model.parts import (
+    AngleUnit,
     Input,
     LinkSizes,
     NamedMode,
@@ -32,7 +25,12 @@ from spherekit.model.parts import (
     Pair,
     PoseGeometry,
     SizeGeometry,
+    Sizes,
     Source,
+    all_in_radians,
+    along,
+    in_radians,
+    rows_of,
 )
 
 
@@ -568,3 +566,33 @@ def _no_arc(arc: float) -> str:
         "away, perhaps on the other side of the first; if that is meant, say "
         "signed_arcs = true in the link"
     )
+
+
+def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
+    """Return the declared output of this name, or the only one.
+
+    Raises
+    ------
+    ModelError
+        If there is none, or there are several and no name is given.
+    """
+    outputs = {output.name: output for output in mechanism.outputs}
+    if not outputs:
+        raise ModelError(
+            f"{mechanism.name}: no output is declared; declare one in the file as "
+            "[outputs.NAME] with its link, and for a pointing output axis or xyz"
+        )
+    if name is None and len(outputs) == 1:
+        return mechanism.outputs[0]
+    if name is None:
+        raise ModelError(
+            f"{mechanism.name}: there are several outputs, {listing(outputs)}; say which "
+            "is meant"
+        )
+    if name not in outputs:
+        hint = nearest(name, outputs) or ";"
+        raise ModelError(
+            f'{mechanism.name}: no output is named "{name}"{hint} outputs: '
+            f"{listing(outputs)}"
+        )
+    return outputs[name]

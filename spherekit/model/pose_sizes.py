@@ -5,7 +5,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from spherekit.model.geometry import COLLINEAR
+from spherekit.model.gears import COLLINEAR
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry
 from spherekit.sphere.rotation import Floats, cross

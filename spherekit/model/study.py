@@ -1,18 +1,329 @@
 """What a run goes through: a mechanism, the samples of its inputs, and what drives them."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Literal, Protocol, final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from spherekit.checked import check_fields
-from spherekit.conventions import DEFAULT_SAMPLES
-from spherekit.errors import AnalysisError, SpherekitError
-from spherekit.model.laws import Crossings, Floats, Law, Start
+from spherekit.checked import check_fields, checked_class
+from spherekit.conventions import DEFAULT_SAMPLES, counted
+from spherekit.errors import AnalysisError, ModelError, SpherekitError
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import need_finite, need_increasing
+
+Floats = NDArray[np.float64]
+States = tuple[Floats, Floats, Floats]
+"""The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
+
+Crossings = Literal["end", "pass"]
+"""What a simulation does where sets of configurations cross."""
+
+SPLINE_DEGREE = 5
+"""A quintic spline has a continuous fourth derivative, so a torque without kinks."""
+
+
+@checked_class(ModelError, "at")
+@final
+@dataclass(frozen=True)
+class ConstantSpeed:
+    """An input that turns at a constant speed (rad/s) from `start` (rad) at t = 0."""
+
+    speed: float
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        need_finite("speed", [self.speed])
+        need_finite("start", [self.start])
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape."""
+        t = np.asarray(t, dtype=np.float64)
+        return (
+            self.start + self.speed * t,
+            np.full(t.shape, float(self.speed)),
+            np.zeros(t.shape),
+        )
+
+
+@checked_class(ModelError, "at")
+@final
+@dataclass(frozen=True)
+class Polynomial:
+    """The variable as a polynomial: the sum of ``coefficients[k] t**k`` (rad/s^k)."""
+
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.coefficients:
+            raise ModelError("coefficients: is empty; give at least [c0]")
+        need_finite("coefficients", self.coefficients)
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape."""
+        t = np.asarray(t, dtype=np.float64)
+        q, dq, half = np.zeros(t.shape), np.zeros(t.shape), np.zeros(t.shape)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for coefficient in reversed(self.coefficients):
+                half = half * t + dq
+                dq = dq * t + q
+                q = q * t + coefficient
+            return q, dq, 2 * half
+
+
+@checked_class(ModelError, "at")
+@final
+@dataclass(frozen=True)
+class Cycloidal:
+    """From rest at `start` to rest at `stop` (rad) in `duration` (s), with a cycloid.
+
+    The variable is ``start + (stop - start) (x - sin(2 pi x) / (2 pi))`` with
+    ``x = t / duration``; before t = 0 and after the duration it holds still.
+    """
+
+    start: float
+    stop: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        need_finite("start", [self.start])
+        need_finite("stop", [self.stop])
+        need_finite("duration", [self.duration])
+        if not self.duration > 0:
+            raise ModelError(f"duration: found {self.duration:g} s, needs more than 0")
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape."""
+        x = np.clip(np.asarray(t, dtype=np.float64) / self.duration, 0.0, 1.0)
+        rise, turn = self.stop - self.start, 2 * math.pi
+        # A whole turn is none, so that the input holds exactly still at the end.
+        angle = turn * np.where(x < 1.0, x, 0.0)
+        return (
+            self.start + rise * (x - np.sin(angle) / turn),
+            rise / self.duration * (1 - np.cos(angle)),
+            rise / self.duration**2 * turn * np.sin(angle),
+        )
+
+
+@checked_class(ModelError, "at")
+@final
+@dataclass(frozen=True)
+class Tabulated:
+    """A quintic spline through angles (rad) at increasing times (s).
+
+    The spline has no knots at the two outermost inner points of either end (not-a-knot),
+    so that it is exact for polynomials up to the fifth degree. With `rest_at_ends` rate
+    and acceleration are zero at both ends instead (clamped).
+    """
+
+    times: tuple[float, ...]
+    angles: tuple[float, ...]
+    rest_at_ends: bool = False
+
+    def __post_init__(self) -> None:
+        if len(self.times) != len(self.angles):
+            raise ModelError(
+                f"angles: has {counted(len(self.angles), 'value')}, but times has "
+                f"{len(self.times)}"
+            )
+        least = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
+        if len(self.times) < least:
+            more = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
+            raise ModelError(
+                f"times: has {counted(len(self.times), 'value')}, needs at least "
+                f"{least}{more}"
+            )
+        need_finite("times", self.times)
+        need_finite("angles", self.angles)
+        need_increasing("times", self.times)
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape.
+
+        Raises
+        ------
+        ModelError
+            If a time is outside the table.
+        """
+        t = np.asarray(t, dtype=np.float64)
+        first, last = self.times[0], self.times[-1]
+        if not np.all((t >= first) & (t <= last)):
+            raise ModelError(
+                f"the table of the input has times from {first:.6g} to {last:.6g} s, but "
+                f"{np.min(t):.6g} to {np.max(t):.6g} s are asked for; add rows or shorten "
+                "the duration"
+            )
+        q, dq, ddq = (spline(t) for spline in self._splines)
+        return q, dq, ddq
+
+    @cached_property
+    def _splines(self) -> tuple[Any, Any, Any]:
+        # SciPy takes longer to import than a study file takes to read.
+        from scipy.interpolate import make_interp_spline
+
+        still = [(1, 0.0), (2, 0.0)]
+        ends: Any = (still, still) if self.rest_at_ends else None
+        spline = make_interp_spline(
+            np.array(self.times), np.array(self.angles), k=SPLINE_DEGREE, bc_type=ends
+        )
+        return spline, spline.derivative(1), spline.derivative(2)
+
+
+Law = ConstantSpeed | Polynomial | Cycloidal | Tabulated
+
+
+class TimeLaw(Protocol):
+    """Anything that gives an input's variable, rate and acceleration at any time."""
+
+    def at(self, t: ArrayLike) -> States:
+        """Return the input at times t (s)."""
+
+
+@checked_class(ModelError, "each")
+@final
+@dataclass(frozen=True)
+class Start:
+    """The input's variable (rad) and rate (rad/s) when a simulation starts, at t = 0.
+
+    Of several inputs one number for each, in their order; a rate of 0 is that of all.
+    """
+
+    q: float | tuple[float, ...]
+    dq: float | tuple[float, ...] = 0.0
+
+    def __post_init__(self) -> None:
+        for key, given in (("q", self.q), ("dq", self.dq)):
+            need_finite(key, given if isinstance(given, tuple) else [given])
+
+    @staticmethod
+    def of(given: "StartGiven") -> "Start":
+        """Return the start that the command's text or a mapping gives.
+
+        ``"q=0.4,dq=1.2"`` and ``{"q": 0.4, "dq": 1.2}``, of several inputs
+        ``"q=0.4+0.2,dq=1+0"`` and sequences of numbers, in rad and rad/s; without dq at
+        rest.
+
+        Raises
+        ------
+        ModelError
+            For other keys, for what does not read as numbers, and without q.
+        """
+        if isinstance(given, Start):
+            return given
+        if isinstance(given, str):
+            parts = (part.partition("=") for part in given.split(","))
+            given = {key.strip(): text for key, _, text in parts}
+        keys, read = [item.name for item in fields(Start)], {}
+        for key, state in given.items():
+            if key not in keys:
+                raise ModelError(f'start: "{key}" is neither q nor dq; {START_SHOWN}')
+            try:
+                read[key] = _numbers(state)
+            except (TypeError, ValueError):
+                raise ModelError(
+                    f'start: {key}: "{state}" does not read as a number, or as one for '
+                    f"each input; {START_SHOWN}"
+                ) from None
+        if "q" not in read:
+            raise ModelError(f"start: q is missing; {START_SHOWN}")
+        return Start(**read)
+
+    def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
+        """Return variable and rate (inputs,) of each input, by their names.
+
+        Raises
+        ------
+        ModelError
+            If there is not one number for each.
+        """
+        state = []
+        for key, given in (("q", self.q), ("dq", self.dq)):
+            numbers = np.atleast_1d(np.asarray(given, dtype=float))
+            if key == "dq" and given == 0.0:
+                numbers = np.zeros(len(inputs))
+            if len(numbers) != len(inputs):
+                raise ModelError(
+                    f"start: {key} has {len(numbers)} "
+                    f"{'number' if len(numbers) == 1 else 'numbers'}, needs {len(inputs)}, "
+                    f"one for each input ({', '.join(inputs)})"
+                )
+            state.append(numbers)
+        return state[0], state[1]
+
+
+StartGiven = Start | str | Mapping[str, Any]
+"""A start, or what `Start.of` reads."""
+
+START_SHOWN = "give q=Q,dq=W in rad and rad/s, of several inputs q=Q+Q,dq=W+W"
+
+
+def _numbers(given: Any) -> float | tuple[float, ...]:
+    """Return a number, or those of several inputs; a text joins them by ``+``."""
+    if not isinstance(given, str):
+        return tuple(map(float, given)) if np.ndim(given) else float(given)
+    try:
+        return float(given)
+    except ValueError:
+        return tuple(map(float, given.split("+")))
+
+
+KINDS: Mapping[str, type[Law]] = {
+    "constant_speed": ConstantSpeed,
+    "polynomial": Polynomial,
+    "cycloidal": Cycloidal,
+    "table": Tabulated,
+}
+"""The time laws by the names that they have in files."""
+
+
+def time_fault(
+    inputs: Collection[str],
+    laws: Mapping[str, Law],
+    duration: float | None,
+    start: Start | None,
+    torque: str | Mapping[str, str] | None = None,
+) -> tuple[tuple[str, ...], str] | None:
+    """Return what is wrong with how time is given to these inputs, if anything.
+
+    As the keys of the study file that say it, and the fault in words.
+    """
+    names = ", ".join(inputs)
+    for pair in laws:
+        law = ("inputs", pair, "law")
+        if pair not in inputs:
+            return law, f"pair {pair} is not an input; inputs: {names}"
+        if start is not None:
+            return law, (
+                "excluded by the start: there the motion follows from the loads; give a "
+                "law or a start"
+            )
+        if duration is None:
+            return law, "a time law needs a duration in s: --duration T, or duration = T"
+    if start is not None:
+        if duration is None:
+            return (
+                "start",
+            ), "a start needs a duration in s: --duration T, or duration = T"
+        try:
+            start.each(list(inputs))
+        except ModelError as fault:
+            return ("start",), str(fault).removeprefix("start: ")
+    elif torque is not None:
+        return ("start",), "a driving torque needs a start"
+    if duration is not None and not (math.isfinite(duration) and duration > 0.0):
+        return ("duration",), f"found {duration:g} s, needs a finite time above 0"
+    lacking = [name for name in inputs if name not in laws]
+    if duration is not None and start is None and lacking and len(inputs) > 1:
+        return ("inputs",), (
+            f"input {lacking[0]} has no law; give one for every input, such as "
+            f"--law {lacking[0]}=constant_speed:speed=1"
+        )
+    return None
+
 
 DEFAULT_TOLERANCE = 1e-9
 """Error tolerated in each step of a simulation, for pair variables (rad)."""

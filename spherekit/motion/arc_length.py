@@ -1,6 +1,6 @@
 """Following the configuration curve in its own arc length, step by safe step.
 
-The path is a `CurvePath` of `spherekit.motion.continuation`. A step is predicted with exact
+The path is a `CurvePath` of `spherekit.motion.closure`. A step is predicted with exact
 first and second derivatives and corrected in the hyperplane normal to the tangent. Two
 curves that pass each other closely have bordered Jacobians of opposite orientation there,
 so that the test of their change keeps them apart.
@@ -16,22 +16,8 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, EQUAL_CURVATURE, Status
 from spherekit.errors import SolveError
-from spherekit.motion.arc_curve import ArcCurve
-from spherekit.motion.closure import Closure
-from spherekit.motion.continuation import (
-    NEARLY_THERE,
-    STEP_PARTS,
-    CurvePath,
-    Rows,
-    Verification,
-    newton,
-    run_each,
-    taylor,
-)
-from spherekit.motion.linearisation import Linearisation
-from spherekit.motion.loops import left_inverse
-from spherekit.motion.pairs import contact_tracks
-from spherekit.motion.segments import (
+from spherekit.motion.arc_curve import (
+    ArcCurve,
     CurvePoints,
     Segments,
     bordered,
@@ -40,7 +26,19 @@ from spherekit.motion.segments import (
     correct,
     curve_points,
 )
-from spherekit.numeric.rows import ArrayRows
+from spherekit.motion.closure import (
+    NEARLY_THERE,
+    STEP_PARTS,
+    Closure,
+    CurvePath,
+    Rows,
+    Verification,
+    newton,
+    run_each,
+    taylor,
+)
+from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.sphere.rotation import Floats
 
 LONGEST = 500.0

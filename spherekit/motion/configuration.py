@@ -21,9 +21,9 @@ from spherekit.errors import SolveError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.assemblies import RANGE_ROUNDS, RangeSearch, assemblies
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.crossing import ways_out
+from spherekit.motion.elimination import RANGE_ROUNDS, RangeSearch, assemblies
 from spherekit.motion.input_turning_points import (
     InputTurningPoints,
     easiest_drive,
@@ -31,7 +31,7 @@ from spherekit.motion.input_turning_points import (
 )
 from spherekit.motion.search import SEED, STARTS, Census
 from spherekit.motion.turns import in_range, turns_in_range
-from spherekit.numeric.turns import wrap
+from spherekit.numeric.crossings import wrap
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 

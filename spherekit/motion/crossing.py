@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
-from spherekit.motion.closure import Closure
-from spherekit.motion.continuation import newton
+from spherekit.motion.arc_curve import bordered_step
+from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.segments import bordered_step
 from spherekit.sphere.rotation import Floats
 
 NEARLY_NULL = 3e-3

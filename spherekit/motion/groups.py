@@ -16,11 +16,9 @@ from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
-from spherekit.motion.loops import LoopTree
-from spherekit.motion.pairs import pair_states
-from spherekit.planning.assembly import Assembly, Group
-from spherekit.sphere.rotation import Floats, about_z, transpose
-from spherekit.sphere.triangle import Bools, close_dyad
+from spherekit.motion.loops import LoopTree, pair_states
+from spherekit.planning.inputs import Assembly, Group
+from spherekit.sphere.rotation import Bools, Floats, about_z, close_dyad, transpose
 
 
 @final

@@ -19,7 +19,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.crossing import ways_out
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.steps import InputPaths, Nodes, nodes_at, walk
-from spherekit.numeric.hermite import cubic
+from spherekit.numeric.zeros import cubic
 from spherekit.sphere.rotation import Floats
 
 AT_DEAD_CENTRE = 1e-9

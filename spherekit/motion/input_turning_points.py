@@ -25,7 +25,7 @@ from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import Frames, Order, orders_of
 from spherekit.motion.groups import train_turns
 from spherekit.numeric.crossings import MOST_CELLS, crossings
-from spherekit.planning.assembly import Group, plan_assembly
+from spherekit.planning.inputs import Group, plan_assembly
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 from spherekit.sphere.trigonometric import Complexes

@@ -1,15 +1,18 @@
 """The loops of a chain: a spanning tree, the velocity equations, their rank."""
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.model.graph import spanning
+from spherekit.model.joints import Joint, Kind, PairRates, PairStates, Revolute, Track
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, arc, rotation_vector, transpose
 
 REDUNDANT = 1e-10
 """Equations whose relative singular value is below this repeat the others."""
@@ -204,3 +207,282 @@ def redundancy(tree: LoopTree, vectors: Floats) -> Redundancy:
     taking_part = np.any(tree.signs[weights > DEPENDENT] != 0.0, axis=0)
     pairs = {tree.owners[variable] for variable in np.flatnonzero(taking_part)}
     return Redundancy(len(jacobian) - rank, tuple(sorted(pairs)))
+
+
+def turns_of(
+    ends: Sequence[tuple[int, int]], joints: Sequence[Revolute], placed: Floats
+) -> tuple[Floats, Floats]:
+    """Return the variables (n, pairs) rad of R pairs between placed links, and gaps.
+
+    `ends` are the numbers of each pair's links, `placed` (n, links, 3, 3) the orientations
+    of these; a gap (n, pairs) rad is the angle between the axes of a pair in its links.
+    """
+    values, gaps = [], []
+    for (a, b), joint in zip(ends, joints, strict=True):
+        one, other = placed[:, a] @ joint.first, placed[:, b] @ joint.second
+        between = transpose(one) @ other
+        values.append(np.arctan2(between[:, 1, 0], between[:, 0, 0]))
+        gaps.append(arc(one[..., 2], other[..., 2]))
+    return np.stack(values, axis=1), np.stack(gaps, axis=1)
+
+
+def numbered(joints: Sequence[Joint]) -> Iterator[tuple[int, int, Joint]]:
+    """Yield each joint after its number and that of its first variable."""
+    at = 0
+    for number, joint in enumerate(joints):
+        yield number, at, joint
+        at += joint.freedoms
+
+
+def contact_tracks(joints: Sequence[Joint]) -> Iterator[tuple[int, tuple[Track, ...]]]:
+    """Yield the profiles of each contact after its number, variables numbered in all."""
+    for number, at, joint in numbered(joints):
+        if tracks := joint.tracks:
+            yield number, tuple(replace(x, variable=at + x.variable) for x in tracks)
+
+
+def rolled_lengths(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
+    """Return the variables that say how far wheels have rolled, with their joints."""
+    every = numbered(joints)
+    return [(at + variable, joint) for _, at, joint in every for variable in joint.rolled]
+
+
+@final
+@dataclass(frozen=True)
+class _Alike:
+    """The joints of one kind, with the numbers of them and of their variables."""
+
+    kind: Kind
+    joints: tuple[Joint, ...]
+    pairs: slice | list[int]
+    variables: slice | list[int]
+
+
+@lru_cache(maxsize=512)
+def _by_kind(joints: tuple[Joint, ...]) -> tuple[_Alike, ...]:
+    pairs: dict[Kind, list[int]] = {}
+    variables: dict[Kind, list[int]] = {}
+    for number, at, joint in numbered(joints):
+        pairs.setdefault(type(joint), []).append(number)
+        variables.setdefault(type(joint), []).extend(range(at, at + joint.freedoms))
+    return tuple(
+        _Alike(
+            kind, tuple(joints[k] for k in members), _run(members), _run(variables[kind])
+        )
+        for kind, members in pairs.items()
+    )
+
+
+def _run(numbers: list[int]) -> slice | list[int]:
+    """Return rising numbers as a slice where they have no gap: a view, not a copy."""
+    first, last = numbers[0], numbers[-1] + 1
+    return slice(first, last) if last - first == len(numbers) else numbers
+
+
+def _variables(joints: Sequence[Joint]) -> int:
+    return sum(joint.freedoms for joint in joints)
+
+
+def _flat(vectors: Floats) -> Floats:
+    """Return (n, variables, 3) from (n, pairs, variables of each, 3)."""
+    n, pairs, freedoms, _ = vectors.shape
+    return vectors.reshape(n, pairs * freedoms, 3)
+
+
+def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
+    """Return the states of pairs for variables (n, variables)."""
+    n = len(values)
+    alike = _by_kind(tuple(joints))
+    parts = [
+        item.kind.states(
+            item.joints,
+            values[:, item.variables].reshape(n, len(item.joints), item.kind.freedoms),
+        )
+        for item in alike
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    states = PairStates.blank(n, len(joints))
+    for group, part in zip(alike, parts, strict=True):
+        states.put(group.pairs, part)
+    return states
+
+
+def variable_vectors(joints: Sequence[Joint], frames: Floats, curvatures: Floats) -> Floats:
+    """Return the vectors (n, variables, 3) of all variables.
+
+    `frames` (n, pairs, 3, 3) are the pair frames in the axes wanted, `curvatures` as in
+    `PairStates`.
+    """
+    vectors = np.empty((len(frames), _variables(joints), 3))
+    for group in _by_kind(tuple(joints)):
+        part = group.kind.vectors(frames[:, group.pairs], curvatures[:, group.pairs])
+        vectors[:, group.variables] = _flat(part)
+    return vectors
+
+
+def pair_axes(joints: Sequence[Joint], frames: Floats) -> Floats:
+    """Return (n, pairs, 3): axis (R), contact line (Cr), normal of contact plane (Cs)."""
+    axes = np.empty(frames.shape[:-1])
+    for group in _by_kind(tuple(joints)):
+        axes[:, group.pairs] = group.kind.axes(frames[:, group.pairs])
+    return axes
+
+
+def pair_rates(
+    joints: Sequence[Joint],
+    frames: Floats,
+    states: PairStates,
+    first_w: Floats,
+    second_w: Floats,
+) -> PairRates:
+    """Return how vectors and axes change, given the rates of the pairs' two links.
+
+    `first_w`, `second_w` (n, pairs, 3) are angular velocities of the links in the axes
+    that `frames` (n, pairs, 3, 3) are given in.
+    """
+    n = len(frames)
+    alike = _by_kind(tuple(joints))
+    rates = PairRates(np.empty((n, _variables(joints), 3)), np.empty((n, len(joints), 3)))
+    for group in alike:
+        placed = frames[:, group.pairs], states.take(group.pairs)
+        turning = first_w[:, group.pairs], second_w[:, group.pairs]
+        vectors, axes = group.kind.rates(*placed, *turning)
+        if len(alike) == 1:
+            return PairRates(_flat(vectors), axes)
+        rates.vectors[:, group.variables] = _flat(vectors)
+        rates.axes[:, group.pairs] = axes
+    return rates
+
+
+def penetrates(joints: Sequence[Joint], states: PairStates) -> NDArray[np.bool_]:
+    """Return (n,) whether a contact's profiles curve into each other, or alike."""
+    contact = [bool(joint.tracks) for joint in joints]
+    relative = states.curvatures[:, contact, 0] - states.curvatures[:, contact, 1]
+    return np.asarray(np.any(relative < EQUAL_CURVATURE, axis=1))
+
+
+_UNTURNED = np.eye(3)
+KEPT = ("placed", "frames", "vectors", "jacobian", "residual")
+
+
+@final
+@dataclass(frozen=True)
+class Linearisation:
+    """n configurations of a closure, with all that follows from them.
+
+    Attributes
+    ----------
+    tree, joints
+        The loops, and the joints of the pairs.
+    values
+        (n, variables) rad.
+    leads
+        (n or 1, pairs, 3, 3) twice, see `Closure`; None where bodies are links.
+    rotations
+        (n, bodies, 3, 3) orientations in body 0 that are known already.
+    """
+
+    tree: LoopTree
+    joints: tuple[Joint, ...]
+    values: Floats
+    leads: tuple[Floats, Floats] | None = None
+    rotations: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @cached_property
+    def states(self) -> PairStates:
+        """The pairs' frames in their bodies, curvatures, and what lies on profiles."""
+        states = pair_states(self.joints, self.values)
+        if self.leads is None:
+            return states
+        first, second = self.leads[0] @ states.first, self.leads[1] @ states.second
+        return replace(states, first=first, second=second)
+
+    @cached_property
+    def placed(self) -> Floats:
+        """Orientations (n, bodies, 3, 3) of the bodies in body 0."""
+        if self.rotations is not None:
+            return self.rotations
+        placed = np.empty((len(self.values), self.tree.count, 3, 3))
+        placed[:, 0] = _UNTURNED
+        across = self.states.first @ transpose(self.states.second)
+        for pair, parent, child in self.tree.placements:
+            ahead = self.tree.ends[pair][0] == parent
+            turn = across[:, pair] if ahead else transpose(across[:, pair])
+            if parent:
+                np.matmul(placed[:, parent], turn, out=placed[:, child])
+            else:
+                placed[:, child] = turn
+        return placed
+
+    @cached_property
+    def frames(self) -> Floats:
+        """Pair frames (n, pairs, 3, 3) in the axes of body 0; columns as in `Joint`."""
+        return self.placed[:, self.tree.firsts] @ self.states.first
+
+    @cached_property
+    def axes(self) -> Floats:
+        """Pair axes (n, pairs, 3) in the axes of body 0, see `motion/loops.py`."""
+        return pair_axes(self.joints, self.frames)
+
+    @cached_property
+    def vectors(self) -> Floats:
+        """The variables' vectors (n, variables, 3) in the axes of body 0."""
+        return variable_vectors(self.joints, self.frames, self.states.curvatures)
+
+    @cached_property
+    def residual(self) -> Floats:
+        """(n, 3 loops): rotation vectors (rad) by which the loops stay open."""
+        chords, firsts, seconds = self.tree.closing
+        if not len(chords):
+            return np.zeros((len(self.values), 0))
+        one = self.placed[:, firsts] @ self.states.first[:, chords]
+        other = self.placed[:, seconds] @ self.states.second[:, chords]
+        gaps = rotation_vector(one @ transpose(other))
+        return gaps.reshape(len(gaps), 3 * len(chords))
+
+    @property
+    def gap(self) -> Floats:
+        """(n,) the largest component of the residual (rad)."""
+        return np.asarray(np.max(np.abs(self.residual), axis=1, initial=0.0))
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        """J (n, 3 loops, variables): rates with J rates = 0 keep the loops closed."""
+        return self.tree.jacobian(self.vectors)
+
+    def body_rates(self, rates: Floats) -> Floats:
+        """Return angular velocities (n, bodies, 3) at rates (n, variables)."""
+        return self.tree.body_rates(self.vectors, rates)
+
+    def pair_rates(self, first_w: Floats, second_w: Floats) -> PairRates:
+        """Return how vectors and axes change; see `spherekit.motion.loops.pair_rates`."""
+        return pair_rates(self.joints, self.frames, self.states, first_w, second_w)
+
+    def turned(self, w: Floats) -> PairRates:
+        """Return how vectors and axes change as bodies turn at w (n, bodies, 3)."""
+        return self.pair_rates(w[:, self.tree.firsts], w[:, self.tree.seconds])
+
+    def bias(self, rates: Floats) -> Floats:
+        """Return J' rates (n, 3 loops), J' the change of J at rates (n, variables)."""
+        turned = self.turned(self.body_rates(rates)).vectors
+        return np.asarray(np.einsum("nij,nj->ni", self.tree.jacobian(turned), rates))
+
+    def take(self, rows: NDArray[np.intp] | slice) -> "Linearisation":
+        """Return some rows, with what is known of them."""
+        leads = self.leads
+        if leads is not None and len(leads[0]) > 1:
+            leads = leads[0][rows], leads[1][rows]
+        rotations = None if self.rotations is None else self.rotations[rows]
+        part = Linearisation(self.tree, self.joints, self.values[rows], leads, rotations)
+        kept = vars(self)
+        for name in KEPT:
+            if name in kept:
+                vars(part)[name] = kept[name][rows]
+        if "states" in kept:
+            states = (getattr(self.states, item.name)[rows] for item in fields(PairStates))
+            vars(part)["states"] = PairStates(*states)
+        return part

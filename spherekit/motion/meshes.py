@@ -20,7 +20,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, TURN
 from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.closure import Closure, Locked, lock
-from spherekit.motion.pairs import rolled_lengths
+from spherekit.motion.loops import rolled_lengths
 from spherekit.motion.search import Distinct, search
 from spherekit.motion.turns import whole_laps
 from spherekit.planning.wheels import (

@@ -19,25 +19,28 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.model.parts import PoseGeometry
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import LONGEST, follow_arc
-from spherekit.motion.assemblies import (
+from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_signs
+from spherekit.motion.configuration import MonotoneSegments
+from spherekit.motion.elimination import (
+    CLOSED_FORM,
     MOST_ASSEMBLY_MODES,
+    ONE_WAY,
     RANGE_ROUNDS,
+    Method,
     RangeSearch,
     assemblies,
     chains,
+    has_elimination,
+    least_complete,
     signs_at,
 )
-from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_signs
-from spherekit.motion.configuration import MonotoneSegments
-from spherekit.motion.elimination import has_elimination
 from spherekit.motion.groups import State, group_variables, place_dyad, place_group
 from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each, sheets_through
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.search import SAME_MODE, STARTS, Census
-from spherekit.motion.solutions import CLOSED_FORM, ONE_WAY, Method, least_complete
-from spherekit.numeric.turns import wrap
-from spherekit.planning.rigidity import graph_mobility, inputs_to_declare
+from spherekit.numeric.crossings import wrap
+from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 

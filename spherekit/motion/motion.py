@@ -1,7 +1,7 @@
 """The motion of a mechanism: every assembly mode at every sample of its inputs."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self, final
@@ -10,23 +10,88 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import DEFAULT_SAMPLES, EPS, Status, counted, listing
+from spherekit.conventions import DEFAULT_SAMPLES, EPS, TURN, Status, counted, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import TimeLaw
 from spherekit.motion.assembly_modes import AssemblyMode, Solver, named
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.guides import ModeOverGrid
 from spherekit.motion.input_grid import given_path, sampled
-from spherekit.motion.linearisation import Linearisation
-from spherekit.motion.loops import LoopTree, condition, left_inverse
+from spherekit.motion.loops import Linearisation, LoopTree, condition, left_inverse
 from spherekit.motion.modes import ModeSearch
-from spherekit.motion.timing import Timing
-from spherekit.numeric.rows import ArrayRows
-from spherekit.planning.assembly import Assembly, plan_assembly
-from spherekit.planning.inputs import driven_at
+from spherekit.numeric.zeros import ArrayRows
+from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
 from spherekit.sphere.rotation import Floats, cross, quaternion
+
+
+@final
+@dataclass(frozen=True)
+class Timing(ArrayRows):
+    """Times `t` (n,) in s, and the inputs' rates and accelerations there.
+
+    `dq`, `ddq` (n, inputs) in rad/s and rad/s2; rows as in the motion.
+    """
+
+    t: Floats
+    dq: Floats
+    ddq: Floats
+
+    def repeated(self, count: int) -> "Timing":
+        """Return the rows so many times, one block after another."""
+        return Timing(*(_repeated(part, count) for part in (self.t, self.dq, self.ddq)))
+
+
+def _repeated(rows: Floats, count: int) -> Floats:
+    if rows.strides[0] == 0 and len(rows):  # the same number throughout takes no memory
+        return np.broadcast_to(rows[0], (count * len(rows), *rows.shape[1:]))
+    return np.tile(rows, (count, *(1,) * (rows.ndim - 1)))
+
+
+@final
+@dataclass(frozen=True)
+class Extent:
+    """Least and greatest variables and rates of all inputs over a whole motion.
+
+    `inputs` (2, inputs) rad and `rates` (2, inputs) rad/s; the latter NaN where nothing
+    says how the inputs move.
+    """
+
+    inputs: Floats
+    rates: Floats
+
+    @classmethod
+    def of(cls, inputs: Floats, timing: Timing | None) -> "Extent":
+        """Return the extent of inputs (n, inputs) with their timing."""
+        ends = _ends(inputs)
+        return cls(ends, np.full_like(ends, np.nan) if timing is None else _ends(timing.dq))
+
+
+def _ends(rows: Floats) -> Floats:
+    if rows.strides[0] == 0 and len(rows):
+        rows = rows[:1]
+    # Column by column, which is ten times as quick.
+    return np.array([[np.min(x) for x in rows.T], [np.max(x) for x in rows.T]])
+
+
+def by_laws(
+    inputs: Sequence[str], laws: Mapping[str, TimeLaw], t: Floats
+) -> tuple[Floats, Timing]:
+    """Return the inputs (n, inputs) rad at times (n,) by the law of each, and the timing.
+
+    Raises
+    ------
+    ModelError
+        If a table does not reach over all times.
+    """
+    q, dq, ddq = (
+        np.stack(parts, axis=1)
+        for parts in zip(*(laws[name].at(t) for name in inputs), strict=True)
+    )
+    return q, Timing(t, dq, ddq)
+
 
 BLOCK = 16384
 """Rows evaluated at once by `Tracer.blocks`: enough to hide the overhead of calls, few
@@ -117,7 +182,7 @@ class Motion(ArrayRows):
 
     @property
     def axes(self) -> Floats:
-        """Pair axes (n, pairs, 3) in ground axes, see `spherekit.motion.pairs`."""
+        """Pair axes (n, pairs, 3) in ground axes, see `spherekit.motion.loops`."""
         return self.linearisation.axes
 
     @property
@@ -500,3 +565,73 @@ def trace(
     return Tracer(
         mechanism, input_pair, assembly_mode, search, samples, grid, path
     ).motion()
+
+
+@final
+class AngleMemory:
+    """The last configuration of each mode with its turns, from which samples go on.
+
+    With one input nothing is remembered: its value says how far all angles have turned.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[int, Floats] = {}
+
+    def state(self) -> list[list[Any]]:
+        """Return what is remembered, ready for JSON, bit for bit."""
+        return [[mode, *map(float, last)] for mode, last in self._last.items()]
+
+    @classmethod
+    def restored(cls, state: Iterable[Any]) -> Self:
+        """Return the memory that `state` gave."""
+        memory = cls()
+        memory._last = {int(mode): np.array(last) for mode, *last in state}
+        return memory
+
+    def continued(
+        self, motion: Motion, names: Iterable[str], solver: Solver
+    ) -> Mapping[str, Floats]:
+        """Return the variables (n,) of pairs, by name, at the next block of a motion.
+
+        Angles are those of `spherekit.motion.assembly_modes`; NaN stays, is passed over.
+        That of a driven pair is the input as it was given. Arc lengths, and angles of a
+        simulation, which go on already, are those of the motion.
+        """
+        names = list(names)
+        mechanism, inputs = motion.mechanism, motion.assembly.inputs
+        wanted = [mechanism.angles[name] for name in names if name in mechanism.angles]
+        turns = np.zeros_like(motion.values)
+        if wanted and motion.sense is None:
+            for place, mode in enumerate(motion.assembly_modes):
+                first = place * motion.samples
+                here = motion.values[first : first + motion.samples]
+                rows = np.flatnonzero(np.all(np.isfinite(here), axis=1)) + first
+                if not len(rows):
+                    continue
+                turns[rows] = solver.unwrapping.turns(
+                    mode.number,
+                    motion.values[rows],
+                    motion.inputs[rows],
+                    wanted,
+                    self._last.get(mode.number),
+                )
+                if len(inputs) > 1:
+                    last = motion.values[rows[-1]] + TURN * turns[rows[-1]]
+                    last[list(solver.driven)] = motion.inputs[rows[-1]]
+                    self._last[mode.number] = last
+        angles = {}
+        for name in names:
+            pair = mechanism.pair_number[name]
+            (variable,) = mechanism.variables_of(pair)
+            angles[name] = motion.values[:, variable] + TURN * turns[:, variable]
+            if pair in inputs:
+                angles[name] = motion.inputs[:, inputs.index(pair)]
+        return angles
+
+
+def going_on(motion: Motion, solver: Solver) -> Motion:
+    """Return a motion whose angles go on over all turns, as loads see them."""
+    values, angles = motion.values.copy(), motion.mechanism.angles
+    for pair, angle in AngleMemory().continued(motion, angles, solver).items():
+        values[:, angles[pair]] = angle
+    return replace(motion, values=values)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.closure import Closure
-from spherekit.motion.pairs import penetrates, rolled_lengths
+from spherekit.motion.loops import penetrates, rolled_lengths
 from spherekit.numeric.descent import descent
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats

@@ -1,7 +1,7 @@
 """Verified steps from one closed configuration to another, many at once.
 
 A small closure residual does not prove the mode: Newton's method may close the loops on
-a neighbouring one. A step is therefore verified as `spherekit.motion.continuation` says,
+a neighbouring one. A step is therefore verified as `spherekit.motion.closure` says,
 with exact first and second derivatives, and the determinant of the closure Jacobian has to
 keep its sign.
 """
@@ -14,12 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.motion.closure import Closure
-from spherekit.motion.continuation import Rows, Verification, follow_paths
-from spherekit.motion.linearisation import Linearisation
-from spherekit.motion.loops import left_inverse
-from spherekit.motion.pairs import contact_tracks
-from spherekit.numeric.rows import ArrayRows
+from spherekit.motion.closure import Closure, Rows, Verification, follow_paths
+from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.sphere.rotation import Floats
 
 LARGEST_STEP = 0.2
@@ -200,7 +197,7 @@ class InputPaths:
         follow_paths(self, np.full(len(q), np.inf))
 
     def allowed(self, rows: Rows, step: Floats) -> Floats:
-        """See `spherekit.motion.continuation`, as the further methods."""
+        """See `spherekit.motion.closure`, as the further methods."""
         at = self.at.rows(rows)
         step = safe_step(at, step)
         for track in self._open:

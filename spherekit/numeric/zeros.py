@@ -1,15 +1,15 @@
 """All zeros of a smooth function of one variable whose derivative is known."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS
-from spherekit.numeric.brackets import bracketed_zeros
 from spherekit.numeric.chebyshev import Floats
+from spherekit.numeric.crossings import bracketed_zeros
 
 Function = Callable[[Floats], tuple[Floats, Floats]]
 """Values and derivatives (n,) at places (n,)."""
@@ -186,3 +186,100 @@ def _guess(cells: Floats) -> Floats:
 
 def _changes(one: Floats, other: Floats) -> NDArray[np.bool_]:
     return np.asarray((one >= 0.0) != (other >= 0.0))
+
+
+Slope = tuple[Floats, Floats]
+"""Values and first derivatives at an end, arrays of any one shape."""
+
+
+def cubic(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
+    """Return cubic Hermite values at parts x, 0 to 1, of cells of lengths h.
+
+    All arrays broadcast.
+    """
+    (value, slope), (last, last_slope) = start, stop
+    y = 1.0 - x
+    blend = value + x * x * (3.0 - 2.0 * x) * (last - value)
+    return np.asarray(blend + x * y * h * (y * slope - x * last_slope))
+
+
+def cubic_slope(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
+    """Return the derivatives of what `cubic` returns."""
+    (value, slope), (last, last_slope) = start, stop
+    y = 1.0 - x
+    blend = 6.0 * x * y * ((last - value) / h)
+    return np.asarray(
+        blend + y * (1.0 - 3.0 * x) * slope + x * (3.0 * x - 2.0) * last_slope
+    )
+
+
+def hermite(
+    start: tuple[Floats, Floats, Floats],
+    stop: tuple[Floats, Floats, Floats],
+    h: Floats,
+    part: Floats,
+) -> Floats:
+    """Return quintic Hermite values (n, m) at parts (n,), 0 to 1, of cells.
+
+    `h` (n,) are their lengths; `start` and `stop` are values, first and second derivatives
+    (n, m) at both ends; where those are not known, NaN, the values are cubic.
+    """
+    x, h = part[:, None], h[:, None]
+    y = 1.0 - x
+    x3, y3 = x**3, y**3
+    value, slope, bend = start
+    last, last_slope, last_bend = stop
+    quintic = (
+        value
+        + x3 * (10.0 - 15.0 * x + 6.0 * x * x) * (last - value)
+        + x * y3 * ((1.0 + 3.0 * x) * h * slope + 0.5 * x * h * h * bend)
+        + x3 * y * (0.5 * y * h * h * last_bend - (4.0 - 3.0 * x) * h * last_slope)
+    )
+    smooth = cubic((value, slope), (last, last_slope), h, x)
+    return np.where(np.isnan(quintic), smooth, quintic)
+
+
+class ArrayRows:
+    """A dataclass whose arrays have their rows along the first axis.
+
+    So have those of its records of this kind, dictionaries and tuples; the rest is kept.
+    """
+
+    def rows(self, chosen: slice | NDArray[Any]) -> Self:
+        """Return some rows, chosen by a mask, a slice or numbers."""
+        return type(self)(
+            **{name: _taken(part, chosen) for name, part in _parts(self).items()}
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Return the rows of all parts in order, with the rest of the first."""
+        every = [_parts(part) for part in parts]
+        return cls(**{name: _joined([part[name] for part in every]) for name in every[0]})
+
+
+def _parts(record: Any) -> dict[str, Any]:
+    return {item.name: getattr(record, item.name) for item in fields(record)}
+
+
+def _taken(part: Any, chosen: Any) -> Any:
+    if isinstance(part, np.ndarray):
+        return part[chosen]
+    if isinstance(part, ArrayRows):
+        return part.rows(chosen)
+    if isinstance(part, Mapping):
+        return {key: _taken(value, chosen) for key, value in part.items()}
+    return tuple(_taken(item, chosen) for item in part) if type(part) is tuple else part
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    first = parts[0]
+    if isinstance(first, np.ndarray):
+        return np.concatenate(parts)
+    if isinstance(first, ArrayRows):
+        return type(first).joined(parts)
+    if isinstance(first, Mapping):
+        return {key: _joined([part[key] for part in parts]) for key in first}
+    if type(first) is tuple:
+        return tuple(_joined(items) for items in zip(*parts, strict=True))
+    return first

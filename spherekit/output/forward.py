@@ -6,26 +6,177 @@ its topology, so that they are exact and independent of the inverse kinematics.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import islice, product
 from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import Status
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.model.outputs import chosen_output
+from spherekit.model.mechanism import Mechanism, chosen_output
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import AssemblyMode, Evaluated, Solver
+from spherekit.motion.elimination import assemblies
 from spherekit.motion.input_grid import given_path
+from spherekit.motion.meshes import (
+    MOST_ASSEMBLIES,
+    MOST_SORTED,
+    MOST_TURNS,
+    SAME_RATIO,
+    Meshes,
+    whole_turns_apart,
+)
 from spherekit.motion.motion import Motion
-from spherekit.numeric.turns import wrap
-from spherekit.output.solutions import PoseSolutions, pose_of, solved
-from spherekit.planning.assembly import plan_assembly
+from spherekit.numeric.crossings import wrap
+from spherekit.planning.inputs import plan_assembly
+from spherekit.planning.wheels import SAME_LENGTH
 from spherekit.rates.core import driven_rates
 from spherekit.sphere.rotation import Floats, transpose
+
+
+def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | None:
+    """Return a configuration of the assembly that a file means, None if there is none.
+
+    Parameters
+    ----------
+    held
+        The mechanism with its output held, whose variables are first those of `released`.
+    released
+        The mechanism itself, its lengths rolled known at its inputs.
+    values
+        (variables,) rad of `held`, closed, its wheels in any mesh.
+
+    Returns
+    -------
+    (variables,) rad with the inputs at the turns that the lengths rolled say: of those
+    that differ by whole turns of wheels, the one whose inputs are least in sum.
+    """
+    meshes = released.meshes
+    if meshes is None or not meshes.variables:
+        return values
+    driven, rolled = list(released.driven), list(meshes.variables)
+    lengths = _lengths(held, meshes, values[rolled])
+    tried = np.repeat(values[None], len(lengths), axis=0)
+    tried[:, rolled] = lengths
+    with np.errstate(invalid="ignore", divide="ignore"):
+        closed = held.closure.solve(tried, [*held.driven, *rolled], iterations=30)
+    best, least = None, np.inf
+    for whole in closed.values[closed.residual < CLOSURE_TOLERANCE]:
+        q = _turned(meshes, wrap(whole[driven]), whole[rolled])
+        if q is not None and np.sum(np.abs(q)) < least - SAME_LENGTH:
+            best, least = whole.copy(), float(np.sum(np.abs(q)))
+            best[driven] = q
+    return best
+
+
+def _lengths(held: Solver, meshes: Meshes, lengths: Floats) -> Floats:
+    """Return lengths (n, m) whole turns of wheels from some, as inputs can roll them."""
+    joints = [held.closure.joints[held.closure.tree.owners[v]] for v in meshes.variables]
+    choices = map(whole_turns_apart, joints, map(float, lengths))
+    every = np.array(list(islice(product(*choices), MOST_SORTED)))
+    ratios = meshes.ratios
+    onto = ratios @ np.linalg.pinv(ratios)
+    beyond = every - meshes.lengths
+    rollable = np.max(np.abs(beyond - beyond @ onto.T), axis=1) < SAME_LENGTH
+    every = every[rollable]
+    order = np.argsort(np.sum(np.abs(every), axis=1), kind="stable")
+    return np.asarray(every[order[:MOST_ASSEMBLIES]])
+
+
+def _turned(meshes: Meshes, q: Floats, lengths: Floats) -> Floats | None:
+    """Return inputs (k,) whole turns from some that roll the lengths (m,), the least."""
+    rolling = np.max(np.abs(meshes.ratios), axis=0, initial=0.0) > SAME_RATIO
+    turns = [_turns(period) if moves else (0,) for moves, period in _each(meshes, rolling)]
+    places = q + TURN * np.array(list(product(*turns)), dtype=float)
+    off = np.max(np.abs(meshes.rolled(places) - lengths), axis=1)
+    fits = places[off < SAME_LENGTH]
+    if not len(fits):
+        return None
+    return np.asarray(fits[np.argmin(np.sum(np.abs(fits), axis=1))])
+
+
+def _each(meshes: Meshes, rolling: Sequence[bool]) -> list[tuple[bool, float]]:
+    return list(zip(rolling, map(float, meshes.periods), strict=True))
+
+
+def _turns(period: float) -> range:
+    """Return the whole turns of an input within half a period of none."""
+    half = MOST_TURNS
+    if np.isfinite(period):
+        half = min(half, int(np.ceil(0.5 * period / TURN)))
+    return range(-half, half + 1)
+
+
+@final
+@dataclass(frozen=True)
+class PoseSolutions:
+    """Every configuration found at some poses or inputs, a row for each.
+
+    `row` (k,) is the number of the pose or of the inputs given; `inputs` (k, inputs) rad;
+    `values` (k, variables) rad of all pairs of the mechanism; `rotations` (k, 3, 3) the
+    orientations of the output link seen from its other link, `directions` (k, 3) what it
+    points at, None if it declares no direction; `signs` those of the dyads, 0 for
+    irreducible groups, in solving order; `complete` (rows,) whether no solution can be
+    missing.
+    """
+
+    row: NDArray[np.intp]
+    inputs: Floats
+    values: Floats
+    rotations: Floats
+    directions: Floats | None
+    signs: tuple[tuple[int, ...], ...]
+    complete: NDArray[np.bool_]
+
+
+def pose_of(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
+    """Return the orientations (n, 3, 3) of an output from those of all links."""
+    base = mechanism.link_number[output.relative_to]
+    link = mechanism.link_number[output.link]
+    return transpose(rotations[:, base]) @ rotations[:, link]
+
+
+def solved(
+    solver: Solver, output: Output, inputs: Floats, released: Solver | None = None
+) -> PoseSolutions:
+    """Return every configuration of a mechanism at inputs (n, inputs), row by row.
+
+    Where `solver` holds the output, `released` is that of the mechanism itself, whose
+    variables come first; those and its inputs are told. Inputs are in (-pi, pi] unless
+    wheels count their turns.
+    """
+    told = solver if released is None else released
+    driven, count = list(told.driven), len(told.mechanism.variable_owners)
+    row, values, signs = [], [], []
+    complete = np.ones(len(inputs), dtype=bool)
+    for number, q in enumerate(inputs):
+        if not np.all(np.isfinite(q)):
+            continue
+        here = assemblies(solver, q)
+        complete[number] = all(m is None or m.is_complete for m in here.methods)
+        for mode, closed in here.modes:
+            configuration = (
+                closed if released is None else as_assembled(solver, released, closed)
+            )
+            if configuration is None:
+                continue
+            row.append(number)
+            values.append(configuration)
+            signs.append(mode)
+    every = np.array(values).reshape(-1, len(solver.mechanism.variable_owners))
+    turned = pose_of(solver.mechanism, output, solver.closure.at(every).placed)
+    return PoseSolutions(
+        np.array(row, dtype=np.intp),
+        told.reduced(every[:, driven]),
+        every[:, :count],
+        turned,
+        None if output.direction is None else turned @ np.array(output.direction),
+        tuple(signs),
+        complete,
+    )
 
 
 @final

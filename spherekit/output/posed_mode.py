@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import REACH_SLACK, Status
+from spherekit.output.closing_link import Fraction, Placed
 from spherekit.output.dyads import Signs
-from spherekit.output.placed import Fraction, Placed
-from spherekit.rates.vectors import dot, norm
+from spherekit.rates.core import dot, norm
 from spherekit.sphere.rotation import Floats
 
 

@@ -15,9 +15,8 @@ from typing import final
 import numpy as np
 
 from spherekit.errors import PlanError
-from spherekit.model.geometry import COLLINEAR, axes_from_sizes, reference_frame
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.outputs import chosen_output
+from spherekit.model.gears import COLLINEAR, axes_from_sizes, reference_frame
+from spherekit.model.mechanism import Mechanism, chosen_output
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import about_z

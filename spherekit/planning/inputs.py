@@ -1,12 +1,16 @@
 """The driven pairs of a mechanism, and the bodies that are left when some are locked."""
 
-from collections.abc import Iterable, Sequence
-from typing import Protocol
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, final
 
 from spherekit.conventions import listing
-from spherekit.errors import PlanError
-from spherekit.model.graph import joined
+from spherekit.errors import CountError, PlanError
+from spherekit.model.graph import joined, pieces
 from spherekit.model.mechanism import Mechanism
+from spherekit.planning.wheels import (
+    held_meshes,
+)
 
 
 class Linked(Protocol):
@@ -64,3 +68,487 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
 def merged(mechanism: Linked, locked: Iterable[int]) -> tuple[int, ...]:
     """Return for each link the smallest link of its body when pairs are locked."""
     return tuple(joined(len(mechanism.links), (mechanism.ends[pair] for pair in locked)))
+
+
+FREEDOMS = 3
+
+
+class Pebbles:
+    """Pebbles and covered constraints of a growing graph of `count` bodies."""
+
+    def __init__(self, count: int) -> None:
+        self.free = [FREEDOMS] * count
+        self.out: list[list[int]] = [[] for _ in range(count)]
+
+    def gather(self, body: int, wanted: int, keep: Sequence[int] = ()) -> int:
+        """Move free pebbles to `body` without taking any from `keep`; return its count."""
+        while self.free[body] < wanted and self._fetch(body, {body, *keep}):
+            pass
+        return self.free[body]
+
+    def _fetch(self, body: int, closed: set[int]) -> bool:
+        came_from: dict[int, int] = {}
+        seen = {body} | closed
+        stack = [body]
+        while stack:
+            at = stack.pop()
+            for neighbour in self.out[at]:
+                if neighbour in seen:
+                    continue
+                seen.add(neighbour)
+                came_from[neighbour] = at
+                if self.free[neighbour]:
+                    self.free[neighbour] -= 1
+                    while neighbour != body:
+                        before = came_from[neighbour]
+                        self.out[before].remove(neighbour)
+                        self.out[neighbour].append(before)
+                        neighbour = before
+                    self.free[body] += 1
+                    return True
+                stack.append(neighbour)
+        return False
+
+    def insert(self, a: int, b: int) -> bool:
+        """Add one constraint between two bodies; False if it is redundant there."""
+        self.gather(a, FREEDOMS)
+        if self.free[a] < FREEDOMS or self.gather(b, 1, keep=[a]) < 1:
+            return False
+        self.free[a] -= 1
+        self.out[a].append(b)
+        return True
+
+    def reach(self, bodies: Iterable[int]) -> set[int]:
+        """Return the bodies that constraints lead to from these, themselves included."""
+        seen = set(bodies)
+        stack = list(seen)
+        while stack:
+            for neighbour in self.out[stack.pop()]:
+                if neighbour not in seen:
+                    seen.add(neighbour)
+                    stack.append(neighbour)
+        return seen
+
+    def rigid_part(self, a: int, b: int) -> set[int] | None:
+        """Return the smallest rigid set of bodies with both, or None if there is none."""
+        self.gather(a, FREEDOMS)
+        if self.gather(b, 1, keep=[a]) >= 1:
+            return None
+        return self.reach([a, b])
+
+    def moving_part(self, a: int, b: int) -> set[int]:
+        """Return the smallest set with both bodies and one freedom.
+
+        Valid where the whole has one freedom and no part is rigid: the sets with one
+        freedom that contain both bodies are then closed under intersection.
+        """
+        self.gather(a, FREEDOMS)
+        self.gather(b, 1, keep=[a])
+        return self.reach([a, b])
+
+    def merge(self, part: set[int], into: int) -> None:
+        """Make one body of a rigid part whose free pebbles were gathered on `into`."""
+        for body in part:
+            self.out[body] = []
+            self.free[body] = 0
+        self.free[into] = FREEDOMS
+        for body, targets in enumerate(self.out):
+            if body not in part:
+                self.out[body] = [into if t in part else t for t in targets]
+
+
+def graph_mobility(mechanism: Mechanism) -> int:
+    """Return 3 (m - 1) - 2 n_R - 2 n_Cr - n_Cs, the freedoms by counting."""
+    taken = sum(pair.constraints for pair in mechanism.pairs)
+    return FREEDOMS * (len(mechanism.links) - 1) - taken
+
+
+@final
+@dataclass(frozen=True)
+class Freedom:
+    """What counting says about a chain in which one input moves and others are locked.
+
+    `body[link]` is the smallest link of the rigid body that a link belongs to. `game` is
+    the played game on those bodies, for questions about parts of the chain; None where
+    the rank at a configuration decides instead.
+    """
+
+    body: tuple[int, ...]
+    game: Pebbles | None
+
+
+def counted_freedom(
+    mechanism: Mechanism,
+    driven: Sequence[int],
+    locked: Sequence[int] = (),
+    by_rank: bool = False,
+) -> Freedom:
+    """Check by counting that a mechanism is one piece with a freedom for each input.
+
+    Parameters
+    ----------
+    mechanism
+        Any chain of R, Cr and Cs pairs.
+    driven
+        Numbers of all driven pairs.
+    locked
+        Those of them that are locked. Parts that only they move become one body.
+    by_rank
+        Whether the rank at a configuration is known to say otherwise than the count.
+
+    Notes
+    -----
+    Counting does not decide where it leaves too few freedoms but the rank is known to
+    leave enough, nor for rolling pairs, which may make constraints redundant as in every
+    bevel pair whose axes are held apart. Too many freedoms by counting are too many by
+    rank.
+
+    Raises
+    ------
+    PlanError
+        Naming the links that are loose.
+    CountError
+        Naming the links that are rigid or over-constrained, the mobility, or the inputs
+        that are not independent freedoms.
+    """
+    _check_connected(mechanism)
+    try:
+        game = _play(mechanism)
+        _check_mobility(mechanism, driven)
+    except CountError:
+        rolls = any(pair.rolls for pair in mechanism.pairs)
+        if (by_rank or rolls) and graph_mobility(mechanism) <= len(driven):
+            return Freedom(merged(mechanism, locked), None)
+        raise
+    if locked:
+        return _locked(mechanism, driven, locked)
+    return Freedom(tuple(range(len(mechanism.links))), game)
+
+
+def _check_connected(mechanism: Mechanism) -> None:
+    parts = pieces(mechanism)
+    if len(parts) > 1:
+        loose = "; ".join(", ".join(part) for part in parts[1:])
+        raise PlanError(
+            f"{mechanism.name}: the graph is not connected: no pairs join the ground to "
+            f"[{loose}]; add the missing pairs or remove these links"
+        )
+
+
+def _check_mobility(mechanism: Mechanism, driven: Sequence[int]) -> None:
+    mobility = graph_mobility(mechanism)
+    if mobility != len(driven):
+        names = listing(mechanism.pairs[pair].name for pair in driven)
+        raise CountError(
+            f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = {mobility}, "
+            f"but the number of inputs is {len(driven)} ({names}); "
+            f"{inputs_to_declare(mobility)}"
+        )
+
+
+def inputs_to_declare(mobility: int) -> str:
+    """Return what to do about a mechanism with so many freedoms."""
+    pairs = "an R pair" if mobility == 1 else f"{mobility} R pairs"
+    return f"declare {pairs} as inputs, or add or remove pairs"
+
+
+def _play(mechanism: Mechanism) -> Pebbles:
+    """Play the game on all links; no part may be rigid."""
+    names = mechanism.links
+    game = Pebbles(len(names))
+    for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
+        for _ in range(pair.constraints):
+            if not game.insert(a, b):
+                stuck = sorted(game.reach([a, b]))
+                raise CountError(
+                    f"{mechanism.name}: over-constrained: links "
+                    f"[{', '.join(names[i] for i in stuck)}] cannot move relative to "
+                    f'each other already without pair "{pair.name}"; remove a pair or '
+                    "add a link"
+                )
+    for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
+        rigid = game.rigid_part(a, b)
+        if rigid is not None:
+            raise CountError(
+                f"{mechanism.name}: rigid: links "
+                f"[{', '.join(names[i] for i in sorted(rigid))}] cannot move relative to "
+                f'each other (pair "{pair.name}" is locked); remove a pair or merge these '
+                "links into one"
+            )
+    return game
+
+
+def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) -> Freedom:
+    """Play the game with inputs locked, and make one body of each part that is rigid."""
+    body = merged(mechanism, locked)
+    game = Pebbles(len(body))
+    left = [k for k in range(len(mechanism.pairs)) if k not in locked]
+    independent = True
+    for number in left:
+        a, b = (body[link] for link in mechanism.ends[number])
+        for _ in range(mechanism.pairs[number].constraints):
+            independent = independent and a != b and game.insert(a, b)
+    for number in left:
+        a, b = (body[link] for link in mechanism.ends[number])
+        part = game.rigid_part(a, b) if a != b else None
+        if part is not None:
+            into = min(part)
+            game.gather(into, FREEDOMS)
+            game.merge(part, into)
+            body = tuple(into if owner in part else owner for owner in body)
+    moved = [pair for pair in driven if pair not in locked]
+    for number in moved:
+        a, b = (body[link] for link in mechanism.ends[number])
+        independent = independent and a != b
+    if not independent:
+        names = [mechanism.pairs[pair].name for pair in driven]
+        others = listing(mechanism.pairs[pair].name for pair in locked)
+        raise CountError(
+            f"{mechanism.name}: the inputs {listing(names)} are not independent freedoms: "
+            f"with {others} locked, {listing(mechanism.pairs[k].name for k in moved)} "
+            "cannot move; choose other inputs"
+        )
+    return Freedom(body, game)
+
+
+@final
+@dataclass(frozen=True)
+class Group:
+    """Bodies that become one body when their pairs are closed together.
+
+    `bodies` are sets of link numbers already rigid relative to each other; the first
+    is the one the others are placed in. `ends[k]` are the positions in `bodies` that
+    pair `pairs[k]` joins, first link first. `redundant` says that it has more equations
+    than unknowns, which agree for the geometry given.
+    """
+
+    bodies: tuple[tuple[int, ...], ...]
+    pairs: tuple[int, ...]
+    ends: tuple[tuple[int, int], ...]
+    revolute: bool = True
+    redundant: bool = False
+
+    @property
+    def is_dyad(self) -> bool:
+        """Whether the group has the closed form of a spherical triangle."""
+        return self.revolute and len(self.bodies) == 3
+
+    @property
+    def dyad_places(self) -> tuple[int, int, int]:
+        """Positions in `pairs` of a dyad's: one outer, the middle, the other outer."""
+        near, middle, far = (
+            next(k for k, pair in enumerate(self.ends) if set(pair) == joined)
+            for joined in ({0, 1}, {1, 2}, {0, 2})
+        )
+        return near, middle, far
+
+    @property
+    def dyad_parity(self) -> int:
+        """1 if the middle, one and the other outer pair are in the order of `pairs`, or -1.
+
+        A dyad's sign, that of u_1 . (u_2 x u_3) of its axes in the order of `pairs`, is
+        this times that of the axes in the order named.
+        """
+        near, middle, far = self.dyad_places
+        return 1 if (middle, near, far) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
+
+    @property
+    def middle(self) -> int:
+        """The number of the pair in the middle of a dyad."""
+        return self.pairs[self.dyad_places[1]]
+
+    @property
+    def loops(self) -> int:
+        """Number of independent closed loops within the group."""
+        return len(self.pairs) - len(self.bodies) + 1
+
+    @property
+    def kind(self) -> str:
+        """The group's name: dyad, triad, or its count of links and loops."""
+        if self.is_dyad:
+            return "dyad"
+        if self.redundant:
+            return f"over-constrained group of {len(self.bodies)} bodies"
+        if not self.revolute:
+            return f"contact group of {len(self.bodies)} bodies"
+        if len(self.bodies) == 5:
+            return "triad"
+        return f"{len(self.bodies)}-body group with {self.loops} loops"
+
+
+@final
+@dataclass(frozen=True)
+class Assembly:
+    """The locked input pairs, then the groups in solving order.
+
+    `bodies[link]` is the smallest link that the locked inputs join a link to.
+    """
+
+    inputs: tuple[int, ...]
+    bodies: tuple[int, ...]
+    groups: tuple[Group, ...]
+
+    @property
+    def input(self) -> int:
+        """The number of the only driven pair; `PlanError` if there are several."""
+        if len(self.inputs) != 1:
+            raise PlanError(
+                f"this works for mechanisms with one input, not with {len(self.inputs)}; "
+                "lock the others: --lock PAIR=VALUE, or spherekit.lock"
+            )
+        return self.inputs[0]
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether every group is a dyad."""
+        return all(group.is_dyad for group in self.groups)
+
+
+def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
+    """Return the groups of a mechanism whose input pairs are locked.
+
+    With `by_rank` it has as many freedoms as inputs by rank, though not by counting.
+
+    Raises
+    ------
+    PlanError
+        If there is not one freedom for each input, an input is a contact pair or no
+        independent freedom, or a part is rigid.
+    """
+    inputs = driven_pairs(mechanism)
+    counted = counted_freedom(mechanism, inputs, inputs[1:], by_rank)
+    merged_links = merged(mechanism, inputs)
+    open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
+    if counted.game is not None:
+        return Assembly(inputs, merged_links, split(mechanism, merged_links, open_pairs))
+    meshes = held_meshes(mechanism)
+    try:
+        groups = split(mechanism, merged_links, open_pairs, meshes)
+    except CountError:
+        groups = (_whole(mechanism, list(merged_links), open_pairs),)
+    return Assembly(inputs, merged_links, groups)
+
+
+def split(
+    mechanism: Mechanism,
+    bodies: tuple[int, ...],
+    pairs: Iterable[int],
+    meshes: Collection[int] = (),
+) -> tuple[Group, ...]:
+    """Return the groups of a structure without freedom, in solving order.
+
+    `bodies[link]` is the smallest link of its body, `pairs` are the numbers of the pairs
+    that join bodies; links that none of them reaches are left out. Of `meshes` one
+    constraint counts, the other repeats what else holds their wheels.
+
+    Raises
+    ------
+    CountError
+        If the bodies that the pairs join could move, or are over-constrained.
+    """
+    body_of = list(bodies)
+    open_pairs = {n: mechanism.ends[n] for n in pairs}
+    taken = [
+        1 if n in meshes else pair.constraints for n, pair in enumerate(mechanism.pairs)
+    ]
+    game = Pebbles(len(mechanism.links))
+    covered = True
+    for n, ends in open_pairs.items():
+        one, other = body_of[ends[0]], body_of[ends[1]]
+        for _ in range(taken[n]):
+            covered = one != other and game.insert(one, other) and covered
+    joined = {body_of[link] for ends in open_pairs.values() for link in ends}
+    equations = sum(taken[n] for n in open_pairs)
+    if open_pairs and not (covered and equations == FREEDOMS * (len(joined) - 1)):
+        raise CountError(
+            f"{mechanism.name}: {len(joined)} bodies joined by {len(open_pairs)} pairs are "
+            "no structure that can just be assembled"
+        )
+    groups: list[Group] = []
+    while open_pairs:
+        part = _smallest_part(game, open_pairs, body_of, taken)
+        base = _base(part, body_of)
+        members = {body: _links_of(body, body_of) for body in part}
+        order = [base, *sorted(part - {base}, key=lambda body: members[body])]
+        position = {body: k for k, body in enumerate(order)}
+        inside = [
+            n
+            for n, ends in open_pairs.items()
+            if body_of[ends[0]] in part and body_of[ends[1]] in part
+        ]
+        groups.append(
+            Group(
+                bodies=tuple(members[body] for body in order),
+                pairs=tuple(inside),
+                ends=tuple(
+                    (
+                        position[body_of[open_pairs[n][0]]],
+                        position[body_of[open_pairs[n][1]]],
+                    )
+                    for n in inside
+                ),
+                revolute=all(mechanism.pairs[n].kind.has_axis for n in inside),
+                redundant=any(n in meshes for n in inside),
+            )
+        )
+        game.gather(base, 3)
+        game.merge(part, base)
+        body_of = [base if body in part else body for body in body_of]
+        for n in inside:
+            del open_pairs[n]
+    return tuple(groups)
+
+
+def _whole(mechanism: Mechanism, body_of: list[int], pairs: list[int]) -> Group:
+    """Return all bodies as one group, for mechanisms with redundant constraints."""
+    bodies = sorted(set(body_of), key=lambda body: (body != body_of[0], body))
+    position = {body: k for k, body in enumerate(bodies)}
+    ends = [mechanism.ends[n] for n in pairs]
+    return Group(
+        bodies=tuple(_links_of(body, body_of) for body in bodies),
+        pairs=tuple(pairs),
+        ends=tuple((position[body_of[a]], position[body_of[b]]) for a, b in ends),
+        revolute=False,
+        redundant=True,
+    )
+
+
+def _links_of(body: int, body_of: list[int]) -> tuple[int, ...]:
+    return tuple(link for link, owner in enumerate(body_of) if owner == body)
+
+
+def _base(part: set[int], body_of: list[int]) -> int:
+    """The body with the ground if there is one, else the largest, else the first."""
+    ground = body_of[0]
+    if ground in part:
+        return ground
+    return min(part, key=lambda body: (-body_of.count(body), body))
+
+
+def _smallest_part(
+    game: Pebbles,
+    open_pairs: dict[int, tuple[int, int]],
+    body_of: list[int],
+    taken: list[int],
+) -> set[int]:
+    joined: dict[int, set[int]] = {}
+    for one, other in open_pairs.values():
+        a, b = body_of[one], body_of[other]
+        joined.setdefault(a, set()).add(b)
+        joined.setdefault(b, set()).add(a)
+    if all(taken[n] == 2 for n in open_pairs):
+        for a in sorted(joined):
+            for b in sorted(joined[a]):
+                common = joined[a] & joined[b]
+                if b > a and common:
+                    return {a, b, min(common)}
+    best: set[int] | None = None
+    for a in sorted(joined):
+        game.gather(a, 3)
+        for b in sorted(joined[a]):
+            if b > a:
+                part = game.reach([a, b])
+                if best is None or len(part) < len(best):
+                    best = part
+    assert best is not None
+    return best

@@ -13,7 +13,7 @@ from spherekit.model.actions import used_links, used_pairs
 from spherekit.model.load import Load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import LinkSizes, PoseGeometry, SizeGeometry
-from spherekit.planning.assembly import Assembly, plan_assembly
+from spherekit.planning.inputs import Assembly, plan_assembly
 
 
 def needed_groups(
@@ -103,7 +103,7 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     Raises
     ------
     PlanError
-        See `spherekit.planning.assembly.plan_assembly`.
+        See `spherekit.planning.inputs.plan_assembly`.
     """
     wanted = frozenset(links)
     try:

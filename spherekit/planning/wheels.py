@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import TURN
-from spherekit.model.geometry import geometry_of
+from spherekit.model.gears import geometry_of
 from spherekit.model.joints import Joint, Track, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, cross

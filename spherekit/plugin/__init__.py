@@ -13,11 +13,11 @@ from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
     from spherekit.analysis.batch import Batch as Batch
+    from spherekit.analysis.batch import Needs as Needs
     from spherekit.analysis.contract import AbstractAnalysis as AbstractAnalysis
     from spherekit.analysis.contract import Findings as Findings
     from spherekit.analysis.contract import Sweep as Sweep
     from spherekit.analysis.link_scenes import link_bodies as link_bodies
-    from spherekit.analysis.needs import Needs as Needs
     from spherekit.analysis.registry import registered as registered
     from spherekit.analysis.scene import Arrow as Arrow
     from spherekit.analysis.scene import Axis as Axis

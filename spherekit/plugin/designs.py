@@ -6,8 +6,8 @@ from spherekit.lazily import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
-    from spherekit.analysis.merit import REDUCTIONS as REDUCTIONS
-    from spherekit.analysis.merit import Merit as Merit
+    from spherekit.analysis.contract import REDUCTIONS as REDUCTIONS
+    from spherekit.analysis.contract import Merit as Merit
     from spherekit.design.sensitivity import Deviations as Deviations
     from spherekit.design.sensitivity import Distribution as Distribution
     from spherekit.design.sensitivity import Sensitivity as Sensitivity

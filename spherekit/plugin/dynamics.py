@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from spherekit.model.actions import acting_links as acting_links
     from spherekit.model.actions import used_links as used_links
     from spherekit.model.actions import used_pairs as used_pairs
-    from spherekit.model.bearings import Bearings as Bearings
-    from spherekit.motion.timing import Timing as Timing
+    from spherekit.model.dynamics import Bearings as Bearings
+    from spherekit.motion.motion import Timing as Timing
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

@@ -13,6 +13,6 @@ if TYPE_CHECKING:
     from spherekit.planning.poles import LinePole as LinePole
     from spherekit.planning.poles import Plan as Plan
     from spherekit.planning.poles import PrimaryPole as PrimaryPole
-    from spherekit.planning.table import describe as describe
+    from spherekit.planning.poles import describe as describe
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

@@ -7,6 +7,7 @@ from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
     from spherekit.guidance.follow import follow_rotation as follow_rotation
+    from spherekit.guidance.loci import mid_plane_form as mid_plane_form
     from spherekit.guidance.mid_plane_architecture import (
         MidPlaneArchitecture as MidPlaneArchitecture,
     )
@@ -28,18 +29,17 @@ if TYPE_CHECKING:
     from spherekit.guidance.rotation import Timetable as Timetable
     from spherekit.guidance.rotation import dead_centre as dead_centre
     from spherekit.guidance.rotation import quickest as quickest
-    from spherekit.guidance.symmetry import mid_plane_form as mid_plane_form
-    from spherekit.model.geometry import link_axes as link_axes
-    from spherekit.model.outputs import chosen_output as chosen_output
-    from spherekit.numeric.turns import wrap as wrap
-    from spherekit.sphere.mirror import mirror_angles as mirror_angles
-    from spherekit.sphere.mirror import normal_at as normal_at
-    from spherekit.sphere.mirror import normals_of as normals_of
+    from spherekit.model.gears import link_axes as link_axes
+    from spherekit.model.mechanism import chosen_output as chosen_output
+    from spherekit.numeric.crossings import wrap as wrap
+    from spherekit.sphere.rotation import azimuth_tilt as azimuth_tilt
     from spherekit.sphere.rotation import from_quaternion as from_quaternion
+    from spherekit.sphere.rotation import from_tilt_torsion as from_tilt_torsion
+    from spherekit.sphere.rotation import mirror_angles as mirror_angles
+    from spherekit.sphere.rotation import normal_at as normal_at
+    from spherekit.sphere.rotation import normals_of as normals_of
+    from spherekit.sphere.rotation import pointing as pointing
     from spherekit.sphere.rotation import quaternion as quaternion
-    from spherekit.sphere.tilt_torsion import azimuth_tilt as azimuth_tilt
-    from spherekit.sphere.tilt_torsion import from_tilt_torsion as from_tilt_torsion
-    from spherekit.sphere.tilt_torsion import pointing as pointing
-    from spherekit.sphere.tilt_torsion import tilt_torsion as tilt_torsion
+    from spherekit.sphere.rotation import tilt_torsion as tilt_torsion
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

@@ -6,37 +6,37 @@ from spherekit.lazily import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
-    from spherekit.budget import Budget as Budget
+    from spherekit.guarantee import Budget as Budget
     from spherekit.guarantee import Claim as Claim
     from spherekit.guidance.loci import mid_plane_loci as mid_plane_loci
-    from spherekit.motion.assemblies import group_signs as group_signs
+    from spherekit.motion.elimination import group_signs as group_signs
     from spherekit.singular.aspects import Aspects as Aspects
     from spherekit.singular.aspects import aspects as aspects
-    from spherekit.singular.conditions import RelationAt as RelationAt
     from spherekit.singular.curves import SingularCurves as SingularCurves
     from spherekit.singular.curves import locus_key as locus_key
     from spherekit.singular.curves import singular_curves as singular_curves
     from spherekit.singular.grashof import Grashof as Grashof
+    from spherekit.singular.grashof import NearMiss as NearMiss
     from spherekit.singular.grashof import grashof as grashof
-    from spherekit.singular.near_misses import NearMiss as NearMiss
-    from spherekit.singular.near_misses import least_transmission as least_transmission
-    from spherekit.singular.near_misses import near_misses as near_misses
-    from spherekit.singular.points import CurveSeen as CurveSeen
-    from spherekit.singular.points import LocusName as LocusName
-    from spherekit.singular.points import SingularPoints as SingularPoints
+    from spherekit.singular.grashof import least_transmission as least_transmission
+    from spherekit.singular.grashof import near_misses as near_misses
+    from spherekit.singular.locus import Cut as Cut
+    from spherekit.singular.locus import cut as cut
+    from spherekit.singular.locus import solver_of as solver_of
+    from spherekit.singular.record import RelationAt as RelationAt
     from spherekit.singular.record import SingularPoint as SingularPoint
     from spherekit.singular.relation import SixPoles as SixPoles
     from spherekit.singular.relation import Type as Type
     from spherekit.singular.sampled import RelationMeasures as RelationMeasures
     from spherekit.singular.sampled import SampledSingularities as SampledSingularities
+    from spherekit.singular.several import CurveSeen as CurveSeen
+    from spherekit.singular.several import LocusName as LocusName
     from spherekit.singular.several import OutputCoefficients as OutputCoefficients
     from spherekit.singular.several import RowType as RowType
+    from spherekit.singular.several import SingularPoints as SingularPoints
     from spherekit.singular.several import coefficients as coefficients
     from spherekit.singular.several import what_vanishes as what_vanishes
     from spherekit.singular.single import ordered_pole as ordered_pole
-    from spherekit.singular.slices import Cut as Cut
-    from spherekit.singular.slices import cut as cut
-    from spherekit.singular.slices import solver_of as solver_of
     from spherekit.singular.starts import ranges_of as ranges_of
     from spherekit.singular.stationarity import output_of as output_of
     from spherekit.singular.surface import SingularSurface as SingularSurface

@@ -10,24 +10,24 @@ if TYPE_CHECKING:
     from spherekit.analysis.numbers import read_numbers as read_numbers
     from spherekit.motion.assembly_modes import label_of as label_of
     from spherekit.region.mesh import sphere_mesh as sphere_mesh
-    from spherekit.region.region import Part as Part
-    from spherekit.region.region import Region as Region
-    from spherekit.region.region import find_region as find_region
-    from spherekit.workspace.constraints import AngleLimit as AngleLimit
-    from spherekit.workspace.constraints import AxesLimit as AxesLimit
-    from spherekit.workspace.constraints import Constraints as Constraints
-    from spherekit.workspace.constraints import PairLimit as PairLimit
-    from spherekit.workspace.constraints import bounds_of as bounds_of
+    from spherekit.region.refine import Part as Part
+    from spherekit.region.refine import Region as Region
+    from spherekit.region.refine import find_region as find_region
     from spherekit.workspace.inverse import closed_kinematics as closed_kinematics
     from spherekit.workspace.inverse import output_kinematics as output_kinematics
-    from spherekit.workspace.kinematics import ClosedKinematics as ClosedKinematics
-    from spherekit.workspace.kinematics import OutputKinematics as OutputKinematics
+    from spherekit.workspace.rows import AngleLimit as AngleLimit
+    from spherekit.workspace.rows import AxesLimit as AxesLimit
+    from spherekit.workspace.rows import Constraints as Constraints
     from spherekit.workspace.rows import InverseRows as InverseRows
+    from spherekit.workspace.rows import PairLimit as PairLimit
+    from spherekit.workspace.rows import bounds_of as bounds_of
     from spherekit.workspace.rows import sense_of as sense_of
     from spherekit.workspace.rows import turns_of as turns_of
+    from spherekit.workspace.workspace import ClosedKinematics as ClosedKinematics
     from spherekit.workspace.workspace import DirectionWorkspace as DirectionWorkspace
     from spherekit.workspace.workspace import Judged as Judged
     from spherekit.workspace.workspace import OrientationWorkspace as OrientationWorkspace
+    from spherekit.workspace.workspace import OutputKinematics as OutputKinematics
     from spherekit.workspace.workspace import direction_workspaces as direction_workspaces
     from spherekit.workspace.workspace import judge as judge
     from spherekit.workspace.workspace import nearest_poses as nearest_poses

@@ -1,20 +1,263 @@
 """Certificates: what was proven, with all that a checker needs to prove it again."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, final
+
+import numpy as np
 
 from spherekit.guarantee import Guarantee
-from spherekit.proof.balls import Ball, bits, exact, middle, parts_of, upper
+from spherekit.numeric.crossings import wrap
+from spherekit.proof.along import Stop
+from spherekit.proof.balls import (
+    Ball,
+    bits,
+    complex_ball,
+    exact,
+    lower,
+    matrix,
+    middle,
+    parts_of,
+    solved,
+    upper,
+)
 from spherekit.proof.construction import Across, Construction
 from spherekit.proof.curves import CertifiedCurves
-from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED, InputMap
+from spherekit.proof.equations import Equations
+from spherekit.proof.gears import Written
 from spherekit.proof.modes import CertifiedModes
-from spherekit.proof.poles import CertifiedPole
+from spherekit.proof.paving import CONTAINS, REGULAR, UNDECIDED, InputMap
 from spherekit.proof.roots import Root
-from spherekit.proof.singular import CertifiedSingularities
 from spherekit.proof.systems import SolvedSystem
-from spherekit.proof.written import Written
 from spherekit.version import __version__
+
+ROUNDING = 1e-12
+"""More than inputs (rad) are off by in float64."""
+
+
+@final
+@dataclass(frozen=True)
+class CertifiedSingularity:
+    """A singular configuration of an output: exactly one within `stop.off` of its place.
+
+    `kind` is I, II, or "I or III" and "II or III" where the other one stops as near.
+    `q` (rad) is the input, `inside` whether it is in the range.
+    """
+
+    output: str
+    kind: str
+    curve: int
+    stop: Stop
+    q: float
+    inside: bool
+
+
+@final
+@dataclass(frozen=True)
+class CertifiedSingularities:
+    """All singularities of types I and II of outputs along certified curves.
+
+    `undecided` counts the parts in which one may be; `skipped` are outputs that no variable
+    of the construction is the rate of, of which only type II is known. `low` to `high`
+    (rad) is the range of the input, a whole turn if `whole`; `complete` says that all
+    curves are known. At `dead_centres` the input stops, at the inputs `crossed` (rad)
+    curves cross or nearly do, and at those of `still` there are whole curves of modes.
+    An output of `resting` is at rest all along the curve of that number. Inputs are `laps`
+    times the variables of places.
+    """
+
+    points: tuple[CertifiedSingularity, ...]
+    undecided: int
+    skipped: tuple[str, ...]
+    low: float
+    high: float
+    whole: bool
+    complete: bool
+    dead_centres: tuple[Stop, ...]
+    crossed: tuple[tuple[float, float], ...] = ()
+    still: tuple[float, ...] = ()
+    resting: tuple[tuple[str, int], ...] = ()
+    laps: int = 1
+
+    def clearance(self, q: float) -> float:
+        """Return how far (rad) the input may go from q before a singularity, at least.
+
+        In all modes, both ways, and not beyond the range; 0 where not all is proven.
+        """
+        if not self.complete or self.undecided:
+            return 0.0
+        ends = [] if self.whole else [q - self.low, self.high - q]
+        stops = (*self.dead_centres, *(point.stop for point in self.points))
+        places = [
+            *((self.laps * float(s.place[-1]), self.laps * s.off) for s in stops),
+            *self.crossed,
+            *((place, 0.0) for place in self.still),
+        ]
+        half = np.pi * self.laps
+        gaps = [
+            abs(float(np.remainder(place - q + half, 2.0 * half)) - half) - off
+            for place, off in places
+        ]
+        return max(min([*gaps, *ends, half]) - self.laps * ROUNDING, 0.0)
+
+
+def pair_of_output(written: Written, name: str) -> int | None:
+    """Return the pair that joins an output to what it is seen from, None without one."""
+    mechanism = written.mechanism
+    output = next(declared for declared in mechanism.outputs if declared.name == name)
+    two = {mechanism.link(output.link), mechanism.link(output.relative_to)}
+    for number, ends in enumerate(written.structure.ends):
+        if set(ends) == two:
+            return number
+    return None
+
+
+def output_pairs(written: Written) -> list[int]:
+    """Return the pairs that join outputs to what they are seen from."""
+    pairs = (pair_of_output(written, output.name) for output in written.mechanism.outputs)
+    return [pair for pair in pairs if pair is not None]
+
+
+def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
+    """Return the singularities of all declared outputs but the input itself."""
+    mechanism, made = curves.written.mechanism, curves.construction
+    points: list[CertifiedSingularity] = []
+    undecided = sum(len(doubts) for _, doubts in curves.stopping)
+    undecided += curves.open_arms(curves.driven)
+    skipped: list[str] = []
+    resting: list[tuple[str, int]] = []
+    for output in mechanism.outputs:
+        pair = pair_of_output(curves.written, output.name)
+        if pair == made.pairs[curves.driven] or pair in curves.equations.offsets:
+            continue
+        has_angle = pair is not None and pair in made.pairs
+        variable = made.pairs.index(pair) if pair is not None and has_angle else None
+        stops = None if variable is None else curves.stops_of(variable)
+        if variable is not None:
+            undecided += curves.open_arms(variable)
+            still = enumerate(curves.still_in(variable))
+            resting += [(output.name, curve) for curve, rests in still if rests]
+        if stops is None:
+            skipped.append(output.name)
+        for curve, (driven, _) in enumerate(curves.stopping):
+            rests, doubts = stops[curve] if stops is not None else ([], [])
+            undecided += len(doubts)
+            for kind, one, others in (("I", rests, driven), ("II", driven, rests)):
+                for stop in one:
+                    near = any(_meet(stop, other) for other in others)
+                    words = f"{kind} or III" if near else kind
+                    inside = curves.inside(curves.input_at(stop.place))
+                    q = curves.input_at(stop.place) if inside is None else inside
+                    points.append(
+                        CertifiedSingularity(
+                            output.name, words, curve, stop, q, inside is not None
+                        )
+                    )
+    points.sort(key=lambda point: (point.output, point.kind, point.q))
+    complete = curves.claim.guarantee is Guarantee.CERTIFIED
+    return CertifiedSingularities(
+        tuple(points),
+        undecided,
+        tuple(skipped),
+        curves.low,
+        curves.high,
+        curves.whole,
+        complete,
+        tuple(stop for found_on, _ in curves.stopping for stop in found_on),
+        tuple(
+            (curves.input_at(saddle.centre), curves.input_at(saddle.zone))
+            for saddle in curves.crossings.saddles
+        ),
+        tuple(curves.still_at),
+        tuple(resting),
+        curves.laps,
+    )
+
+
+def _meet(one: Stop, other: Stop) -> bool:
+    """Return whether two stops may be at the same configuration."""
+    apart = wrap(one.place - other.place)
+    return bool(np.all(np.abs(apart) <= one.off + other.off))
+
+
+@final
+@dataclass(frozen=True)
+class CertifiedPole:
+    """The pole of link `first` relative to `second`, while one input moves at unit rate.
+
+    `direction` are three balls in ground axes, `coefficient` a ball, not negative: the
+    angular velocity is the coefficient times the direction. Where it may vanish,
+    `direction` is None.
+    """
+
+    mode: int
+    driven: int
+    first: int
+    second: int
+    direction: tuple[Ball, Ball, Ball] | None
+    coefficient: Ball
+
+
+def certified_poles(modes: CertifiedModes) -> list[CertifiedPole]:
+    """Return the poles of all pairs of links in all certified real modes.
+
+    With several inputs each moves in turn, the others locked.
+    """
+    with modes.sharp() as (equations, places):
+        return [
+            pole
+            for number, place in enumerate(places)
+            for pole in enclosed_poles(equations, place, number)
+        ]
+
+
+def enclosed_poles(
+    equations: Equations, places: Sequence[Ball], mode: int = 0
+) -> Iterator[CertifiedPole]:
+    """Yield the poles of all pairs of links at narrow balls of all variables."""
+    made = equations.construction
+    for column in range(made.unknowns, made.unknowns + made.inputs):
+        turning = _angular_velocities(equations, places, column)
+        yield from _poles(mode, made.pairs[column], turning)
+
+
+def _angular_velocities(
+    equations: Equations, places: Sequence[Ball], driven: int
+) -> list[list[Ball]]:
+    """Return the angular velocities of all links relative to the root, in ground axes."""
+    _, slopes = equations.arrays(places)
+    count, bodies = equations.unknowns, equations.written.structure.bodies
+    inputs = [float(v + count == driven) for v in range(equations.construction.inputs)]
+    following = [row[driven - count] for row in equations.written.ratios()]
+    rates = [complex_ball(rate) for rate in (*map(exact, inputs), *following)]
+    if count:
+        right = -(slopes[:, count:] @ np.array(rates))
+        unknown = solved(matrix(slopes[:, :count]), matrix(right[:, None])).entries()
+        rates = [*unknown, *rates]
+    placed = equations.orientations(places, 1)
+    velocities = np.full((bodies, 3), complex_ball(0j), dtype=object)
+    for link, jet in placed.items():
+        parts = [jet[(v,)] * rate for v, rate in enumerate(rates) if (v,) in jet]
+        if parts and link < bodies:
+            spin = sum(parts[1:], parts[0]) * jet[()].transpose()
+            velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
+    if equations.construction.root != 0:
+        velocities = velocities @ np.array(placed[0][()].tolist())
+    return [[entry.real for entry in velocity] for velocity in velocities]
+
+
+def _poles(
+    mode: int, driven: int, turning: Sequence[Sequence[Ball]]
+) -> Iterator[CertifiedPole]:
+    for second, first in combinations(range(len(turning)), 2):
+        pairs = zip(turning[first], turning[second], strict=True)
+        x, y, z = (a - b for a, b in pairs)
+        size = (x * x + y * y + z * z).sqrt()
+        turns = lower(size) > 0.0
+        direction = (x / size, y / size, z / size) if turns else None
+        yield CertifiedPole(mode, driven, first, second, direction, size)
+
 
 FORMAT = 1
 WHEEL_BITS = 80

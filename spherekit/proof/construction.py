@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.planning.inputs import merged
-from spherekit.proof.structure import Structure
-from spherekit.proof.written import Written
+from spherekit.proof.gears import Structure, Written
 
 MOST_ORDERS = 20000
 """Orders looked at; those of eight-bars are some hundred."""

@@ -16,17 +16,16 @@ import numpy as np
 from spherekit.conventions import TURN
 from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.proof.along import Doubt, Stop, stops
+from spherekit.proof.along import Chain, Doubt, Range, Stop, stops
 from spherekit.proof.balls import bits, exact, middle, pi, upper
-from spherekit.proof.chains import Chain, Range
 from spherekit.proof.construction import Construction, construct, turned_together
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
+from spherekit.proof.gears import Written
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
-from spherekit.proof.saddles import Saddle
 from spherekit.proof.search import OVERLAPPING, Search
+from spherekit.proof.slopes import Saddle
 from spherekit.proof.tubes import Piece
-from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
 PRECISION = 80

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from spherekit.files.document import LiteralNumber
 from spherekit.model.parts import SizeGeometry
-from spherekit.numeric.turns import wrap
+from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import (
     Ball,
     angle_of,
@@ -34,11 +34,10 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.construction import Across, Onto
 from spherekit.proof.equations import Equations
+from spherekit.proof.gears import Written
 from spherekit.proof.roots import maps_inside
-from spherekit.proof.saddles import Saddle, saddle_near
-from spherekit.proof.slopes import Quadrant
+from spherekit.proof.slopes import Quadrant, Saddle, saddle_near
 from spherekit.proof.tubes import Piece
-from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
 NEAR = 1e-9

@@ -6,28 +6,150 @@ says of the distance of the axes; decimal numbers can say both only nearly, so t
 circles that touch nearly are taken to touch.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import final
+from functools import cached_property
+from typing import Any, final
 
 import numpy as np
 
+from spherekit.conventions import listing
 from spherekit.errors import PlanError
-from spherekit.planning.wheels import Mesh, Way, back, least_rolled
+from spherekit.files.document import Document, LiteralNumber, parse
+from spherekit.files.read import read
+from spherekit.files.write import dumps
+from spherekit.model.gears import carrier_of
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Pair, PoseGeometry, Profile
+from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.wheels import Mesh, Way, back, least_rolled, mesh_of
 from spherekit.proof.balls import (
+    Arcs,
     Ball,
     Balls,
+    Frame,
+    Frames,
+    Vector,
     angle_of,
+    axes_about,
+    carried,
+    decimal,
+    exact,
     exactly,
     floats,
+    frames_of_pose,
+    frames_of_sizes,
     matrix,
+    middle,
     pi,
     solved,
     solved_exactly,
+    unit,
+    wide,
 )
-from spherekit.proof.frames import Frame, Vector, carried
-from spherekit.proof.structure import Structure
+
+
+@final
+@dataclass(frozen=True)
+class Coupler:
+    """The link that stands for a sliding contact, and its pairs with the two links of it.
+
+    `contact` is the number of the contact among the pairs of the mechanism.
+    """
+
+    contact: int
+    link: int
+    pairs: tuple[int, int]
+
+
+@final
+@dataclass(frozen=True)
+class Structure:
+    """Links and R pairs: those of a mechanism in their order, and then those of couplers.
+
+    `inputs` are the driven pairs; the angles of `followers` are fixed by the inputs through
+    wheels. `wheels` are the numbers of rolling contacts among the pairs of the mechanism.
+    """
+
+    name: str
+    links: tuple[str, ...]
+    pairs: tuple[str, ...]
+    ends: tuple[tuple[int, int], ...]
+    inputs: tuple[int, ...]
+    couplers: tuple[Coupler, ...] = ()
+    wheels: tuple[int, ...] = ()
+    followers: tuple[int, ...] = ()
+
+    @property
+    def bodies(self) -> int:
+        """The number of links that are no couplers."""
+        return len(self.links) - len(self.couplers)
+
+    @cached_property
+    def pair_number(self) -> Mapping[str, int]:
+        """Position of each pair in `pairs`, by name."""
+        return {name: number for number, name in enumerate(self.pairs)}
+
+
+def structure_of(mechanism: Mechanism) -> Structure:
+    """Return the structure of a mechanism, the wheels of rolling contacts not yet in mesh.
+
+    Raises
+    ------
+    PlanError
+        If a contact is none of two circles.
+    """
+    links, pairs, ends = list(mechanism.links), [], []
+    for pair, two in zip(mechanism.pairs, mechanism.ends, strict=True):
+        if pair.kind.has_axis:
+            pairs.append(pair.name)
+            ends.append(two)
+    couplers, rolling = [], []
+    for number, (pair, two) in enumerate(zip(mechanism.pairs, mechanism.ends, strict=True)):
+        if pair.kind.has_axis:
+            continue
+        profiles = zip(pair.links, pair.profiles or (), strict=True)
+        shaped = [link for link, profile in profiles if not is_circle(profile)]
+        if shaped:
+            raise PlanError(
+                f"{mechanism.name}: pair {pair.name} is a contact whose profile on "
+                f"{listing(shaped)} is no circle; proofs are for R and P pairs and for "
+                "contacts of circles"
+            )
+        if pair.kind.freedoms == 1:
+            rolling.append(number)
+            continue
+        links.append(_new(pair.name, links))
+        halves = []
+        for link, end in zip(pair.links, two, strict=True):
+            halves.append(len(pairs))
+            pairs.append(_new(f"{pair.name}_{link}", pairs))
+            ends.append((end, len(links) - 1))
+        couplers.append(Coupler(number, len(links) - 1, (halves[0], halves[1])))
+    names = [mechanism.pairs[number].name for number in driven_pairs(mechanism)]
+    return Structure(
+        mechanism.name,
+        tuple(links),
+        tuple(pairs),
+        tuple(ends),
+        tuple(pairs.index(name) for name in names),
+        tuple(couplers),
+        tuple(rolling),
+    )
+
+
+def is_circle(profile: Profile) -> bool:
+    """Return whether a profile is a circle, great or not, about its centre."""
+    return not (profile.points or profile.cosines or profile.sines)
+
+
+def _new(name: str, taken: list[str]) -> str:
+    """Return a name that is not taken, by underscores at its end."""
+    while name in taken:
+        name += "_"
+    return name
 
 
 @final
@@ -210,3 +332,284 @@ class Train:
         for pair, side in way:
             vector = carried(vector, self.frames[pair][side], self.frames[pair][1 - side])
         return vector
+
+
+PHASE = 1e-13
+"""A start that the reader finds of a phase is known to this (rad)."""
+
+
+@final
+@dataclass(frozen=True)
+class Written:
+    """A mechanism with the text of its file, and by how much its sizes may be off.
+
+    `tolerance` (rad) is that of every arc, angle, zero and direction of the file.
+    `structure` are the links and R pairs that it stands for, `meshes` its wheels in mesh
+    and `turns` those with which they are put together.
+    """
+
+    mechanism: Mechanism
+    document: Document
+    tolerance: float
+    structure: Structure
+    meshes: tuple[Mesh, ...] = ()
+    turns: tuple[tuple[int, int], ...] = ()
+
+    @staticmethod
+    def of(
+        mechanism: Mechanism, document: Document | None = None, tolerance: float = 0.0
+    ) -> "Written":
+        """Return a mechanism with its document, by default the one it is written as.
+
+        Raises
+        ------
+        PlanError
+            If it has contacts that are not of circles, or circles that roll by what does
+            not follow from the inputs, or the tolerance is negative.
+        """
+        structure = structure_of(mechanism)
+        if not 0.0 <= tolerance < 0.1:
+            raise PlanError(
+                f"a tolerance of {tolerance} rad makes no sense; give 1e-9, say"
+            )
+        if document is None:
+            document = parse(dumps(mechanism), mechanism.name)
+            assert read(document) == mechanism or mechanism.user
+        made = Written(mechanism, document, tolerance, structure)
+        return made._in_mesh() if structure.wheels else made
+
+    def frames(self) -> list[tuple[Frame, Frame]]:
+        """Return the frames of every pair of the structure in its two links."""
+        made = self.r_frames()
+        frames = [made[name] for name in self.structure.pairs if name in made]
+        for coupler in self.structure.couplers:
+            pair = self.mechanism.pairs[coupler.contact]
+            frames += _coupler_frames(self._circles(pair, made))
+        return frames
+
+    def given(self, inputs: Sequence[Ball]) -> list[Ball]:
+        """Return the angles (rad) of the inputs and of all pairs that follow from them."""
+        return [*inputs, *(self._train().angles(inputs) if self.meshes else ())]
+
+    def ratios(self) -> list[list[Ball]]:
+        """Return the rates (followers, inputs) of the angles that wheels fix."""
+        return self._train().ratios() if self.meshes else []
+
+    def exact_ratios(self) -> list[Fraction] | None:
+        """Return the rates of the followers by the only input, None if not exact."""
+        return self._train().exact_ratios() if self.meshes else []
+
+    def motion_columns(self) -> list[tuple[str, float]]:
+        """Return the column of the table motion and the factor of each pair's angle.
+
+        The angles of couplers are lengths over the sines of radii there.
+        """
+        columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
+        for coupler in self.structure.couplers:
+            pair = self.mechanism.pairs[coupler.contact]
+            contact = self._touching(coupler.contact)
+            names = pair.kind.variable_names(pair.name, pair.links)
+            for side, sense in ((0, 1), (1, contact.sense)):
+                sine = middle(contact.circles[side].radius.sin())
+                columns[coupler.pairs[side]] = names[side], sense / sine
+        return columns
+
+    def item(self, pair: str) -> Mapping[str, Any]:
+        """Return the table of a pair in the file."""
+        table: Mapping[str, Any] = self.document.data["pairs"][pair]
+        return table
+
+    def _touching(self, contact: int) -> Touching:
+        return self._circles(self.mechanism.pairs[contact], self.r_frames())
+
+    def _starts(self, contact: int) -> tuple[Ball, Ball]:
+        """Return the lengths (rad) along both circles at which a contact starts."""
+        pair = self.mechanism.pairs[contact]
+        item = self.item(pair.name)
+        if "phase" in item:
+            one, other = (wide(exact(length), PHASE) for length in pair.start)
+            return one, other
+        one, other = (self.angle(length, False) for length in item.get("start", (0.0, 0.0)))
+        return one, other
+
+    def _train(self) -> Train:
+        """Return the wheels in mesh in balls of the present precision."""
+        given, names, reference = self.mechanism.geometry, self.structure.pairs, None
+        if isinstance(given, PoseGeometry):
+            values = self._angles("value")
+            zero = exact(0.0)
+            reference = np.array([values.get(name, zero) for name in names])
+        contacts = [mesh.contact for mesh in self.meshes]
+        circles = [self._touching(contact) for contact in contacts]
+        starts = [self._starts(contact) for contact in contacts]
+        frames = self.frames()
+        return Train(
+            self.structure, self.meshes, circles, starts, frames, reference, self.turns
+        )
+
+    def _in_mesh(self) -> "Written":
+        """Return the same with its wheels in mesh."""
+        structure, mechanism = self.structure, self.mechanism
+        axes = {
+            pair: (floats(one[2]), floats(other[2]))
+            for pair, (one, other) in enumerate(self.frames())
+        }
+        meshes = []
+        for contact in structure.wheels:
+            touch, two = self._touching(contact), (contact, mechanism.ends[contact])
+            first, second = (floats(circle.axes[2]) for circle in touch.circles)
+            cosine = float(np.cos(middle(touch.arc)))
+            mesh = mesh_of(structure.ends, axes, two, (first, second), cosine)
+            if mesh is None:
+                pair = mechanism.pairs[contact]
+                raise PlanError(
+                    f"{mechanism.name}: pair {pair.name} is a rolling contact, and no link "
+                    f"carries {pair.links[0]} and {pair.links[1]} each about the centre of "
+                    "its circle so that they touch; of rolling contacts proofs are for "
+                    "wheels that a link carries so, and for sliding contacts of circles"
+                )
+            meshes.append(mesh)
+        meshed = replace(self, meshes=tuple(meshes))
+        train = meshed._train().assembled()
+        followed = replace(structure, followers=train.followers)
+        return replace(meshed, structure=followed, turns=train.turns)
+
+    def angle(self, number: float, tolerance: bool = True) -> Ball:
+        """Return an angle of the file in rad."""
+        turn = pi() / 180 if self.document.data["angle_unit"] == "deg" else exact(1.0)
+        return wide(_number(number) * turn, self.tolerance if tolerance else 0.0)
+
+    def input_angle(self, text: str) -> Ball:
+        """Return an input given as a decimal number in the unit of the file, in rad."""
+        return self.angle(LiteralNumber(text), tolerance=False)
+
+    def input_range(self, pair: str) -> tuple[str, str]:
+        """Return the ends of an input's range as the file has them, the lower first."""
+        item = self.document.data.get("inputs", {}).get(pair, {})
+        turn = "360" if self.document.data["angle_unit"] == "deg" else repr(2 * math.pi)
+        ends = _text(item.get("from", 0)), _text(item["to"]) if "to" in item else turn
+        low, high = sorted(ends, key=float)
+        return low, high
+
+    def r_frames(self) -> Frames:
+        """Return the frames of the R pairs, by name."""
+        given, data = self.mechanism.geometry, self.document.data
+        if isinstance(given, PoseGeometry):
+            axes = {name: self._axis(self.item(name)) for name in given.axes}
+            return frames_of_pose(given, axes, self._angles("value"))
+        sizes: dict[str, Arcs] = {
+            link: (
+                [self.angle(number) for number in item.get("arcs", [])],
+                [self.angle(number) for number in item.get("angles", [])],
+            )
+            for link, item in data["links"].items()
+            if link in given.links
+        }
+        return frames_of_sizes(self.mechanism, given, sizes, self._angles("zero"))
+
+    def _angles(self, key: str) -> dict[str, Ball]:
+        """Return the angles (rad) that pairs of the file have under a key."""
+        pairs = self.document.data["pairs"].items()
+        return {name: self.angle(item[key]) for name, item in pairs if key in item}
+
+    def _axis(self, item: Mapping[str, Any]) -> Vector:
+        for key in ("through_xyz", "through_lonlat"):
+            if key in item:
+                one, other = (
+                    self._direction(row, key.endswith("xyz")) for row in item[key]
+                )
+                return unit(np.cross(one, other))
+        key = "xyz" if "xyz" in item else "lonlat"
+        return self._direction(item[key], key == "xyz")
+
+    def _direction(self, row: Any, is_xyz: bool) -> Vector:
+        """Return a direction of the file, by coordinates or longitude and latitude."""
+        if is_xyz:
+            along = unit(np.array([_number(number) for number in row]))
+            return np.array([wide(entry, self.tolerance) for entry in along])
+        (s, c), (up, across) = (self.angle(number).sin_cos() for number in row)
+        return np.array([c * across, s * across, up])
+
+    def _circles(self, pair: Pair, frames: Frames) -> Touching:
+        """Return the circles of a contact; `frames` are those of the R pairs."""
+        item, mechanism = self.item(pair.name), self.mechanism
+        sense = -1 if pair.contact == "external" else 1
+
+        def axis(name: str, link: str) -> Vector:
+            side = mechanism.pair(name).links.index(link)
+            return np.asarray(frames[name][side][2])
+
+        if "axes" in item:
+            two = list(zip(item["axes"], pair.links, strict=True))
+            centres = [axis(name, link) for name, link in two]
+            joined = {name: mechanism.pair(name).links for name in frames}
+            axes = item["axes"][0], item["axes"][1]
+            carrier, carried = carrier_of(mechanism.geometry, joined, pair.links, axes)
+            one, other = (way * axis(name, carrier) for name, way in carried)
+            radii, sines = self._cones(item, one, other, sense)
+        else:
+            made = [self._circle(item, link, axis) for link in pair.links]
+            centres, radii = ([two[side] for two in made] for side in (0, 1))
+            sines = [radius.sin() for radius in radii]
+        circles = [
+            Circle(axes_about(centre), radius, sine)
+            for centre, radius, sine in zip(centres, radii, sines, strict=True)
+        ]
+        return Touching((circles[0], circles[1]), radii[0] - sense * radii[1], sense)
+
+    def _cones(
+        self, item: Mapping[str, Any], one: Vector, other: Vector, sense: int
+    ) -> tuple[list[Ball], list[Ball]]:
+        """Return half angles of cones that touch, and numbers in the ratio of sines."""
+        normal = np.cross(one, other)
+        between = angle_of(one @ other, (normal @ normal).sqrt())
+        if "teeth" in item:
+            teeth = [exact(float(count)) for count in item["teeth"]]
+            s, c = between.sin_cos()
+            first = angle_of(teeth[1] / teeth[0] - sense * c, s)
+        else:
+            first = self.angle(item["half_angles"][0])
+        second = between - first if sense < 0 else between + first
+        return [first, second], teeth if "teeth" in item else [first.sin(), second.sin()]
+
+    def _circle(
+        self, item: Mapping[str, Any], link: str, axis: Callable[[str, str], Vector]
+    ) -> tuple[Vector, Ball]:
+        """Return centre and radius of the circle of one link."""
+        follower = item.get("follower")
+        circle = (
+            follower if follower and follower["link"] == link else item["profiles"][link]
+        )
+        if "axis" in circle:
+            centre = axis(circle["axis"], link)
+        else:
+            key = next(key for key in circle if key.split("_")[0] in ("centre", "pole"))
+            centre = self._direction(circle[key], key.endswith("xyz"))
+        number = circle.get("roller", circle.get("radius"))
+        return centre, pi() / 2 if number is None else self.angle(number)
+
+
+def _text(number: float) -> str:
+    return number.text if isinstance(number, LiteralNumber) else str(number)
+
+
+def _number(number: float) -> Ball:
+    """Return a number of a file as it is written."""
+    if isinstance(number, LiteralNumber):
+        return decimal(number.text.replace("_", ""))
+    return exact(number)
+
+
+def _coupler_frames(contact: Touching) -> list[tuple[Frame, Frame]]:
+    """Return the frames of both pairs of a coupler, in the link of the contact and in it.
+
+    The angle of each is the azimuth of the contact about the centre.
+    """
+    sine, cosine = contact.arc.sin_cos()
+    axes = exactly([0.0, 0.0, 1.0]), np.array([exact(0.0), sine, cosine])
+    return [
+        (circle.axes, np.stack([ahead, np.cross(axis, ahead), axis]))
+        for circle, axis, ahead in zip(
+            contact.circles, axes, contact.towards(*axes), strict=True
+        )
+    ]

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import TURN
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.numeric.turns import wrap
+from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import (
     Ball,
+    Frame,
     angle_of,
     bits,
     circle,
@@ -29,15 +30,12 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.charts import Complexes
 from spherekit.proof.construction import Construction, construct
-from spherekit.proof.equations import Equations
-from spherekit.proof.frames import Frame
-from spherekit.proof.homotopy import SEEDS, modes_near
-from spherekit.proof.jets import Jet
+from spherekit.proof.equations import Equations, Jet
+from spherekit.proof.gears import Written
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.roots import Root, root_near
-from spherekit.proof.systems import SolvedSystem, Systems
+from spherekit.proof.systems import SEEDS, SolvedSystem, Systems, modes_near
 from spherekit.proof.tubes import UP
-from spherekit.proof.written import Written
 from spherekit.sphere.rotation import Floats
 
 SMALLEST = 1e-6

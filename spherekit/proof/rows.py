@@ -22,6 +22,7 @@ from spherekit.proof.balls import (
     FEWEST,
     Balls,
     Digits,
+    Frames,
     exactly,
     floats,
     middles,
@@ -29,10 +30,8 @@ from spherekit.proof.balls import (
     series,
     square_root,
 )
-from spherekit.proof.frames import Frames
 from spherekit.proof.linkage import Linkage, turning_rates
-from spherekit.rates.pole_field import PoleField
-from spherekit.rates.request import Request
+from spherekit.rates.request import PoleField, Request
 from spherekit.sphere.rotation import Floats
 
 RADIUS = 1e-6

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import TURN
-from spherekit.numeric.turns import wrap
-from spherekit.proof.chains import Chain, Range, chain_through, laps
+from spherekit.numeric.crossings import wrap
+from spherekit.proof.along import Chain, Range, chain_through, laps
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
 from spherekit.proof.paving import Paved
-from spherekit.proof.saddles import Saddle
-from spherekit.proof.slopes import QUADRANTS
+from spherekit.proof.slopes import QUADRANTS, Saddle
 from spherekit.proof.tubes import LONGEST, UP, corrected, piece_at
 from spherekit.sphere.rotation import Floats
 

@@ -15,7 +15,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.numeric.turns import wrap
+from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.equations import Equations
 from spherekit.sphere.rotation import Floats

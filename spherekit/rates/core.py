@@ -14,12 +14,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import EPS, SINGULAR_RATIO
-from spherekit.motion.linearisation import Linearisation
-from spherekit.motion.loops import LoopTree, left_inverse
+from spherekit.motion.loops import Linearisation, LoopTree, left_inverse
 from spherekit.motion.motion import Motion
-from spherekit.numeric.rows import ArrayRows
-from spherekit.rates.vectors import cross, norm
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.sphere.rotation import Floats
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """Return a x b for arrays (..., 3, n)."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    a0, a1, a2 = a[..., 0, :], a[..., 1, :], a[..., 2, :]
+    b0, b1, b2 = b[..., 0, :], b[..., 1, :], b[..., 2, :]
+    out[..., 0, :] = a1 * b2 - a2 * b1
+    out[..., 1, :] = a2 * b0 - a0 * b2
+    out[..., 2, :] = a0 * b1 - a1 * b0
+    return out
+
+
+def dot(a: Floats, b: Floats) -> Floats:
+    """Return a . b (..., n) for arrays (..., 3, n)."""
+    return np.asarray(
+        a[..., 0, :] * b[..., 0, :]
+        + a[..., 1, :] * b[..., 1, :]
+        + a[..., 2, :] * b[..., 2, :]
+    )
+
+
+def norm(a: Floats) -> Floats:
+    """Return |a| (..., n) for arrays (..., 3, n)."""
+    return np.sqrt(dot(a, a))
+
 
 INCONSISTENT = 1e-10
 """Velocity or acceleration equations that leave over more, relatively, have no solution."""

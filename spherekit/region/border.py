@@ -14,10 +14,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from spherekit.conventions import EPS
-from spherekit.numeric.brackets import bracketed_zeros
-from spherekit.numeric.rows import ArrayRows
-from spherekit.region.margins import Evaluator, active, chosen, least
-from spherekit.region.mesh import Bools, Indices, unit
+from spherekit.numeric.crossings import bracketed_zeros
+from spherekit.numeric.zeros import ArrayRows
+from spherekit.region.mesh import Bools, Evaluator, Indices, active, chosen, least, unit
 from spherekit.sphere.rotation import Floats, arc, cross
 
 ORDERS = (2, 4, 8, 16)

@@ -1,12 +1,14 @@
 """Triangles on the unit sphere, refined by bisection so that no vertex hangs."""
 
+from collections.abc import Callable, Mapping
+from enum import IntEnum
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from spherekit.sphere.rotation import Floats, arc, cross
-from spherekit.sphere.tilt_torsion import pointing
+from spherekit.errors import RegionError
+from spherekit.sphere.rotation import Floats, arc, cross, pointing
 
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
@@ -180,3 +182,265 @@ def labels(count: int, links: Indices) -> Indices:
 
     joined = coo_matrix((np.ones(len(links)), (links[:, 0], links[:, 1])), (count, count))
     return np.asarray(connected_components(joined, directed=False)[1], dtype=np.intp)
+
+
+Margins = Callable[[Floats], ArrayLike]
+"""Margins (n, k) at places (n, d): at least one, k always the same."""
+
+NOISE = 1e-13
+"""Rounding of margins, by their median size over the first places."""
+UNDEFINED = -1
+"""Stands for the number of a margin where the border is that of being defined."""
+
+
+class Evaluator:
+    """Calls margins, checks what they return, and counts.
+
+    A margin below 0 by less than its `floor` (k,) is 0 up to rounding; that follows from
+    margins that were `sampled` (n, k), or from the first call.
+    """
+
+    def __init__(self, margins: Margins, sampled: Floats | None = None) -> None:
+        self.margins = margins
+        self.evaluations = 0
+        self.calls = 0
+        self.floor = np.zeros(0) if sampled is None else rounding(sampled)
+
+    def __call__(self, places: Floats) -> Floats:
+        """Return the margins (n, k) at places (n, d)."""
+        if not len(places):
+            return np.zeros((0, len(self.floor) or 1))
+        self.evaluations += len(places)
+        self.calls += 1
+        rows = np.asarray(self.margins(places), dtype=float)
+        if rows.ndim != 2 or len(rows) != len(places) or not rows.shape[1]:
+            raise RegionError(
+                f"margins of {len(places)} places have shape {rows.shape}; the function "
+                "has to return one row for each place and one column for each margin"
+            )
+        if np.isinf(rows).any():
+            raise RegionError(
+                "a margin is infinite; give NaN where a place cannot be reached, and "
+                "finite values elsewhere"
+            )
+        if not self.floor.size:
+            self.floor = rounding(rows)
+        if rows.shape[1] != len(self.floor):
+            raise RegionError(
+                f"margins have {rows.shape[1]} columns, and had {len(self.floor)} before; "
+                "return the same margins at every call"
+            )
+        return rows
+
+
+def rounding(rows: Floats) -> Floats:
+    """Return how far (k,) margins are off by rounding, from their size in rows (n, k)."""
+    size = np.where(np.isnan(rows), 0.0, np.abs(rows))
+    return np.asarray(NOISE * np.median(size, axis=0))
+
+
+def least(rows: Floats) -> Floats:
+    """Return the smallest margin (n,), below 0 just where a place is outside.
+
+    A margin that is NaN counts for nothing where another is negative, else as -1: the
+    place cannot be reached.
+    """
+    missing = np.isnan(rows)
+    if not missing.any():
+        return np.asarray(np.min(rows, axis=1))
+    smallest = np.fmin.reduce(rows, axis=1)
+    return np.where(missing.any(axis=1) & ~(smallest < 0.0), -1.0, smallest)
+
+
+def chosen(rows: Floats, number: Indices) -> Floats:
+    """Return the margin (n,) with each row's own number, -1 where it is NaN.
+
+    `UNDEFINED` asks for the smallest margin.
+    """
+    value = np.take_along_axis(rows, np.maximum(number, 0)[:, None], axis=1)[:, 0]
+    value = np.where(np.isnan(value), -1.0, value)
+    return np.where(number == UNDEFINED, least(rows), value)
+
+
+def active(rows: Floats, floor: Floats) -> Indices:
+    """Return the number (n,) of the smallest margin, `UNDEFINED` if only NaN excludes.
+
+    Of those that are equal up to rounding, `floor` (k,), it is the first.
+    """
+    smallest = np.fmin.reduce(rows, axis=1)
+    number = np.argmax(rows <= smallest[:, None] + floor, axis=1)
+    undefined = np.isnan(rows).any(axis=1) & ~(smallest <= 0.0)
+    return np.where(undefined, UNDEFINED, number)
+
+
+def void(rows: Floats) -> Bools:
+    """Return where (n,) a margin is NaN and none is negative."""
+    return np.asarray(np.isnan(rows).any(axis=-1) & ~(np.fmin.reduce(rows, axis=-1) < 0.0))
+
+
+def check_positive(sizes: Mapping[str, float]) -> None:
+    """Raise `RegionError` where a size, by its name, is not positive and finite."""
+    for name, size in sizes.items():
+        if not 0.0 < size < np.inf:
+            raise RegionError(f"{name} is {size}; it has to be positive and finite")
+
+
+VALUE_SLACK = 3.0
+SLOPE_SLACK = 12.0
+"""Errors of the interpolant and its slope by the largest seen at the four places: a
+cubic needs 2 and 11."""
+SHARPEST = 0.25
+"""Corners of the region sharper than this (rad) are cut out by ever smaller triangles."""
+STEADY = 1.0
+"""A margin undefined in part of a triangle keeps its sign where its smallest size is more
+than this times its spread."""
+
+QUARTERS = np.array(
+    [
+        [[0.75, 0.25, 0.0], [0.0, 0.75, 0.25], [0.25, 0.0, 0.75]],
+        [[0.25, 0.75, 0.0], [0.0, 0.25, 0.75], [0.75, 0.0, 0.25]],
+    ]
+)
+"""Barycentric coordinates of the samples on the edges 12, 23, 31 of a triangle."""
+
+
+class TriangleClass(IntEnum):
+    """What a triangle is."""
+
+    OUTSIDE = 0
+    INSIDE = 1
+    SIMPLE = 2
+    """The border within is a single graph over some direction, or there is none."""
+    BROKEN = 3
+    """The border within is that of where the margins are defined, which samples alone
+    tell."""
+    OPEN = 4
+    """A part of the region, or a hole, may hide within."""
+
+
+def flipped(triangles: Indices) -> Indices:
+    """Return 1 (n, 3) where an edge runs from its higher vertex to the lower, else 0."""
+    return (triangles > triangles[:, [1, 2, 0]]).astype(np.intp)
+
+
+def _matrices() -> tuple[Floats, Floats, Floats]:
+    """Return what turns 6 values into Bernstein coefficients, slopes and checks.
+
+    The slopes are those along the edges 12 and 13, at the vertices.
+    """
+    bernstein = np.zeros((6, 6))
+    bernstein[:3, :3] = np.eye(3)
+    for row, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))):
+        bernstein[3 + row, [i, j]] = -0.5
+        bernstein[3 + row, 3 + row] = 2.0
+    b1, b2, b3, b12, b23, b13 = bernstein
+    slopes = 2.0 * np.stack(
+        [[b12 - b1, b13 - b1], [b2 - b12, b23 - b12], [b23 - b13, b3 - b13]]
+    )
+    places = np.concatenate([*QUARTERS, np.full((1, 3), 1 / 3)])
+    p, q, r = places.T
+    terms = np.stack([p * p, q * q, r * r, 2 * p * q, 2 * q * r, 2 * p * r], axis=1)
+    return bernstein, slopes, terms @ bernstein
+
+
+_BERNSTEIN, _SLOPES, _CHECKS = _matrices()
+
+
+def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bools]:
+    """Return the `TriangleClass` (n,) of triangles (n, 3) by sampled margins (10, n, k).
+
+    The rows are those of the vertices, of the middles of the edges 12, 23, 31, of a check
+    on each edge, a quarter of it from its lower vertex, and of the centroids. The second
+    array says where more than one margin is uncertain.
+
+    - A margin is certainly negative, or positive, where its bounds are.
+    - The uncertain ones leave a simple border if all their gradients, anywhere in the
+      triangle, lie in a cone less than half a turn wide: the smallest margin then rises
+      along a direction, so its zeros are a graph over the other, and nothing closes on
+      itself. The cone may be so wide that the region has corners of `SHARPEST`.
+    - Else the triangle is open.
+    """
+    missing = np.isnan(rows)
+    filled = np.where(missing, 0.0, rows)
+    low, high, error = _bounds(triangles, filled)
+    whole = np.asarray(~missing.any(axis=0))
+    if not whole.all():
+        _bound_in_part(rows, whole, low, high)
+    negative, uncertain = high < 0.0, (low < 0.0) & (high >= 0.0)
+    verdict = np.full(len(triangles), int(TriangleClass.INSIDE), dtype=np.intp)
+    verdict[uncertain.any(axis=1)] = TriangleClass.OPEN
+    tried = np.flatnonzero(
+        uncertain.any(axis=1) & ~negative.any(axis=1) & np.all(whole | ~uncertain, axis=1)
+    )
+    corners = points[triangles[tried]]
+    simple = _within_cone(corners, filled[:6, tried], error[tried], uncertain[tried])
+    verdict[tried[simple]] = TriangleClass.SIMPLE
+    if missing.any():
+        empty = void(rows)
+        broken = empty.any(axis=0)
+        verdict[broken] = TriangleClass.OPEN
+        verdict[broken & np.all(missing | (rows >= 0.0), axis=(0, 2))] = (
+            TriangleClass.BROKEN
+        )
+        verdict[empty.all(axis=0)] = TriangleClass.OUTSIDE
+    verdict[negative.any(axis=1)] = TriangleClass.OUTSIDE
+    return verdict, np.count_nonzero(uncertain, axis=1) > 1
+
+
+def _bounds(triangles: Indices, rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return bounds of margins (n, k) in triangles, and the error of interpolation."""
+    control = np.tensordot(_BERNSTEIN, rows[:6], axes=1)
+    awaited = np.tensordot(_CHECKS, rows[:6], axes=1)
+    turned = flipped(triangles).T[..., None]
+    gaps = [
+        np.where(turned[k] == 1, awaited[3 + k], awaited[k]) - rows[6 + k] for k in range(3)
+    ]
+    error = np.max(np.abs([*gaps, awaited[6] - rows[9]]), axis=0)
+    slack = VALUE_SLACK * error
+    return control.min(axis=0) - slack, control.max(axis=0) + slack, error
+
+
+def _bound_in_part(rows: Floats, whole: Bools, low: Floats, high: Floats) -> None:
+    """Bound the margins that are NaN at some samples by the others, if they are steady.
+
+    A margin that is NaN at all samples bounds nothing.
+    """
+    smallest, largest = np.fmin.reduce(rows, axis=0), np.fmax.reduce(rows, axis=0)
+    spread = STEADY * (largest - smallest)
+    positive, negative = ~(smallest <= spread), -largest > spread
+    low[~whole] = np.where(positive, 1.0, -1.0)[~whole]
+    high[~whole] = np.where(negative & ~positive, -1.0, 1.0)[~whole]
+
+
+def _within_cone(corners: Floats, values: Floats, error: Floats, uncertain: Bools) -> Bools:
+    """Return whether the gradients of the uncertain margins lie in a cone.
+
+    `corners` (n, 3, 3) are those of the triangles, `values` (6, n, k) the margins at them
+    and at mid-edge, `error` (n, k) how far the margins are off.
+    """
+    n = len(corners)
+    slopes = np.tensordot(_SLOPES, values, axes=1)
+    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    base = np.linalg.norm(one, axis=1)[:, None]
+    shift = np.sum(one * other, axis=1)[:, None] / base
+    height = np.linalg.norm(cross(one, other), axis=1)[:, None] / base
+    first = slopes[:, 0] / base
+    second = (slopes[:, 1] - shift * first) / height
+    room = np.hypot(1.0 / base, (1.0 + np.abs(shift) / base) / height)
+    size = np.hypot(first, second)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slack = SLOPE_SLACK * error * room / size
+    slack = np.where(size > 0.0, slack, np.inf)
+    angle = np.where(uncertain, np.arctan2(second, first), np.nan)
+    slack, angle = (
+        np.moveaxis(columns, 1, 0).reshape(n, 3 * uncertain.shape[1])
+        for columns in (slack, angle)
+    )
+    rising = np.sort(angle, axis=1)
+    last = np.maximum(np.count_nonzero(~np.isnan(angle), axis=1) - 1, 0)
+    around = rising[np.arange(n), last] - 2.0 * np.pi
+    gaps = np.diff(np.column_stack([around, rising]), axis=1)
+    widest = np.argmax(np.where(np.isnan(gaps), -1.0, gaps), axis=1)
+    gap, end = gaps[np.arange(n), widest], rising[np.arange(n), widest]
+    along = np.cos(angle - (end + np.pi - 0.5 * gap)[:, None]) - slack
+    return np.asarray(np.all((along > np.sin(0.5 * SHARPEST)) | np.isnan(angle), axis=1))

@@ -13,8 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.progress import Working
-from spherekit.region.margins import VALUE_SLACK, Evaluator, Margins, check_positive, least
-from spherekit.region.mesh import Bools, Indices
+from spherekit.region.mesh import (
+    VALUE_SLACK,
+    Bools,
+    Evaluator,
+    Indices,
+    Margins,
+    check_positive,
+    least,
+)
 from spherekit.sphere.rotation import Floats
 
 ALL_ORIENTATIONS = 8.0 * np.pi**2

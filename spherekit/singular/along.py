@@ -13,16 +13,14 @@ import numpy as np
 
 from spherekit.conventions import EPS
 from spherekit.errors import PlanError
-from spherekit.motion.arc_curve import ArcCurve
+from spherekit.motion.arc_curve import ArcCurve, CurvePoints, bordered, bordered_condition
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import Motion, Tracer, motion_of
-from spherekit.motion.segments import CurvePoints, bordered, bordered_condition
-from spherekit.numeric.rows import ArrayRows
-from spherekit.numeric.zeros import Zeros, zeros
+from spherekit.numeric.zeros import ArrayRows, Zeros, zeros
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.core import LinkRates
-from spherekit.rates.sequence import PlannedPoles
+from spherekit.rates.field import PlannedPoles
 from spherekit.sphere.rotation import Floats
 
 NEAR_REST = 1e-6

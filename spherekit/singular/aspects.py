@@ -12,9 +12,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.budget import Budget
 from spherekit.conventions import TURN, Status
 from spherekit.errors import AnalysisError
+from spherekit.guarantee import Budget
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import input_grid as grids
 from spherekit.motion.arc_length import periods_of
@@ -22,11 +22,10 @@ from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.steps import walk
 from spherekit.motion.turns import less_periods
-from spherekit.numeric.rows import ArrayRows
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.region.mesh import labels
-from spherekit.singular.locus import Locus
-from spherekit.singular.points import TypeName
-from spherekit.singular.slices import configurations, solver_of
+from spherekit.singular.locus import Locus, configurations, solver_of
+from spherekit.singular.several import TypeName
 from spherekit.singular.stationarity import InputsLocked, OutputStationary, output_of
 from spherekit.sphere.rotation import Floats
 

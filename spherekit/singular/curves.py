@@ -7,30 +7,423 @@ generally met at points only, which are not curves; where the output has two fre
 met along curves.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spherekit.budget import Budget
 from spherekit.checked import checked
+from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError
-from spherekit.guarantee import Claim
+from spherekit.guarantee import Budget, Claim
 from spherekit.model.mechanism import Mechanism
-from spherekit.singular.curve import SingularCurve
-from spherekit.singular.locus import LocusPoints
-from spherekit.singular.points import (
+from spherekit.motion.arc_length import periods_of
+from spherekit.motion.closure import (
+    STEP_PARTS,
+    CurvePath,
+    Verification,
+    run_each,
+    taylor,
+)
+from spherekit.motion.turns import less_periods
+from spherekit.numeric.crossings import bracketed_zeros
+from spherekit.numeric.zeros import cubic, cubic_slope
+from spherekit.singular.locus import Cut, Locus, LocusPoints, solver_of
+from spherekit.singular.several import (
     CurveSeen,
     LocusName,
     SingularPoints,
     View,
 )
-from spherekit.singular.slices import Cut, solver_of
 from spherekit.singular.starts import EVERYWHERE, Seeding
 from spherekit.singular.stationarity import output_of
-from spherekit.singular.trace import LARGEST_STEP, NEARLY_FLAT, trace_curves
 from spherekit.sphere.rotation import Floats
+
+GAUSS = np.polynomial.legendre.leggauss(8)
+NEAR = 1e-7
+"""Configurations (rad) nearer than this to the curve lie on it."""
+BESIDE = 0.3
+"""The curve is nowhere farther from the chord of two nodes than this part of it."""
+NOTHING = 1e-6
+"""A function smaller than this at two nodes is taken to vanish between them."""
+
+Along = Callable[[LocusPoints], Floats]
+"""A function (n,) of points of a curve."""
+
+
+@final
+@dataclass(frozen=True)
+class SingularCurve:
+    """A curve of a locus through verified nodes, in the arc length of the variables.
+
+    Attributes
+    ----------
+    locus
+        What the curve consists of.
+    nodes
+        The nodes in order, tangents running along; those of a closed curve end with the
+        first one, its variables grown by whole periods.
+    periods
+        (V,) growth of each variable that changes nothing.
+    closed
+        Whether the curve closes.
+    ends
+        Why it goes no further at its start and at its end: OK if it is closed or the
+        greatest length was reached, AT_SINGULARITY where curves cross, OFF_PROFILE,
+        MODE_LOST.
+    """
+
+    locus: Locus
+    nodes: LocusPoints
+    periods: Floats
+    closed: bool
+    ends: tuple[Status, Status]
+
+    @cached_property
+    def chords(self) -> Floats:
+        """Lengths (n - 1,) of the chords (rad)."""
+        return np.asarray(np.linalg.norm(np.diff(self.nodes.values, axis=0), axis=1))
+
+    @cached_property
+    def directions(self) -> Floats:
+        """Unit vectors (n - 1, V) of the chords."""
+        return np.diff(self.nodes.values, axis=0) / self.chords[:, None]
+
+    @cached_property
+    def s(self) -> Floats:
+        """Arc lengths (n,) of the nodes (rad), of the Hermite polynomials through them."""
+        places, weights = GAUSS
+        x = 0.5 * (places + 1.0)[:, None]
+        tangents = self.nodes.tangents[:, :, 0]
+        chords, values = self.chords[:, None, None], self.nodes.values[:, None]
+        start, stop = (values[:-1], tangents[:-1, None]), (values[1:], tangents[1:, None])
+        speed = cubic_slope(start, stop, chords, x)
+        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chords
+        return np.concatenate([[0.0], np.cumsum(lengths)])
+
+    @property
+    def length(self) -> float:
+        """The arc length of the curve, of one lap if it is closed (rad)."""
+        return float(self.s[-1])
+
+    def on(self, which: NDArray[np.intp], parts: Floats) -> LocusPoints:
+        """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
+        direction, nodes = self.directions[which], self.nodes
+        values, motions = predict(nodes, which, parts)
+        targets = np.sum(direction * nodes.values[which], axis=1)
+        targets += parts * self.chords[which]
+        points = self.locus.correct(
+            values, motions, direction[:, None], targets[:, None], nodes.basis[which]
+        )
+        sense = np.sum(points.tangents[:, :, 0] * direction, axis=1)
+        flip = np.where(sense < 0.0, -1.0, 1.0)[:, None, None]
+        points.tangents[:] *= flip
+        points.turns[:] *= flip
+        return points
+
+    def find(self, values: Floats, motions: Floats) -> NDArray[np.bool_]:
+        """Return which configurations (n, V) with their singular motions are on the curve.
+
+        Whole periods of the variables and signs of the motions do not matter.
+        """
+        on_curve = np.zeros(len(values), dtype=bool)
+        middles = self.nodes.values[:-1] + 0.5 * self.chords[:, None] * self.directions
+        away = less_periods(values[:, None] - middles, self.periods)
+        along = np.sum(away * self.directions, axis=2)
+        beside = np.max(np.abs(away - along[..., None] * self.directions), axis=2)
+        near = np.abs(along) < 0.51 * self.chords
+        row, which = np.nonzero(near & (beside < BESIDE * self.chords + NEAR))
+        parts = np.clip(along[row, which] / self.chords[which] + 0.5, 0.0, 1.0)
+        points = self.on(which, parts)
+        miss = np.max(np.abs(middles[which] + away[row, which] - points.values), axis=1)
+        same = np.abs(np.sum(points.motions * motions[row], axis=1)) > 1.0 - 1e-6
+        on_curve[row[(miss < NEAR) & same]] = True
+        return on_curve
+
+    def zeros(self, function: Along) -> LocusPoints:
+        """Return the points at which a function of points changes its sign.
+
+        Those between the same two nodes are missed if they are two; a function that is
+        zero to rounding has no zeros.
+        """
+        value = function(self.nodes)
+        # Bases go on from node to node; those of the last one may be of the first.
+        value[-1] = function(self.on(np.array([len(value) - 2]), np.ones(1)))[0]
+        clear = np.maximum(np.abs(value[:-1]), np.abs(value[1:])) > NOTHING
+        (which,) = np.nonzero(clear & ((value[:-1] >= 0.0) != (value[1:] >= 0.0)))
+        part, _ = bracketed_zeros(
+            lambda x, some: function(self.on(which[some], x)),
+            np.zeros(len(which)),
+            np.ones(len(which)),
+            value[which],
+            value[which + 1],
+            tolerance=1e-14,
+        )
+        return self.on(which, part)
+
+    def cusps(self) -> LocusPoints:
+        """Return where the locus has a cusp in the plane of what stands still.
+
+        There the singular motion runs along the curve: seen in the inputs (type II) or at
+        the output (type I) the curve turns back.
+        """
+        if self.locus.motions < self.locus.freedoms:
+            return self.nodes.rows(np.zeros(0, dtype=np.intp))
+
+        def side(points: LocusPoints) -> Floats:
+            ways = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
+            basis = points.basis[:, :, self.locus.freedoms :]
+            return np.asarray(np.linalg.det(np.swapaxes(basis, 1, 2) @ ways))
+
+        return self.zeros(side)
+
+
+def predict(
+    nodes: LocusPoints, which: NDArray[np.intp], parts: Floats
+) -> tuple[Floats, Floats]:
+    """Return Hermite values of the variables and motions, (n, V) each.
+
+    Their projections on the chords after nodes `which` (n,) are at `parts` (n,), 0 to 1.
+    """
+    ahead = which + 1
+    way = nodes.values[ahead] - nodes.values[which]
+    chord = np.linalg.norm(way, axis=1, keepdims=True)
+    x = parts[:, None]
+    guesses = []
+    for what, rates in ((nodes.values, nodes.tangents), (nodes.motions, nodes.turns)):
+        ends = []
+        for node in (which, ahead):
+            speed = np.sum(nodes.tangents[node, :, 0] * way, axis=1, keepdims=True)
+            ends.append((what[node], rates[node, :, 0] * (chord / speed)))
+        guesses.append(cubic(ends[0], ends[1], chord, x))
+    return guesses[0], guesses[1]
+
+
+LARGEST_STEP = 0.3
+"""Longest step (rad of arc length)."""
+FREEDOMS = 2
+"""Loci of mechanisms with so many are curves."""
+FIRST_STEP = 0.05
+"""The first step that is tried (rad)."""
+NEARLY_FLAT = 1e-3
+"""Equations of this reciprocal condition at a node that no step leaves are a crossing."""
+SAME_MOTION = 0.8
+"""Least cosine between the singular motions where a lap ends and starts."""
+
+
+def trace_curves(
+    locus: Locus,
+    values: Floats,
+    longest: float = 200.0,
+    step: float = LARGEST_STEP,
+    budget: Budget | None = None,
+) -> list[SingularCurve | None]:
+    """Return the curves of a locus through configurations (n, V) near it, side by side.
+
+    Parameters
+    ----------
+    locus
+        Singular configurations of a mechanism with two freedoms.
+    values
+        Where to start; Newton's method leads onto the curves.
+    longest, step
+        Length (rad) after which a curve that does not close is ended in each sense, and
+        the longest step.
+    budget
+        Time after which curves are ended, MODE_LOST, unlimited by default.
+
+    None where Newton's method does not arrive, or only at a crossing of curves.
+    """
+    near = locus.onto(values)
+    (rows,) = np.nonzero(near.good & ~(near.reciprocal_condition < NEARLY_FLAT))
+    near = near.rows(rows)
+    starts = locus.correct(
+        near.values,
+        near.motions,
+        np.swapaxes(near.tangents, 1, 2),
+        np.einsum("nvk,nv->nk", near.tangents, near.values),
+    )
+    periods = periods_of(locus.closure)
+    budget = budget or Budget()
+    still = np.zeros(len(periods))
+    ahead, behind = (
+        [
+            _LocusPath(
+                _Node(_turned(starts.rows(slice(row, row + 1)), sense), still),
+                periods,
+                longest,
+                step,
+                locus,
+                budget,
+            )
+            for row in range(len(rows))
+        ]
+        for sense in (1.0, -1.0)
+    )
+    for one, other in zip(ahead, behind, strict=True):
+        other.twin = one
+    run_each([*ahead, *behind], FIRST_STEP)
+    curves: list[SingularCurve | None] = [None] * len(values)
+    for row, one, other in zip(rows.tolist(), ahead, behind, strict=True):
+        curves[row] = _curve(one, other)
+    return curves
+
+
+def _curve(ahead: "_LocusPath", behind: "_LocusPath") -> SingularCurve | None:
+    """Return the curve that was followed in both senses; None where no step holds."""
+    locus, periods = ahead.locus, ahead.periods
+    for path in (ahead, behind):
+        if path.closed:
+            points = _points([path.start, *path.nodes])
+            return SingularCurve(locus, points, periods, True, (Status.OK, Status.OK))
+    back = [_turned(node.point, -1.0) for node in reversed(behind.nodes)]
+    points = LocusPoints.joined([*back, _points([ahead.start, *ahead.nodes])])
+    if len(points) < 2:
+        return None
+    ends = (behind.end or Status.OK, ahead.end or Status.OK)
+    return SingularCurve(locus, points, periods, False, ends)
+
+
+@final
+@dataclass(frozen=True)
+class _Node:
+    """A point, its tangent in the sense of the path, and the bend of the last step."""
+
+    point: LocusPoints
+    bend: Floats
+    inside: bool = True
+
+    @property
+    def values(self) -> Floats:
+        return np.asarray(self.point.values[0])
+
+    @property
+    def tangent(self) -> Floats:
+        return self.point.tangents[0, :, 0]
+
+
+def _points(nodes: Sequence[_Node]) -> LocusPoints:
+    return LocusPoints.joined([node.point for node in nodes])
+
+
+def _turned(points: LocusPoints, sense: Floats | float) -> LocusPoints:
+    """Return points with their tangents turned round where the sense (n,) is -1."""
+    sense = np.reshape(sense, (-1, 1, 1))
+    return replace(points, tangents=sense * points.tangents, turns=sense * points.turns)
+
+
+def _bordered(points: LocusPoints, tangents: Floats) -> Floats:
+    """Return the equations of points with borders along tangents (n, V)."""
+    border = np.einsum("nv,nvg->ng", tangents, points.basis)
+    border[:, FREEDOMS:] = 0.0
+    return np.concatenate([points.equations, border[:, None]], axis=1)
+
+
+@final
+@dataclass
+class _LocusPath(CurvePath[_Node]):
+    """One sense of a curve of a locus."""
+
+    verification = Verification(slack=1e-9, settled=1e-6, middle=1e-3)
+    smallest_step = 2e-6
+    same = 1e-8
+    most_nodes = 20_000
+
+    locus: Locus
+    budget: Budget
+    twin: "_LocusPath | None" = None
+
+    def exhausted(self) -> Status | None:
+        """Return MODE_LOST where the time is over, OK where the other sense has closed."""
+        if self.twin is not None and self.twin.closed:
+            return Status.OK
+        goes_on = self.budget.goes_on("the rest of a singular curve")
+        return None if goes_on else Status.MODE_LOST
+
+    @staticmethod
+    def steps_to(
+        paths: "Sequence[CurvePath[_Node]]", ats: Sequence[_Node], ways: Floats
+    ) -> list[tuple[_Node, float] | None]:
+        """Return the nodes at projections (n,) on the tangents that pass all tests."""
+        tests = _LocusPath.verification
+        assert isinstance(paths[0], _LocusPath)
+        locus = paths[0].locus
+        here = _points(ats)
+        tangents = here.tangents[:, :, 0]
+        parts = ways[:, None] * STEP_PARTS
+        borders = np.repeat(tangents, 2, axis=0)
+        bends = np.array([at.bend for at in ats])
+        turns = here.turns[:, :, 0]
+        targets = np.sum(tangents * here.values, axis=1)[:, None] + parts
+        points = locus.correct(
+            taylor(here.values, tangents, bends, parts),
+            taylor(here.motions, turns, np.zeros_like(turns), parts),
+            borders[:, None],
+            targets.reshape(-1, 1),
+            np.repeat(here.basis, 2, axis=0),
+        )
+        # A step is one of the motion too, which turns fast where curves pass each other.
+        sizes = ways * np.hypot(1.0, np.linalg.norm(turns, axis=1))
+        good = points.good & tests.corrected(
+            points.first_step, points.ratio, np.repeat(sizes, 2)
+        )
+        along = np.sum(points.tangents[:, :, 0] * borders, axis=1)
+        points = _turned(points, np.sign(along))
+        before = np.repeat(_bordered(here, tangents), 2, axis=0)
+        change = np.linalg.pinv(before) @ (_bordered(points, borders) - before)
+        moved = np.linalg.norm(change, axis=(1, 2))
+        good &= tests.regular(moved, np.abs(along))
+        holds = np.all(good.reshape(-1, 2), axis=1)
+        last, middles = points.rows(slice(1, None, 2)), points.values[::2]
+        (some,) = np.nonzero(holds)
+        both = LocusPoints.joined([here.rows(some), last.rows(some)])
+        order = np.arange(2 * len(some)).reshape(2, -1).T.ravel()
+        chord = last.values - here.values
+        length = np.linalg.norm(chord, axis=1)
+        part = np.sum((middles - here.values) * chord, axis=1) / length**2
+        guess, _ = predict(both.rows(order), 2 * np.arange(len(some)), part[some])
+        wrong = np.max(np.abs(guess - middles[some]), axis=1, initial=0.0)
+        holds[some] = tests.predicted(wrong, ways[some], tests.slack)
+        bends = (last.tangents[:, :, 0] - tangents) / length[:, None]
+        inside = np.all(locus.closure.at(last.values[holds]).states.inside, axis=1)
+        most = np.max(moved.reshape(-1, 2), axis=1)
+        steps: list[tuple[_Node, float] | None] = [None] * len(ats)
+        for row, within in zip(
+            np.flatnonzero(holds).tolist(), inside.tolist(), strict=True
+        ):
+            node = _Node(last.rows(slice(row, row + 1)), bends[row], within)
+            steps[row] = node, float(most[row])
+        return steps
+
+    def again(self, at: _Node, values: Floats) -> _Node | None:
+        """Return the start at values whole periods on, with the same singular motion."""
+        start = self.start.point
+        cosine = float(start.motions[0] @ at.point.motions[0])
+        if abs(cosine) < SAME_MOTION:
+            return None
+        sense = np.sign(cosine)
+        point = replace(
+            start,
+            values=values[None],
+            motions=sense * start.motions,
+            turns=sense * start.turns,
+        )
+        return _Node(point, self.start.bend)
+
+    def within(self, step: float, node: _Node | None) -> bool:
+        """Return whether there is a node, and on the profiles; end the curve where not."""
+        if node is not None and not node.inside:
+            self.end = Status.OFF_PROFILE
+        return node is not None and node.inside
+
+    def beyond(self) -> Status:
+        """Return AT_SINGULARITY beside a crossing of curves of the locus."""
+        flat = self.at.point.reciprocal_condition[0] < NEARLY_FLAT
+        return Status.AT_SINGULARITY if flat else Status.MODE_LOST
+
 
 TOGETHER = 16
 """Curves that are followed side by side, from different starts."""

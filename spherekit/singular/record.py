@@ -1,12 +1,340 @@
 """What is found of singularities of one input: types, places, rates, relations."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
+import numpy as np
+
 from spherekit.motion.crossing import Crossing
-from spherekit.singular.conditions import RelationAt
-from spherekit.singular.relation import Relation, Type
-from spherekit.sphere.rotation import Floats
+from spherekit.planning.poles import Pole, pole_of
+from spherekit.singular.relation import (
+    AXES,
+    Form,
+    FourLinks,
+    LinkCount,
+    Relation,
+    SixPoles,
+    Type,
+    plane_normal,
+)
+from spherekit.sphere.rotation import Floats, cross
+
+TOLERANCE = 1e-9
+"""Sines up to this are taken for zero where the error of the axes is not larger."""
+UNDECIDED = 1e3
+"""Conditions that miss the tolerance by less than this factor are undecided."""
+
+Plane = tuple[str, str, str]
+
+
+@final
+@dataclass(frozen=True)
+class Condition:
+    """A geometric condition on the six axes, named as in `SixPoles`.
+
+    `parallel` are sets of axes that are parallel; `planes` are planes that coincide,
+    given by three axes each; without either all axes lie in one plane.
+    """
+
+    label: str
+    parallel: tuple[tuple[str, ...], ...] = ()
+    planes: tuple[Plane, Plane] | None = None
+
+    def residual(self, poles: SixPoles) -> Floats:
+        """Return (n,) the largest sine of the angles between what should coincide.
+
+        NaN where an axis is not known.
+        """
+        parts = []
+        for axes in self.parallel:
+            vectors = poles.stacked(axes)
+            turn = cross(vectors[:, :, None], vectors[:, None])
+            parts.append(np.max(np.linalg.norm(turn, axis=-1), axis=(1, 2)))
+        if self.planes is not None:
+            parts.append(_between(*map(poles.stacked, self.planes)))
+        if not parts:
+            parts.append(_out_of_plane(poles.stacked(AXES)))
+        return np.asarray(np.max(np.stack(parts), axis=0))
+
+    def words(self, links: FourLinks, names: Sequence[str]) -> str:
+        """Return what coincides, with the names of the links."""
+
+        def listed(axes: Sequence[str]) -> list[str]:
+            return ["/".join(names[end] for end in links.ends(axis)) for axis in axes]
+
+        parts = []
+        if self.planes is not None:
+            first, second = (" ".join(listed(axes)) for axes in self.planes)
+            parts.append(f"the planes of the axes ({first}) and ({second}) coincide")
+        for axes in self.parallel:
+            *others, last = listed(axes)
+            parts.append(f"the axes {', '.join(others)} and {last} are parallel")
+        return " and ".join(parts) or "all six axes lie in one plane"
+
+
+@final
+@dataclass(frozen=True)
+class Holding:
+    """A condition that holds at a configuration.
+
+    Attributes
+    ----------
+    label
+        Its name, such as ``III.4``.
+    words
+        What coincides, with the names of the links.
+    residual
+        The largest sine of the angles between what should coincide.
+    decided
+        Whether the residual is within the tolerance; False where it misses it by less
+        than `UNDECIDED`.
+    """
+
+    label: str
+    words: str
+    residual: float
+    decided: bool
+
+
+_IN_1: tuple[Plane, Plane] = (("ir", "is_", "rs"), ("or_", "ir", "io"))
+_IN_A: tuple[Plane, Plane] = (("io", "os", "is_"), ("ir", "is_", "rs"))
+_OUT: tuple[Plane, Plane] = (("or_", "os", "rs"), ("io", "os", "is_"))
+
+FOUR_LINKS = {
+    (Form.I, "I"): (
+        Condition("I.2", (("ir", "rs"),)),
+        Condition("I.3", (("ir", "io"),)),
+        Condition("I.1", planes=_IN_1),
+    ),
+    (Form.II, "I"): (
+        Condition("I.b", (("is_", "ir"),)),
+        Condition("I.c", (("is_", "os"),)),
+        Condition("I.a", planes=_IN_A),
+    ),
+    (Form.I, "II"): (
+        Condition("II.2", (("os", "rs"),)),
+        Condition("II.3", (("os", "io"),)),
+        Condition("II.1", planes=_OUT),
+    ),
+    (Form.II, "II"): (
+        Condition("II.b", (("os", "is_"),)),
+        Condition("II.c", (("os", "or_"),)),
+        Condition("II.a", planes=_OUT),
+    ),
+    (Form.I, "III"): (
+        Condition("III.2", (("rs", "os", "ir"),)),
+        Condition("III.3", (("io", "os", "ir"),)),
+        Condition("III.4", (("ir", "rs"), ("os", "io"))),
+        Condition("III.5", (("ir", "io"), ("os", "rs"))),
+        Condition("III.1"),
+    ),
+    (Form.II, "III"): (
+        Condition("III.e", (("is_", "ir", "os"),)),
+        Condition("III.f", (("is_", "os", "or_"),)),
+        Condition("III.d", (("is_", "ir"), ("os", "or_"))),
+        Condition("III.b", (("os", "is_"),), _IN_A),
+        Condition("III.c", (("is_", "os"),), _OUT),
+        Condition("III.g", (("is_", "os"),)),
+        Condition("III.a"),
+    ),
+}
+"""The conditions of four different links, by form and type, the most special first."""
+
+
+def _conditions_of(relation: Relation, kind: str) -> tuple[Condition, ...]:
+    """Return the conditions of a relation; with three links those of three axes.
+
+    Three axes in a plane leave one condition for each type. With r = s or o = i it is one
+    of the lecture's; the others are called by the type alone.
+    """
+    if relation.kind == LinkCount.FOUR_LINKS:
+        return FOUR_LINKS[relation.form, kind]
+    if relation.kind == LinkCount.SAME_POLE:
+        return ()
+    links, out, number = relation.links, "os", ""
+    if relation.form == Form.II:
+        out, third = "or_", "os" if links.s == links.i else "io"
+    else:
+        third, number = {
+            links.r == links.s: ("io", ".3"),
+            links.o == links.i: ("rs", ".2"),
+            links.o == links.r: ("is_", ""),
+            links.i == links.s: ("or_", ""),
+        }[True]
+    axes = {"I": ("ir", third), "II": (out, third), "III": (third, out, "ir")}[kind]
+    return (Condition(kind + number, (axes,)),)
+
+
+def conditions(
+    relation: Relation, names: Sequence[str], kind: str, errors: Floats
+) -> list[tuple[Holding, ...]]:
+    """Return for each of n configurations the conditions that hold, most special first.
+
+    Parameters
+    ----------
+    relation
+        The relation that is singular.
+    names
+        The names of all links of the mechanism.
+    kind
+        Type of the singularity: ``I``, ``II`` or ``III``.
+    errors
+        (n,) bounds of the errors of the directions (rad); a condition may be missed by
+        ten times as much.
+    """
+    allowed = np.maximum(TOLERANCE, 10.0 * errors)
+    rows: list[list[Holding]] = [[] for _ in errors]
+    for condition in _conditions_of(relation, kind):
+        residual = condition.residual(relation.poles)
+        words = condition.words(relation.links, names)
+        for row in np.flatnonzero(residual <= UNDECIDED * allowed):
+            size, decided = float(residual[row]), bool(residual[row] <= allowed[row])
+            rows[row].append(Holding(condition.label, words, size, decided))
+    return [tuple(sorted(row, key=lambda holding: not holding.decided)) for row in rows]
+
+
+def _between(first: Floats, second: Floats) -> Floats:
+    """Return (n,) the sine of the angle between the planes of vectors (n, 3, 3).
+
+    Where one set is parallel it has no plane, and the planes coincide if one plane holds
+    all vectors.
+    """
+    (one, sure), (other, also) = plane_normal(first), plane_normal(second)
+    sine = np.linalg.norm(cross(one, other), axis=-1)
+    both = np.concatenate([first, second], axis=1)
+    parallel = np.minimum(sure, also) < TOLERANCE
+    return np.where(parallel, _out_of_plane(both), sine)
+
+
+def _out_of_plane(vectors: Floats) -> Floats:
+    """Return (n,) the largest sine of the angles of vectors (n, k, 3) to their plane."""
+    out = np.full(len(vectors), np.nan)
+    finite = np.all(np.isfinite(vectors), axis=(1, 2))
+    _, _, right = np.linalg.svd(vectors[finite])
+    away = np.einsum("nki,ni->nk", vectors[finite], right[:, -1])
+    out[finite] = np.max(np.abs(away), axis=1)
+    return out
+
+
+@final
+@dataclass(frozen=True)
+class RelationAt:
+    """The input-output relation at one singularity.
+
+    Attributes
+    ----------
+    form, kind, links, output
+        See `Relation`; the links of form ii may have another s.
+    c, d
+        Its coefficients.
+    error
+        Bound of their rounding error.
+    residual
+        By how much the rates on the curve break c y' = d q', relative to them.
+    type
+        What its own coefficients say: I (d = 0), II (c = 0), III (both), or None.
+    conditions
+        The geometric conditions that hold, the most special first.
+    agrees
+        Whether `type` is what the rates of its input and output say.
+    note
+        Why it does not, or an empty string.
+    """
+
+    form: Form
+    kind: LinkCount
+    links: FourLinks
+    output: tuple[int, int]
+    c: float
+    d: float
+    error: float
+    residual: float
+    type: Type | None
+    conditions: tuple[Holding, ...]
+    agrees: bool
+    note: str
+
+
+def judged(
+    relation: Relation,
+    names: Sequence[str],
+    rates: tuple[Floats, Floats],
+    errors: Floats,
+    facts: Sequence[Type],
+    resting: Sequence[Sequence[Pole]],
+) -> list[RelationAt]:
+    """Return a relation at n configurations, compared with what the rates say.
+
+    `rates` are those of its output and input, (n,) each, `errors` (n,) bounds of those of
+    its axes, `facts` the types by the rates, and `resting` the poles that rest.
+    """
+    allowed = np.maximum(TOLERANCE, 10.0 * errors)
+    vanishing = zip(
+        np.abs(relation.c) <= allowed, np.abs(relation.d) <= allowed, strict=True
+    )
+    told = {(True, True): Type.III, (True, False): Type.II, (False, True): Type.I}
+    types = [told.get((bool(c), bool(d))) for c, d in vanishing]
+    held = {
+        kind: conditions(relation, names, str(kind), errors)
+        for kind in set(types)
+        if kind is not None
+    }
+    gaps = relation.residual(*rates)
+    out = []
+    for k, (kind, given) in enumerate(zip(types, facts, strict=True)):
+        fact = {Type.APPARENT: None, Type.SELF_MOTION: Type.III}.get(given, given)
+        out.append(
+            RelationAt(
+                relation.form,
+                relation.kind,
+                relation.links,
+                relation.output,
+                float(relation.c[k]),
+                float(relation.d[k]),
+                float(errors[k]),
+                float(gaps[k]),
+                kind,
+                () if kind is None else held[kind][k],
+                kind == fact,
+                _disagreement(names, kind, fact, relation, resting[k]),
+            )
+        )
+    return out
+
+
+def _disagreement(
+    names: Sequence[str],
+    kind: Type | None,
+    fact: Type | None,
+    relation: Relation,
+    resting: Sequence[Pole],
+) -> str:
+    """Return why the coefficients say something else than the rates."""
+    if kind == fact:
+        return ""
+    if relation.kind == LinkCount.SAME_POLE:
+        return "the output is the input, and c and d are constant"
+    if kind == Type.III:
+        output = pole_of(*relation.output)
+        still = [f"{names[a]} and {names[b]}" for a, b in resting if (a, b) != output]
+        cause = "the six axes of the chosen links lie in one plane"
+        if still:
+            cause = f"links {', '.join(still)} stand still relative to each other"
+        what = "neither rate vanishes" if fact is None else f"the rates say type {fact}"
+        return f"c = d = 0, but {what}: {cause}; a relation of other links decides"
+    if fact == Type.III and kind is None:
+        return (
+            "input and output stand still together while other links move; c and d do not "
+            "vanish, and y'/q' = d/c stays finite"
+        )
+    told, wanted = (
+        "nothing vanishes" if case is None else f"type {case}" for case in (kind, fact)
+    )
+    return (
+        f"c and d say: {told}; the rates: {wanted}; a coefficient nearly vanishes, or is "
+        "not known well enough"
+    )
 
 
 @final

@@ -5,15 +5,13 @@ from typing import final
 
 import numpy as np
 
-from spherekit.budget import Budget
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.guarantee import Claim, Guarantee
+from spherekit.guarantee import Budget, Claim, Guarantee
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.search import starting_range
-from spherekit.singular.locus import Locus, LocusPoints
-from spherekit.singular.points import View
-from spherekit.singular.slices import Cut, cut, seeds
+from spherekit.singular.locus import Cut, Locus, LocusPoints, cut, seeds
+from spherekit.singular.several import View
 from spherekit.sphere.rotation import Floats
 
 CLOSING_STEPS = 40

@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import nearest
 from spherekit.errors import AnalysisError
-from spherekit.model.geometry import link_axes
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.outputs import chosen_output
-from spherekit.motion.linearisation import Linearisation
-from spherekit.motion.loops import REDUNDANT, LoopTree
-from spherekit.planning.assembly import Assembly
+from spherekit.model.gears import link_axes
+from spherekit.model.mechanism import Mechanism, chosen_output
+from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
+from spherekit.planning.inputs import Assembly
 from spherekit.planning.part import moving_pairs
 from spherekit.sphere.rotation import Floats, cross, perpendicular
 

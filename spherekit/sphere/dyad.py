@@ -10,7 +10,7 @@ three terms at right angles to each other (derived here; it is the formula of tw
 intersecting cones, with both factors in half angles so that small arcs lose no digits).
 The numbers are of any kind that has operators: floats, real or complex arrays, terms of
 the engine. Rotations of bodies whose arcs are short follow from angles instead, see
-`spherekit.sphere.triangle`.
+`spherekit.sphere.rotation`.
 """
 
 from dataclasses import dataclass

@@ -13,25 +13,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import EPS
-from spherekit.sphere.arclength import SLOWEST, ArcLength, measure
-from spherekit.sphere.complex_step import slope_of, stepped
 from spherekit.sphere.paths import (
+    FEWEST_POINTS,
+    SLOWEST,
     UNIT_TOLERANCE,
+    ArcLength,
     FourierPath,
     Path,
     SplinePath,
     axes_about,
-    exact_frame,
-    quintic,
-    turned,
-)
-from spherekit.sphere.profile_checks import (
-    FEWEST_POINTS,
     check_colatitude,
     check_simple,
     checked_points,
+    exact_frame,
+    measure,
+    quintic,
+    turned,
 )
-from spherekit.sphere.rotation import Floats, arc
+from spherekit.sphere.rotation import Floats, arc, slope_of, stepped
 
 __all__ = [
     "FEWEST_POINTS",

@@ -1,9 +1,15 @@
 """Batched rotations: matrices (n, 3, 3) acting on columns, quaternions xyzw."""
 
-from typing import Any
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from spherekit.conventions import EPS, REACH_SLACK, USABLE_DIRECTION
+from spherekit.errors import SolveError
+from spherekit.numeric.crossings import wrap
 
 Floats = NDArray[np.float64]
 
@@ -123,3 +129,414 @@ def arc(a: Floats, b: Floats) -> Floats:
     """Return the angle (rad, 0 to pi) between unit vectors (..., 3), exact near 0, pi."""
     sine = np.linalg.norm(cross(a, b), axis=-1)
     return np.asarray(np.arctan2(sine, np.sum(a * b, axis=-1)))
+
+
+Bools = NDArray[np.bool_]
+
+SHORTEST = 1e-12
+"""Rounding alone turns a body whose arc (rad) is nearer to 0 or pi than this."""
+
+
+def vertex_angles(
+    base: Floats, near: Floats, far: Floats, slack: Floats | float = REACH_SLACK
+) -> tuple[Floats, Floats, Bools]:
+    """Return the angles at both ends of a triangle's base, and whether it closes.
+
+    Parameters
+    ----------
+    base, near, far
+        Sides (n,) in rad, 0 to pi: the base, the side at its first end, the side at
+        its second end.
+    slack
+        (n,) rad, what the sides may be off by.
+
+    Returns
+    -------
+    at_first, at_second
+        Angles (n,) in rad, 0 to pi; meaningless where the triangle does not close.
+    closes
+        (n,) whether the sides satisfy the triangle inequalities and sum to at most a
+        full turn, up to the slack.
+
+    Notes
+    -----
+    Half-angle form, free of cancellation for small sides:
+    tan^2(A/2) = sin(s - b) sin(s - c) / (sin s sin(s - a)), s half the perimeter.
+    """
+    half = 0.5 * (base + near + far)
+    parts = np.stack([half - base, half - near, half - far, np.pi - half])
+    closes = np.all(parts >= -slack, axis=0)
+    by_base, by_near, by_far, total = np.sin(np.clip(parts, 0.0, np.pi))
+    at_first = 2 * np.arctan2(np.sqrt(by_near * by_base), np.sqrt(total * by_far))
+    at_second = 2 * np.arctan2(np.sqrt(by_far * by_base), np.sqrt(total * by_near))
+    return at_first, at_second, closes
+
+
+def close_dyad(
+    first: Floats,
+    second: Floats,
+    near: tuple[Floats, Floats],
+    far: tuple[Floats, Floats],
+    sign: Floats | float,
+    slack: Floats | float = REACH_SLACK,
+) -> tuple[Floats, Floats, Floats, Bools]:
+    """Place the two bodies of a dyad between two known axes.
+
+    Parameters
+    ----------
+    first, second
+        Unit axes (n, 3) of the outer pairs, in base axes.
+    near
+        In the axes of the body at `first`: its outer axis and the middle axis, (n, 3).
+    far
+        The same for the body at `second`.
+    sign
+        +1 or -1, or (n,) of these: the sign of middle . (first x second), which names the
+        assembly mode.
+    slack
+        (n,) rad, what the outer axes may be off by.
+
+    Returns
+    -------
+    near_rotation, far_rotation
+        (n, 3, 3) from body axes to base axes.
+    sine
+        (n,) sine of the angle between the two bodies' arcs at the middle axis, 0 at the
+        dead centre of the dyad and where an arc is too short to tell.
+    closes
+        (n,) whether the arcs can reach each other. Where they can and the dyad can turn
+        about one line, one of infinitely many configurations is returned.
+    """
+    # first x second, to rounding of its own size where the axes nearly coincide
+    across = 0.5 * cross(first + second, second - first)
+    length = np.linalg.norm(across, axis=-1, keepdims=True)
+    normal = across / np.where(length > 0.0, length, 1.0)
+    base = np.arctan2(length[..., 0], np.sum(first * second, axis=-1))
+    side_near, side_far = arc(*near), arc(*far)
+    at_first, at_second, closes = vertex_angles(base, side_near, side_far, slack)
+    # Where the outer axes lie on one line, the two bodies can turn together about it: one
+    # of their configurations is taken.
+    free = length[:, 0] <= REACH_SLACK
+    if np.any(free):
+        normal[free] = perpendicular(first[free])
+        at_first[free] = at_second[free] = 0.5 * np.pi
+
+    def placed(
+        axis: Floats, toward: Floats, angle: Floats, body: tuple[Floats, Floats]
+    ) -> Floats:
+        swing = (sign * np.sin(angle))[:, None]
+        tangent = np.cos(angle)[:, None] * toward + swing * normal
+        outer, middle = body
+        side = cross(cross(outer, middle), outer)
+        norm = np.linalg.norm(side, axis=-1, keepdims=True)
+        short = norm[:, 0] == 0.0
+        if np.any(short):
+            side[short], norm[short] = perpendicular(outer[short]), 1.0
+        frame = frame_from(outer, side / norm)
+        return frame_from(axis, tangent) @ transpose(frame)
+
+    near_rotation = placed(first, cross(normal, first), at_first, near)
+    far_rotation = placed(second, -cross(normal, second), at_second, far)
+    sides = np.sin(side_near) * np.sin(side_far)
+    height = np.sin(base) * np.sin(at_first) * np.sin(side_near)
+    sine = height / np.where(sides > 0.0, sides, np.inf)
+    sine[np.minimum(np.sin(side_near), np.sin(side_far)) < SHORTEST] = 0.0
+    sine[free] = 0.0
+    return near_rotation, far_rotation, sine, closes
+
+
+ROUNDING = 8.0 * EPS
+"""Error of the axis times angle of a rotation computed from two orientations (rad)."""
+
+
+class TurnStatus(IntEnum):
+    """What is known of the axis of a rotation between two orientations."""
+
+    OK = 0
+    NO_AXIS = 1
+    NO_SENSE = 2
+
+
+TURN_MEANING = {
+    TurnStatus.OK: "axis and angle are determined",
+    TurnStatus.NO_AXIS: "the orientations coincide: every axis will do, none is given",
+    TurnStatus.NO_SENSE: "the orientations differ by half a turn: the line of the axis is "
+    "determined, but both senses lead from one to the other",
+}
+
+
+@final
+@dataclass(frozen=True)
+class Turns:
+    """n rotations: unit `axis` (n, 3), `angle` (n,) in [0, pi] rad, `status` (n,).
+
+    The axis is NaN where the status is NO_AXIS. Where it is NO_SENSE the largest
+    component of the axis is positive.
+    """
+
+    axis: Floats
+    angle: Floats
+    status: NDArray[np.int8]
+
+
+def turns_between(first: Floats, second: Floats) -> Turns:
+    """Return the rotations that carry first orientations to second ones.
+
+    Parameters
+    ----------
+    first, second
+        Rotation matrices (n, 3, 3) from body axes to fixed axes.
+
+    Returns
+    -------
+    Turns
+        In fixed axes: ``second = rotation(axis, angle) @ first``.
+    """
+    four = quaternion(second @ transpose(first))
+    vector = np.where(four[:, 3:] < 0.0, -four[:, :3], four[:, :3])
+    scalar = np.abs(four[:, 3])
+    sine = np.linalg.norm(vector, axis=1)
+    angle = 2.0 * np.arctan2(sine, scalar)
+    status = np.full(len(angle), TurnStatus.OK, dtype=np.int8)
+    status[2.0 * scalar <= ROUNDING] = TurnStatus.NO_SENSE
+    status[angle * USABLE_DIRECTION <= ROUNDING] = TurnStatus.NO_AXIS
+    has_axis = (status != TurnStatus.NO_AXIS)[:, None]
+    axis = np.where(has_axis, vector / np.where(has_axis, sine[:, None], 1.0), np.nan)
+    largest = np.argmax(np.abs(vector), axis=1)
+    back = (status == TurnStatus.NO_SENSE) & (vector[np.arange(len(vector)), largest] < 0.0)
+    return Turns(np.where(back[:, None], -axis, axis), angle, status)
+
+
+def rotation(axis: Floats, angle: ArrayLike) -> Floats:
+    """Return rotation matrices (n, 3, 3) by angles (n,) rad about one unit axis (3,)."""
+    angle = np.asarray(angle, dtype=float)[:, None, None]
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(
+        np.eye(3) + np.sin(angle) * skew + 2.0 * np.sin(0.5 * angle) ** 2 * (skew @ skew)
+    )
+
+
+@final
+@dataclass(frozen=True)
+class LogRate:
+    """How the rotation vector d of Q changes with the spatial angular velocity w of Q.
+
+    d' = w - d x w / 2 + c d x (d x w) with c = (1 - (a / 2) cot(a / 2)) / a^2 and a the
+    length of d (Bullo and Murray 1995, eq. 2.11). With `sense` = -1 the second term is
+    added: that form takes the angular velocity in the axes of the rotated body.
+    """
+
+    vector: Floats
+    sense: float = 1.0
+
+    def of(self, w: Floats) -> Floats:
+        """Return d' (n, 3) for angular velocities (n, 3)."""
+        d = self.vector
+        first = cross(d, w)
+        factor, _ = _series(d)
+        return np.asarray(w - 0.5 * self.sense * first + factor * cross(d, first))
+
+    def changed(self, rate: Floats, w: Floats) -> Floats:
+        """Return the change (n, 3) of `of(w)` for fixed w while d changes at `rate`."""
+        d = self.vector
+        factor, slope = _series(d)
+        along = 2.0 * np.sum(d * rate, axis=1, keepdims=True)
+        first, turned = cross(d, w), cross(rate, w)
+        return np.asarray(
+            -0.5 * self.sense * turned
+            + slope * along * cross(d, first)
+            + factor * (cross(rate, first) + cross(d, turned))
+        )
+
+
+def _series(vector: Floats) -> tuple[Floats, Floats]:
+    """Return c (n, 1) of `LogRate` and its derivative by the square of the angle."""
+    square = np.sum(vector * vector, axis=1, keepdims=True)
+    small = square < 1.0
+    safe = np.where(small, 1.0, square)
+    half = 0.5 * np.sqrt(safe)
+    cot = half / np.tan(half)
+    factor = (1.0 - cot) / safe
+    slope = ((half**2 / np.sin(half) ** 2 - cot) * 0.5 - (1.0 - cot)) / safe**2
+    near, near_slope = _C(square), _C_RATE(square)
+    return np.where(small, near, factor), np.where(small, near_slope, slope)
+
+
+_C = np.polynomial.Polynomial(
+    [
+        1 / 12,
+        1 / 720,
+        1 / 30240,
+        1 / 1209600,
+        1 / 47900160,
+        691 / 1307674368000,
+        1 / 74724249600,
+        3617 / 10670622842880000,
+        43867 / 5109094217170944000,
+        174611 / 802857662698291200000,
+        77683 / 14101100039391805440000,
+    ]
+)
+"""c as a series in the square of the angle: Bernoulli numbers |B_2k| / (2k)!."""
+_C_RATE = _C.deriv()
+
+
+def azimuth_tilt(directions: Floats) -> Floats:
+    """Return azimuth (-pi, pi] and tilt [0, pi] (n, 2) rad of unit vectors (n, 3)."""
+    x, y, z = directions[:, 0], directions[:, 1], directions[:, 2]
+    return np.stack([np.arctan2(y, x), np.arctan2(np.hypot(x, y), z)], axis=1)
+
+
+def pointing(angles: Floats) -> Floats:
+    """Return the unit vectors (n, 3) of azimuth and tilt (n, 2) rad."""
+    azimuth, tilt = angles[:, 0], angles[:, 1]
+    across = np.sin(tilt)
+    return np.stack(
+        [across * np.cos(azimuth), across * np.sin(azimuth), np.cos(tilt)], axis=1
+    )
+
+
+def euler_zyz(rotations: Floats) -> Floats:
+    """Return the angles (n, 3) rad of rotations (n, 3, 3) = Z(a) Y(b) Z(c), b in [0, pi].
+
+    The three together give the rotation back to rounding, also where b is 0 or pi and
+    only the sum or difference of the others is determined.
+    """
+    r = rotations
+    first = azimuth_tilt(r[:, :, 2])
+    c, s = np.cos(first[:, 0]), np.sin(first[:, 0])
+    last = np.arctan2(
+        c * r[:, 1, 0] - s * r[:, 0, 0],
+        c * r[:, 1, 1] - s * r[:, 0, 1],
+    )
+    return np.concatenate([first, last[:, None]], axis=1)
+
+
+def from_euler_zyz(angles: Floats) -> Floats:
+    """Return the rotations (n, 3, 3) = Z(a) Y(b) Z(c) of angles (n, 3) rad."""
+    first, swing, last = angles.T
+    return np.asarray(about_z(first) @ rotation(np.eye(3)[1], swing) @ about_z(last))
+
+
+def tilt_torsion(rotations: Floats) -> Floats:
+    """Return azimuth, tilt and torsion (n, 3) rad of rotations (n, 3, 3).
+
+    Azimuth and torsion are in (-pi, pi], the tilt in [0, pi]. Where the tilt is pi only
+    2 azimuth - torsion is determined; where it is 0 the azimuth is 0 or pi.
+    """
+    angles = euler_zyz(rotations)
+    torsion = angles[:, 0] + angles[:, 2]
+    angles[:, 2] = wrap(torsion)
+    return angles
+
+
+def from_tilt_torsion(angles: Floats) -> Floats:
+    """Return the rotations (n, 3, 3) of azimuth, tilt and torsion (n, 3) rad."""
+    azimuth, tilt, torsion = angles.T
+    return from_euler_zyz(np.stack([azimuth, tilt, torsion - azimuth], axis=1))
+
+
+@final
+@dataclass(frozen=True)
+class MirrorAngles:
+    """`phi`, `gamma` and `omega` (n,) rad of mirrors with n_z >= 0.
+
+    phi runs from -pi to pi: it is the arc from Q to P, negative where P is on the side
+    z < 0, so that all three angles are smooth where P passes through Q. gamma runs from
+    -pi to pi, omega from -pi / 2 to pi / 2. The paper has phi >= 0 only.
+    """
+
+    phi: Floats
+    gamma: Floats
+    omega: Floats
+
+
+def reflections(normals: Floats) -> Floats:
+    """Return the matrices (..., 3, 3) of mirrors with unit normals (..., 3)."""
+    return np.asarray(np.eye(3) - 2.0 * normals[..., :, None] * normals[..., None, :])
+
+
+def upward(normals: Floats) -> Floats:
+    """Return the normals (..., 3) of the same mirrors with n_z >= 0."""
+    return np.asarray(np.where(normals[..., 2:] < 0.0, -normals, normals))
+
+
+def mirror_angles(normals: Floats) -> MirrorAngles:
+    """Return the angles of mirrors with unit normals (n, 3) in the paper's axes."""
+    x, y, z = np.moveaxis(upward(normals), -1, 0)
+    return MirrorAngles(
+        -2.0 * np.arctan2(x, np.hypot(y, z)),
+        2.0 * np.arctan2(y, np.hypot(x, z)),
+        np.arctan2(y, z),
+    )
+
+
+def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
+    """Return the unit normals (n, 3) of mirrors with these phi and gamma (n,) rad.
+
+    NaN where no mirror has them: sin^2(phi / 2) + sin^2(gamma / 2) > 1.
+    """
+    half, other = (0.5 * np.asarray(angle, dtype=float) for angle in (phi, gamma))
+    x, y = -np.sin(half), np.sin(other)
+    # cos(a + b) cos(a - b) loses nothing near the edge, where 1 - x^2 - y^2 does
+    square = np.cos(half + other) * np.cos(half - other)
+    with np.errstate(invalid="ignore"):
+        z = np.sqrt(square)
+    normals = np.stack([x, y, z], axis=-1)
+    return np.asarray(np.where(np.isnan(z)[..., None], np.nan, normals))
+
+
+def normal_at(phi: float, gamma: float) -> Floats:
+    """Return the unit normal (3,) of one mirror.
+
+    Raises
+    ------
+    SolveError
+        If no mirror has these angles (rad).
+    """
+    normal = normals_of(phi, gamma)
+    if np.any(np.isnan(normal)):
+        raise SolveError(
+            f"no mirror has phi = {np.degrees(phi):.6g} deg with gamma = "
+            f"{np.degrees(gamma):.6g} deg: sin^2(phi / 2) + sin^2(gamma / 2) is above 1; "
+            "make one of them smaller"
+        )
+    return normal
+
+
+def mirror_of(matrices: Floats) -> tuple[Floats, Floats]:
+    """Return the mirrors nearest to improper orthogonal matrices, and how far they are.
+
+    Parameters
+    ----------
+    matrices
+        (n, 3, 3), determinant -1.
+
+    Returns
+    -------
+    normals, departure
+        Unit normals (n, 3) with n_z >= 0, and the angle (n,) rad of the rotation between
+        the mirror and the matrix: 0 where the matrix is a reflection.
+    """
+    _, vectors = np.linalg.eigh(0.5 * (matrices + transpose(matrices)))
+    normals = upward(vectors[..., 0])
+    between = matrices @ reflections(normals)
+    skew = between - transpose(between)
+    sine = 0.5 * np.sqrt(skew[:, 2, 1] ** 2 + skew[:, 0, 2] ** 2 + skew[:, 1, 0] ** 2)
+    cosine = 0.5 * (np.trace(between, axis1=1, axis2=2) - 1.0)
+    return normals, np.asarray(np.arctan2(sine, cosine))
+
+
+STEP = 2.0**-120
+
+
+def stepped(values: ArrayLike, change: ArrayLike) -> Floats:
+    """Return numbers that carry their derivatives; they are complex."""
+    given = np.asarray(values, dtype=float) + 1j * STEP * np.asarray(change, dtype=float)
+    return cast(Floats, given)
+
+
+def slope_of(values: Floats) -> Floats:
+    """Return the derivatives that numbers carry."""
+    return np.asarray(np.imag(values) / STEP)

@@ -9,17 +9,23 @@ import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
+from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.sampling import course_of
-from spherekit.analysis.running.setting import Setting
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.tradeoff.deviation import Deviation, worst
-from spherekit.tradeoff.measure import Benchmark
-from spherekit.tradeoff.record import MARGIN, Trade, check_tolerance, recommended
-from spherekit.tradeoff.stored import check_run, read_trade, run_of
+from spherekit.tradeoff.measure import Benchmark, Deviation, worst
+from spherekit.tradeoff.record import (
+    MARGIN,
+    Trade,
+    check_run,
+    check_tolerance,
+    read_trade,
+    recommended,
+    run_of,
+)
 from spherekit.tradeoff.trade import trade
 
 WORTH = 50_000
@@ -89,7 +95,7 @@ def choose(
     Trades that are `stored` decide, if there are any. Else with fewer than `WORTH` samples
     the ordinary setting is taken, with more a short trade decides. Where none meets the
     tolerance, the most accurate is taken, and `met` is false. Errors are scaled as
-    `spherekit.tradeoff.deviation` says.
+    `spherekit.tradeoff.measure` says.
 
     Raises
     ------

@@ -1,40 +1,193 @@
 """Running settings against each other in one process, and against the reference."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, final
+from functools import partial
+from typing import Any, ClassVar, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.batch import Batch
+from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
-from spherekit.analysis.needs import Needs
-from spherekit.analysis.requests import requests_for
 from spherekit.analysis.rows import InMemory
-from spherekit.analysis.running.evaluation import Evaluation
+from spherekit.analysis.running.evaluation import ENGINES, Evaluation, Integrator, Setting
 from spherekit.analysis.running.kernel_columns import UnreadField
-from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.running.setting import Setting
-from spherekit.analysis.tables import TableArrays, arrays
-from spherekit.conventions import Status
-from spherekit.errors import SpherekitError
-from spherekit.motion.continued import AngleMemory
-from spherekit.motion.motion import Motion
+from spherekit.analysis.running.sampling import Sampling, simulated_course
+from spherekit.analysis.study import requests_for
+from spherekit.analysis.tables import Column, Table, TableArrays, arrays
+from spherekit.checked import check_fields
+from spherekit.conventions import EPS, TURN, Status
+from spherekit.dynamics.forward import LEAST, simulate
+from spherekit.dynamics.reference import refined
+from spherekit.dynamics.simulation import Simulation
+from spherekit.engine.compiler import available
+from spherekit.errors import AnalysisError, EngineError, SpherekitError
+from spherekit.model.study import Start, Study
+from spherekit.motion.motion import AngleMemory, Motion, Timing
+from spherekit.numeric.crossings import wrap
 from spherekit.progress import Working
-from spherekit.proof.balls import Balls
+from spherekit.proof.balls import FEWEST, Balls, exactly, floats, pi
 from spherekit.proof.rows import exact_field, exact_motion, exact_rows
 from spherekit.rates.field import evaluate
-from spherekit.rates.pole_field import PoleField
-from spherekit.rates.request import Request
-from spherekit.rates.signs import SignMemory
+from spherekit.rates.request import (
+    ROUTES,
+    PoleField,
+    Request,
+    SignMemory,
+)
 from spherekit.sphere.rotation import Floats
-from spherekit.tradeoff.deviation import Deviation, deviations, worst
-from spherekit.tradeoff.effort import Effort
 from spherekit.tradeoff.record import Measured
+
+ROUNDS = 5
+"""Times every setting is run, each round in another order; the best counts."""
+
+
+@final
+@dataclass(frozen=True)
+class Effort:
+    """What is tried when settings are measured, and how long.
+
+    `settings` are those to try; by default all that apply to samples, or to a simulation.
+    Errors are measured at most at `checked` samples. Each setting is run in so many
+    `rounds` for its time, and after `budget` seconds no round begins.
+    """
+
+    unused: ClassVar[tuple[str, ...]] = ("tolerance", "verify", "degrees")
+
+    settings: Sequence[Setting] | None = None
+    checked: int | None = None
+    rounds: int = ROUNDS
+    budget: float = 30.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, AnalysisError, "trade")
+
+
+DECADES = range(3, 16)
+"""Tolerances of simulations, as negative powers of ten."""
+
+
+def of_samples() -> list[Setting]:
+    """Return the settings for samples of the inputs: routes and engines."""
+    every = [Setting(route=route) for route in ROUTES]
+    return every + [Setting(engine=engine) for engine in ENGINES if engine != "numpy"]
+
+
+def of_simulation() -> list[Setting]:
+    """Return the settings for simulations: integrators and tolerances."""
+    integrators: tuple[Integrator, ...] = ("numpy", "compiled")
+    return [
+        Setting(integrator=integrator, tolerance=float(f"1e-{decade}"))
+        for integrator in integrators
+        for decade in DECADES
+        if float(f"1e-{decade}") >= LEAST[integrator]
+    ]
+
+
+@final
+@dataclass(frozen=True)
+class Deviation:
+    """The largest deviation of one column from its reference.
+
+    `error` is in units of `scale`: 1 for absolute errors, else the largest reference. It
+    is never given below the rounding of float64. `compared` numbers have a reference;
+    `missing` of these are not given.
+    """
+
+    table: str
+    column: str
+    error: float
+    scale: float
+    compared: int
+    missing: int
+
+
+def is_absolute(column: Column) -> bool:
+    """Whether errors of a column are absolute, not relative to its largest number."""
+    return column.scale == "absolute" or (column.scale == "unit" and column.unit == "rad")
+
+
+def scale_words(column: Column) -> str:
+    """Return how errors of a column are measured."""
+    if is_absolute(column):
+        return f"absolute {column.unit}".strip()
+    in_unit = f" in {column.unit}" if column.unit else ""
+    words = f"relative to the largest number{in_unit} of the table"
+    whole = _integrated(column.unit)
+    if whole is None:
+        return words
+    return f"{words}; if that is rounding, {f'in {whole}' if whole else 'without unit'}"
+
+
+def _integrated(unit: str) -> str | None:
+    """Return the unit of what a column is a derivative of by an angle, else None."""
+    whole = unit.removesuffix("/rad")
+    return None if whole == unit else whole.removeprefix("1")
+
+
+def deviations(
+    tables: Sequence[Table],
+    given: Mapping[str, TableArrays],
+    reference: Mapping[str, TableArrays],
+) -> Iterator[Deviation]:
+    """Yield the deviation of every column of numbers in tables of equal rows.
+
+    Errors that are not absolute are over the largest reference of all such columns of the
+    table with the same unit: a torque that balances others may itself be rounding. Where
+    all derivatives by an angle are, they are over what they are derivatives of.
+    """
+    for table in tables:
+        ours, theirs = given[table.name], reference[table.name]
+        results = [c for c in table.columns if c.kind == "number" and c.scale != "none"]
+        largest: dict[str, float] = {}
+        for column in results:
+            if is_absolute(column):
+                continue
+            values = np.abs(np.asarray(theirs[column.name], dtype=float))
+            size = float(np.max(values[np.isfinite(values)], initial=0.0))
+            largest[column.unit] = max(size, largest.get(column.unit, 0.0))
+        for column in results:
+            scale = 1.0 if is_absolute(column) else _scale(largest, column.unit)
+            one = np.asarray(ours[column.name], dtype=float)
+            other = np.asarray(theirs[column.name], dtype=float)
+            yield _of_column(table.name, column, one, other, scale)
+
+
+def _scale(largest: Mapping[str, float], unit: str) -> float:
+    size, whole = largest[unit], _integrated(unit)
+    before = 0.0 if whole is None else largest.get(whole, 0.0)
+    return (size if size > EPS * before else before) or 1.0
+
+
+def _of_column(
+    table: str,
+    column: Column,
+    ours: NDArray[Any],
+    theirs: NDArray[Any],
+    scale: float,
+) -> Deviation:
+    if len(ours) != len(theirs):
+        lost = int(np.sum(np.isfinite(theirs)))
+        return Deviation(table, column.name, np.inf, scale, lost, lost)
+    expected = np.isfinite(theirs)
+    both = expected & np.isfinite(ours)
+    off = np.abs(ours[both] - theirs[both])
+    if column.unit == "rad":
+        off = np.abs(wrap(off))
+    error = max(float(np.max(off, initial=0.0)) / scale, EPS)
+    missing = int(np.sum(expected & ~both))
+    return Deviation(table, column.name, error, scale, int(np.sum(expected)), missing)
+
+
+def worst(compared: Sequence[Deviation]) -> Deviation | None:
+    """Return the deviation with the largest error, None if nothing was compared."""
+    told = [deviation for deviation in compared if deviation.compared > deviation.missing]
+    return max(told, key=lambda deviation: deviation.error, default=None)
+
 
 LEAST_ROUNDS = 2
 
@@ -308,3 +461,160 @@ def _judged(
         missing=sum(deviation.missing for deviation in off),
         compile=first,
     )
+
+
+def measured(bench: Benchmark, study: Study, effort: Effort) -> Found:
+    """Return integrators and tolerances with their times and errors.
+
+    `bench` has the course of the study's simulation. The reference is a simulation in
+    more digits than float64; where none can be made, the tightest float64 one, and the
+    words say why.
+    """
+    assert study.start is not None
+    settings = of_simulation() if effort.settings is None else effort.settings
+    solver = _Solver(bench, study.start, study.driving_torque)
+    best, simulation, compiling = solver.tightest()
+    try:
+        right = solver.in_many_digits(simulation)
+        tables: Tables = right.tables
+        words, near = f"a simulation in {FEWEST} digits{right.without}", []
+    except EngineError as reason:
+        right = None
+        tables, _, _ = solver.tables(best)
+        tolerance = 10.0 * LEAST[best.integrator]
+        other = replace(best, tolerance=tolerance)
+        near = bench.deviations(solver.tables(other)[0], tables)
+        words = f"simulation {best}, known to {_largest(near):.1e} from {other} "
+        words += f"({reason.fault})"
+        settings = [setting for setting in settings if setting != best]
+
+    def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
+        return solver.tables(setting, right if judged else None)
+
+    floors = {(deviation.table, deviation.column): deviation.error for deviation in near}
+
+    def judge(given: Tables) -> list[Deviation]:
+        deviations = bench.deviations(given, tables)
+        return [
+            replace(
+                deviation,
+                error=max(
+                    deviation.error, floors.get((deviation.table, deviation.column), EPS)
+                ),
+            )
+            for deviation in deviations
+        ]
+
+    ways = [(str(setting), setting, partial(way, setting)) for setting in settings]
+    results = timing_loop(ways, judge, len(bench.course), effort)
+    results = [
+        replace(result, compile=compiling)
+        if result.setting and result.setting.integrator == "compiled" and not result.reason
+        else result
+        for result in results
+    ]
+    return words, _largest(near), tables, results
+
+
+@final
+@dataclass(frozen=True)
+class _Solver:
+    """Runs one simulation by any setting, over the times of a bench's course."""
+
+    bench: Benchmark
+    start: Start
+    torque: str | Mapping[str, str] | None
+
+    @property
+    def t(self) -> Floats:
+        """The times (s) asked for."""
+        course = self.bench.course
+        assert course.duration is not None
+        return np.linspace(0.0, course.duration, len(course))
+
+    def simulation(self, setting: Setting) -> Simulation:
+        """Return the simulation by a setting."""
+        assert setting.tolerance is not None
+        tracer = self.bench.course.tracer
+        return simulate(
+            tracer.mechanism,
+            self.start,
+            float(self.t[-1]),
+            torque=self.torque,
+            assembly_mode=tracer.assembly_modes[0].number,
+            tolerance=setting.tolerance,
+            engine=setting.integrator,
+        )
+
+    def course(self, simulation: Simulation, setting: Setting) -> Sampling:
+        """Return a simulation as a course."""
+        assert setting.tolerance is not None
+        tracer = self.bench.course.tracer
+        return simulated_course(tracer, simulation, self.t, setting.tolerance)
+
+    def tables(
+        self, setting: Setting, toward: Reference | None = None
+    ) -> tuple[Tables, float, float]:
+        """Return the tables by a setting with processor times, see `Bench.tables`."""
+        started = time.process_time()
+        course = self.course(self.simulation(setting), setting)
+        solving = time.process_time() - started
+        if toward is not None and len(course) != _rows(toward):
+            toward = None
+        tables, _, seconds = replace(self.bench, course=course).tables(Setting(), toward)
+        return tables, solving, solving + seconds
+
+    def tightest(self) -> tuple[Setting, Simulation, float]:
+        """Return the tightest setting, its simulation, and what compiling took (s)."""
+        integrator: Integrator = "compiled" if available() else "numpy"
+        try:
+            return self._tightest(integrator)
+        except EngineError:
+            return self._tightest("numpy")
+
+    def _tightest(self, integrator: Integrator) -> tuple[Setting, Simulation, float]:
+        setting = Setting(integrator=integrator, tolerance=LEAST[integrator])
+        simulation = self.simulation(setting)
+        return setting, simulation, simulation.engine.compile_seconds
+
+    def in_many_digits(self, simulation: Simulation) -> Reference:
+        """Return the tables at the times of a simulation from one in more digits.
+
+        Raises
+        ------
+        EngineError
+            If there is none; see `spherekit.dynamics.reference.refined`.
+        """
+        exact = refined(simulation, self.start, float(self.t[-1]))
+        course = self.course(simulation, Setting(tolerance=LEAST["numpy"]))
+        assert course.t is not None
+        (motion,) = course.blocks(len(course))
+        states, (driven,) = exact.at(course.t), simulation.driven
+        turns = np.round((floats(states.values) - motion.values) / TURN)
+        with exact.arithmetic.within():
+            values = floats(states.values - exactly(turns) * (2 * pi()))
+        inputs = states.values[:, [driven]]
+        values[:, driven] = floats(inputs)[:, 0]
+        rates = [floats(x[:, [driven]]) for x in (states.rates, states.second)]
+        if exact.kind == "sticking":
+            # Dry friction jumps here, so nothing that depends on it is compared.
+            stuck = course.t >= min(float(exact.end), simulation.end.t)
+            for rate in rates:
+                rate[stuck] = np.nan
+        motion = replace(
+            motion,
+            values=values,
+            inputs=floats(inputs),
+            timing=Timing(floats(states.t), *rates),
+        )
+        return replace(self.bench, course=course).reference_at(motion, inputs)
+
+
+def _largest(near: Sequence[Deviation]) -> float:
+    """Return the largest error, no less than the rounding of float64."""
+    return max([EPS, *(deviation.error for deviation in near)])
+
+
+def _rows(reference: Reference) -> int:
+    """Return how many rows the fields of a reference have."""
+    return len(reference.fields[0].status) if reference.fields else 0

@@ -1,18 +1,36 @@
 """What a trade found: settings with their times and errors, and the cheapest of them."""
 
+import csv
+import hashlib
+import io
+import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
 import numpy as np
 
+from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.folder.journal import differences
 from spherekit.analysis.result import Columns
-from spherekit.analysis.running.setting import Setting
+from spherekit.analysis.running.evaluation import Setting
+from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
 from spherekit.checked import checked as judged
+from spherekit.conventions import without_numbers
 from spherekit.errors import AnalysisError
+from spherekit.files.plain import as_json
+from spherekit.files.write import mechanism_hash
+from spherekit.model.study import Study
+from spherekit.planning.inputs import driven_at
+from spherekit.sphere.rotation import Floats
+from spherekit.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
 
 Way = TypeVar("Way")
 
@@ -83,7 +101,7 @@ class Trade:
     measured, `reference` what they are measured against, and `floor` how well that is
     known itself. `derivatives` is the order of the rates' derivatives that the analysis
     reads, and no more is computed; None where no rates are. `made_for` says which run it
-    was made for, see `spherekit.tradeoff.stored`; `draw` makes its figure.
+    was made for, see `spherekit.tradeoff.record`; `draw` makes its figure.
     """
 
     mechanism: str
@@ -226,3 +244,332 @@ def _row(measured: Measured, samples: int, pareto: bool) -> dict[str, Any]:
 def gathered(names: Sequence[tuple[str, str, float]]) -> tuple[tuple[str, str, float], ...]:
     """Return columns once each, as first met."""
     return tuple({name: (name, how, scale) for name, how, scale in names}.values())
+
+
+FILE = "trade.json"
+
+
+def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
+    """Return what a trade for a study's run depends on, ready for JSON."""
+    mechanism, path = driven_at(study.mechanism), study.path
+    values = None
+    if path is not None:
+        values = hashlib.sha256(np.ascontiguousarray(path).tobytes()).hexdigest()
+    given = asdict(analysis)  # type: ignore[call-overload]
+    return {
+        "spherekit": __version__,
+        "mechanism": mechanism.name,
+        "mechanism_hash": mechanism_hash(mechanism),
+        "analysis": analysis.name,
+        "analysis_version": analysis.version,
+        "parameters": {key: as_json(value) for key, value in given.items()},
+        "inputs": [item.pair for item in mechanism.inputs],
+        "samples": "x".join(map(str, study.shape)),
+        "input_values": values,
+        "assembly_mode": study.assembly_mode
+        if study.start is None
+        else study.assembly_mode or 0,
+        "search": study.search,
+        "laws": {pair: repr(law) for pair, law in study.laws.items()},
+        "duration": study.duration,
+        "start": None if study.start is None else [study.start.q, study.start.dq],
+        "torque": study.torque,
+    }
+
+
+def read_trade(path: str | os.PathLike[str]) -> Trade:
+    """Return the trade that `spherekit trade -o` wrote into a folder.
+
+    Raises
+    ------
+    AnalysisError
+        If there is none, or it cannot be read.
+    """
+    file = Path(path)
+    again = f"write one with: spherekit trade FILE -a NAME -o {path}"
+    try:
+        if file.is_dir():
+            file = file / FILE
+        if file.exists() and not file.is_file():
+            raise ValueError("a folder or a device, not a regular file")
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise AnalysisError(f"{file}: there is no trade; {again}") from None
+    except (OSError, ValueError) as problem:
+        raise AnalysisError(f"{file}: is not a trade ({problem}); {again}") from None
+    try:
+        return _trade(data)
+    except (KeyError, TypeError, ValueError) as problem:
+        raise AnalysisError(
+            f"{file}: is not a trade that this version reads ({problem!r}); {again}"
+        ) from None
+
+
+def check_run(stored: Trade, now: Mapping[str, Any], where: str) -> None:
+    """Raise `AnalysisError` unless a trade was made for a run, see `run_of`."""
+    differs = differences(stored.made_for, now)
+    if differs:
+        raise AnalysisError(
+            f"{where}: the trade was made for another run ({differs}); make it for this "
+            f"one with: spherekit trade {now['mechanism']} -a {now['analysis']} -o {where} "
+            "and the options of the run, or leave --trade out"
+        )
+
+
+def _trade(data: Mapping[str, Any]) -> Trade:
+    rows = data["settings"]
+    return Trade(
+        mechanism=data["mechanism"],
+        analysis=data["analysis"],
+        samples=data["samples"],
+        checked=data["checked_samples"],
+        rows=data["checked_rows"],
+        reference=data["reference"],
+        floor=data["reference_error"],
+        derivatives=data["derivatives"],
+        columns=tuple(
+            (column["column"], column["measured"], column["scale"])
+            for column in data["columns"]
+        ),
+        settings=tuple(_measured(row, data["samples"]) for row in rows),
+        made_for=dict(data["made_for"]),
+    )
+
+
+def _measured(row: Mapping[str, Any], samples: int) -> Measured:
+    first = _number(row["first_seconds"])
+    return Measured(
+        name=row["name"],
+        setting=None if row["setting"] is None else Setting(**row["setting"]),
+        first=first,
+        per_sample=1e-6 * _number(row["microseconds_per_sample"]),
+        per_sample_median=(_number(row["seconds_median"]) - first) / samples,
+        compile=row["compile_seconds"],
+        error=_number(row["error"]),
+        column=row["worst_column"],
+        estimate=_number(row["own_estimate"]),
+        missing=row["missing"],
+        reason=row["reason"],
+    )
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
+TO_THE_RIGHT = ("time", "median", "compiling")
+
+
+def as_text(trade: Trade, tolerance: float | None = None) -> str:
+    """Return the table for people, the columns' scales, and the recommendation."""
+    lines = [_heading(trade)]
+    front = {measured.name for measured in trade.pareto}
+    rows: list[tuple[str, ...]] = [HEADINGS]
+    for candidate in trade.settings:
+        if not candidate.reason:
+            rows.append(_cells(trade, candidate, candidate.name in front))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADINGS))]
+    for row in rows:
+        cells = (
+            cell.rjust(width) if heading in TO_THE_RIGHT else cell.ljust(width)
+            for heading, cell, width in zip(HEADINGS, row, widths, strict=True)
+        )
+        lines.append("  ".join(cells).rstrip())
+    lines.append(
+        "*: no other is quicker and as accurate. Times are processor times of a run"
+        + _scaled(trade)
+        + ", the best of the rounds and their median; compiling comes once."
+    )
+    if any(np.isfinite(measured.estimate) for measured in trade.settings):
+        lines += [
+            f"  {measured.name}: the analysis's own estimate of its error "
+            f"{measured.estimate:.1e}"
+            for measured in trade.settings
+            if np.isfinite(measured.estimate)
+        ]
+    lines += _scales(trade)
+    lines += _not_applying(trade)
+    if tolerance is not None:
+        lines.append(advice(trade, tolerance))
+    return "\n".join(lines)
+
+
+def _scaled(trade: Trade) -> str:
+    if trade.derivatives is None or trade.samples == trade.checked:
+        return ""
+    return f" with {trade.samples} samples, scaled from {trade.checked}"
+
+
+def _heading(trade: Trade) -> str:
+    what = f"{trade.mechanism}, {trade.analysis}"
+    if trade.derivatives is None:
+        return f"{what}: parameters of its own, against {trade.reference}"
+    orders = "rates and derivatives" if trade.derivatives else "rates, no derivatives"
+    return (
+        f"{what}: {trade.samples} samples, {orders}; errors at {trade.rows} rows against "
+        f"{trade.reference}"
+    )
+
+
+def advice(trade: Trade, tolerance: float) -> str:
+    """Return what to take for a tolerance."""
+    best = trade.cheapest(tolerance)
+    if best is not None:
+        return (
+            f"for {tolerance:g}: {best.name}, error {best.error:.1e} (taken where "
+            f"{MARGIN:g} times that is within), {seconds(best.total(trade.samples))} with "
+            "compiling"
+        )
+    reached = trade.most_accurate
+    if reached is None:
+        return f"for {tolerance:g}: no setting gives all numbers"
+    return (
+        f"for {tolerance:g}: no setting meets it with a margin of {MARGIN:g}; the best "
+        f"reached is {reached.error:.1e}, by {reached.name}"
+    )
+
+
+def as_csv(trade: Trade) -> str:
+    """Return all settings, a row each, with a heading."""
+    rows = trade.as_dict()["settings"]
+    stream = io.StringIO()
+    columns = [name for name in rows[0] if name != "setting"]
+    writer = csv.DictWriter(stream, columns, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def _cells(trade: Trade, measured: Measured, front: bool) -> tuple[str, ...]:
+    return (
+        "*" if front else "",
+        measured.name,
+        f"{measured.error:.1e}"
+        + (f" ({measured.missing} missing)" if measured.missing else ""),
+        measured.column,
+        seconds(measured.seconds(trade.samples)),
+        seconds(measured.first + measured.per_sample_median * trade.samples),
+        seconds(measured.compile) if measured.compile > 1e-3 else "",
+    )
+
+
+def seconds(value: float) -> str:
+    """Return a time with three digits; those of one unit align."""
+    if value < 0.9995e-3:
+        return f"{1e6 * value:.0f} us"
+    if value >= 999.5:
+        return f"{value:.0f} s"
+    number, unit = (1e3 * value, "ms") if value < 0.9995 else (value, "s")
+    return f"{number:#.3g}".rstrip(".") + f" {unit}"
+
+
+def _scales(trade: Trade) -> list[str]:
+    """Return how errors are measured, columns of one scale together."""
+    ways: dict[str, list[str]] = {}
+    for name, how, scale in trade.columns:
+        size = "" if how.startswith("absolute") else f" ({scale:.3g})"
+        ways.setdefault(f"{how}{size}", []).append(name)
+    return [f"error of {', '.join(names)}: {how}" for how, names in ways.items()]
+
+
+def _not_applying(trade: Trade) -> list[str]:
+    """Return the settings that do not apply, a line for each reason.
+
+    Reasons are one that differ in numbers, or in the name of their setting, only.
+    """
+    alike: dict[str, list[Measured]] = {}
+    for measured in trade.settings:
+        if measured.reason:
+            key = without_numbers(_unnamed(measured))
+            alike.setdefault(key, []).append(measured)
+    lines = []
+    for every in alike.values():
+        first, *others = every
+        why = _unnamed(first) if others else first.reason
+        names = ", ".join(_shortened([measured.name for measured in every]))
+        lines.append(f"does not apply: {names}: {why.removeprefix(f'{trade.mechanism}: ')}")
+    return lines
+
+
+def _unnamed(measured: Measured) -> str:
+    """Return why a setting does not apply, without its name."""
+    return measured.reason.replace(f" {measured.name} ", " ")
+
+
+def _shortened(names: list[str]) -> list[str]:
+    """Return names, of those that differ in the last number only the first in full.
+
+    ``linear 32, linear 64, linear 128`` is ``linear 32, 64, 128``.
+    """
+    heads = [name.rpartition(" ") for name in names]
+    return [
+        last if k and last.isdecimal() and before == heads[k - 1][0] else name
+        for k, (name, (before, _, last)) in enumerate(zip(names, heads, strict=True))
+    ]
+
+
+FRONT, EVALUATED, TOLERANCE = 1, 0, 5
+"""Tones: of settings that no other beats, of other settings, of the tolerance."""
+LEAST = 1e-17
+
+
+def scene(trade: Trade, tolerance: float | None = None) -> Scene:
+    """Return the chart with a mark for each setting, and the table.
+
+    Settings are numbered; a tolerance is a line, and its choice a mark.
+    """
+    counting = [candidate for candidate in trade.settings if candidate.counts]
+    points = _points(trade, counting)
+    (left, bottom), (right, top) = _frame(points)
+    curves, marks = [], []
+    front = _points(trade, trade.pareto)
+    curves.append(PlaneCurve(front, FRONT, "no other is quicker and as accurate"))
+    for numbered, (measured, place) in enumerate(zip(counting, points, strict=True), 1):
+        tone = FRONT if measured in trade.pareto else EVALUATED
+        marks.append(Mark(str(numbered), place, tone))
+        words = f"{numbered}: {measured.name}, {measured.error:.1e}"
+        curves.append(PlaneCurve(place[None], tone, words))
+    if tolerance is not None:
+        line = np.array([[left, tolerance], [right, tolerance]])
+        curves.append(PlaneCurve(line, TOLERANCE, f"tolerance {tolerance:g}"))
+        chosen = trade.cheapest(tolerance)
+        if chosen is not None:
+            (place,) = _points(trade, [chosen])
+            marks.append(Mark("taken", place, TOLERANCE))
+    chart = Portrait(
+        "trade/chart",
+        "work and precision",
+        x=points[:1, 0],
+        y=points[:1, 1],
+        x_label="processor time with compiling",
+        y_label="largest error of a column",
+        x_range=(float(left), float(right)),
+        y_range=(float(bottom), float(top)),
+        x_unit="s",
+        curves=curves,
+        marks=marks,
+        logarithmic=True,
+    )
+    words = f"```\n{as_text(trade, tolerance)}\n```"
+    return Scene(
+        "Trade",
+        (chart, Text("trade/table", "Trade", words)),
+        (Axis("setting", "", np.zeros(1)),),
+        "trade",
+    )
+
+
+def _points(trade: Trade, counting: Sequence[Measured]) -> Floats:
+    """Return (n, 2) times and errors."""
+    rows = [(measured.total(trade.samples), measured.error) for measured in counting]
+    return np.asarray(np.maximum(np.array(rows, dtype=float).reshape(-1, 2), LEAST))
+
+
+def _frame(points: Floats) -> tuple[Floats, Floats]:
+    """Return the round times and the powers of ten that hold all points with some room."""
+    if not len(points):
+        return np.array([0.1, 0.1]), np.array([1.0, 1.0])
+    low, high = np.log10(points.min(axis=0)), np.log10(points.max(axis=0))
+    room = np.maximum(0.06 * (high - low), 0.1)
+    return 10.0 ** (low - room), 10.0 ** (high + room)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from spherekit.lazily import offered as _offered
 
 if TYPE_CHECKING:
-    from spherekit.analysis.recording_head import RecordingHead as RecordingHead
+    from spherekit.analysis.scene import RecordingHead as RecordingHead
     from spherekit.view.pictures import screenshot as screenshot
     from spherekit.view.rerun_view import RerunRecorder as RerunRecorder
     from spherekit.view.viewer import open_viewer as open_viewer

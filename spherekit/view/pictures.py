@@ -19,8 +19,8 @@ from spherekit.checked import checked
 from spherekit.conventions import listing, nearest
 from spherekit.errors import OutputError
 from spherekit.files.atomic import check_file, write_bytes
+from spherekit.view.blueprint import SAMPLE, TIME, input_scale
 from spherekit.view.sdk import RrdReader, ViewerClient
-from spherekit.view.timelines import SAMPLE, TIME, input_scale
 
 START_TIMEOUT = 30.0
 LOAD_TIMEOUT = 60.0

@@ -11,7 +11,7 @@ import threading
 from pathlib import Path
 from typing import final
 
-from spherekit.files.lock import take
+from spherekit.files.plain import take
 from spherekit.view.sdk import rr
 
 PIECE = 1 << 16

@@ -1,12 +1,40 @@
 """Opening a recording in a viewer window."""
 
 import os
+import signal
+import socket
 import subprocess
 import sys
+import time
+import urllib.error
+import urllib.request
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from urllib.parse import quote
 
+import numpy as np
+
+from spherekit.analysis.link_scenes import link_shapes, motion_scenes, static_scene
+from spherekit.analysis.scene import (
+    Mark,
+    Primitive,
+    RecordingHead,
+    Scene,
+    SphereCurves,
+    Text,
+)
 from spherekit.checked import checked
-from spherekit.errors import OutputError
+from spherekit.errors import OutputError, SolveError
+from spherekit.model.gears import link_axes
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.planning.plan import plans
+from spherekit.sphere.rotation import arc
+from spherekit.view.rerun_view import RerunRecorder
 
 
 @checked(OutputError)
@@ -47,3 +75,222 @@ def has_display() -> bool:
     if sys.platform in ("win32", "darwin"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+PLACES = 9
+"""Inputs tried, evenly over their ranges, where the first ones do not close."""
+ZERO_ARC = np.radians(9.0)
+"""Radius of the arc that shows how far a pair is from its zero."""
+ZERO_TONE = 0
+
+
+def preview(mechanism: Mechanism, path: Path | str) -> str:
+    """Write a recording of a mechanism where its inputs begin, in every assembly mode.
+
+    Returns
+    -------
+    str
+        Empty, or at which inputs it is shown if it cannot be assembled at the first ones.
+
+    Raises
+    ------
+    PlanError, SolveError
+        If it has not one freedom for each input, or cannot be assembled anywhere in their
+        ranges.
+    OutputError
+        If the recording cannot be written.
+    """
+    tracer, motion, note = _assembled(mechanism)
+    shapes = link_shapes(mechanism)
+    titles = {
+        mode.number: f"Mode {mode.number}"
+        + ("" if set(mode.label) == {"~"} else f" ({mode.label})")
+        for mode in motion.assembly_modes
+    }
+    axes = motion.frames[:, :, :, 2]
+    middle = np.nansum(axes, axis=(0, 1))
+    size = np.linalg.norm(middle)
+    with RerunRecorder(mechanism.name, path=path) as recorder:
+        still = static_scene(plans(mechanism, tracer.by_rank), shapes)
+        focus = middle / size if size > 1e-9 else None
+        recorder.start(RecordingHead([still], assembly_modes=titles, focus=focus))
+        sample = np.zeros(1, dtype=np.int64)
+        for row, scene in enumerate(motion_scenes(motion, shapes)):
+            recorder.log(scene, sample)
+            parts = (*_zeros(motion, row), _sizes(motion, row, note))
+            recorder.log(Scene(scene.page, parts), sample)
+    return note
+
+
+def _assembled(mechanism: Mechanism) -> tuple[Tracer, Motion, str]:
+    """Return one sample of a mechanism in all modes, and where if not at the first one."""
+    try:
+        tracer = Tracer(mechanism, samples=1)
+        motion = tracer.motion()
+        if not np.all(motion.failed):
+            return tracer, motion, ""
+    except SolveError:
+        pass
+    tracer = Tracer(mechanism, samples=PLACES)
+    motion = tracer.motion()
+    closed = np.flatnonzero(~motion.failed)
+    if not len(closed):
+        raise SolveError(
+            f"{mechanism.name}: no configuration closes at {PLACES} places in the ranges "
+            "of its inputs, so there is nothing to show; change the ranges or the sizes"
+        )
+    sample = int(motion.sample[closed[0]])
+    here = motion.sample == sample
+    at = ", ".join(
+        f"{item.pair} = {np.degrees(q):.4g} deg"
+        for item, q in zip(mechanism.inputs, motion.inputs[closed[0]], strict=True)
+    )
+    modes = tuple(
+        mode
+        for mode, failed in zip(motion.assembly_modes, motion.failed[here], strict=True)
+        if not failed
+    )
+    chosen = replace(motion.rows(here & ~motion.failed), samples=1, assembly_modes=modes)
+    return tracer, chosen, f"it does not close where its inputs begin; shown at {at}"
+
+
+def _zeros(motion: Motion, row: int) -> list[Primitive]:
+    """Return an arc at every R pair from its zero to where it is."""
+    mechanism = motion.mechanism
+    parts: list[Primitive] = []
+    driven = {item.pair for item in mechanism.inputs}
+    for number, pair in enumerate(mechanism.pairs):
+        if not pair.kind.has_axis:
+            continue
+        x, y, axis = motion.frames[row, number].T
+        (variable,) = mechanism.variables_of(number)
+        value = float(motion.values[row, variable])
+        turn = np.linspace(-value, 0.0, max(2, int(abs(value) / 0.05) + 2))[:, None]
+        around = np.cos(turn) * x + np.sin(turn) * y
+        fan = np.cos(ZERO_ARC) * axis + np.sin(ZERO_ARC) * around
+        zero = np.stack([axis, fan[0]])
+        words = f"{np.degrees(value):.4g}\u00b0"
+        marks = [Mark(words, fan[len(fan) // 2], ZERO_TONE)] if pair.name in driven else []
+        path = f"zero/{pair.name}"
+        parts.append(SphereCurves(path, pair.name, [zero, fan], ZERO_TONE, marks))
+    return parts
+
+
+def _sizes(motion: Motion, row: int, note: str) -> Text:
+    """Return the arcs of links and the angles of pairs as Markdown."""
+    mechanism = motion.mechanism
+    lines = [f"# {mechanism.name}", "", *([note, ""] if note else [])]
+    lines += ["| link | arcs between its axes, deg |", "|---|---|"]
+    for link, places in link_axes(mechanism).items():
+        names = list(places)
+        sizes = [
+            f"{a}\u2013{b} {_degrees(float(arc(places[a], places[b])))}"
+            for a, b in pairwise(names)
+        ]
+        lines.append(f"| {link} | {', '.join(sizes) or ', '.join(names)} |")
+    lines += ["", "| pair | type | links | here, deg | driven |", "|---|---|---|---|---|"]
+    ranges = {
+        item.pair: f"{np.degrees(item.start):.5g} to {np.degrees(item.stop):.5g}"
+        for item in mechanism.inputs
+    }
+    for number, pair in enumerate(mechanism.pairs):
+        here = ", ".join(
+            _degrees(motion.values[row, variable])
+            for variable in mechanism.variables_of(number)
+        )
+        lines.append(
+            f"| {pair.name} | {pair.type} | {' '.join(pair.links)} | {here} | "
+            f"{ranges.get(pair.name, '')} |"
+        )
+    lines += ["", "Thin white arcs run from the zero of each R pair to where it is."]
+    if mechanism.source is not None:
+        lines += ["", f"Source: {mechanism.source.citation}"]
+    return Text("sizes", "Sizes", "\n".join(lines))
+
+
+def _degrees(angle: float) -> str:
+    """Return an angle (rad) in degrees, zero but for rounding as 0."""
+    return f"{round(float(np.degrees(angle)), 9) + 0.0:.5g}"
+
+
+HOST = "127.0.0.1"
+START_WITHIN = 30.0
+"""Seconds in which the server has to answer."""
+
+
+def serve_web(recording: Path | str, say: Callable[[str], None]) -> None:
+    """Serve a recording on this computer until Ctrl-C, and open it in a browser.
+
+    `say` is told the address. Without a display no browser is opened.
+
+    Raises
+    ------
+    OutputError
+        If there is no such recording, or the server does not start.
+    """
+    with served(recording) as url, suppress(KeyboardInterrupt):
+        say(url)
+        if has_display():
+            webbrowser.open(url)
+        while True:
+            time.sleep(3600.0)
+
+
+@contextmanager
+def served(recording: Path | str) -> Iterator[str]:
+    """Serve a recording within the context, and give the address of its page."""
+    path = Path(recording)
+    if not path.is_file():
+        raise OutputError(f"{path}: no such recording")
+    page, data = _free_ports()
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "rerun_cli", str(path.resolve()), "--serve-web"),
+            *("--bind", HOST, "--web-viewer-port", str(page), "--port", str(data)),
+        ],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=os.name == "posix",
+        env={**os.environ, "CI": "true"},  # keeps the viewer from reporting home
+    )
+    try:
+        _wait_for(f"http://{HOST}:{page}/", process)
+        source = quote(f"rerun+http://{HOST}:{data}/proxy", safe="")
+        yield f"http://{HOST}:{page}?url={source}"
+    finally:
+        _stop(process)
+
+
+def _free_ports() -> tuple[int, int]:
+    """Return two ports of this computer that nobody listens on."""
+    with socket.socket() as first, socket.socket() as second:
+        first.bind((HOST, 0))
+        second.bind((HOST, 0))
+        return first.getsockname()[1], second.getsockname()[1]
+
+
+def _wait_for(url: str, process: subprocess.Popen[bytes]) -> None:
+    end = time.monotonic() + START_WITHIN
+    while process.poll() is None and time.monotonic() < end:
+        try:
+            with urllib.request.urlopen(url, timeout=2.0):
+                return
+        except (urllib.error.URLError, OSError):
+            time.sleep(0.1)
+    raise OutputError(
+        f"the viewer's web page did not answer at {url}; `spherekit view X.rrd` opens a "
+        "window, with --png it takes a picture"
+    )
+
+
+def _stop(process: subprocess.Popen[bytes]) -> None:
+    """End the server and what it started."""
+    if os.name == "posix" and process.poll() is None:
+        os.killpg(process.pid, signal.SIGTERM)
+    else:
+        process.terminate()
+    try:
+        process.wait(timeout=10.0)
+    except subprocess.TimeoutExpired:
+        process.kill()

@@ -1,19 +1,23 @@
 """An output at poses in one working mode, and configurations of poses in rows."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import Status
+from spherekit.conventions import Status, listing, nearest
+from spherekit.errors import AnalysisError
+from spherekit.guidance.mid_plane_architecture import axis_in
+from spherekit.model.dynamics import Stop
+from spherekit.model.gears import COLLINEAR, geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import FLAT_DYAD
-from spherekit.numeric.rows import ArrayRows
-from spherekit.output.dyads import DyadArcs
-from spherekit.output.measures import InputRates, reciprocal
-from spherekit.sphere.rotation import Floats
+from spherekit.numeric.crossings import wrap
+from spherekit.numeric.zeros import ArrayRows
+from spherekit.output.dyads import DyadArcs, InputRates, reciprocal
+from spherekit.sphere.rotation import Floats, arc
 
 
 class Rows(Protocol):
@@ -196,3 +200,335 @@ def sense_of(rates: Floats, directions: Floats | None) -> NDArray[np.int64]:
     """
     _, volume = reciprocal(rates, directions)
     return np.asarray(np.sign(np.nan_to_num(volume)), dtype=np.int64)
+
+
+@final
+@dataclass(frozen=True)
+class AngleLimit:
+    """An angle (rad) that may not be less, or not be more, than a limit.
+
+    `cosine` gives that of the angle, and a unit of the angle is `unit` rad of what the
+    bound is named for.
+    """
+
+    name: str
+    limit: float
+    at_least: bool
+    cosine: Callable[[Rows], Floats]
+    unit: float = 1.0
+
+    def column(self, rows: Rows) -> Floats:
+        """Return the margin (n,) as a difference of cosines, smooth across the border."""
+        beyond = np.cos(self.limit) - self.cosine(rows)
+        return np.asarray(beyond if self.at_least else -beyond)
+
+    def left(self, rows: Rows) -> Floats:
+        """Return how far (n,) rad the angle is from the limit, negative beyond."""
+        angle = np.arccos(np.clip(self.cosine(rows), -1.0, 1.0))
+        beyond = self.unit * (angle - self.limit)
+        return np.asarray(beyond if self.at_least else -beyond)
+
+
+@final
+@dataclass(frozen=True)
+class PairLimit:
+    """A pair whose variable stays within [low, high] (rad)."""
+
+    pair: str
+    low: float
+    high: float
+
+
+@final
+@dataclass(frozen=True)
+class AxesLimit:
+    """Two pairs whose axes are between `low` and `high` (rad) apart."""
+
+    one: str
+    other: str
+    low: float
+    high: float = np.pi
+
+
+@final
+@dataclass(frozen=True)
+class Constraints:
+    """What a workspace is asked to keep to, beside the reach of the legs.
+
+    Attributes
+    ----------
+    limits
+        Limits of pairs; the stops of the mechanism hold as well.
+    apart
+        Limits of angles between axes.
+    near
+        Least distance (rad) to a singularity: the angle whose sine is the measure, of
+        type I of every input, and of type II.
+    width, radius
+        Width of the links and radius of the sphere that they are on, in one unit of
+        length: the outer axes of a leg that can fold stay so far apart, along the
+        sphere, that its links do not touch (Chen et al. 2021, section 3). 0 for none.
+    """
+
+    limits: tuple[PairLimit, ...] = ()
+    apart: tuple[AxesLimit, ...] = ()
+    near: float = 0.0
+    width: float = 0.0
+    radius: float = 0.0
+
+
+def bounds_of(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...]:
+    """Return all bounds: of the reach, then those wanted.
+
+    Raises
+    ------
+    AnalysisError
+        For unknown pairs, values without meaning, and limits that contradict each other.
+    """
+    mechanism = kinematics.mechanism
+    for item in wanted.limits:
+        if _pair(mechanism, "limits", item.pair) in kinematics.wheels:
+            raise _refusal(
+                mechanism,
+                f"limits: {item.pair} is the pair of a wheel, which may turn many times; "
+                "limit the pairs that carry the output",
+            )
+    bounds = (
+        *_between_axes(kinematics, wanted),
+        *_of_pairs(mechanism, wanted.limits),
+        *_of_singularities(mechanism, wanted.near),
+    )
+    return bounds or (_NO_LIMIT,)
+
+
+def left_of(bounds: Sequence[AngleLimit], rows: Rows) -> tuple[Floats, NDArray[np.intp]]:
+    """Return what is left (n,) rad to the nearest bound, and its number.
+
+    Negative outside; the number is -1 where no limit says why the pose cannot be taken.
+    """
+    left = np.stack([bound.left(rows) for bound in bounds], axis=1)
+    columns = np.stack([bound.column(rows) for bound in bounds], axis=1)
+    missing = np.isnan(left)
+    filled = np.where(missing, np.inf, left)
+    limiting = np.argmin(filled, axis=1)
+    margin = np.min(filled, axis=1)
+    exact = np.min(np.where(np.isnan(columns), np.inf, columns), axis=1)
+    margin = np.where((margin < 0.0) & (exact >= 0.0), 0.0, margin)
+    unknown = missing.any(axis=1) & (margin >= 0.0)
+    return np.where(unknown, np.nan, margin), np.where(unknown, -1, limiting)
+
+
+_NO_LIMIT = AngleLimit(
+    "none: every pose is reached", np.pi, False, lambda r: np.ones_like(r.type_2)
+)
+
+
+@final
+@dataclass
+class _Between:
+    """The strictest limits (rad) of the angle between two axes, and where they are from."""
+
+    low: float = 0.0
+    high: float = np.pi
+    low_from: str = ""
+    high_from: str = ""
+
+    def narrow(self, low: float, high: float, source: str) -> None:
+        if low > self.low:
+            self.low, self.low_from = low, source
+        if high < self.high:
+            self.high, self.high_from = high, source
+
+
+def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...]:
+    """Return the bounds of angles between axes, one each way for each two axes."""
+    mechanism = kinematics.mechanism
+    limits: dict[tuple[int, int], _Between] = {}
+    closest = _closest(mechanism, wanted)
+    for span in kinematics.spans:
+        between = limits.setdefault((span.one, span.other), _Between())
+        between.narrow(span.cones.shortest, span.cones.longest, "the arcs of the leg")
+        if closest > 0.0 and span.folds:
+            between.narrow(closest, np.pi, "the width of the links")
+    for item in wanted.apart:
+        one, other = (_pair(mechanism, "apart", name) for name in (item.one, item.other))
+        if _holds_always(mechanism, item, one, other):
+            continue
+        key = (one, other) if (one, other) in limits else (other, one)
+        key = key if key in limits else (one, other)
+        limits.setdefault(key, _Between()).narrow(item.low, item.high, "apart")
+    bounds: list[AngleLimit] = []
+    for (one, other), between in limits.items():
+        name = "/".join(kinematics.name_of(pair) for pair in sorted((one, other)))
+        if between.low > between.high:
+            raise _refusal(
+                mechanism,
+                f"the axes {name} cannot be at least {_deg(between.low)} apart "
+                f"({between.low_from}) and at most {_deg(between.high)} "
+                f"({between.high_from}); these limits contradict each other",
+            )
+        if between.high - between.low < COLLINEAR:
+            raise _refusal(
+                mechanism,
+                f"the axes {name} are always {_deg(between.low)} apart "
+                f"({between.low_from}, {between.high_from}); the workspace is no more "
+                "than a curve and has no area",
+            )
+
+        def cosine(rows: Rows, one: int = one, other: int = other) -> Floats:
+            return rows.cosine(one, other)
+
+        for limit, at_least, source in (
+            (between.low, True, between.low_from),
+            (between.high, False, between.high_from),
+        ):
+            if COLLINEAR < limit < np.pi - COLLINEAR:
+                words = "at least" if at_least else "at most"
+                title = f"axes {name} {words} {_deg(limit)} ({source})"
+                bounds.append(AngleLimit(title, limit, at_least, cosine))
+    return tuple(bounds)
+
+
+def _holds_always(mechanism: Mechanism, item: AxesLimit, one: int, other: int) -> bool:
+    """Return whether the axes are on one link, and so always apart as asked."""
+    where = f"{item.one}/{item.other}"
+    if one == other:
+        raise _refusal(mechanism, f"apart: {where} names one axis twice")
+    if not 0.0 <= item.low <= item.high <= np.pi:
+        raise _refusal(
+            mechanism,
+            f"apart: {where}: {_deg(item.low)} to {_deg(item.high)} is not a range; give "
+            "the least angle between the axes, 0 to 180 deg, and a greatest not below",
+        )
+    fixed = _fixed(mechanism, one, other)
+    if fixed is not None and not item.low - COLLINEAR <= fixed <= item.high + COLLINEAR:
+        raise _refusal(
+            mechanism,
+            f"apart: {where}: both axes are on one link, always {_deg(fixed)} "
+            f"apart, not {_deg(item.low)} to {_deg(item.high)}",
+        )
+    return fixed is not None
+
+
+def _fixed(mechanism: Mechanism, one: int, other: int) -> float | None:
+    """Return the angle (rad) between the axes of two pairs of one link, else None."""
+    shared = set(mechanism.ends[one]) & set(mechanism.ends[other])
+    joints = geometry_of(mechanism).joints
+    for link in shared:
+        axes = (axis_in(mechanism, joints, pair, link) for pair in (one, other))
+        return float(arc(*axes))
+    return None
+
+
+def _closest(mechanism: Mechanism, wanted: Constraints) -> float:
+    """Return the least angle (rad) that the width of links leaves between axes."""
+    width, radius = wanted.width, wanted.radius
+    if not (np.isfinite(width) and np.isfinite(radius)) or width < 0.0 or radius < 0.0:
+        raise _refusal(
+            mechanism, f"width {width:g} and radius {radius:g} are lengths, 0 or more"
+        )
+    if width == 0.0:
+        return 0.0
+    if radius == 0.0 or width > np.pi * radius:
+        raise _refusal(
+            mechanism,
+            f"links of width {width:g} do not fit on a sphere of radius {radius:g}; give "
+            "the radius in the same unit of length, more than width / 3.2",
+        )
+    return width / radius
+
+
+def _of_pairs(mechanism: Mechanism, limits: Sequence[PairLimit]) -> tuple[AngleLimit, ...]:
+    """Return the bounds of pairs: stops and limits wanted, each by its middle."""
+    asked = [(item, "stop") for item in map(_of_stop, mechanism.stops)]
+    asked += [(item, "limit") for item in limits]
+    kept: dict[str, PairLimit] = {}
+    bounds = []
+    for item, kind in asked:
+        number = _pair(mechanism, "limits", item.pair)
+        if not np.isfinite(item.low + item.high) or item.low > item.high:
+            raise _refusal(
+                mechanism,
+                f"limits: {item.pair}: {_deg(item.low)} to {_deg(item.high)} is not a "
+                f"range; "
+                "give the lower limit first",
+            )
+        for before in filter(None, [kept.get(item.pair)]):
+            if not _overlap(before, item):
+                raise _refusal(
+                    mechanism,
+                    f"limits: {item.pair} cannot be within {_deg(before.low)} to "
+                    f"{_deg(before.high)} and within {_deg(item.low)} to "
+                    f"{_deg(item.high)}; these limits contradict each other",
+                )
+        kept[item.pair] = item
+        middle, half = 0.5 * (item.low + item.high), 0.5 * (item.high - item.low)
+        if half >= np.pi:
+            continue
+
+        def cosine(rows: Rows, number: int = number, middle: float = middle) -> Floats:
+            return np.cos(rows.angle(number) - middle)
+
+        title = f"{kind} of {item.pair}, {_deg(item.low)} to {_deg(item.high)}"
+        bounds.append(AngleLimit(title, half, False, cosine))
+    return tuple(bounds)
+
+
+def _of_stop(stop: Stop) -> PairLimit:
+    return PairLimit(stop.pair, stop.low, stop.high)
+
+
+def _overlap(one: PairLimit, other: PairLimit) -> bool:
+    """Return whether two ranges of an angle meet, up to whole turns."""
+    gap = 0.5 * (other.low + other.high - one.low - one.high)
+    width = 0.5 * (one.high - one.low + other.high - other.low)
+    return abs(float(wrap(gap))) <= width + COLLINEAR
+
+
+def _of_singularities(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:
+    """Return the bounds of the measures, by the double angle, whose cosine is smooth."""
+    if not 0.0 <= near < 0.5 * np.pi:
+        raise _refusal(
+            mechanism,
+            f"near: {_deg(near)} is not a distance to a singularity; it is at least 0 and "
+            "less than 90 deg, as the angle whose sine is the measure",
+        )
+    if near == 0.0:
+        return ()
+    bounds = []
+    for number, item in enumerate(mechanism.inputs):
+
+        def first(rows: Rows, number: int = number) -> Floats:
+            return 1.0 - 2.0 * rows.type_1_square[:, number]
+
+        title = f"type I of {item.pair} at least {_deg(near)} away"
+        bounds.append(AngleLimit(title, 2.0 * near, True, first, 0.5))
+
+    def second(rows: Rows) -> Floats:
+        return 1.0 - 2.0 * rows.type_2**2
+
+    bounds.append(
+        AngleLimit(f"type II at least {_deg(near)} away", 2.0 * near, True, second, 0.5)
+    )
+    return tuple(bounds)
+
+
+def _pair(mechanism: Mechanism, what: str, name: str) -> int:
+    """Return the number of a pair."""
+    number = mechanism.pair_number.get(name)
+    if number is None:
+        raise _refusal(
+            mechanism,
+            f'{what}: no pair is named "{name}"'
+            f"{nearest(name, mechanism.pair_number) or ';'} Pairs: "
+            f"{listing(mechanism.pair_number)}",
+        )
+    return number
+
+
+def _refusal(mechanism: Mechanism, why: str) -> AnalysisError:
+    return AnalysisError(f"workspace of {mechanism.name}: {why}")
+
+
+def _deg(angle: float) -> str:
+    return f"{np.degrees(angle):.6g} deg"

@@ -8,7 +8,7 @@ from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.errors import EngineError
 from spherekit.model.dynamics import DRIVE
-from spherekit.model.laws import Polynomial, Start
+from spherekit.model.study import Polynomial, Start
 
 UNTIL = 1.5
 """Time (s) that is simulated."""

@@ -7,7 +7,7 @@ from sceptic.evidence import Kind, check
 
 from spherekit.conventions import Status
 from spherekit.guarantee import Claim, Guarantee
-from spherekit.motion.assemblies import assemblies
+from spherekit.motion.elimination import assemblies
 from spherekit.motion.motion import Tracer
 
 SAME = 1e-6

@@ -8,10 +8,10 @@ from sceptic.modes import place_of
 from scipy.spatial.transform import Rotation
 
 from spherekit.conventions import Status
-from spherekit.numeric.turns import wrap
+from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import from_quaternion
 from spherekit.workspace.inverse import output_kinematics
-from spherekit.workspace.kinematics import ClosedKinematics, OutputKinematics
+from spherekit.workspace.workspace import ClosedKinematics, OutputKinematics
 
 PLACES = 4
 """At how many inputs poses are compared."""

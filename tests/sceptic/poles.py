@@ -7,7 +7,7 @@ from sceptic.evidence import Kind, check
 
 import spherekit as sk
 from spherekit.errors import SolveError
-from spherekit.numeric.turns import wrap
+from spherekit.numeric.crossings import wrap
 
 STEP = 1e-3
 """Distance (rad) of inputs from which derivatives are taken."""

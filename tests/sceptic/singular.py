@@ -8,7 +8,7 @@ from sceptic.modes import place_of
 
 import spherekit as sk
 from spherekit.guarantee import Guarantee
-from spherekit.motion.assemblies import assemblies
+from spherekit.motion.elimination import assemblies
 from spherekit.motion.turns import whole_periods
 
 SINGULAR = 1e5

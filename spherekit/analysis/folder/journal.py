@@ -21,7 +21,7 @@ from typing import Any, Literal, final
 from spherekit.conventions import listing
 from spherekit.errors import OutputError
 from spherekit.files.atomic import make_folder, refused, write_bytes
-from spherekit.files.lock import BaseFileLock, locked
+from spherekit.files.plain import BaseFileLock, locked
 
 WORK = ".spherekit-run"
 JOURNAL = "journal.json"

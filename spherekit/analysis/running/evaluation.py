@@ -1,29 +1,82 @@
 """Configurations and poles of a course, block after block, by a setting."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.needs import Needs
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.rows_at_once import RowsAtOnce
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.running.setting import ORDINARY, Setting
+from spherekit.checked import checked_class
 from spherekit.conventions import Status
 from spherekit.engine.kernels import Kernel, kernel
 from spherekit.errors import AnalysisError
-from spherekit.motion.continued import AngleMemory
-from spherekit.motion.motion import Motion
+from spherekit.motion.motion import AngleMemory, Motion
 from spherekit.rates.core import LinkRates
 from spherekit.rates.field import evaluate, field_of_rates
-from spherekit.rates.pole_field import PoleField
-from spherekit.rates.request import Request
-from spherekit.rates.signs import SignMemory
+from spherekit.rates.request import (
+    ROUTES,
+    PoleField,
+    Request,
+    Route,
+    SignMemory,
+)
 from spherekit.sphere.rotation import Floats
+
+RateEngine = Literal["numpy", "compiled", "extended"]
+Integrator = Literal["auto", "numpy", "compiled"]
+
+ENGINES: dict[RateEngine, str] = {
+    "numpy": "the plan's great circles or equations, by NumPy",
+    "compiled": "expressions in homogeneous rates, compiled by heyoka",
+    "extended": "the same expressions in NumPy's longdouble",
+}
+
+
+@final
+@checked_class(AnalysisError)
+@dataclass(frozen=True)
+class Setting:
+    """One way to compute what analyses read.
+
+    `engine` finds rates: by NumPy along a `route`, or by a kernel that knows no routes.
+    `integrator` and `tolerance` (rad) are those of a simulation; None leaves the tolerance
+    to the run.
+    """
+
+    engine: RateEngine = "numpy"
+    route: Route = "best"
+    integrator: Integrator = "auto"
+    tolerance: float | None = None
+
+    def __str__(self) -> str:
+        parts: list[str] = [self.engine]
+        if self.tolerance is not None:
+            parts = [self.integrator, f"tolerance {self.tolerance:.0e}"]
+        elif self.engine == "numpy":
+            parts.append(self.route)
+        return " ".join(parts)
+
+    @property
+    def compiles(self) -> bool:
+        """Whether something is made ready first, once for many runs."""
+        return self.engine != "numpy" or self.integrator == "compiled"
+
+    def describe(self) -> str:
+        """Return the setting in words."""
+        if self.tolerance is not None:
+            return f"integrated by {self.integrator}, tolerance {self.tolerance:g} rad"
+        return ROUTES[self.route] if self.engine == "numpy" else ENGINES[self.engine]
+
+
+ORDINARY = Setting()
+"""What a run does unless told otherwise."""
+
 
 ORDINARY_WAY = ORDINARY.engine, ORDINARY.route
 """What a kernel may stand in for: the best route at every sample."""

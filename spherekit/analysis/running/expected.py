@@ -12,17 +12,17 @@ from spherekit.analysis.result import stem_of
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.run import evaluate_block, executed, traced
 from spherekit.analysis.running.cost import Timer
+from spherekit.analysis.running.evaluation import ORDINARY
 from spherekit.analysis.running.recording import MOST_LOGGED
-from spherekit.analysis.running.run_plan import Asked, job_of
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.sampling import course_of
-from spherekit.analysis.running.setting import ORDINARY
+from spherekit.analysis.running.summary import Asked, job_of
 from spherekit.analysis.tables import TableArrays
 from spherekit.conventions import Status
 from spherekit.model.study import Study
 from spherekit.motion.motion import samples_in_block
-from spherekit.planning.assembly import Assembly
-from spherekit.rates.signs import SignMemory
+from spherekit.planning.inputs import Assembly
+from spherekit.rates.request import SignMemory
 
 LEAST = 4
 """Samples below which no short run is smaller than the run."""

@@ -12,14 +12,10 @@ from spherekit.conventions import Status
 from spherekit.engine.columns import ERRORS, SIGNED
 from spherekit.engine.row_kernel import RowKernel
 from spherekit.motion.motion import Motion
-from spherekit.numeric.lent_memory import LentMemory
-from spherekit.numeric.unread import Reader, Unread
+from spherekit.numeric.unread import LentMemory, Reader, Unread
 from spherekit.planning.poles import Pole
-from spherekit.rates.field import add_locked, by_sequence
-from spherekit.rates.pole_field import PoleField
-from spherekit.rates.request import Request
-from spherekit.rates.sequence import PlannedPoles
-from spherekit.rates.signs import TurnedRows
+from spherekit.rates.field import PlannedPoles, add_locked, by_sequence
+from spherekit.rates.request import PoleField, Request, TurnedRows
 from spherekit.sphere.rotation import Floats
 
 SLICE = 8184

@@ -13,10 +13,9 @@ from spherekit.analysis.link_scenes import (
     motion_scenes,
     static_scene,
 )
-from spherekit.analysis.recording_head import RecordingHead
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.scene import Axis, Portrait, Primitive, Scene
+from spherekit.analysis.scene import Axis, Portrait, Primitive, RecordingHead, Scene
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.motion import Motion

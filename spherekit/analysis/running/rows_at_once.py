@@ -5,6 +5,7 @@ rates follow, and what all of that may be off by. Rows that it does not vouch fo
 found by `Tracer` and `evaluate`, as without it.
 """
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -13,29 +14,378 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.running.in_turn import in_turn
+from spherekit.analysis.running.in_turn import each_at_once, in_turn
 from spherekit.analysis.running.kernel_columns import (
     MEMORY,
     SLICE,
     KernelColumns,
     Numbers,
+    Part,
     UnreadField,
     slices_of,
 )
-from spherekit.analysis.running.row_block import Positions, Rows, stops_of
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
-from spherekit.engine.row_kernel import RowKernel, row_kernel
-from spherekit.motion.motion import Motion
-from spherekit.rates.request import Request
-from spherekit.rates.signs import (
+from spherekit.engine.dyads import (
+    ClosedPositions,
+    closed_positions,
+    given_by,
+)
+from spherekit.engine.row_kernel import RowFunction, RowKernel, row_kernel
+from spherekit.motion.guides import ModeCurve
+from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.predicted import Predictor
+from spherekit.rates.request import (
+    Request,
     SignMemory,
     Stops,
     TurnedRows,
     sides_of,
     signs_at_stops,
 )
+from spherekit.sphere.rotation import Floats
+
+SHORTEST_RUN = 64
+"""Rows without a configuration that follow each other less often are left out by number."""
+SMALL_STEP = 1e-6
+"""A step of Newton's method (rad) from what was predicted stays in its mode."""
+
+NONE: Numbers = np.empty(0, dtype=np.intp)
+FEW = 128
+"""So many angular velocities are compared one by one where their box leaves it open."""
+PARTS = 8
+"""Parts that more of them are divided into."""
+ASIDE = 1e-8
+"""The least cosine of successive directions: those of rows that are still open may be off
+by a tenth of that, as those that are vouched for."""
+
+
+@final
+class Rows:
+    """The rows of a block while they are found, slice by slice.
+
+    By assembly mode, then sample, whose inputs are `q` (inputs, samples). `values`
+    (variables, n) are what is read of the variables, then all of them. `closure` (2, n) is
+    by how much loops are open, and the error of the configuration. `vouched` (n,) says
+    where the values close all loops and the kernel's numbers may be given. `late` are the
+    errors of rows after their slice.
+    """
+
+    def __init__(self, kernel: RowKernel, positions: "Positions", q: Floats) -> None:
+        self.kernel, self.positions, self._q = kernel, positions, q
+        tracer = positions.tracer
+        n = len(tracer.assembly_modes) * q.shape[1]
+        self.values = MEMORY.array(len(tracer.mechanism.variable_owners), n)
+        self.closure = MEMORY.array(2, n)
+        self.vouched = np.ones(n, dtype=bool)
+        self.status = np.zeros(n, dtype=np.int8)
+        self.late: list[tuple[tuple[float, ...], ...]] = []
+
+    def fill(self, parts: Sequence[Part]) -> "list[Seen | None]":
+        """Fill all rows; return what was seen of parts whose rows are all vouched for."""
+        made = each_at_once(self._fill, parts, self.kernel.in_threads)
+        open_ = np.concatenate([rows for _, rows in made])
+        if len(open_):
+            self._close(open_)
+        return [seen for seen, _ in made]
+
+    def put(self, rows: Numbers, residual: Floats | None = None) -> None:
+        """Fill rows by their numbers, whose values are known, and the residual may be."""
+        judging, values = self.kernel.judging, self.values[:, rows]
+        judged = judging(values)
+        if residual is not None:
+            judging.closure(judged)[0] = residual
+        self.closure[:, rows] = judging.closure(judged)
+        good = judging.vouched(judged)
+        if residual is None:
+            good &= judging.closed(judged)
+        self.vouched[rows] = good
+        if np.any(good):
+            self.late.append(largest(judging, judged, good))
+
+    def leave_out(self, failed: NDArray[np.bool_]) -> None:
+        """Give rows (n,) that hold no configuration no numbers."""
+        edges = np.flatnonzero(np.diff(failed, prepend=False, append=False)).tolist()
+        runs: list[slice | Numbers] = [
+            slice(*run) for run in zip(edges[::2], edges[1::2], strict=True)
+        ]
+        if len(runs) * SHORTEST_RUN > len(failed):
+            runs = [np.flatnonzero(failed)]
+        for rows in runs:
+            self.values[:, rows] = self.closure[:, rows] = np.nan
+            self.vouched[rows] = False
+
+    def looked_through(
+        self, seen: "Sequence[Seen | None]", parts: Sequence[Part]
+    ) -> "list[tuple[int, Seen]]":
+        """Return what is seen of each part that has rows vouched for, with its mode."""
+        made = [
+            (mode, here or self._looked_at(np.flatnonzero(self.vouched[rows]) + rows.start))
+            for here, (mode, rows) in zip(seen, parts, strict=True)
+        ]
+        return [(mode, here) for mode, here in made if here is not None]
+
+    def _looked_at(self, rows: Numbers) -> "Seen | None":
+        """Return what is seen of some rows, found again."""
+        if not len(rows):
+            return None
+        judging = self.kernel.judging
+        return Seen.of(judging, judging(self.values[:, rows]), rows)
+
+    def _fill(self, part: Part) -> "tuple[Seen | None, Numbers]":
+        """Fill a slice; return what is seen of it, and rows that a step may close."""
+        mode, rows = part
+        lost: NDArray[np.bool_] | None = None
+        first, count = mode * self._q.shape[1], rows.stop - rows.start
+        q = self._q[:, rows.start - first : rows.stop - first]
+        by_inputs, judging = self.positions.by_inputs, self.positions.deciding
+        with MEMORY.room(judging.width + judging.given, count) as room:
+            given, columns = room[: judging.given], room[judging.given :]
+            if by_inputs:
+                given_by(q, self.positions.signs(mode), given)
+            else:
+                given[:] = self.values[:, rows]
+                if np.isnan(np.min(given[0])):
+                    lost = self.positions.complete(mode, q, given)
+            judging(given, columns)
+            if by_inputs or lost is not None:
+                self.values[:, rows] = columns[: judging.variables] if by_inputs else given
+            self.closure[:, rows] = judging.closure(columns)
+            numbers = np.arange(rows.start, rows.stop)
+            if judging.is_well(columns):
+                return Seen.of(judging, columns, numbers), NONE
+            good, closed = judging.vouched(columns), judging.closed(columns)
+            well = self.vouched[rows] = good & closed
+            if by_inputs:
+                lost = judging.lost(columns)
+            if lost is not None:
+                self.status[rows][lost] = Status.OUT_OF_REACH
+            open_ = np.flatnonzero(~closed & np.isfinite(judging.closure(columns)[0]))
+            seen = None
+            if np.all(good):
+                seen = Seen.of(judging, columns, numbers, closed)
+            elif not len(open_) and np.any(well):
+                seen = Seen.of(judging, columns[:, well], numbers[well])
+            return seen, numbers[open_]
+
+    def _close(self, open_: Numbers) -> None:
+        """Take a step of Newton's method at some rows; keep what that closes, near by."""
+        before = self.values[:, open_]
+        after = before.copy()
+        after[list(self.kernel.free)] = self.kernel.closer(before)
+        near = np.max(np.abs(after - before), axis=0) < SMALL_STEP
+        rows = open_[near]
+        self.values[:, rows] = after[:, near]
+        self.put(rows)
+
+
+@final
+@dataclass(frozen=True)
+class Positions:
+    """The variables of samples, nearly closed, and which modes surely do not reach them.
+
+    A `predictor` where samples lie close together along a path, else the `closed` form
+    where all groups are dyads. What lies beyond the curve that a mode follows is out of
+    reach where that curve ends for this reason. Where they are `by_inputs`, nothing is
+    read: the kernel of rows has the closed form in it.
+    """
+
+    tracer: Tracer
+    kernel: RowKernel
+    predictor: Predictor | None
+    closed: ClosedPositions | None
+    by_inputs: bool
+
+    @classmethod
+    def of(cls, tracer: Tracer, kernel: RowKernel) -> "Positions":
+        """Return those of a tracer's samples."""
+        # On arrays, reading between nodes takes half the time.
+        may_be_read = kernel.engine == "numpy" and len(tracer.inputs) == 1
+        is_read = may_be_read or not kernel.has_closed_form
+        predictor = Predictor.of(tracer) if is_read else None
+        closed = closed_positions(tracer.mechanism, tracer.assembly)
+        by_inputs = kernel.has_closed_form and predictor is None
+        return cls(tracer, kernel, predictor, closed, by_inputs)
+
+    @property
+    def deciding(self) -> RowFunction:
+        """What decides about rows: by inputs, or of variables that were read."""
+        return self.kernel.by_inputs if self.by_inputs else self.kernel.judging
+
+    def read(self, start: int, stop: int, out: Floats) -> None:
+        """Write what is read between nodes of samples from `start` to `stop`.
+
+        As variables (variables, modes, samples), NaN where nothing is.
+        """
+        if self.predictor is not None:
+            self.predictor.read(start, stop, out)
+        elif not self.by_inputs:
+            out[:] = np.nan
+
+    def signs(self, number: int) -> tuple[int, ...]:
+        """Return the signs of a mode's dyads."""
+        return self.tracer.assembly_modes[number].signs
+
+    def complete(self, number: int, q: Floats, values: Floats) -> NDArray[np.bool_]:
+        """Write variables (variables, n) of a mode at inputs q (inputs, n), if not read.
+
+        In closed form, or none. Return (n,) which samples the mode surely does not reach.
+        """
+        mode = self.tracer.assembly_modes[number]
+        lost = np.zeros(q.shape[1], dtype=bool)
+        open_ = np.flatnonzero(np.isnan(values[0]))
+        if len(open_) and self.closed is not None:
+            values[:, open_], lost[open_] = self.closed.at(q[:, open_], mode.signs)
+        elif len(open_) and isinstance(mode.guide, ModeCurve):
+            lost[open_] = mode.guide.ends_before(q[0, open_])
+        return lost
+
+
+@final
+@dataclass(frozen=True)
+class Seen:
+    """What was seen of a slice's rows that are vouched for, while they were in the cache.
+
+    `first` and `last` are the numbers of the outermost, `ends` for each input the relative
+    angular velocities (poles, 3, 2) there, and `gaps` (2, k) the rows between which some
+    direction may reverse. `errors` are for each input the largest of directions, rates,
+    changes.
+    """
+
+    first: int
+    last: int
+    ends: tuple[Floats, ...]
+    gaps: tuple[Numbers, ...]
+    errors: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def of(
+        cls,
+        deciding: RowFunction,
+        columns: Floats,
+        rows: Numbers,
+        counted: NDArray[np.bool_] | None = None,
+    ) -> "Seen":
+        """Return what is seen of successive rows; errors are those of the `counted`."""
+        every = range(len(deciding.inputs))
+        turning = [deciding.turning(columns, k) for k in every]
+        boxes = [deciding.ends(columns, k) for k in every]
+        at = [_gaps(deciding, turning[k], k, boxes[k][:2]) for k in every]
+        errors = tuple(box[2] for box in boxes)
+        return cls(
+            int(rows[0]),
+            int(rows[-1]),
+            tuple(deciding.relative(k, turning[k][..., [0, -1]]) for k in every),
+            tuple(np.array([rows[k], rows[k + 1]]) for k in at),
+            errors if counted is None else largest(deciding, columns, counted),
+        )
+
+
+def largest(
+    deciding: RowFunction, columns: Floats, chosen: NDArray[np.bool_]
+) -> tuple[tuple[float, ...], ...]:
+    """Return the largest errors of chosen rows by input: directions, rates, changes."""
+    some = slice(None) if np.all(chosen) else chosen
+    every = (deciding.errors(columns, k) for k in range(len(deciding.inputs)))
+    return tuple(
+        tuple(np.maximum.reduce(errors[:, some], axis=1, initial=0.0).tolist())
+        for errors in every
+    )
+
+
+def stops_of(
+    seen: Sequence[tuple[int, Seen]],
+    number: int,
+    held: NDArray[np.bool_],
+    careful: Numbers,
+) -> dict[int, Stops]:
+    """Return where directions of an input are looked at, by the modes' places.
+
+    `seen` are slices with their modes, in order; `held` (modes, samples) says which rows
+    have a configuration, `careful` are those that were found with care.
+    """
+    gaps: dict[int, list[Numbers]] = defaultdict(list)
+    for mode, here in seen:
+        gaps[mode].append(here.gaps[number])
+    ends = np.array([here.ends[number] for _, here in seen])
+    if len(seen) > 1:
+        reverses = ~np.all(_along(ends[:-1, ..., 1], ends[1:, ..., 0]), axis=1)
+        for k in np.flatnonzero(reverses).tolist():
+            (mode, one), (other, two) = seen[k : k + 2]
+            if mode == other:
+                gaps[mode].append(np.array([[one.last], [two.first]]))
+    stops: dict[int, Stops] = {}
+    for mode, of_mode in enumerate(held):
+        if not np.any(of_mode):
+            continue
+        start, count = mode * len(of_mode), len(of_mode)
+        outer = int(np.argmax(of_mode)), count - 1 - int(np.argmax(of_mode[::-1]))
+        some = careful[(careful >= start) & (careful < start + count)]
+        if len(some):
+            rows = np.flatnonzero(of_mode) + start
+            at = np.searchsorted(rows, some)
+            at, going_on = at[at > 0], at[at < len(rows) - 1]
+            gaps[mode].append(np.array([rows[at - 1], rows[at]]))
+            gaps[mode].append(np.array([rows[going_on], rows[going_on + 1]]))
+        stops[mode] = _stops(np.array(outer) + start, gaps[mode])
+    return stops
+
+
+def _stops(ends: Numbers, parts: Sequence[Numbers]) -> Stops:
+    gaps = np.concatenate([np.empty((2, 0), dtype=np.intp), *parts], axis=1)
+    rows = np.unique(np.concatenate([ends, gaps.ravel()]))
+    depth = np.zeros(len(rows), dtype=np.intp)
+    first, second = np.searchsorted(rows, gaps)
+    np.add.at(depth, first, 1)
+    np.add.at(depth, second, -1)
+    return Stops(rows, np.cumsum(depth)[:-1] > 0)
+
+
+def _along(one: Floats, two: Floats) -> NDArray[np.bool_]:
+    """Return which directions (..., 3) do not reverse from one to the other."""
+    sizes = np.sum(one * one, axis=-1) * np.sum(two * two, axis=-1)
+    return np.asarray(np.sum(one * two, axis=-1) >= ASIDE * np.sqrt(sizes))
+
+
+def _gaps(
+    deciding: RowFunction,
+    turning: Floats,
+    number: int,
+    box: tuple[Floats, Floats] | None = None,
+    first: int = 0,
+) -> Numbers:
+    """Return after which rows a direction of an input may reverse to the next one.
+
+    By the angular velocities (links, 3, n) of what turns: within their `box`, least and
+    largest, first, then, where that leaves it open, in parts.
+    """
+    none = np.empty(0, dtype=np.intp)
+    n = turning.shape[2]
+    if not turning.size or n < 2:
+        return none
+    if n <= FEW:
+        v = np.moveaxis(deciding.relative(number, turning), 1, 2)
+        return first + np.flatnonzero(~np.all(_along(v[:, :-1], v[:, 1:]), axis=0))
+    low, high = box or (
+        np.minimum.reduce(turning, axis=2),
+        np.maximum.reduce(turning, axis=2),
+    )
+    least, most = deciding.relative(number, low, high), deciding.relative(number, high, low)
+    # No product of two in a box falls below the one, no size exceeds the other.
+    across, one, other = least * most, least * least, most * most
+    inner = np.where(across > 0.0, np.minimum(one, other), across)
+    product, size = np.sum(inner, axis=1), np.sum(np.maximum(one, other), axis=1)
+    if np.all(product >= ASIDE * size):
+        return none
+    step = -(-n // PARTS)
+    starts = range(0, n - 1, step)
+    parts = (
+        _gaps(deciding, turning[..., k : k + step + 1], number, None, first + k)
+        for k in starts
+    )
+    return np.concatenate([none, *parts])
+
 
 FEWEST = 1 << 14
 """With fewer rows than this a kernel is not made."""

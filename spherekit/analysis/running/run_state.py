@@ -12,19 +12,17 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.batch import Batch, run_status
 from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.running.setting import Setting
 from spherekit.analysis.tables import Table, TableData
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.files.plain import as_json
 from spherekit.files.write import mechanism_hash
-from spherekit.motion.continued import AngleMemory
 from spherekit.motion.loops import rank_mobility, redundancy
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import AngleMemory, Motion, Tracer
 from spherekit.numeric.unread import Interleaved
-from spherekit.rates.pole_field import PoleField
-from spherekit.rates.signs import SignMemory
+from spherekit.rates.request import PoleField, SignMemory
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
 

@@ -15,13 +15,18 @@ from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import drives
 from spherekit.engine.kernels import Engine
 from spherekit.errors import ModelError, SolveError
-from spherekit.model.laws import ConstantSpeed, Law, time_fault
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import Study
-from spherekit.motion.continued import AngleMemory
-from spherekit.motion.motion import BLOCK, Motion, Tracer
-from spherekit.motion.timing import Extent, Timing, by_laws
-from spherekit.numeric.turns import wrap
+from spherekit.model.study import ConstantSpeed, Law, Study, time_fault
+from spherekit.motion.motion import (
+    BLOCK,
+    AngleMemory,
+    Extent,
+    Motion,
+    Timing,
+    Tracer,
+    by_laws,
+)
+from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import Floats
 

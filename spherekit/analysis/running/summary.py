@@ -3,23 +3,324 @@
 And what is said of rows that were verified in many digits.
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, reduce
+from typing import Any, Self, final
 
 import numpy as np
 
-from spherekit.analysis.contract import Findings
+from spherekit.analysis.batch import Needs, run_status
+from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.declared import declared
+from spherekit.analysis.folder.resource_check import need_memory
 from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import MOTION, stem_of
 from spherekit.analysis.running.cost import RECORDING, Timer, cost_of
+from spherekit.analysis.running.evaluation import Evaluation, Setting
+from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.recording import CountingRecorder, Recorder
-from spherekit.analysis.running.run_plan import RunPlan
-from spherekit.analysis.running.run_state import RunState
+from spherekit.analysis.running.run_state import RunState, identity_of
+from spherekit.analysis.running.sampling import EVENTS, Sampling
+from spherekit.analysis.study import requests_for
+from spherekit.analysis.tables import (
+    ASSEMBLY_MODE,
+    INPUTS,
+    RESIDUAL,
+    SAMPLE,
+    STATUS,
+    TIME,
+    Column,
+    Table,
+    TableArrays,
+    input_columns,
+)
 from spherekit.conventions import CLOSURE_TOLERANCE, listing
+from spherekit.errors import AnalysisError, PluginError
 from spherekit.files.write import mechanism_hash
-from spherekit.planning.rigidity import graph_mobility
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Study
+from spherekit.motion.motion import Motion
+from spherekit.planning.inputs import driven_at, graph_mobility
+from spherekit.planning.part import part_for
+from spherekit.planning.poles import Plan
+from spherekit.rates.request import PoleField, Request
 from spherekit.version import __version__
+
+
+@final
+@dataclass(frozen=True)
+class RunPlan:
+    """What a run evaluates: what is `asked`, a request for each input.
+
+    Of `block` samples at once.
+    """
+
+    course: Sampling
+    asked: "Asked"
+    requests: tuple[Request, ...]
+    block: int
+    evaluation: Evaluation
+
+    @property
+    def analyses(self) -> tuple[AbstractAnalysis, ...]:
+        """All analyses that are asked for."""
+        return self.asked.analyses
+
+    @property
+    def needs(self) -> tuple[Needs, ...]:
+        """What each of them needs."""
+        return self.asked.needs
+
+    @property
+    def refused(self) -> Mapping[str, str]:
+        """Why those that break the contract are not asked, by name."""
+        return self.asked.refused
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism, driven as the run drives it."""
+        return self.course.tracer.mechanism
+
+    @property
+    def plans(self) -> tuple[Plan, ...]:
+        """The plan of each input that moves alone."""
+        return tuple(item.plan for item in self.requests)
+
+    @property
+    def is_single_block(self) -> bool:
+        """Whether all samples are evaluated at once."""
+        return self.block >= self.course.total and not self.course.going_on
+
+    @property
+    def at_once(self) -> tuple[str, ...]:
+        """Names of the analyses that look at all samples at once."""
+        return tuple(self.asked.at_once)
+
+    def over(self, course: Sampling) -> "RunPlan":
+        """Return it for a course that is known further, or has begun again."""
+        made = self.evaluation
+        evaluation = Evaluation(made.setting, course, self.requests, made.needs)
+        return replace(self, course=course, evaluation=evaluation)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What makes the run the one it is, ready for JSON."""
+        made, at_once = self.evaluation, self.evaluation.at_once
+        kernel = None if at_once is None else at_once.kernel.engine
+        identity = identity_of(self.course, self.analyses, self.block, made.setting)
+        return identity | {"kernel": kernel}
+
+    def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
+        """Return the tables of an analysis."""
+        return tuple(table.of(self.mechanism) for table in analysis.tables)
+
+    def stored_tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
+        """Return the tables of an analysis, with the names of assembly modes."""
+        return tuple(t.with_names(self.mechanism) for t in self.tables_of(analysis))
+
+    @property
+    def names(self) -> Mapping[int, str]:
+        """The names of assembly modes, by their numbers."""
+        return {m.number: m.name for m in self.course.tracer.assembly_modes if m.name}
+
+    @cached_property
+    def motion_tables(self) -> tuple[Table, ...]:
+        """The table of the motion, and of what happened in a simulation.
+
+        None where no motion is traced.
+        """
+        if not self.course.tracer.assembly_modes:
+            return ()
+        table = motion_table(self.course).with_names(self.mechanism)
+        return (
+            (table,)
+            if self.course.simulation is None
+            else (table, EVENTS.of(self.mechanism))
+        )
+
+    def tables(self, failed: Collection[str] = ()) -> Mapping[str, tuple[Table, ...]]:
+        """Return the tables of the motion and of all analyses but those that failed."""
+        return {MOTION: self.motion_tables} | {
+            analysis.name: self.stored_tables_of(analysis)
+            for analysis in self.analyses
+            if analysis.name not in failed
+        }
+
+
+@final
+@dataclass(frozen=True)
+class Asked:
+    """What analyses need of a mechanism, and why those that break the contract do not run.
+
+    All that can be said against them and their parameters has been said.
+    """
+
+    analyses: tuple[AbstractAnalysis, ...]
+    needs: tuple[Needs, ...]
+    refused: Mapping[str, str]
+
+    @classmethod
+    def of(cls, analyses: Sequence[AbstractAnalysis], mechanism: Mechanism) -> Self:
+        """Ask analyses what they need; errors as `declared`, but for plugins' own.
+
+        Raises `AnalysisError` too where one is asked for twice: its tables have one place.
+        """
+        mechanism = driven_at(mechanism)
+        needs, refused = [], {}
+        counts = Counter(analysis.name for analysis in analyses)
+        for name, count in counts.items():
+            if count > 1:
+                raise AnalysisError(
+                    f"{name}: is asked for {count} times in one run, whose tables have one "
+                    "place; ask once, with lists joined by + (poles:only=31+42), or run "
+                    "twice"
+                )
+        for analysis in analyses:
+            try:
+                needs.append(declared(analysis, mechanism))
+            except PluginError as fault:
+                refused[analysis.name] = str(fault)
+                needs.append(Needs())
+        return cls(tuple(analyses), tuple(needs), refused)
+
+    @property
+    def at_once(self) -> list[str]:
+        """Names of the analyses that look at all samples at once."""
+        return [
+            analysis.name
+            for analysis in self.analyses
+            if analysis.name not in self.refused and analysis.at_once
+        ]
+
+
+def job_of(
+    course: Sampling, asked: Asked, block: int | None, setting: Setting, all_links: bool
+) -> RunPlan:
+    """Return the job of analyses over a course.
+
+    `block` is the samples wanted at once, and `all_links` says whether scenes show all
+    links; see `spherekit.run` for the others.
+
+    Raises
+    ------
+    AnalysisError, EngineError, PlanError
+        If the setting does not apply, an analysis needs times and there are none, or all
+        samples at once need more memory than there is.
+    """
+    mechanism, tracer = course.tracer.mechanism, course.tracer
+    _need_times(course, asked)
+    together = reduce(Needs.union, asked.needs, Needs())
+    wanted = requests_for(mechanism, together, tracer.by_rank)
+    evaluation = Evaluation(setting, course, wanted, together, all_links)
+    if asked.at_once:
+        block = course.total
+        need_memory(mechanism, block * len(tracer.assembly_modes), asked.at_once)
+    block = min(block or evaluation.block, course.total)
+    return RunPlan(course, asked, wanted, block, evaluation)
+
+
+def _need_times(course: Sampling, asked: Asked) -> None:
+    for analysis, what in zip(asked.analyses, asked.needs, strict=True):
+        if what.time and course.clock is None:
+            raise AnalysisError(
+                f"{analysis.name}: needs time, but with several inputs nothing says how "
+                "they move; give a law for every input, and a duration"
+            )
+
+
+def motion_table(course: Sampling) -> Table:
+    """Return the table of the configurations of a course."""
+    mechanism = course.tracer.mechanism
+    variables = [
+        Column(name, "rad", f"variable of pair {mechanism.pairs[owner].name}")
+        for name, owner in zip(
+            mechanism.variable_names, mechanism.variable_owners, strict=True
+        )
+    ]
+    return Table(
+        MOTION,
+        "the configurations: one row per sample and assembly mode",
+        (
+            SAMPLE,
+            ASSEMBLY_MODE,
+            *([TIME] if course.timed else []),
+            INPUTS,
+            *variables,
+            RESIDUAL,
+            STATUS,
+        ),
+    ).of(mechanism)
+
+
+def motion_rows(
+    course: Sampling, motion: Motion, fields: Sequence[PoleField | UnreadField]
+) -> TableArrays:
+    """Return the rows of a block of a course whose poles were found."""
+    mechanism = course.tracer.mechanism
+    rows: dict[str, Any] = {"sample": motion.sample, "assembly_mode": motion.assembly_mode}
+    if course.timed and motion.timing is not None:
+        rows["t"] = motion.timing.t
+    rows |= input_columns(mechanism, motion.inputs)
+    rows |= dict(zip(mechanism.variable_names, motion.values.T, strict=True))
+    return rows | {"residual": motion.residual, "status": run_status(motion, fields)}
+
+
+def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
+    """Return the numbers of the links whose placement something declared depends on."""
+    poles = needs.directions | needs.rates | needs.planes | needs.turns
+    pairs = needs.pair_values | needs.continued_values | needs.pair_rates
+    names = needs.rotations | needs.link_rates
+    names |= {link for pair in pairs for link in mechanism.pair(pair).links}
+    return frozenset(
+        {link for pole in poles for link in pole}
+        | {mechanism.link_number[name] for name in names}
+        | needs.links
+    )
+
+
+def needed_part(study: Study, analyses: Sequence[AbstractAnalysis]) -> Mechanism:
+    """Return the mechanism of a study without what no analysis needs.
+
+    Raises
+    ------
+    AnalysisError
+        If an analysis does not declare what it reads, so that it may read anything, or
+        the motion follows from loads on all links.
+    PlanError
+        If there is not one freedom for each input.
+    """
+    mechanism = study.mechanism
+    if study.start is not None:
+        raise AnalysisError(
+            f"{mechanism.name}: a motion that follows from loads needs all links; run it "
+            "without only_needed (--only-needed)"
+        )
+    wanted: frozenset[int] = frozenset()
+    for analysis in analyses:
+        try:
+            needs = declared(analysis, mechanism)
+        except PluginError:
+            continue  # the run says so
+        links = links_of(mechanism, needs)
+        if not (needs.links if needs.tracer else links):
+            raise AnalysisError(
+                f"{analysis.name}: looks at the whole mechanism, so no part of it can be "
+                "left out; run it without only_needed (--only-needed)"
+            )
+        wanted |= links
+    return part_for(mechanism, wanted)
+
+
+def left_out(whole: Mechanism, part: Mechanism) -> dict[str, Any]:
+    """Return what a part lacks, with the fingerprint of the whole, ready for JSON."""
+    names = {pair.name for pair in part.pairs}
+    return {
+        "mechanism_hash": mechanism_hash(whole),
+        "left_out_links": [link for link in whole.links if link not in part.links],
+        "left_out_pairs": [p.name for p in whole.pairs if p.name not in names],
+    }
 
 
 def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:

@@ -16,13 +16,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.batch import Batch
+from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.computed import computed
-from spherekit.analysis.needs import Needs
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.kernel_columns import UnreadField
-from spherekit.analysis.running.run_plan import RunPlan
-from spherekit.analysis.running.summary import BOUNDED
+from spherekit.analysis.running.summary import BOUNDED, RunPlan
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     RESIDUAL,
@@ -35,8 +33,8 @@ from spherekit.analysis.tables import (
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.errors import SpherekitError
 from spherekit.motion.motion import Motion
-from spherekit.numeric.rows import ArrayRows
-from spherekit.numeric.turns import wrap
+from spherekit.numeric.crossings import wrap
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.poles import Pole
 from spherekit.proof.balls import DIGITS, Digits, floats
 from spherekit.proof.rows import (
@@ -46,8 +44,7 @@ from spherekit.proof.rows import (
     exact_motion,
     exact_rows_by_input,
 )
-from spherekit.rates.pole_field import PoleField
-from spherekit.rates.request import Request
+from spherekit.rates.request import PoleField, Request
 from spherekit.sphere.rotation import Floats
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
