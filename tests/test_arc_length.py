@@ -192,6 +192,7 @@ def check_random_four_bars(random, count):
             assert {frozenset(m) for m in modes} == {frozenset({0}), frozenset({1})}
 
 
+@pytest.mark.slow
 def test_random_four_bars_never_leave_their_curve():
     check_random_four_bars(np.random.default_rng(12), 25)
 

@@ -235,6 +235,7 @@ def test_serve_streams_and_stops_on_interrupt():
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_one_input_of_two_freedoms_is_refused_by_rank(capsys):
     status, _, told = run(capsys, "run", "bevel_differential", "--input", "left_axle")
     assert status == 1

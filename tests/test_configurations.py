@@ -246,6 +246,7 @@ def test_curves_do_not_depend_on_the_pair_that_finds_them():
     assert np.allclose(*lengths, rtol=1e-9)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("chain", "driven", "seed", "inputs"),
     [(STEPHENSON, "p5_6", 11, 50), (WATT, "p1_2", 12, 50), (EIGHT_BARS[3], "p1_2", 13, 12)],

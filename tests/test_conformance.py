@@ -89,6 +89,7 @@ def run(name, folder, capsys):
     return status, said
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("broken", BROKEN, ids=lambda cls: cls.name)
 def test_no_mistake_stops_a_run(broken, tmp_path, capsys):
     with registered(broken):
@@ -150,6 +151,7 @@ SHIPPED = {
 """With parameters that mean the same in any axes: poses by inputs."""
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("asked", SHIPPED, ids=lambda asked: asked.partition(":")[0])
 def test_shipped_analyses_conform(asked):
     report = conformance(asked, mechanisms=[SHIPPED[asked]], samples=5)

@@ -48,6 +48,7 @@ def special_axes(random, kind):
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "kind", ["coincident", "antipodal", "three in a plane", "on a grid"]
 )

@@ -52,6 +52,7 @@ def test_the_example_is_what_the_command_writes():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["torque_ratio", "my_2nd_swing"])
 def test_a_new_analysis_installs_runs_and_conforms(name, tmp_path, capsys):
     """The example from its folder, another one from the command."""

@@ -64,6 +64,7 @@ def test_signs_move_outwards_and_zeros_and_ones_go(made, expected):
     assert made is expected or made == expected
 
 
+@pytest.mark.slow
 def test_terms_that_nothing_holds_are_forgotten():
     gc.collect()
     count = sum(isinstance(each, ExpressionNode) for each in gc.get_objects())

@@ -36,6 +36,7 @@ FAST = {
 """Cases of every family but the long runs; the others are tested with the long sweeps."""
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "name",
     [

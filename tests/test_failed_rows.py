@@ -27,6 +27,7 @@ LOADS = [
 ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("load", "share"), LOADS)
 @pytest.mark.parametrize(
     ("name", "pair", "link", "analysis"),

@@ -248,6 +248,7 @@ def four_bar_equation(torque, mode):
     return field
 
 
+@pytest.mark.slow
 def test_a_callable_torque_moves_as_an_independent_integration_says():
     def controller(t, q, dq):
         return 20.0 * (math.sin(t) - q) - 4.0 * dq

@@ -41,6 +41,7 @@ def check_command(folder, words, text):
         assert err.getvalue().startswith("spherekit: ")
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(words=commands(), text=damaged("four_bar.toml"))
 def test_command_lines(tmp_path_factory, words, text):

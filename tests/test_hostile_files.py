@@ -62,6 +62,7 @@ def outcomes(tmp_path_factory):
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_every_hostile_file_is_read_or_refused(outcomes):
     assert {n: o for n, o in outcomes.items() if o[0] == "defect"} == {}
     assert {n: o for n, o in outcomes.items() if len(o[1]) > LONGEST} == {}

@@ -121,6 +121,7 @@ def interrupt(number, is_last=False):
     return progress
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "job", [four_bar, swinging, irreducible, wound, wound_by_law, wound_by_loads]
 )
@@ -192,6 +193,7 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
+@pytest.mark.many
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
@@ -506,6 +508,7 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
     )
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("job, count", [(four_bar, 5_000), (wound, 1_500)])
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
     """Four times as many rows: less than a tenth of their bytes beside the inputs."""

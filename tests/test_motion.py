@@ -65,6 +65,7 @@ def test_reported_variables_describe_the_orientations(name):
         assert np.nanmax(np.abs(expected - motion.rotations[:, b])) < 1e-14
 
 
+@pytest.mark.slow
 def test_four_hundred_random_cranks_never_flip():
     """12 samples a turn; theta41 against eq. (25) of Di Gregorio 2024, one p throughout."""
     random = np.random.default_rng(400)
@@ -88,6 +89,7 @@ def test_four_hundred_random_cranks_never_flip():
         assert {p for _, p in found} == {0, 1}
 
 
+@pytest.mark.slow
 def test_following_random_cranks_stays_on_the_closed_form():
     """The follower of irreducible groups, made to follow four-bars, keeps their mode."""
     random = np.random.default_rng(40)

@@ -42,6 +42,7 @@ def least_of_table(made, pole, samples=3601):
     return found
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "pole"), [("single_flier", "61"), ("double_butterfly", "41")]
 )
@@ -120,6 +121,7 @@ def geared(teeth, ground=60.0, crank=20.0, span=360.0):
     )
 
 
+@pytest.mark.slow
 def test_a_geared_curve_is_followed_once():
     """29 turns of the input are 17 of the crank, with two dead centres in each mode."""
     made = geared([17, 29])
@@ -172,6 +174,7 @@ SINGLE = [
 ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", SINGLE)
 def test_near_misses_do_not_depend_on_samples(name):
     few, *more = (near_misses(name, samples) for samples in (181, 721, 1999))

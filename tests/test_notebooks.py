@@ -48,6 +48,7 @@ def run(path):
     print("all cells run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_cells_run_and_show_something(path, tmp_path):
     code = "import sys, pathlib, test_notebooks as t; t.run(pathlib.Path(sys.argv[1]))"

@@ -111,6 +111,7 @@ def test_passes_of_the_eight_bars():
         assert [rounds.count(k) for k in range(1, max(rounds) + 1)] == expected
 
 
+@pytest.mark.slow
 def test_atlas_is_complete_and_without_repetition():
     graphs = [nx.Graph(joints(chain)) for chain in EIGHT_BARS]
     for k, graph in enumerate(graphs):

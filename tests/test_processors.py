@@ -70,6 +70,7 @@ def test_the_kernels_are_turned_down():
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "chosen"),
     [

@@ -107,6 +107,7 @@ def exact_cam(a):
         return [np.array(x, dtype=float) for x in out]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("azimuth", [0.7, 2.9, 5.5])
 def test_frame_and_derivatives_equal_50_digit_arithmetic(azimuth):
     s, p, t, n, dp, dt, dn, k, dk = exact_cam(azimuth)
@@ -223,6 +224,7 @@ def test_not_a_number_stays_one_without_a_warning(curve):
     assert np.isfinite(got.frame[1]).all()
 
 
+@pytest.mark.slow
 def test_arc_lengths_are_exact():
     # a second quadrature: the trapezium rule has spectral accuracy on a closed curve
     a = np.arange(512) * (2 * np.pi / 512)

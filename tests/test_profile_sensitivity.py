@@ -205,6 +205,7 @@ def cam_of(profile, tmp_path, name="cam"):
     return sk.load(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "profile, places",
     [
@@ -308,6 +309,7 @@ ROLLED = (
 )
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("kind, pairs", [("Cs", SLID), ("Cr", ROLLED)])
 def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, tmp_path):
     """Against differences of mechanisms that deviate and are closed again."""

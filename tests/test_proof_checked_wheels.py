@@ -72,6 +72,7 @@ CASES = [
 ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("teeth", "ends", "text"), CASES)
 def test_curves_of_loops_with_wheels_are_repeated(teeth, ends, text):
     check(certificate_of(teeth, ends, text))
@@ -192,6 +193,7 @@ CHANGES = [
 ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("change", CHANGES)
 def test_tampered_certificates_of_wheels_are_refused(part_of_laps, change):
     changed = copy.deepcopy(part_of_laps)
@@ -201,6 +203,7 @@ def test_tampered_certificates_of_wheels_are_refused(part_of_laps, change):
         check(changed)
 
 
+@pytest.mark.slow
 def test_a_file_with_other_teeth_of_the_same_ratio_is_repeated(part_of_laps):
     changed = copy.deepcopy(part_of_laps)
     changed["mechanism"] = changed["mechanism"].replace("[20, 40]", "[17, 34]")

@@ -49,6 +49,7 @@ def closes_at_half_a_turn(arcs):
         return bool(longest < apart < shortest)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("step", ["1e-6", "1e-8", "1e-10", "1e-12", "1e-14", "1e-20"])
 @pytest.mark.parametrize(("link", "sense"), [(0, ""), (1, "-"), (3, ""), (3, "-")])
 def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):
@@ -69,6 +70,7 @@ def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):
                 assert 0 not in sides and (sides[0] != sides[1]) == closes
 
 
+@pytest.mark.slow
 def test_modes_are_counted_where_parts_of_a_curve_are_undecided():
     # they were once counted as none: the dead centres were missing in the count
     for arcs in (("80.0000000001", "30", "50", "60"), ("40", "40", "70", "70.0001")):

@@ -66,6 +66,7 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
         assert modes.counted and len(modes.real) == count
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("seed", [62, 82])
 def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
     """Where a piece is all but too long to prove, its bounds are those of the piece."""

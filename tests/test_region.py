@@ -124,6 +124,7 @@ def drawn(rng):
     return [direction() for _ in range(n)], list(rng.uniform(0.3, 2.0, n)), keep
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("batch", range(10))
 def test_error_covers_the_true_error(batch):
     rng = np.random.default_rng(batch)

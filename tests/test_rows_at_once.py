@@ -42,6 +42,7 @@ def compared(made, same_signs=True, **options):
     return found.share
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", [n for n in own_mechanisms() if n not in SLOW])
 def test_shipped_mechanisms(name):
     """The same numbers within their bounds, the same statuses."""
@@ -110,6 +111,7 @@ def test_inputs_out_of_reach_are_passed():
     assert 0.4 < np.mean(np.isnan(one["ux"])) < 0.6
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["watt", "two_dof_spm", "three_rrr"])
 def test_directions_reverse_within_blocks(name, monkeypatch):
     """They are turned round where they are with care; compiled, if heyoka is there."""
@@ -152,6 +154,7 @@ def test_close_samples_are_predicted(name):
     assert np.nanmax(motion.residual) < 6e-15
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "samples"),
     [("four_bar", 900), ("double_butterfly", 500), ("five_bar", 700), ("shaped_cam", 600)],

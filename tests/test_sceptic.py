@@ -39,6 +39,7 @@ def evidence_of(tmp_path):
     return make
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["four_bar", "roller_cam"])
 def test_nothing_contradicts_in_mechanisms_that_agree(evidence_of, name):
     evidence = evidence_of(name)

@@ -421,6 +421,7 @@ def two_four_bars():
     return mechanism(edges, random_axes(np.random.default_rng(0), len(edges)))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input(case):
     attempt, error, words = BAD[case]

@@ -38,6 +38,7 @@ def test_no_table_of_forces_is_empty(name):
     assert couples and min(couples) > 0.1
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", LOADED)
 def test_bearings_slow_a_simulation(name):
     made, values = posed(sk.load(name))

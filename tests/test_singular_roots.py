@@ -441,6 +441,7 @@ def test_mid_plane_loci_of_type_two_hold_the_paths_and_the_triangle(mid_plane):
     assert np.mean(held) > 0.9
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "name", ["shaped_flat_cam", "shaped_cam", "roller_cam", "four_bar", "stephenson"]
 )

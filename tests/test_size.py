@@ -14,16 +14,15 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 770_420,
-    "code lines": 63_112,
-    "files": 594,
-    "classes": 818,
-    "dataclasses": 580,
-    "functions of 60 lines": 72,
+    "nodes": 724_856,
+    "code lines": 59_064,
+    "files": 336,
+    "classes": 751,
+    "dataclasses": 527,
+    "functions of 60 lines": 37,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
 LONGEST = 60
-CIRCLES = 0
 
 
 def trees():
@@ -97,4 +96,4 @@ def test_files_import_each_other_in_no_circle():
     circles = [
         sorted(part) for part in nx.strongly_connected_components(graph) if len(part) > 1
     ]
-    assert len(circles) <= CIRCLES, circles
+    assert not circles

@@ -123,6 +123,7 @@ CASES = [
 ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name, pair, q, mode", CASES)
 def test_a_state_has_one_force_by_every_way(name, pair, q, mode):
     """Q of a coil alone: -0.7 theta by the pair's coefficient, by differences."""
