@@ -3,7 +3,7 @@
 import difflib
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from enum import IntEnum
 
 TURN = 2.0 * math.pi
@@ -121,3 +121,8 @@ def numbered(word: str, numbers: Iterable[object]) -> str:
     every = list(numbers)
     plural = "es" if word.endswith("h") else "s"
     return f"{word}{'' if len(every) == 1 else plural} {listing(every)}"
+
+
+def with_units(names: Iterable[str], units: Mapping[str, str]) -> list[str]:
+    """Return names of columns with the units of those that have one."""
+    return [f"{name} [{units[name]}]" if units.get(name) else name for name in names]

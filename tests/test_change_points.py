@@ -35,6 +35,7 @@ def four_bar(arcs):
     return replace(made, geometry=geometry, masses=masses, loads=())
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("arcs", CHANGE_POINTS.values(), ids=CHANGE_POINTS)
 def test_no_wrong_torque_without_a_status(arcs):

@@ -375,6 +375,7 @@ def coupling(folder):
     return path, lambda: repr(sk.load_coupling(path).at(1.0).angles)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "stored", [table_of_a_run, part_of_a_sweep, stored_functions, coupling]
 )

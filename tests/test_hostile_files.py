@@ -69,6 +69,7 @@ def test_every_hostile_file_is_read_or_refused(outcomes):
     assert {n: o for n, o in outcomes.items() if not o[1].isprintable()} == {}
 
 
+@pytest.mark.slow
 def test_every_hostile_file_takes_bounded_time(outcomes):
     assert {n: o[2] for n, o in outcomes.items() if not o[2] < SECONDS} == {}
 

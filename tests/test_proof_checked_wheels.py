@@ -72,6 +72,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(("teeth", "ends", "text"), CASES)
 def test_curves_of_loops_with_wheels_are_repeated(teeth, ends, text):
@@ -193,6 +194,7 @@ CHANGES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("change", CHANGES)
 def test_tampered_certificates_of_wheels_are_refused(part_of_laps, change):

@@ -182,6 +182,7 @@ def report_at(tracer, curve, output, given):
 FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50)]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("degrees", FOLDING)
 def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
     arcs = np.radians(degrees)
@@ -282,6 +283,7 @@ def chain(text, seed):
 CHAINS = [(STEPHENSON, 3), (WATT, 4), (EIGHT_BARS[0], 1), (EIGHT_BARS[8], 2)]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("text", "seed"), CHAINS)
 def test_singular_points_of_random_chains_in_50_digits(text, seed):
     made = chain(text, seed)
@@ -409,6 +411,7 @@ def test_near_and_on_singular_points():
                 assert np.all(np.abs(zero - side * slope * away) < 1e-12 + 20.0 * away**2)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("power", range(3, 15))
 def test_four_bars_that_nearly_fold(power):
     """Beside a folding one: ordinary points by the triangles, or an undecided crossing."""

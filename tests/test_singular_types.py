@@ -100,6 +100,7 @@ DRIVEN = posed(
 )
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("made", "expected"),
     [
@@ -136,6 +137,7 @@ def test_a_row_is_what_the_links_can_do_there(made, expected):
     assert "stopped after" not in remarks
 
 
+@pytest.mark.slow
 def test_an_output_that_is_singular_everywhere_takes_no_time_from_others():
     alone = replace(CRANK, outputs=CRANK.outputs[1:])
     both, one = (
@@ -273,6 +275,7 @@ def check_types(made, count):
     return met
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("numbers", [range(0, 6), range(6, 12)])
 def test_random_mechanisms_by_the_kernel(numbers):
     met = [kind for number in numbers for kind in check_types(drawn(number), 8)]

@@ -1,6 +1,7 @@
 """What a run says of singularities in a few lines, by hand formulas."""
 
 import numpy as np
+import pytest
 from singular_examples import four_bar
 
 import spherekit as sk
@@ -52,6 +53,7 @@ def test_a_dyad_at_its_limit_is_no_crossing_for_an_output_before_it():
     assert "least transmission angle of vane/body: 0 deg" in said
 
 
+@pytest.mark.slow
 def test_an_output_that_stands_still_on_a_whole_curve_rests_there():
     """With all arcs of 90 degrees two links come to lie on each other and turn as one."""
     said, _ = said_of(four_bar(np.radians([90.0] * 4)))
@@ -104,6 +106,7 @@ def test_a_cone_that_never_returns_turns_by_its_ratio():
     assert abs(float(line.split(" deg")[0].split()[-1]) - turned) < 1e-3
 
 
+@pytest.mark.slow
 def test_wheels_that_never_return_turn_in_one_sense():
     """A drum driven by a nutating plate: its curve does not close, and nothing is near."""
     cones = {"fixed": (80.0, 85.0), "driven": (70.0, 75.0)}

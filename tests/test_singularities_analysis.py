@@ -201,6 +201,7 @@ def resting_arcs(arcs):
     return counts
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", FOLDING)
 def test_folding_four_bars_run_with_the_right_types(name):
     """At each crossing all axes are in one plane, III.a; a coincidence adds its own."""
@@ -221,6 +222,7 @@ def test_folding_four_bars_run_with_the_right_types(name):
     assert silent(relation) <= {"transmission"}
 
 
+@pytest.mark.slow
 def test_a_folding_four_bar_runs_from_the_shell(tmp_path, capsys):
     arcs, kinds = FOLDING["kite"]
     dump(four_bar(arcs), tmp_path / "made.toml")

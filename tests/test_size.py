@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 724_856,
-    "code lines": 59_064,
+    "nodes": 724_881,
+    "code lines": 59_049,
     "files": 336,
     "classes": 751,
     "dataclasses": 527,
@@ -63,6 +63,7 @@ def counts(tree):
     return found
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("what", REACHED)
 def test_nothing_grows(what):
     reached = sum((counts(tree) for _, tree in trees().values()), Counter())[what]

@@ -61,6 +61,7 @@ def test_a_linkage_is_listed_once():
         assert one_linkage(across, other) == same == one_linkage(other, across)
 
 
+@pytest.mark.slow
 def test_the_peak_torque_is_less_than_that_of_random_designs():
     path = EXAMPLES / "torque.toml"
     found = sk.size_of(path, designs=2048, starts=4)
@@ -90,6 +91,7 @@ def check_front(name, designs, count, starts, seed=0):
     return found
 
 
+@pytest.mark.slow
 def test_a_front_is_beaten_by_no_random_design():
     found = check_front("trade_off.toml", 1024, 8192, 1)
     frame = found.frame()

@@ -59,6 +59,7 @@ def function_of_another(path):
     return written(path, "double_butterfly", "match", AXES, figures, 37, where, match)
 
 
+@pytest.mark.slow
 def test_a_double_butterfly_gets_the_function_of_another(tmp_path):
     path = function_of_another(tmp_path / "function.toml")
     found = sk.size_of(path, designs=16, starts=2)
@@ -78,6 +79,7 @@ def test_no_ten_thousand_random_double_butterflies_are_better(tmp_path):
     assert found.objectives[0, 0] < 1e-9 < best
 
 
+@pytest.mark.slow
 def test_modes_of_a_double_butterfly_are_kept_apart(tmp_path):
     figures = {"steep": "max(abs(rate_F))", "begun": "at(theta_F, 0)"}
     ends = []
@@ -94,6 +96,7 @@ def test_modes_of_a_double_butterfly_are_kept_apart(tmp_path):
     assert ends[1] > 1.1 * ends[0]
 
 
+@pytest.mark.slow
 def test_a_platform_on_three_legs_gets_to_the_poses_of_another(tmp_path):
     """Its first leg stays: the angles of that say where the platform is."""
     angles = {
@@ -158,6 +161,7 @@ SMOOTH = [
 ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name, vary, samples, figures", SMOOTH)
 def test_gradients_are_those_of_differences(name, vary, samples, figures, tmp_path):
     text = find(name).read_text()
@@ -195,6 +199,7 @@ def check_gradients(tmp_path, name, vary, samples, figures):
             assert np.all(off < 1e-8 * size + 1e-12)
 
 
+@pytest.mark.slow
 def test_a_mode_ends_where_its_designs_do(tmp_path):
     """It is lost, not changed for another, on the way to a design that cannot close."""
     figures = {"a": "rms(rate_F)"}
@@ -251,6 +256,7 @@ def law_of_another(path):
     return written(path, "shaped_cam", "match", HARMONICS, figures, 13, where, match)
 
 
+@pytest.mark.slow
 def test_a_cam_gets_the_law_of_another(tmp_path):
     found = sk.size_of(law_of_another(tmp_path / "law.toml"), designs=8, starts=2)
     assert found.before[0] > 0.1 and found.objectives[0, 0] < 1e-9
@@ -291,6 +297,7 @@ rest = 20.0
 """
 
 
+@pytest.mark.slow
 def test_gradients_by_points_of_a_profile_are_those_of_differences(tmp_path):
     text = find("shaped_cam").read_text()
     first = text.index('kind = "fourier"')

@@ -96,6 +96,7 @@ def test_poles_of_open_chains(chain, route):
                 assert np.max(np.abs(motion.rotations[row, number] - turn)) < 1e-14
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("chain", OPEN.values(), ids=OPEN)
 def test_every_analysis_of_an_open_chain_ends(chain, tmp_path, capsys):
     made = open_chain(chain)

@@ -164,6 +164,7 @@ def test_dry_friction_is_that_of_an_outside_integrator(name, speed, engine):
     assert found.missed is None
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
 def test_sticking_is_that_of_an_outside_integrator(engine):
     """Friction of up to 6 N m holds against 10 sin 2t N m, lets go, and holds again."""

@@ -49,6 +49,7 @@ def alike(rows, wanted):
             assert list(rows[name].astype(str)) == list(wanted[name].astype(str)), name
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name, vary, analyses, samples", CASES)
 @pytest.mark.parametrize("in_folder", [False, True])
 def test_tables_of_designs_are_those_of_runs(

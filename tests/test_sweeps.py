@@ -130,6 +130,7 @@ def _at(document, path):
     return float(place)
 
 
+@pytest.mark.slow
 def test_torques_and_transmission_angles_are_those_of_the_analyses():
     vary = {"links.2.arc": "15:25:3", "links.4.arc": [38.0, 44.0]}
     analyses = ["eksergian", "singularities", "poles"]
@@ -150,6 +151,7 @@ def test_torques_and_transmission_angles_are_those_of_the_analyses():
         assert row["grashof"] == sk_grashof(other)
 
 
+@pytest.mark.slow
 def test_the_transmission_angle_of_an_output_is_that_of_its_dyad():
     """The plane of the fourth link of form ii gave another angle in six-bars."""
     found = sk.sweep(
@@ -168,6 +170,7 @@ def sk_grashof(mechanism):
     return grashof(mechanism).name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name, key, link, pair, count",
     [
@@ -618,6 +621,7 @@ def first_part(running, folder):
         time.sleep(0.002)
 
 
+@pytest.mark.slow
 def test_a_sweep_that_was_killed_goes_on_to_the_same_data_set(whole, tmp_path):
     code, rows = whole
     running = subprocess.Popen([*code, tmp_path, "--workers", "1"])
@@ -660,6 +664,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("always", [False, True])
 def test_parts_of_a_process_that_is_killed_are_made_again(always, tmp_path):
     """By another one; where none makes any, the sweep ends in words."""
@@ -688,6 +693,7 @@ def test_parts_whose_sweep_is_not_known_are_not_taken(tmp_path):
         sk.sweep("four_bar", {"links.2.arc": [10.0]}, "max(q)", folder=tmp_path)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("where", [(), "links_2_arc > 25"])
 def test_a_folder_is_one_data_set(where, tmp_path, monkeypatch):
     """Also where no row of the first part is left."""
@@ -705,6 +711,7 @@ def test_a_folder_is_one_data_set(where, tmp_path, monkeypatch):
         assert list(read[name].astype(str)) == list(wanted[name].astype(str))
 
 
+@pytest.mark.slow
 def test_lost_workers_of_a_cluster_change_nothing(whole, tmp_path):
     pytest.importorskip("distributed")
     code, rows = whole
@@ -865,6 +872,7 @@ def test_coils_of_sweeps_do_not_depend_on_samples_before(crank, samples):
     assert np.allclose(found, wanted, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
     spring = sk.Spring("coil", "C", stiffness=2.0, rest=0.3)
     mechanism = bare("double_butterfly").with_loads(spring)

@@ -445,6 +445,7 @@ def test_recordings_without_time_are_as_before(tmp_path):
     assert not any("phase" in path or "variable" in path for path, _ in found)
 
 
+@pytest.mark.slow
 @pytest.mark.viewer
 def test_pictures_of_a_time_and_of_a_tab(tmp_path):
     from spherekit.errors import OutputError

@@ -96,6 +96,7 @@ CASES = {
 }
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", FIVE)
 def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
     made = sk.load(name)
@@ -167,6 +168,7 @@ def holds_in_random_geometries(name, count, samples=181):
             assert each.error <= tolerance and not each.missing, (chosen.name, each)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("name", "count"), [("four_bar", 16), ("stephenson", 4)])
 def test_recommended_settings_meet_the_tolerance(name, count):
     holds_in_random_geometries(name, count, samples=91)
@@ -298,6 +300,7 @@ def test_draws_trade_time_for_accuracy_as_their_number_says():
     assert not any(each.missing for each in found.settings)
 
 
+@pytest.mark.slow
 def test_places_of_singularities_are_compared_with_the_nearest():
     found = trade(sk.load("four_bar"), "singularities", rounds=1)
     assert found.reference == "the tightest: samples=1441"

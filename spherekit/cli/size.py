@@ -4,8 +4,7 @@ import argparse
 import sys
 
 from spherekit.cli.suggest import files, suggesting
-from spherekit.cli.sweep import with_units
-from spherekit.conventions import counted
+from spherekit.conventions import counted, with_units
 
 EXAMPLES = (
     (

@@ -3,13 +3,12 @@
 import argparse
 import json
 import sys
-from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.study import add_study_arguments, study_from
 from spherekit.cli.suggest import analyses as names_of_analyses
 from spherekit.cli.suggest import suggesting
-from spherekit.conventions import counted, numbered, without_numbers
+from spherekit.conventions import counted, numbered, with_units, without_numbers
 
 if TYPE_CHECKING:
     from spherekit.design.sweep_parts import SweepResult
@@ -190,11 +189,6 @@ def _tell(result: "SweepResult") -> None:
         )
     for folder in result.data_sets if result.sweep.tables else ():
         print(f"  {folder}", file=sys.stderr)
-
-
-def with_units(names: Iterable[str], units: Mapping[str, str]) -> list[str]:
-    """Return names of columns with the units of those that have one."""
-    return [f"{name} [{units[name]}]" if units.get(name) else name for name in names]
 
 
 def _reasons(failed: Any) -> list[str]:

@@ -138,43 +138,28 @@ def _decimal_text(number: Decimal) -> str:
 Part = TypeVar("Part")
 Table = Mapping[str, Any]
 
+def _same(names: str) -> dict[str, str]:
+    """Return keys that have the names of their fields."""
+    return {name: name for name in names.split()}
+
+
 KEYS: Mapping[type, Mapping[str, str]] = {
-    Source: {"citation": "citation", "assumed": "assumed"},
-    LinkSizes: {
-        "axes": "axes",
-        "arcs": "arcs",
-        "angles": "angles",
-        "signed_arcs": "signed",
-        "unpaired": "unpaired",
-    },
-    Pair: {
-        "type": "type",
-        "links": "links",
-        "contact": "contact",
-        "start": "start",
-        "one_sided": "one_sided",
-        "distance": "distance",
-        "pressure_angle": "pressure_angle",
-    },
-    Profile: {
-        "kind": "kind",
-        "centre_xyz": "centre",
-        "centre_lonlat": "centre",
-        "radius": "radius",
-        "points_xyz": "points",
-        "points": "points",
-        "closed": "closed",
-        "cosines": "cosines",
-        "sines": "sines",
-    },
+    Source: _same("citation assumed"),
+    LinkSizes: _same("axes arcs angles") | {"signed_arcs": "signed"} | _same("unpaired"),
+    Pair: _same("type links contact start one_sided distance pressure_angle"),
+    Profile: _same("kind")
+    | {"centre_xyz": "centre", "centre_lonlat": "centre"}
+    | _same("radius")
+    | {"points_xyz": "points"}
+    | _same("points closed cosines sines"),
     Input: {"from": "start", "to": "stop"},
     Output: {"link": "link", "relative_to": "relative_to", "xyz": "direction"},
-    Mass: {"tensor": "tensor", "mass": "mass", "centre": "centre"},
+    Mass: _same("tensor mass centre"),
     Stop: {"from": "low", "to": "high"},
     ConstantSpeed: {"speed": "speed", "from": "start"},
-    Polynomial: {"coefficients": "coefficients"},
+    Polynomial: _same("coefficients"),
     Cycloidal: {"from": "start", "to": "stop", "duration": "duration"},
-    Tabulated: {"times": "times", "angles": "angles", "rest_at_ends": "rest_at_ends"},
+    Tabulated: _same("times angles rest_at_ends"),
 }
 """The fields of classes of the model by their keys in files, in the order of writing."""
 
