@@ -1,4 +1,7 @@
-"""Equations of motion of any number of inputs: inertia matrix, loads, driving torques."""
+"""Equations of motion of any number of inputs: inertia matrix, loads, driving torques.
+
+What the analyses whose tables have rows at every sample share: columns and plots.
+"""
 
 import re
 from collections.abc import Mapping, Sequence

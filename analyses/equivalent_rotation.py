@@ -1,4 +1,7 @@
-"""Equivalent rotation: from one pose of an output to another about one fixed axis."""
+"""Equivalent rotation: from one pose of an output to another about one fixed axis.
+
+Columns that say a pose of an output and its working mode.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,7 @@
-"""Pole axes and velocity coefficients of links relative to each other."""
+"""Pole axes and velocity coefficients of links relative to each other.
+
+What the analysis `poles` shows beside its plots: the lecture's chart, axodes, steps.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

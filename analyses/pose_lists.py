@@ -1,4 +1,7 @@
-"""Many poses of an output, or inputs, from numbers, a file, or a grid over a window."""
+"""Many poses of an output, or inputs, from numbers, a file, or a grid over a window.
+
+The tables of the analysis `inverse_kinematics`, and how they are filled.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,7 @@
-"""Limits of an output, read from text, and how poses fare in its workspaces under them."""
+"""Limits of an output, read from text, and how poses fare in its workspaces under them.
+
+A pose of an output as text: ``azimuth=10+tilt=20``, ``21=5.3+61=56.7``.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,7 @@
-"""The tables of the analysis `singularities`, filled with one input and with several."""
+"""The tables of the analysis `singularities`, filled with one input and with several.
+
+What the analysis `singularities` shows, with one input and with several.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,7 @@
-"""Singularities: where a mechanism locks or loses control, and how near it comes."""
+"""Singularities: where a mechanism locks or loses control, and how near it comes.
+
+The half of the analysis `singularities` for mechanisms with one input.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

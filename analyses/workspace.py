@@ -1,4 +1,7 @@
-"""Workspace: what an output reaches under constraints, its border, area and margins."""
+"""Workspace: what an output reaches under constraints, its border, area and margins.
+
+What the analysis `workspace` shows: borders, margins and turns on the sphere.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,7 @@
-"""What a result says about what it may have missed."""
+"""What a result says about what it may have missed.
+
+What a search may spend, and what it says of itself while it goes on.
+"""
 
 import time
 from dataclasses import dataclass

@@ -1,4 +1,9 @@
-"""What an analysis may read: a block of samples, limited to what it declared."""
+"""What an analysis may read: a block of samples, limited to what it declared.
+
+What is to be seen of an analysis that says nothing of it: the columns of its tables.
+
+What an analysis declares to read.
+"""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields

@@ -3,6 +3,10 @@
 A plugin is a final frozen dataclass derived from `AbstractAnalysis`; its fields are its
 parameters. It says what it needs before anything is computed, gets exactly that, block
 after block or for all samples at once, and returns the tables it declared.
+
+What stands in a run for an analysis that is broken, so that the others go on.
+
+Figures of merit: one number of a design in an assembly mode, from its rows.
 """
 
 import re

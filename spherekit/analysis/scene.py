@@ -4,6 +4,10 @@ All arrays that follow the motion have the leading axis n = samples of one block
 assembly mode; directions and positions are in ground axes on the unit sphere. NaN rows are
 samples that failed: nothing is drawn there. Quantities are in SI and rad, with their unit;
 `in_degrees` turns what is in rad for people.
+
+What a recording begins with.
+
+The units that columns may have: SI without prefixes, products and powers, as printed.
 """
 
 import re

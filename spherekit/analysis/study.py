@@ -1,4 +1,9 @@
-"""The analyses that a study names, checked against their plugins."""
+"""The analyses that a study names, checked against their plugins.
+
+Options of public functions that are fields of a study, or of a second object.
+
+What several analyses need together, and the planned requests behind it.
+"""
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence

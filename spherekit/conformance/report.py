@@ -1,4 +1,7 @@
-"""What a conformance check found: one named line for each thing that it looks at."""
+"""What a conformance check found: one named line for each thing that it looks at.
+
+An analysis asked for the samples of one mechanism, in blocks, on data made hostile.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace

@@ -1,4 +1,7 @@
-"""The same mechanism said otherwise: turned as a whole, or links of other names, order."""
+"""The same mechanism said otherwise: turned as a whole, or links of other names, order.
+
+Tables of an analysis compared: where they differ, in words.
+"""
 
 import re
 from collections.abc import Iterator, Mapping

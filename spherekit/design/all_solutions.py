@@ -4,6 +4,12 @@ From those that are known, by loops in the space of designs and complex inputs: 
 loop comes back, each solution has become one of the design's (monodromy; Sommese and
 Wampler, The Numerical Solution of Systems of Polynomials, 2005). Loops go on until none
 brings a new one; where elimination knows how many there are, until all are there.
+
+Solutions of the closure equations followed from design to design, off the real axis.
+
+Where the inputs leave the real axis, solutions neither meet nor vanish on the way, so all
+of one design lead to all of another (coefficient-parameter continuation; Sommese and
+Wampler, The Numerical Solution of Systems of Polynomials, 2005, chapter 7).
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,7 @@
-"""Descents of sizings by exact gradients."""
+"""Descents of sizings by exact gradients.
+
+The least of the greatest of several functions that have kinks, within bounds.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

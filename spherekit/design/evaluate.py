@@ -1,4 +1,9 @@
-"""Figures of merit of designs: by a kernel for all of them at once, or one by one."""
+"""Figures of merit of designs: by a kernel for all of them at once, or one by one.
+
+Turns of the pairs of a kernel in closed form: by the rule of `motion.assembly_modes`.
+
+Angles of all designs are followed at once, between inputs so near that none moves far.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

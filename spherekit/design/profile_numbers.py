@@ -1,4 +1,7 @@
-"""What profiles are where contacts touch them, by any number of the file."""
+"""What profiles are where contacts touch them, by any number of the file.
+
+Configurations that follow from one design to another, in steps that do not leap.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property

@@ -1,4 +1,7 @@
-"""How quantities of a configuration change with sizes, and what deviations of sizes do."""
+"""How quantities of a configuration change with sizes, and what deviations of sizes do.
+
+A mechanism of which numbers of its file vary: one set of terms for all designs.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

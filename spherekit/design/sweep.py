@@ -1,4 +1,7 @@
-"""Figures and tables of many designs, in parts that are there whole or not at all."""
+"""Figures and tables of many designs, in parts that are there whole or not at all.
+
+Which designs there are: grids, lists, and sets that fill a space evenly.
+"""
 
 import hashlib
 import json

@@ -1,4 +1,7 @@
-"""The parts of a sweep: computed by processes or elsewhere, and read again."""
+"""The parts of a sweep: computed by processes or elsewhere, and read again.
+
+Processes that compute parts of a sweep and end with the one that asked them to.
+"""
 
 import os
 import shutil

@@ -1,4 +1,7 @@
-"""What is varied: numbers of a mechanism file, and where kernels take them."""
+"""What is varied: numbers of a mechanism file, and where kernels take them.
+
+Numbers of a kernel that are read from the file of each design, with its checks.
+"""
 
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,7 @@
-"""What a sizing wants: objectives, conditions and precision points."""
+"""What a sizing wants: objectives, conditions and precision points.
+
+Parts of a sweep computed by the workers of a Dask cluster; dask's only home.
+"""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,19 @@
-"""Generalised forces of the loads on a mechanism, load by load, at rows of a motion."""
+"""Generalised forces of the loads on a mechanism, load by load, at rows of a motion.
+
+What pairs transmit, given what moves and drives the links.
+
+Newton's and Euler's equations of all moving links about the centre O are solved for the
+parts of the pairs' moments about the directions that their variables do not turn about, and
+with `forces` those of their forces through O for the forces as well. The force of a contact
+acts at its point, so that its moment says it where its distance from O is known.
+
+O is at rest, so a body with the tensor I about O, the mass m and its centre of mass at c
+needs
+
+    I a + w x I w    and    m (a x c + w x (w x c)),
+
+two sums of one form: a linear map of a, and w times that of w.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

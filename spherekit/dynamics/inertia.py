@@ -4,6 +4,21 @@ With the inertia matrix M(q), its Christoffel symbols and the generalised forces
 loads, M q'' + C q' = Q + tau, where C_ij = sum of c_ijk q'_k and
 c_ijk = 1/2 (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i): so M' - 2 C is skew. Of one coordinate
 it is Eksergian's, B q'' + 1/2 dB/dq q'^2 = Q + tau (Di Gregorio 2024, eq. (9)).
+
+Every function that a stored model keeps, exactly, at any places of its coordinates.
+
+Of one input the configuration curve is followed once, and its coordinate is the variable q
+of the input where that turns fully on a closed curve, else the curve's arc length s. Of
+several inputs the assembly mode is followed over a coarse grid of the box of their ranges;
+configurations between are found by Newton's method from the nearest of it, predicted to
+the second order.
+
+The equation of motion in any number of coordinates, solved for the driving torques.
+
+With the inertia matrix M(q), its Christoffel symbols and the generalised forces Q of all
+loads, M q'' + C q' = Q + tau, where C_ij = sum of c_ijk q'_k and
+c_ijk = 1/2 (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i): so M' - 2 C is skew. Of one coordinate
+it is Eksergian's, B q'' + 1/2 dB/dq q'^2 = Q + tau (Di Gregorio 2024, eq. (9)).
 """
 
 from abc import ABC

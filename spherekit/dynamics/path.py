@@ -1,4 +1,14 @@
-"""Where a simulation went: its states at any time, whichever engine found them."""
+"""Where a simulation went: its states at any time, whichever engine found them.
+
+Gauss collocation with all nodes of a step at once: few, long, vectorised steps.
+
+The method of Gauss is the implicit Runge-Kutta method of highest order, 2 N at the ends
+of steps with N nodes (Hairer, Norsett and Wanner 1993, II.7). Its equations are solved by
+Picard iteration: the right-hand side is evaluated at all nodes in one call, which costs
+an array code little more than one node. Within a step the solution is a polynomial of
+degree N, and the last coefficients of its derivative say how well it is resolved.
+What happens within a step are zeros of functions known at its nodes or as polynomials.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,10 @@
-"""A motion that follows from the loads: dense output, events, and what was checked."""
+"""A motion that follows from the loads: dense output, events, and what was checked.
+
+The direct problem by finite differences of the input, as its source proposes.
+
+Offered to compare with: the scheme is of first order, and ends at dead centres of the
+input (Di Gregorio 2024, eqs. (30), (31)).
+"""
 
 import time
 from dataclasses import dataclass, replace

@@ -17,6 +17,18 @@ Gregorio 2024, eq. (9)). Of several the coordinates are sums of the pair variabl
 factors, the frame, are an orthonormal basis of the velocities somewhere near: so all
 configurations are ordinary points at which the velocity equations are regular, whether or
 not the inputs hold the mechanism there.
+
+Friction that follows from the reactions which it changes, of bearings and contacts.
+
+What is carried at place j of a pair k, the force on a bearing or the push of a contact, is
+affine in the friction f of all pairs, a_kj + sum of b_kjl f_l. So friction solves
+
+    f_k = r_k sum over j of |a_kj + sum of b_kjl f_l|,   r_k = -grip_k tanh(v_k' / speed_k).
+
+The right-hand side changes by at most B_kl = |r_k| sum of |b_kjl| times a change of f.
+Where the largest eigenvalue of B, the feedback, is below 1, it contracts: there is one
+friction, and iteration leads to it. From 1 on there may be several or none, as in bearings
+that lock. Newton's step is taken where it leaves less than iteration does.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,7 @@
-"""What stored models of one coordinate and of several have in common: torques and loads."""
+"""What stored models of one coordinate and of several have in common: torques and loads.
+
+What a stored model is of, without its numbers, and the archive that holds both.
+"""
 
 import io
 import json

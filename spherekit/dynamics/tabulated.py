@@ -3,6 +3,13 @@
 `spherekit.dynamics.tabulate` computes everything that depends on the configuration alone
 (Di Gregorio 2024, section 4), along one curve or over a box of several inputs; this module
 evaluates it in control loops. It needs NumPy and the standard library only.
+
+The direct problem of a stored model: its motion under its loads, in two scalars.
+
+The state is the coordinate x of the model, q or s, the momentum p = sqrt(B) x' and the
+work W of all loads. As in `spherekit.dynamics.state`, which holds in any coordinate,
+
+    dx/dt = p / sqrt(B),   dp/dt = Q / sqrt(B),   dW/dt = Q dx/dt.
 """
 
 import os

@@ -2,6 +2,13 @@
 
 Arrays are NumPy object arrays of numbers and expressions. Terms drop products with 0 and
 1 and share what occurs twice, so nothing is simplified here.
+
+Frames of R pairs in their links as terms of the sizes they follow from.
+
+They are those of `spherekit.model.gears`, whose numbers may be terms here. In a link
+given by arcs and angles the reference arc at the first axis leads to the second, at every
+other axis to the first; in a reference pose any zero direction will do, for the variable
+counts from its value there.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

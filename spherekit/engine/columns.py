@@ -4,6 +4,14 @@ The closure of the loops, the rates and their derivatives, all poles and how the
 and what each of them may be off by: bounds of norms as in
 `spherekit.rates.core.rough_errors`, with what the numbers given leave over in the
 equations.
+
+Loop equations solved as terms, three variables of a loop at a time.
+
+Three variables of a loop are eliminated by the vector products of their axes, which does
+not depend on how the axes of the ground lie. A loop whose equations repeat others gives
+fewer: two by their axes and the normal of these, or one. Which ones, and in which order,
+is chosen by numbers at some configurations, and holds for all others but those where
+the axes chosen come to depend on each other.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

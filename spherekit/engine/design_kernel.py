@@ -4,6 +4,11 @@ What does not depend on the configuration is computed once a design (`prepare`),
 at every row (`evaluate`): a row is one sample of one design in one assembly mode. Closure
 equations are there at complex inputs too: they are analytic, and off the real axis their
 solutions neither meet nor vanish; compiled, real and imaginary parts are terms.
+
+The closure equations of designs at any input, real or complex.
+
+Sizes are real. The variables, the inputs among them, may be complex: the equations are
+analytic, and off the real axis their solutions neither meet nor vanish.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -2,6 +2,8 @@
 
 The inputs' angles and one sign for each dyad give the directions of all axes; no angle of
 any other pair is formed.
+
+What has been made for a mechanism, for the life of the process.
 """
 
 from collections.abc import Callable, Sequence

@@ -4,6 +4,14 @@ The integrator's tolerance is relative to the largest element of its state. So t
 stays accurate over thousands of turns, every few steps angles are reduced by whole turns,
 the work done is set aside, and the unit of momentum grows with the momentum. The loops
 open by little more than rounding, but that adds up, so they are closed now and then.
+
+Steps looked at between their ends: whether the loads do there what the series say.
+
+A series of Taylor knows a load at one point of a step, a collocation at its nodes. Where
+an argument of a steep function (`spherekit.model.expression.Expression.steep`) is zero or
+turns back, the load may change within a time in which neither has a point. So accepted
+steps are compared with the equation of motion at even places, and at those zeros and
+turns, which are found on the dense output.
 """
 
 from collections.abc import Callable, Sequence

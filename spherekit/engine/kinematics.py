@@ -4,6 +4,26 @@ The parameter p is that in which the rates of the variables are the minors of th
 equations (`spherekit.engine.rates`): dv/dp = tau(v). Nothing is divided, so p runs through
 the dead centres of every pair. Rates by the input are those by p over tau_q, rates by the
 arc length of the curve in the space of all variables those over |tau|.
+
+Velocity equations as terms, in the variables of the inputs: rates, misfits, moments.
+
+In homogeneous form: `tau[i]` are the rates of all variables times `scale` while input i
+moves at the rate 1 and the others rest. The scale vanishes where these inputs do not say
+how all variables move.
+
+With links placed along a tree of pairs, the pairs that close loops miss each other by a
+small rotation. At the inputs at rest the variables change so that all pairs fit again:
+w_second - w_first = A x - e, with A the vectors of the pair's variables, x their changes,
+and e the rotation by which its second link is turned against where the pair has it. With
+the misfit of a configuration that is nearly closed, x is Newton's step; with the rate of
+the misfit by a size, the derivative of the variables by it.
+
+The moments that a motion takes at the inputs are Newton's and Euler's equations of the
+links along the velocities that an input leaves free while the others rest:
+
+    torque_i = sum_j w_ji . (I_j a_j + w_j x I_j w_j) - the power of the loads by input i,
+
+with w_ji the angular velocity of link j per unit rate of input i.
 """
 
 from collections.abc import Mapping, Sequence

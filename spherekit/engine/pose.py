@@ -1,4 +1,11 @@
-"""Orientations of links as expressions of the pair variables."""
+"""Orientations of links as expressions of the pair variables.
+
+The vectors of variables as terms, each carried by a link that it slides on.
+
+A variable's vector is the angular velocity of its pair's second link relative to the first
+per unit rate. An R pair's is an axis of either link. That of a contact slides on the link
+that carries it as the contact goes along its profile.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

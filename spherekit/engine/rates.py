@@ -6,6 +6,13 @@ rates. The vector of these minors is a polynomial in the directions of the axes.
 regular at the dead centres of every pair and vanishes only where the rank drops. Here it
 is found group by group: a group's variables by Cramer's rule, and everything found before
 multiplied by the group's determinant. Of several inputs one moves while the others rest.
+
+How the loops of a group are solved: which columns are private, which are unknowns.
+
+Each loop gives three equations. Where two columns occur in one loop only, the scalar
+equation along their vector product is free of them; they follow from the other columns
+afterwards. With one such pair for every loop, a group of k loops comes down to k
+equations (a dyad to one), whatever its bodies.
 """
 
 from collections.abc import Callable, Mapping, Sequence

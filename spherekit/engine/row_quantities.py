@@ -1,4 +1,10 @@
-"""What rows of designs may be asked for, as expressions."""
+"""What rows of designs may be asked for, as expressions.
+
+Masses and loads as numbers that a kernel has as inputs.
+
+What a mechanism's tensors are and what its loads are made of has one form for all designs;
+the numbers in it, those of the texts of laws included, come one after another.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

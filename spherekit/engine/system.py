@@ -2,6 +2,44 @@
 
 The state is the pair variables, the momenta in a unit of their own, and the work of each
 load in the square of that unit. What is set for each run are parameters.
+
+The equations of motion of several freedoms as terms, in the variables of the inputs.
+
+With the homogeneous rates tau_i = D n_i of `spherekit.engine.kinematics`, u_i the
+rates of the inputs' variables and s_i = u_i / D,
+
+    dv/dt = sum tau_i s_i,   M' (du/dt) / D = Q' - sum_j w_ji . (I_j b_j + w_j x I_j w_j),
+
+M'_ik = sum_j w_ji . I_j w_jk, with w_ji the links' angular velocities by tau_i, b_j their
+accelerations while no input accelerates and Q'_i the power of the loads by tau_i: Newton's
+and Euler's equations of the links along the velocities that are left free. The closure of
+the loops is an invariant of them. The state holds sqrt(m) u for the momenta, with m the
+sum of the links' moments of inertia.
+
+The inputs here are coordinates, chosen for the configurations where they say how all
+variables move: an event ends a run before they do not.
+
+The equation of motion of one freedom as terms.
+
+The state is that of `spherekit.dynamics.state`: the pair variables v, the momentum
+p = sqrt(B) u and the work W of each load. In the homogeneous parameter of
+`spherekit.engine.kinematics`, with tau its rates of the variables,
+
+    dv/dt = u tau,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B)
+
+(from Di Gregorio 2024, eq. (9), which holds in any coordinate). The closure of the loops
+is an invariant of these equations, so nothing has to be solved or stabilised.
+
+The generalised inertia of Eksergian's equation as an expression.
+
+B = sum w_j . I_j w_j over the links, with w_j the angular velocity of link j per unit
+rate of the coordinate and I_j its tensor about the centre of the sphere (Di Gregorio
+2024, eq. 15). Here the coordinate is the homogeneous parameter p.
+
+Terms evaluated on NumPy arrays, in blocks that stay in the cache.
+
+Each operation is one call for a whole block and writes into a row that is free by then,
+so nothing is allocated on the way and intermediate values do not leave the cache.
 """
 
 import time

@@ -4,6 +4,8 @@ An R pair is one turn. A profile that is a circle is run along by turning about 
 centre, so a contact of two circles is two turns. The variables of such pairs move links
 about axes that are fixed in one link each, and their rates need no curvature. Of other
 profiles the moving frame and the curvature are columns that are handed in.
+
+Profiles other than circles for terms: columns that are handed in with the variables.
 """
 
 from collections.abc import Mapping, Sequence

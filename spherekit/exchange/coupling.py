@@ -1,4 +1,7 @@
-"""Tables for controllers: what inputs do to everything else, read between nodes."""
+"""Tables for controllers: what inputs do to everything else, read between nodes.
+
+A coupling table as a C header: static arrays, and C99 that reads between them.
+"""
 
 import os
 import re

@@ -1,4 +1,7 @@
-"""A mechanism as a MuJoCo model (MJCF): bodies, hinges, closed loops, loads, looks."""
+"""A mechanism as a MuJoCo model (MJCF): bodies, hinges, closed loops, loads, looks.
+
+The loads and stops of a mechanism in what MuJoCo has, and those that it has not.
+"""
 
 import itertools
 from collections.abc import Mapping, Sequence

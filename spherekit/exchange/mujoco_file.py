@@ -1,4 +1,11 @@
-"""MuJoCo's reading of MJCF and URDF files; the only module that imports mujoco."""
+"""MuJoCo's reading of MJCF and URDF files; the only module that imports mujoco.
+
+What URDF files say of loops and drives in elements that the format itself lacks.
+
+Tree joints cannot close loops. In use are `<loop_joint>` with two links and the places on
+them (Drake, Isaac Sim, and exporters that write parent and child with origins), and
+`<loop>` with `<predecessor>` and `<successor>` (URDF+, Chignoli et al. 2024).
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,11 @@
-"""Which figures the scenes of a run make, by name, each drawn when it is asked for."""
+"""Which figures the scenes of a run make, by name, each drawn when it is asked for.
+
+Triangulated surfaces in a space of three quantities.
+
+Points that move in a plane with one scale on both axes: their paths, a panel a mode.
+
+A quantity over a grid of two inputs: a map for each mode, zeros drawn as lines.
+"""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

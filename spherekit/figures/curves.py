@@ -1,4 +1,7 @@
-"""Quantities over one axis: an input, the time, or a quantity of an analysis."""
+"""Quantities over one axis: an input, the time, or a quantity of an analysis.
+
+The sphere on paper: workspaces, curves and paths of poles on maps of the directions.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,7 @@
-"""A TOML file as text and data, whose faults name file, line and key."""
+"""A TOML file as text and data, whose faults name file, line and key.
+
+Which line of a TOML text each key and array item stands on; tomllib does not say.
+"""
 
 import errno
 import json

@@ -1,4 +1,7 @@
-"""Parameters and data as JSON has them, the same in every process."""
+"""Parameters and data as JSON has them, the same in every process.
+
+A lock on a file: one program at a time, let go by the system when the program ends.
+"""
 
 import errno
 import os

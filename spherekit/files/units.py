@@ -2,6 +2,8 @@
 
 Which values are angles, rates and directions is said by the schema. Which key is which
 field of a class of the model is said here, for reading and for writing.
+
+Angles and directions between a file's unit and the radians used inside.
 """
 
 import math

@@ -1,4 +1,7 @@
-"""A mechanism to a TOML file of format 1, in canonical order."""
+"""A mechanism to a TOML file of format 1, in canonical order.
+
+Numbers of a mechanism file put in the place of others.
+"""
 
 import copy
 import hashlib

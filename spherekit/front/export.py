@@ -1,4 +1,7 @@
-"""Mechanisms for other programs: functions, tables, MuJoCo models, mechanism files."""
+"""Mechanisms for other programs: functions, tables, MuJoCo models, mechanism files.
+
+The plan of a mechanism, given as such or named.
+"""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,4 +1,7 @@
-"""A run whose result can be seen: it is gone through once more for that."""
+"""A run whose result can be seen: it is gone through once more for that.
+
+A trade whose chart can be drawn.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,7 @@
-"""A sizing from a file."""
+"""A sizing from a file.
+
+A sweep from names, paths and texts.
+"""
 
 import os
 from collections.abc import Mapping, Sequence

@@ -7,6 +7,15 @@ velocity equations as unknowns are left. Their determinant is a smooth function 
 mode, which changes its sign where the output moves with the inputs at rest: also where the
 loops lose their rank, beside which the regular equations of `spherekit.singular.locus` do
 not hold.
+
+Finding, and proving, that a mechanism has a mid-plane symmetric architecture.
+
+Found from the graph and the sizes alone: legs of three R pairs with equal arcs from the
+base to the output link, whose axes there are the mirror image of those at the base; and
+links hinged to the elbows that all turn about one axis at right angles to their hinges,
+so that the elbows lie in one plane. Proven in numbers: all links are placed from the
+closed form, every pair has to close, and the velocity equations have to leave two
+freedoms. The poses that the closed form reaches are then all there are near each of them.
 """
 
 from collections.abc import Iterator, Sequence

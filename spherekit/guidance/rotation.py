@@ -1,4 +1,11 @@
-"""What a rotation of the output link about a fixed axis is, sample by sample."""
+"""What a rotation of the output link about a fixed axis is, sample by sample.
+
+Time on a rotation about a fixed axis: the quickest that the drives allow.
+
+The angle goes as theta(t) = angle s(t / T) with a law shape s from 0 to 1. Speeds of the
+inputs then go with 1 / T and accelerations with 1 / T^2, so the shortest duration T follows
+from their largest values at T = 1, which are found to rounding.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -6,6 +6,15 @@ configuration nearest to it is followed in steps that are verified as
 Where the loops do not fix the links at
 one configuration on the way, that is stepped over at once, if the polynomials on both
 sides of it agree.
+
+The configuration whose output link is nearest to an orientation, and how it moves.
+
+Nearest means by the angle a of the rotation d that is left between the orientation wanted
+and the one reached. At the nearest one the gradient of a^2 / 2 along the configurations
+vanishes: G^T d + J^T m = 0, with J v' = 0 the velocity equations, w = G v' the angular
+velocity of the output link and m multipliers of the loops. With as many freedoms as the
+orientation has, or where the mechanism can follow, d and m are 0. Differentiated once and
+twice by the angle turned through, the condition gives exact rates.
 """
 
 from collections.abc import Sequence

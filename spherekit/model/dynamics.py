@@ -1,4 +1,9 @@
-"""What acts on the links of a mechanism: inertia, loads, and stops of pairs."""
+"""What acts on the links of a mechanism: inertia, loads, and stops of pairs.
+
+Inertia tensors about the centre of the sphere, from what is known of a link.
+
+Bearings of pairs and contacts that slide: what of reactions rubs in them.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,7 @@
-"""Bevel gears as rolling cones: pitch cones from numbers of teeth and the shaft angle."""
+"""Bevel gears as rolling cones: pitch cones from numbers of teeth and the shaft angle.
+
+Where each pair's axis and zero direction sit in its two links.
+"""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,7 @@
-"""A mechanism with pairs locked: the two links of each become one."""
+"""A mechanism with pairs locked: the two links of each become one.
+
+A mechanism said otherwise: links of other names, in other axes, expressions changed.
+"""
 
 import math
 import re

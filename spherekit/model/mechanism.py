@@ -1,4 +1,7 @@
-"""The one description of a spherical mechanism: links, pairs, sizes, loads."""
+"""The one description of a spherical mechanism: links, pairs, sizes, loads.
+
+Which output of a mechanism is meant.
+"""
 
 import math
 from collections import Counter

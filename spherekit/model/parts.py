@@ -1,4 +1,7 @@
-"""What a mechanism is made of: pairs with their profiles, sizes, inputs and outputs."""
+"""What a mechanism is made of: pairs with their profiles, sizes, inputs and outputs.
+
+Numbers given to change a mechanism, as the model holds them.
+"""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence

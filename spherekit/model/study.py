@@ -1,4 +1,7 @@
-"""What a run goes through: a mechanism, the samples of its inputs, and what drives them."""
+"""What a run goes through: a mechanism, the samples of its inputs, and what drives them.
+
+Time laws of an input: its variable, rate and acceleration at any time.
+"""
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence

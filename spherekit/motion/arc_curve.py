@@ -3,6 +3,14 @@
 Every configuration that a mechanism can reach without being taken apart is a point of
 one curve in the space of its variables. Where an input has a dead centre the curve runs
 on smoothly, and on a closed curve everything is a periodic function of the arc length.
+
+The configuration curve between two nodes, by its projection on their chord.
+
+With the closure equations one linear equation, border . values = given, is solved: it
+picks one point of the curve. The inverse of both together gives Newton's step, the
+tangent (its last column) and, with the rate of the Jacobian along the tangent, the second
+derivative by arc length. It is regular wherever the motion is unique, at the dead
+centres of every pair too.
 """
 
 from collections.abc import Callable

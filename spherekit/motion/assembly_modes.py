@@ -4,6 +4,13 @@ An assembly mode names one mode of every group: a sign for a dyad, whose closed 
 flip; for an irreducible group a guide of verified configurations (a curve for one input,
 a sheet for several) that predicts where Newton's method has to arrive and what it must
 not leave.
+
+Angle unwrapping: which whole turns a passive pair has made at an input.
+
+An angle that a motion reduces to a turn is a continuous function of the inputs along its
+assembly mode. It is in (-pi, pi] at the anchor, which is the reference pose, or zero; what
+wheels fix is a linear function of the inputs from there on, the rest is followed by
+verified steps, however far samples lie apart.
 """
 
 from collections.abc import Iterable, Sequence

@@ -5,6 +5,22 @@ rolling contact, two of a sliding one. A spanning tree of pairs places every bod
 axes of body 0; each remaining pair closes one loop, and the rotation vector by which it
 fails to close is the residual. Bodies may be links, or groups of links whose
 relative orientation differs from sample to sample.
+
+Continuation: paths of configurations, followed by verified steps.
+
+Every path is followed in the same way, whatever its parameter: inputs on a straight way,
+the arc length of a curve, the angle of a rotation. A step is predicted from the last node
+by its derivatives, corrected by Newton's method, and accepted only if
+
+- the prediction was nearly right,
+- Newton's method contracted at once,
+- the equations changed by less than would make them singular on the way, or the
+  determinant kept its sign,
+- the tangent turned little,
+- the Hermite polynomial through both ends predicts the middle.
+
+Otherwise it is halved. After a step that holds, the next one may be longer. A path ends
+where it arrives, where its owner says so (a limit, a closed lap), or where no step holds.
 """
 
 from abc import ABC, abstractmethod

@@ -5,6 +5,25 @@ one equation, linear in the cosine and sine of each angle of the tree
 (`spherekit.sphere.trigonometric`). A bar is a body with two R pairs; with its neighbours
 placed, its arc between them is the only condition, and it follows from its axes. No
 structure is known by name: what matters is which bars there are.
+
+The closed configurations of a mechanism: all at its inputs, or some over their ranges.
+
+All at one choice of the inputs are found group after group in the order of planning: both
+modes of a dyad, and of an irreducible group all that elimination or a search finds.
+
+All closed configurations of one irreducible group at one sample, and by which method.
+
+The binary links of a group as arcs between two other bodies, and how they are placed.
+
+A body with two R pairs keeps one axis of each of its neighbours at a fixed arc. With the
+neighbours placed, that arc is the only condition, and the body follows from its axes.
+
+Searching the configurations of a mechanism over the range of its inputs at random.
+
+With one input the input is unknown too: a start goes to the configuration curves, so that
+one that is short along the input is met as well as others, and not only where an input
+probed happens to lie in it. With several each start has the inputs of one sample. Where
+wheels are in mesh, each start has an input and the lengths rolled that belong to it.
 """
 
 from collections.abc import Iterator, Sequence

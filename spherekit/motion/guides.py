@@ -5,6 +5,12 @@ predicted. With several it is a sheet over an input grid: from a known configura
 mode spreads from sample to neighbouring sample by straight ways of verified steps, wherever
 such a way leads: around a region that is out of reach, but never through a configuration at
 which the inputs do not determine the motion.
+
+One assembly mode of a mechanism with several inputs, over an input grid of their values.
+
+From a known configuration the mode spreads from sample to neighbouring sample by straight
+ways of verified steps, wherever such a way leads: around a region that is out of reach,
+but never through a configuration at which the inputs do not determine the motion.
 """
 
 from collections.abc import Sequence

@@ -9,6 +9,11 @@ function of the input, and changes its sign exactly where two real modes meet.
 Between two neighbouring such inputs the number of real modes does not change. A component
 of the configuration curve either goes through the whole range or turns back at two of them,
 so the modes at one input of every interval between them lie on all components.
+
+Which pair of a mechanism to take for the input when all its curves are wanted.
+
+The configuration curves are the same whichever pair is driven; how the groups fall out
+is not. Driven at one pair a six-bar is two dyads, at another a triad.
 """
 
 from collections.abc import Sequence

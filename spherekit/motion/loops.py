@@ -1,4 +1,15 @@
-"""The loops of a chain: a spanning tree, the velocity equations, their rank."""
+"""The loops of a chain: a spanning tree, the velocity equations, their rank.
+
+Configurations of bodies joined by pairs, and their equations to second order.
+
+A `Closure` says which bodies and pairs there are; a `Linearisation` is that closure at n
+configurations. Every part of it is computed when it is first asked for, and kept.
+
+The pairs of a configuration: their frames, and how their variables move links.
+
+What a pair of each kind does is said in `spherekit.model.joints`; here those of one kind
+are evaluated together.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace

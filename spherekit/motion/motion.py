@@ -1,4 +1,11 @@
-"""The motion of a mechanism: every assembly mode at every sample of its inputs."""
+"""The motion of a mechanism: every assembly mode at every sample of its inputs.
+
+Angles that go on over whole turns, where a motion reduces them to one.
+
+Loads that depend on an angle itself, such as wound springs, want it to go on.
+
+When the rows of a motion happen, and how fast its inputs move there.
+"""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

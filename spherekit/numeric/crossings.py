@@ -4,6 +4,10 @@ The range is cut into cells until a Chebyshev polynomial of known degree is the 
 to a small part of its largest value in the cell, as far as its last coefficients and
 samples between its nodes tell (the way of L. N. Trefethen, Approximation Theory and
 Approximation Practice, 2013, chapter 18: the zeros of the polynomial are eigenvalues).
+
+Zeros of many functions of one variable at once, each within its own bracket.
+
+Angles less whole turns.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,10 @@
-"""Columns that are made when they are read: several of one source at less cost each."""
+"""Columns that are made when they are read: several of one source at less cost each.
+
+Memory for arrays of blocks, used again once nobody reads them.
+
+Memory that is new has to be handed over by the system, page by page, which takes longer
+than filling it. So large arrays get the largest pages there are.
+"""
 
 import mmap
 import sys

@@ -1,4 +1,9 @@
-"""All zeros of a smooth function of one variable whose derivative is known."""
+"""All zeros of a smooth function of one variable whose derivative is known.
+
+Hermite interpolation: values between two ends from derivatives at both.
+
+Records of arrays with a row for each thing: some of the rows, and records joined.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields

@@ -5,6 +5,12 @@ mechanism from falling into dyads. With the turn held too, one link with two pai
 is too many; without it the rest is dyads. The bar's arc is then one equation in the turn,
 f = p . q - cos(arc) for its two axes p and q, and each of its roots a configuration. The
 derivative of f comes from the rates of the dyads, exactly.
+
+Dyads placed one after another on one body, as vectors of pair axes over many rows.
+
+The middle axis of a dyad follows from the outer ones (`spherekit.sphere.dyad`). The rates
+of its pairs follow from the triple product t of its axes, and with them how the inputs
+move per unit rate of the output. Arrays are (3, n), components first.
 """
 
 from collections.abc import Hashable, Mapping

@@ -3,6 +3,8 @@
 With the output held, a mechanism often falls apart into dyads that stand on the body of
 the two links that the output joins. Only the axes of pairs are needed then, no rotation
 matrix; `spherekit.output.closing_link` computes these over many rows.
+
+How inputs move with an output, and the measures of type I that follow.
 """
 
 from collections.abc import Sequence

@@ -2,6 +2,15 @@
 
 The rates come from the velocity equations of the whole mechanism, which hold whatever
 its topology, so that they are exact and independent of the inverse kinematics.
+
+Every configuration of a mechanism at given inputs, as poses of its output.
+
+The turns of the inputs at which wheels stand as a posed configuration has them.
+
+With its output held, a mechanism is closed by its wheels in any mesh, and its inputs are
+known to whole turns. But a file means one assembly, in which the lengths rolled follow
+from the inputs over any number of turns (`spherekit.motion.meshes`): of the others no
+input leads to the pose, and half a turn of a carrier is a whole one of its side gear.
 """
 
 from collections.abc import Sequence

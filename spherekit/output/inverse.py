@@ -4,6 +4,12 @@ With the output held, the mechanism is assembled like any other: group by group,
 derived mechanism that `wrist` makes. Where all groups are dyads on the held body, as for
 legs of any make, a batch is computed from vectors of axes and each sign of a dyad is a
 working mode. Otherwise each row is solved on its own, by elimination or search.
+
+The inputs of poses in working modes, with measures of how near singularities are.
+
+The measures are those of C. Gosselin and J. Angeles, Singularity analysis of
+closed-loop kinematic chains (1990), made free of units. With the other inputs free, a
+locked input leaves the output a plane of angular velocities; n_i is its normal.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,19 @@
-"""The driven pairs of a mechanism, and the bodies that are left when some are locked."""
+"""The driven pairs of a mechanism, and the bodies that are left when some are locked.
+
+The order in which positions follow from the inputs: dyads and irreducible groups.
+
+With the inputs locked the mechanism is a structure without freedom. Its smallest rigid
+part is a group that can be placed on its own; made one body, the next one follows, and
+so on until one body is left. No frame is singled out (theory of Assur groups), so an
+input between two floating links needs no special treatment.
+
+Counting freedoms of parts of a chain: which are rigid, which move with one freedom.
+
+Each link has 3 freedoms, a pair takes 2 (R, Cr) or 1 (Cs). The freedoms of every part
+are counted at once by the pebble game for (3, 3)-sparse graphs (Jacobs and Hendrickson
+1997; Lee and Streinu 2008): each link owns three pebbles, a constraint covers one of
+them, and constraints point from the link whose pebble they hold to the other link.
+"""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,16 @@
-"""Plans of a mechanism: how every pole asked for follows while one input moves."""
+"""Plans of a mechanism: how every pole asked for follows while one input moves.
+
+The sequence in which every instantaneous pole axis follows from the known ones.
+
+Poles of pairs (R, Cr) are primary. Synchronous passes of the Aronhold-Kennedy theorem
+(Di Gregorio 2011) add the secondary ones: P_ij lies on the great circle of P_ik and
+P_jk for every third link k, and on the contact plane of a sliding pair of i and j; two
+such lines give it. Links that share an axis by construction have it as their pole. Where
+the passes stop, the smallest single-freedom part that holds an unknown pole is solved from
+its velocity equations. One pole of it is enough for ordinary passes to find the others, in
+every chain of up to twelve links that is known, and the plan says how; the equations give
+all of them at once, and more surely. Then the passes go on.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

@@ -1,4 +1,17 @@
-"""The poles of a mechanism, and the plan in which each of them follows from known ones."""
+"""The poles of a mechanism, and the plan in which each of them follows from known ones.
+
+The plan's Table in the lecture's own layout, as text, Markdown and JSON.
+
+A primary pole is an x, a secondary one the Roman number of the pass that finds it; a
+star marks poles found by solving an irreducible part. (Di Gregorio 2019, lecture 2.)
+
+Links that always turn about one common axis, by the geometry within the links.
+
+If P_ik and P_jk coincide, their great circle is undefined, but P_ij is that same axis:
+the three relative motions share it. Two R pairs with one axis in a common link, such as
+the two sliders of an arc guide or the coaxial wheels of a gear train, make it so in every
+configuration.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

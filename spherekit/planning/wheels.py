@@ -4,6 +4,11 @@ Two wheels that one link carries, each about the centre of its circle, turn rela
 it by angles f and g with sin(r) f - sin(s) g constant, r and s the radii, both centres
 on the side of the contact's normal: a linear relation of the angles of the pairs between
 them. That the wheels touch is then said twice, by the contact and by the carrier.
+
+Wheels whose turning follows from the inputs: rolling circles on common carriers.
+
+Where the relations of all contacts (`wheels`) fix the angles that they relate by those of
+the inputs, these and the lengths rolled are linear functions of the inputs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

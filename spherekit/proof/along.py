@@ -5,6 +5,8 @@ bounds of the rates of all variables, and bounds of F_zz those of the rates' der
 Between two neighbouring centres a rate that cannot vanish has no zero; one whose derivative
 cannot vanish has one zero if its signs at both centres differ, and none if they do not.
 All others are cut in two.
+
+Configuration curves as chains of pieces, each with the centre of the next one in it.
 """
 
 from collections.abc import Iterator, Sequence

@@ -2,6 +2,10 @@
 
 A ball is a centre and a radius; every operation returns a ball that contains all exact
 results of all numbers in its operands (F. Johansson, Arb, 2017).
+
+Vectors of balls and the frames of R pairs in their links.
+
+A frame (3, 3) has three unit vectors as its rows: zero direction, side, axis.
 """
 
 from __future__ import annotations

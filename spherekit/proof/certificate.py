@@ -1,4 +1,13 @@
-"""Certificates: what was proven, with all that a checker needs to prove it again."""
+"""Certificates: what was proven, with all that a checker needs to prove it again.
+
+Singularities over a range, proven: where the input or an output stops along the curves.
+
+An output that a pair joins to the link it is seen from turns about one axis, so it rests
+where that pair's variable stops: type I. The input rests where its own variable stops:
+type II. Where neither does, the curves are free of both.
+
+Enclosures of pole axes and velocity coefficients of certified modes.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

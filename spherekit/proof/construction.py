@@ -9,6 +9,13 @@ Where wheels turn p/q as fast as an input by ratios of teeth, all these angles a
 of one variable that goes round once while the input goes round q times. Then equations are
 sums of its cosines and sines, as of any other angle, and configurations a turn of the input
 apart are different unless everything is back.
+
+Wheels that turn with an input by ratios of teeth, over all turns until they are back.
+
+Where an input turns p/q as fast as others, all these angles are multiples of one variable
+that goes round once while the input goes round q times. Then equations are sums of its
+cosines and sines, as of any other angle, and configurations a turn of the input apart are
+different unless everything is back.
 """
 
 from collections.abc import Collection, Iterator, Mapping

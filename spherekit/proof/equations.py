@@ -6,6 +6,8 @@ another one by a rotation about a fixed axis, of norm 1 as are all its derivativ
 angle; a link put on two axes contributes a matrix of known norm. So the derivatives of f
 of any order are bounded by one constant for each equation, for all configurations at once,
 real ones or with imaginary parts of the angles up to a bound.
+
+Products of matrices with their derivatives by some variables, of floats or of balls.
 """
 
 from collections.abc import Mapping, Sequence

@@ -4,6 +4,18 @@ Where the relations of all rolling contacts (`planning.wheels`) fix the angles t
 relate by the inputs, the pairs are known like inputs. A wheel repeats what its carrier
 says of the distance of the axes; decimal numbers can say both only nearly, so that
 circles that touch nearly are taken to touch.
+
+The geometry of a mechanism as balls around the numbers of its file as they are written.
+
+An angle of 45.1 degrees is 45.1 pi / 180 here, and no float64 number next to it.
+
+What proofs are about: links and R pairs, sliding contacts of circles as links.
+
+Two circles that touch have their centres a fixed arc apart, the sum of their radii, or the
+difference where one lies within the other; and where the centres are this arc apart the
+circles touch in one point of the great circle through both. So a sliding contact is a
+link, its coupler, hinged to the two others at the centres, and its arc is a size like
+others. A rolling contact also says how far both wheels turn (`gears`).
 """
 
 import math

@@ -1,6 +1,14 @@
 """A whole mechanism in balls, link by link: orientations, gaps of the loops, Jacobian.
 
 All functions take the pair variables as balls, or as power series in whatever moves.
+
+Profiles of contact pairs as a mechanism declares them, in balls.
+
+Angles, radii and coefficients are taken as the float64 numbers they are given by, and
+directions are made unit vectors. A profile through points is the quintic spline that
+`spherekit.sphere.profile` lays through them: its float64 knots and coefficients are what is
+declared. No curvature occurs here: curves give places and tangents only, and their
+derivatives are those of power series.
 """
 
 from abc import ABC, abstractmethod

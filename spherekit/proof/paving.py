@@ -9,6 +9,13 @@ and zero is outside of it if and only if it is beyond one of its facets (McMulle
 zonotopes, 1971). The normal of a facet is a sum of equations in which all variables but
 two, or one where there are as many as equations, have no slope. Any sum is one that may be
 taken, so that nothing rests on how well its weights are computed.
+
+Two or more inputs: boxes in which no mode is singular, and those in which one is.
+
+Where all complex roots that there can be are continued over a box of inputs, none of them
+meets another: no configuration of the box is singular with the inputs as they are (type
+II), and the number of modes is the same everywhere. Where two such boxes in one connected
+part have different numbers, a singular configuration lies between.
 """
 
 from collections.abc import Callable, Sequence

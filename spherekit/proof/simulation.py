@@ -10,6 +10,12 @@ for p = sqrt(B) dc/dt, whose square is twice the kinetic energy. In each step dc
 dp/dt are series of Legendre polynomials through Gauss's nodes, found by Picard's iteration
 from a float64 solution; at each of its turns the loops are closed once more by a step of
 Newton's method with c held. The geometry is the declared one, see `spherekit.proof.rows`.
+
+What masses and loads do on a motion in balls, with switches where loads have kinks.
+
+What a load is made of is said in `spherekit.model.dynamics`. An expression that is not
+smooth is continued beyond its kinks: each `abs`, `sign`, `min` and `max` depends on the
+sign of a condition, which is held on the side it is said to be on.
 """
 
 from collections.abc import Callable, Iterator, Sequence

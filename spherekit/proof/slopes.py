@@ -1,4 +1,17 @@
-"""Slopes of the arms of a saddle, from what bounds the second derivatives around it."""
+"""Slopes of the arms of a saddle, from what bounds the second derivatives around it.
+
+Where configuration curves cross, or just miss each other: a saddle with four arms.
+
+At a configuration where F' loses one rank, all equations but one sum g of them still fix
+all but two coordinates (u, v), and the configurations near by are g(u, v) = 0 (Lyapunov
+and Schmidt). If g is convex in u and concave in v over a rectangle, positive on its sides
+u = +-r and negative at (0, +-s), its zeros are four arms that leave through the sides
+v = +-s, one in each quadrant. How they are joined follows from the level c alone, the
+largest over v of the least g over u: they cross at one point if c is 0, else they are two
+arcs that miss each other. A value and slopes of g at any point enclose c: it is at most
+that value and what the slope by v adds over the rectangle, and at least that value less
+what the slope by u takes. All of it is computed in balls.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

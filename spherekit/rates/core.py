@@ -3,6 +3,16 @@
 The independent route beside the pole axes: exact wherever the mechanism has a unique
 motion, whatever its topology. It solves irreducible parts, takes over from the plan at
 configurations where that is badly conditioned, and gives mobility by rank.
+
+Vector algebra on component-first arrays (..., 3, n), the layout of the kernels.
+
+What rates of links may be off by: loops that do not quite close, and rounding.
+
+A configuration closes its loops up to their residual and the rounding of the numbers
+they are made of. Whichever way they stay open, the links lie elsewhere, their axes with
+them, and so the velocity equations have other coefficients. Each of these ways, three a
+loop, is followed here to first order through the orientations, the rates and their
+derivatives, so that nothing is left out where a number happens to be round.
 """
 
 from collections.abc import Iterator

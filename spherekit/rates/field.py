@@ -3,6 +3,17 @@
 The primary quantity is the vector w of each link: its angular velocity per unit rate of
 the input. A pole's direction is a unit vector along its axis, and the coefficient is the
 signed component of w along it.
+
+The sequence of a plan: every pole a product of known ones, every coefficient a ratio.
+
+With two third links k and r a pole lies along (u_ik x u_jk) x (u_ir x u_jr), and
+w_k - w_a = x u_ka with one ratio x of such products. All of it is written once for series,
+a quantity alone or with its derivative by the input: (3, n) of vectors, (n,) of numbers.
+
+Each pole carries a bound of its error, propagated from those of its sources. Of all the
+great circles that the plan keeps for a pole, a route takes the best two or the first two.
+The best two are the one with the smallest error and then the partner that makes the
+intersection most certain; both the angle between the two planes and the bound are reported.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping

@@ -1,4 +1,9 @@
-"""Which poles a set of wanted directions and coefficients needs."""
+"""Which poles a set of wanted directions and coefficients needs.
+
+Signs of pole directions: continuous along each assembly mode, block after block.
+
+Poles of a motion in which one input moves, in rows.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field

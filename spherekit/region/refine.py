@@ -1,4 +1,7 @@
-"""Triangles over the sphere, refined until a region's border and area are known."""
+"""Triangles over the sphere, refined until a region's border and area are known.
+
+The directions where given margins are not negative, with area, border and parts.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

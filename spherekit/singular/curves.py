@@ -5,6 +5,12 @@ configuration curves, or those that random starts lead to; each that lies on no 
 is followed, wherever it leads, also out of the declared ranges. Type I of an orientation is
 generally met at points only, which are not curves; where the output has two freedoms it is
 met along curves.
+
+Following a curve of singular configurations, step by verified step.
+
+The path is a `spherekit.motion.closure.CurvePath`, its bend that of the last step.
+
+A curve of singular configurations of a mechanism with two freedoms.
 """
 
 from collections.abc import Callable, Iterator, Sequence

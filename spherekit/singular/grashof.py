@@ -5,6 +5,11 @@ the distance c of the two moving axes runs from |g - a| to g + a, or 2 pi less t
 the input turns. Coupler and output close where |h - b| <= c <= min(h + b, 2 pi - h - b).
 Both hold throughout where T1 T2 >= 0 and T3 T4 >= 0, see J. M. McCarthy and G. S. Soh,
 Geometric Design of Linkages, 2nd ed., Springer, 2011, section 7.2.
+
+Where an output comes near a singularity along its curves without meeting it.
+
+Of type I the velocity coefficient is measured, of type II the transmission: neither
+vanishes where the links of a relation c y' = d q' are badly chosen, as c and d do.
 """
 
 from collections.abc import Callable

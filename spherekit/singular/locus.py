@@ -5,6 +5,11 @@ mechanism with g freedoms are those with E x = 0: the inputs stand still in a mo
 (type II), or the output does (type I). Configuration and x together solve a regular
 system: loops closed, J x = 0, E x = 0, |x| = 1, whose solutions have g - 1 dimensions.
 Newton's method works in the tangent space of the loops, with exact second derivatives.
+
+Slices of a mechanism with several freedoms: all inputs but one locked.
+
+A slice is the set of configurations with those inputs at given values: curves, each
+followed in its own arc length through dead points of the free input.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,12 @@
-"""What is found of singularities of one input: types, places, rates, relations."""
+"""What is found of singularities of one input: types, places, rates, relations.
+
+Which geometric conditions hold at a singularity: axes parallel, planes coincident.
+
+The names III.1 to III.5 and III.a to III.g are those of R. Di Gregorio's lecture on the
+singularity analysis of spherical mechanisms. The conditions of types I and II have no
+names there; here they are I.1 to I.3 and II.1 to II.3 in form i, I.a to I.c and II.a to
+II.c in form ii, in the order in which the lecture gives them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -2,6 +2,11 @@
 
 Each row is found on its configuration curve; there everything is regular, also at the
 dead centres at which rates by the input are infinite.
+
+The part of a mechanism that places some links, with the assembly modes of the whole.
+
+What hangs on it multiplies assembly modes and curves, and says nothing of the links asked
+about unless it stops the input. A group that is left out has no dead centre anywhere.
 """
 
 from collections.abc import Iterable, Sequence

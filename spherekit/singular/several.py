@@ -5,6 +5,8 @@ which the output link turns about u_i with rate w_i, and c_i w_i = d_i q_i' (Di 
 2015). The same is said without poles by the motions that close the loops: with N a basis
 of them, N_a its rows of the inputs and E N the output's rates, type II is det N_a = 0 and
 type I a loss of rank of E N. All of these stay finite on singularities.
+
+Singular configurations as the inputs and the output see them.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -5,6 +5,8 @@ functions. A zero of the output alone is a type I singularity, of the input alon
 of both a self-motion; type III is where curves cross. The coefficients c and d of the
 input-output relation vanish there too, and also at places where the four links are badly
 chosen: those are found as well and are called apparent.
+
+Places on a curve where relative rates vanish, put together where they agree.
 """
 
 from collections.abc import Iterable, Sequence

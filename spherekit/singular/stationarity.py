@@ -4,6 +4,12 @@ Where the closure Jacobian J has full rank, the configurations of a mechanism wi
 freedoms are a manifold of g dimensions, and the rates that close the loops, J x = 0, are
 its tangent space. Both are regular where inputs or the output are singular: where the
 inputs stand still (type II) in a motion, or the output (type I).
+
+The configuration manifold to second order: its tangent space and how that turns.
+
+Where the closure Jacobian J has full rank, the configurations of a mechanism with g
+freedoms are a manifold of g dimensions, and the rates that close the loops, J x = 0, are
+its tangent space. Both are regular where inputs or the output are singular.
 """
 
 from collections.abc import Sequence

@@ -3,6 +3,8 @@
 An advancing front: every open edge of the mesh gets a triangle, with a vertex of the
 front that lies near its ideal place or with a new one, which Newton's method brings onto
 the locus to rounding. Seeds are singular configurations of slices with two inputs locked.
+
+Triangles between singular configurations: split more finely, and cut at a range.
 """
 
 from collections import deque

@@ -1,4 +1,9 @@
-"""Curves on the unit sphere in a parameter of their own: a Fourier colatitude, a spline."""
+"""Curves on the unit sphere in a parameter of their own: a Fourier colatitude, a spline.
+
+What makes a profile valid: colatitudes, points, and closed curves that stay simple.
+
+Arc length of a curve against its own parameter: measured once, inverted when asked.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,33 @@
-"""Batched rotations: matrices (n, 3, 3) acting on columns, quaternions xyzw."""
+"""Batched rotations: matrices (n, 3, 3) acting on columns, quaternions xyzw.
+
+The spherical triangle: the closed form behind every dyad (RR chain of two links).
+
+Orientations as tilt and torsion, pointing directions as azimuth and tilt.
+
+The z axis is tilted by `tilt` towards the azimuth, and `torsion` is what is left of the
+turn about it: R = Z(azimuth) Y(tilt) Z(torsion - azimuth) (I. A. Bonev and J. Ryu, A new
+approach to orientation workspace analysis of 6-DOF parallel manipulators, 2001). Unlike
+Euler angles, torsion and tilt have no jump where the tilt is zero.
+
+Two orientations of a body: the rotation between them, and rotation about a fixed axis.
+
+Any two orientations differ by one rotation about one axis. The axis is not determined
+where they coincide, and its sense is not where they differ by half a turn.
+
+Planes through the sphere's centre as mirrors, and the angles that name them.
+
+A mirror with unit normal n carries Q = x to P. Chen et al. 2021 name it by three angles:
+P = (cos phi, sin phi sin omega, sin phi cos omega), and gamma, the angle by which the plane
+y = 0 is turned. In the normal they are n = (-sin(phi / 2), sin(gamma / 2), n_z) and
+tan omega = n_y / n_z, so phi and gamma alone name the mirror with n_z >= 0.
+
+Derivatives by complex steps: functions of a + i h da have f + i h df, exactly.
+
+With h so small that h squared is nothing beside 1, no difference is taken and no digit is
+lost. Such numbers go through code that is written for real ones as long as that is
+analytic: products, roots and sines, no absolute values. (W. Squire and G. Trapp, SIAM
+Review 40, 1998.)
+"""
 
 from dataclasses import dataclass
 from enum import IntEnum

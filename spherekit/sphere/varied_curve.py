@@ -1,4 +1,13 @@
-"""How a curve on the sphere changes with what it is made from, at the same arc length."""
+"""How a curve on the sphere changes with what it is made from, at the same arc length.
+
+The spline of a profile through points, while the points move.
+
+Its knots are lengths along the curve and move with it. By complex steps the same spline
+is laid once more: on each panel a quintic through the points at both ends, with
+derivatives that agree where panels meet.
+
+Curves that differ a little from one, each at places of its own.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,9 @@
-"""Running settings against each other in one process, and against the reference."""
+"""Running settings against each other in one process, and against the reference.
+
+Integrators and tolerances of a simulation, measured against one in more digits.
+
+How far tables are off: the largest scaled deviation of their columns.
+"""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -53,7 +58,7 @@ class Effort:
 
     `settings` are those to try; by default all that apply to samples, or to a simulation.
     Errors are measured at most at `checked` samples. Each setting is run in so many
-    `rounds` for its time, and after `budget` seconds no round begins.
+    `rounds` for its time, and after `guarantee` seconds no round begins.
     """
 
     unused: ClassVar[tuple[str, ...]] = ("tolerance", "verify", "degrees")

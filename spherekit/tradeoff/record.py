@@ -1,4 +1,11 @@
-"""What a trade found: settings with their times and errors, and the cheapest of them."""
+"""What a trade found: settings with their times and errors, and the cheapest of them.
+
+Trades kept on disk: what run they were made for, and reading them back.
+
+The work-precision chart: error against time, both logarithmic.
+
+A trade as text and as a table of values.
+"""
 
 import csv
 import hashlib

@@ -1,4 +1,7 @@
-"""Measuring the trade of speed for accuracy of one analysis of one mechanism."""
+"""Measuring the trade of speed for accuracy of one analysis of one mechanism.
+
+The samples of a course at which errors are measured.
+"""
 
 import time
 from collections.abc import Callable, Sequence

@@ -1,4 +1,7 @@
-"""How the viewer's window is laid out: a page for each mode, others, one to compare."""
+"""How the viewer's window is laid out: a page for each mode, others, one to compare.
+
+The timelines: the sample number, and the input in whole units of an angle, or time.
+"""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,7 @@
-"""Where the names of links and pairs stand on the sphere, so that none covers another."""
+"""Where the names of links and pairs stand on the sphere, so that none covers another.
+
+Labels of arrows that cover each other: one for all, as none could be read.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,7 @@
-"""Recordings for the rerun viewer, to a file and to a live viewer, block by block."""
+"""Recordings for the rerun viewer, to a file and to a live viewer, block by block.
+
+The charts of a recording: cursors and legends block by block, curves in the end.
+"""
 
 import re
 import time

@@ -1,4 +1,9 @@
-"""Opening a recording in a viewer window."""
+"""Opening a recording in a viewer window.
+
+A mechanism at once, before any run: its links, pairs, arcs and zero positions.
+
+A recording in a web browser: the viewer's web build, served on this computer.
+"""
 
 import os
 import signal

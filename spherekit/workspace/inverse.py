@@ -1,4 +1,9 @@
-"""What solves the poses of an output: a closed form, the graph, or one way only."""
+"""What solves the poses of an output: a closed form, the graph, or one way only.
+
+Pointing outputs of mechanisms in the mid-plane architecture, in closed form.
+
+Closed forms of outputs that fall into dyads when held, driven directly or by wheels.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

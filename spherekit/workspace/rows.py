@@ -1,4 +1,11 @@
-"""An output at poses in one working mode, and configurations of poses in rows."""
+"""An output at poses in one working mode, and configurations of poses in rows.
+
+Constraints of a workspace: bounds on angles that are known by their cosines.
+
+The cosine is smooth where the angle ends with a vertical slope, so that a border found
+from it is found well: reach, limits of pairs, angles between axes and the measures of
+singularities are all such bounds.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

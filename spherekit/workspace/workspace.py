@@ -1,4 +1,10 @@
-"""Workspaces of an output: what it reaches in each working mode under constraints."""
+"""Workspaces of an output: what it reaches in each working mode under constraints.
+
+Inverse and forward kinematics of one output, whatever way leads there.
+
+A closed form has a row for each pose and working mode; on the graph of a mechanism with
+other groups there is one for each configuration that was found.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence

@@ -1,4 +1,7 @@
-"""Configurations and poles of a course, block after block, by a setting."""
+"""Configurations and poles of a course, block after block, by a setting.
+
+How a run's numbers are computed: the choices that trade speed for accuracy.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

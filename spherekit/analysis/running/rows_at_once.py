@@ -3,6 +3,10 @@
 Variables are predicted from nodes, the kernel says how far loops are open there and what
 rates follow, and what all of that may be off by. Rows that it does not vouch for are
 found by `Tracer` and `evaluate`, as without it.
+
+A block of rows judged by a kernel, slice by slice, so that each stays in the cache.
+
+Of each slice it is seen where directions of poles may reverse from one row to the next.
 """
 
 from collections import defaultdict

@@ -1,6 +1,8 @@
 """The summary of a run: what was run, how far it came, what it found and what it took.
 
 And what is said of rows that were verified in many digits.
+
+A run made ready: what is evaluated for whom, of which part, in which blocks.
 """
 
 from collections import Counter
