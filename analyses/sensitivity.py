@@ -210,7 +210,8 @@ class SensitivityAnalysis(AbstractAnalysis):
             gradients[~np.isfinite(gradients)] = np.nan
             squares = (gradients * deviations.spread[:, None, None]) ** 2
             variance = np.sum(squares, axis=0)
-            shares = squares / variance
+            hangs = np.sqrt(variance) > self._least
+            shares = np.where(hangs, squares / variance, np.nan)
         drawn = np.full((3, *variance.shape), np.nan)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
@@ -264,9 +265,12 @@ class SensitivityAnalysis(AbstractAnalysis):
             f"{listing(keys, SHOWN)}"
         )
 
+    @property
+    def _least(self) -> float:
+        return ROUNDING * self.deviation * DEG
+
     def _said(self, figures: Mapping[str, Mapping[str, Any]], varied: str) -> Findings:
-        least = ROUNDING * self.deviation * DEG
-        still = [name for name in figures if figures[name]["spread"] <= least]
+        still = [name for name in figures if figures[name]["spread"] <= self._least]
         remarks = [
             f"{name}: standard deviation up to {_size(largest['spread'], name)}"
             f"{_otherwise(largest, name)}, at the sample q = "

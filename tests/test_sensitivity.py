@@ -152,6 +152,14 @@ def test_the_analysis_conforms_and_says_what_matters():
         assert row["drawn_spread"] == pytest.approx(spread, rel=0.1)
 
 
+def test_nothing_matters_most_where_a_quantity_hangs_on_no_size():
+    """Gears turn by their teeth: a spread of 1e-20 named a size by chance."""
+    rows = sk.run("bevel_pair", "sensitivity:draws=0", samples=61)
+    rows = rows.frame("sensitivity", "tolerances")
+    assert rows["spread"].max() < 1e-15
+    assert rows["share"].isna().all() and not rows["matters_most"].astype(str).any()
+
+
 def test_transmission_angles_are_the_same_from_variables_and_in_closed_form():
     motion = sk.trace("stephenson", samples=5)
     names = [f"transmission_angle_{pair}" for pair in ("34", "56")]

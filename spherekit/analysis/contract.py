@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.scene import Scene
@@ -26,8 +25,7 @@ from spherekit.errors import AnalysisError, ModelError, PluginError
 from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.crossings import SAME_ANGLE, wrap
-
-Floats = NDArray[np.float64]
+from spherekit.sphere.rotation import Floats
 
 REDUCTIONS = {
     "min": "the least value",

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from spherekit.sphere.rotation import Floats
 
 LONELY = {"curves": 16.0, "colours": 5.0}
 """Values so many times farther apart than the `INNER` ones leave the range: a curve that

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from spherekit.analysis.scene import Floats
 
 AXES = ("x", "y", "z")
 TINY = 1e-300

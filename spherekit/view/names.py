@@ -10,12 +10,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.scene import Arrow, Body, Primitive
+from spherekit.analysis.scene import Arrow, Body, Floats, Primitive
 from spherekit.conventions import listing
 from spherekit.sphere.rotation import from_quaternion
 from spherekit.view.sight import Sight
-
-Floats = NDArray[np.float64]
 
 HEIGHT = 1.09
 LINK_HEIGHT = 1.15

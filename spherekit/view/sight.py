@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from spherekit.analysis.scene import Floats
 
 DISTANCE = 3.0
 ASIDE = 0.3
