@@ -242,6 +242,18 @@ def test_coefficients_have_one_sign_in_all_commands(name, vary, samples, by):
     assert lower
 
 
+def test_an_input_that_does_not_move_an_output_balances_any_moment():
+    """In half the modes of the agile eye its platform rests, and 1/|w| was 1e19."""
+    run = sk.run("agile_eye", ["statics", "poles:only=platform/base"], samples=5)
+    outputs, poles = run.frame("statics", "outputs"), run.frame("poles")
+    rates = poles["velocity_coefficient"].abs()
+    fastest = rates.groupby([poles["assembly_mode"], poles["sample"]]).max()
+    rests = fastest.to_numpy() < 1e-12
+    given = outputs.filter(regex="^(advantage|stiffness)_").to_numpy()
+    assert np.sum(rests) == len(rests) // 2
+    assert np.all(np.isinf(given[rests])) and np.max(given[~rests]) < 1e4
+
+
 def test_advantages_and_stiffness_are_those_of_the_rates():
     """One input: the advantage is 1/|w|, the stiffness of the output that squared by k."""
     made = sk.load("four_bar")

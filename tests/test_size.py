@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 724_860,
-    "code lines": 59_047,
+    "nodes": 724_853,
+    "code lines": 59_046,
     "files": 336,
     "classes": 751,
     "dataclasses": 527,

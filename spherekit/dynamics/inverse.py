@@ -452,7 +452,8 @@ def holding_torques(motion: Motion, t: float = 0.0) -> InverseSolution:
 
 
 RIGID = 1e-12
-"""An axis whose compliance is below this part of the largest does not yield."""
+"""An axis whose compliance is below this part of the largest does not yield; an input that
+moves a link by less than this part of the fastest link does not move it."""
 
 
 @final
@@ -495,9 +496,12 @@ def output_stiffness(
     change as the mechanism yields is left out.
     """
     number = solution.mechanism.link_number
-    w = solution.motion.w[:, :, number[link]] - solution.motion.w[:, :, number[relative_to]]
+    every = solution.motion.w
+    w = every[:, :, number[link]] - every[:, :, number[relative_to]]
+    fastest = np.max(np.linalg.norm(every, axis=3), axis=2)
+    w[np.linalg.norm(w, axis=2) < RIGID * fastest] = 0.0
     good = solution.rate_status == Status.OK
-    w = np.where(good[:, None, None], w, np.nan)
+    w[~good] = np.nan
     compliance = np.einsum("nia,nib,i->nab", w, w, 1.0 / stiffness)
     values, vectors = np.full((len(w), 3), np.nan), np.full((len(w), 3, 3), np.nan)
     values[good], turned = np.linalg.eigh(compliance[good])

@@ -30,6 +30,7 @@ from spherekit.dynamics.stored_model import (
     NUMBER,
     SLACK,
     Archive,
+    Floats,
     GridMetadata,
     ModelMetadata,
     Single,
@@ -43,8 +44,6 @@ from spherekit.numeric.cells import TensorChebyshev
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.local import LocalPolynomials
 from spherekit.numeric.zeros import zeros
-
-Floats = NDArray[np.float64]
 
 ARCHIVE = Archive("spherekit reduced model", 1, "write one with `--to model`")
 

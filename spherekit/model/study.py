@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from spherekit.checked import check_fields, checked_class
 from spherekit.conventions import DEFAULT_SAMPLES, counted
 from spherekit.errors import AnalysisError, ModelError, SpherekitError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import need_finite, need_increasing
+from spherekit.sphere.rotation import Floats
 
-Floats = NDArray[np.float64]
 States = tuple[Floats, Floats, Floats]
 """The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
 

@@ -19,6 +19,8 @@ from typing import Any, ClassVar, Protocol, final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from spherekit.numeric.chebyshev import Floats
+
 IN_CACHE = 2048
 """Rows that are put in place at once."""
 
@@ -170,7 +172,6 @@ def _places(
     return made
 
 
-Floats = NDArray[np.float64]
 
 LARGE_PAGE = 1 << 21
 """Bytes of the pages that Linux hands over at once where it is asked for."""

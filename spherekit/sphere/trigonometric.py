@@ -17,8 +17,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.sphere.rotation import Floats
+
 Numbers = NDArray[np.inexact[Any]]
-Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Bools = NDArray[np.bool_]
 Rows = NDArray[np.intp]
