@@ -21,7 +21,7 @@ from spherekit.proof.balls import bits, exact, middle
 from spherekit.proof.certificate import curves_certificate, singularities
 from spherekit.proof.construction import construct, turned_together
 from spherekit.proof.curves import certified_curves
-from spherekit.proof.equations import Equations, Placed
+from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
 
@@ -131,16 +131,15 @@ def test_equations_with_one_variable_for_all_wheels_are_the_same(teeth):
             assert max(abs(made[key] - wanted[key]) for key in wanted) < 1e-12
             turns = np.array([[np.cos(x), np.sin(x)], [np.cos(part), np.sin(part)]])
             (degrees,) = together.degrees
-            for real in (one.real, Placed(one.floats)):
-                value, slope, bend = real.second(turns)
-                error = real.error[0] * np.array(
-                    [1, *degrees, *np.outer(degrees, degrees).flat]
-                )
-                keys = (), (0,), (1,), (0, 0), (0, 1), (0, 1), (1, 1)
-                exactly = np.array([wanted[key] for key in keys])
-                near = np.array([value[0], *slope[0], *bend[0].flat])
-                assert np.all(np.abs(near - exactly) <= error + 1e-13)
-            size = one.floats.bounds.constant[0]
+            value, slope, bend = one.real.second(turns)
+            error = one.real.error[0] * np.array(
+                [1, *degrees, *np.outer(degrees, degrees).flat]
+            )
+            keys = (), (0,), (1,), (0, 0), (0, 1), (0, 1), (1, 1)
+            exactly = np.array([wanted[key] for key in keys])
+            near = np.array([value[0], *slope[0], *bend[0].flat])
+            assert np.all(np.abs(near - exactly) <= error + 1e-13)
+            size = one.bound[0]
             assert abs(made[(1, 1)]) <= size * degrees[1] ** 2
 
 

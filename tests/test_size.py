@@ -14,11 +14,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 724_853,
-    "code lines": 59_046,
+    "nodes": 722_562,
+    "code lines": 58_880,
     "files": 336,
-    "classes": 751,
-    "dataclasses": 527,
+    "classes": 743,
+    "dataclasses": 525,
     "functions of 60 lines": 37,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""

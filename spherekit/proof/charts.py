@@ -15,13 +15,12 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.proof.balls import circle, exact, pi
 from spherekit.proof.equations import Equations
+from spherekit.proof.harmonics import Complexes
 from spherekit.proof.roots import contracted
 from spherekit.proof.tubes import ROUNDING, UP
 from spherekit.sphere.rotation import Floats
 
-Complexes = NDArray[np.complex128]
 Bools = NDArray[np.bool_]
 WIDEST = 0.05
 """Largest radius of a tube: the bounds of derivatives are for it."""
@@ -59,46 +58,15 @@ class Polynomials:
         `given` (m, inputs, 2) are the cosines and sines, each rounded once, of all other
         variables, in order.
         """
-        made, floats = equations.construction, equations.floats
+        real = equations.real
         others = [v for v in range(equations.variables) if v not in unknowns]
-        m, inputs = given.shape[:2]
-        values, slopes = [], []
-        largest = np.zeros(len(rows))
-        for place, row in enumerate(rows):
-            sizes = tuple(int(2 * made.degrees[row, v] + 1) for v in unknowns)
-            turns = _grid(sizes)
-            whole = np.empty((m * len(turns), equations.variables, 2), dtype=given.dtype)
-            whole[:, unknowns] = np.tile(turns, (m, 1, 1))
-            whole[:, others] = np.repeat(given, len(turns), axis=0)
-            jet = floats.at(whole, 1)[row]
-            entries = [jet[()]]
-            for column in others:
-                entries.append(jet.get((column,), np.zeros_like(jet[()])))
-            stacked = np.stack(entries).reshape(1 + inputs, m, *sizes)
-            largest[place] = np.max(np.abs(stacked), initial=0.0)
-            axes = tuple(range(2, 2 + len(sizes)))
-            spectrum = np.fft.fftn(stacked, axes=axes) / len(turns)
-            spectrum = np.fft.fftshift(spectrum, axes=axes)
-            values.append(spectrum[0])
-            slopes.append(np.moveaxis(spectrum[1:], 0, 1))
-        bounds = floats.bounds
-        degrees = made.degrees[np.ix_(rows, [*unknowns, *others])]
+        made = [real.powers(row, unknowns, given) for row in rows]
+        largest = [max(np.max(np.abs(array), initial=0.0) for array in two) for two in made]
+        degrees = equations.construction.degrees[np.ix_(rows, [*unknowns, *others])]
         most = np.max(degrees, axis=1, initial=1)
-        error = bounds.error[list(rows)] * most + ROUNDING * (1.0 + largest)
-        constant = bounds.constant[list(rows)]
-        return Polynomials(tuple(values), tuple(slopes), error, constant, degrees)
-
-
-def _grid(sizes: Sequence[int]) -> Floats:
-    """Return cosines and sines (points, unknowns, 2) of a grid of angles over turns."""
-    circles = [
-        circle([2 * pi() * place / size + exact(0.0) for place in range(size)])
-        for size in sizes
-    ]
-    places = np.stack(
-        np.meshgrid(*(np.arange(size) for size in sizes), indexing="ij"), axis=-1
-    ).reshape(-1, len(sizes))
-    return np.stack([turns[places[:, j]] for j, turns in enumerate(circles)], axis=1)
+        error = real.error[list(rows)] * most + ROUNDING * (1.0 + np.array(largest))
+        values, slopes = zip(*made, strict=True)
+        return Polynomials(values, slopes, error, equations.bound[list(rows)], degrees)
 
 
 @final

@@ -7,17 +7,16 @@ angle; a link put on two axes contributes a matrix of known norm. So the derivat
 of any order are bounded by one constant for each equation, for all configurations at once,
 real ones or with imaginary parts of the angles up to a bound.
 
-Products of matrices with their derivatives by some variables, of floats or of balls.
+A jet is a matrix of balls with its derivatives by some variables.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
-from typing import Any, Protocol, final
+from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.errors import PlanError
 from spherekit.proof.balls import (
@@ -30,73 +29,38 @@ from spherekit.proof.balls import (
     exact,
     lower,
     matrix,
-    middle,
-    upper,
 )
 from spherekit.proof.construction import Across, Construction, Onto, Ranks
 from spherekit.proof.gears import Written
-from spherekit.proof.harmonics import MOST_NODES, Harmonics
+from spherekit.proof.harmonics import Harmonics
 from spherekit.sphere.rotation import Floats
 
 Jet = Mapping[tuple[int, ...], Any]
 """A matrix under (), its derivatives under (j,) and (j, l) with j <= l; zero if missing."""
 
 
-class Arithmetic(Protocol):
-    """What jets are computed in."""
-
-    def times(self, one: Any, other: Any) -> Any:
-        """Return the matrix product."""
-
-    def cross(self, one: Any, other: Any) -> Any:
-        """Return the vector product of columns."""
-
-    def dot(self, one: Any, other: Any) -> Any:
-        """Return the product of columns without conjugation, 1 x 1."""
+def _times(one: BallMatrix, other: BallMatrix) -> BallMatrix:
+    return one * other
 
 
-@final
-class Batches:
-    """Arrays (n, 3, 3) and (n, 3, 1) of floats."""
-
-    def times(self, one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
-        """See `Arithmetic`."""
-        return np.asarray(one @ other)
-
-    def cross(self, one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
-        """See `Arithmetic`."""
-        ax, ay, az = np.moveaxis(one[..., 0], -1, 0)
-        bx, by, bz = np.moveaxis(other[..., 0], -1, 0)
-        rows = [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
-        return np.stack(rows, axis=-1)[..., None]
-
-    def dot(self, one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
-        """See `Arithmetic`."""
-        return np.asarray(np.swapaxes(one, -1, -2) @ other)
+def _cross(one: BallMatrix, other: BallMatrix) -> BallMatrix:
+    """Return the vector product of columns."""
+    ax, ay, az = one.entries()
+    bx, by, bz = other.entries()
+    return matrix([[ay * bz - az * by], [az * bx - ax * bz], [ax * by - ay * bx]])
 
 
-@final
-class Matrices:
-    """Matrices of balls."""
-
-    def times(self, one: BallMatrix, other: BallMatrix) -> BallMatrix:
-        """See `Arithmetic`."""
-        return one * other
-
-    def cross(self, one: BallMatrix, other: BallMatrix) -> BallMatrix:
-        """See `Arithmetic`."""
-        ax, ay, az = one.entries()
-        bx, by, bz = other.entries()
-        return matrix([[ay * bz - az * by], [az * bx - ax * bz], [ax * by - ay * bx]])
-
-    def dot(self, one: BallMatrix, other: BallMatrix) -> BallMatrix:
-        """See `Arithmetic`."""
-        return one.transpose() * other
+def _dot(one: BallMatrix, other: BallMatrix) -> BallMatrix:
+    """Return the product of columns without conjugation, 1 x 1."""
+    return one.transpose() * other
 
 
-def product(one: Jet, other: Jet, times: Any, order: int) -> Jet:
-    """Return the jet of a bilinear product, with derivatives up to an order of 0 to 2."""
-    out: dict[tuple[int, ...], Any] = {}
+def product(one: Jet, other: Jet, times: Any, order: int, before: Jet | None = None) -> Jet:
+    """Return the jet of a bilinear product, with derivatives up to an order of 0 to 2.
+
+    It is added to what was `before`.
+    """
+    out: dict[tuple[int, ...], Any] = dict(before or {})
     for a, left in one.items():
         for b, right in other.items():
             if len(a) + len(b) > order:
@@ -109,37 +73,12 @@ def product(one: Jet, other: Jet, times: Any, order: int) -> Jet:
     return out
 
 
-def total(*jets: Jet) -> Jet:
-    """Return the sum of jets."""
-    out: dict[tuple[int, ...], Any] = {}
-    for jet in jets:
-        for key, value in jet.items():
-            out[key] = out[key] + value if key in out else value
-    return out
-
-
-def values_and_slopes(jets: list[Jet], variables: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return values (n, k) and slopes (n, k, v) of many configurations."""
-    values = np.stack([jet[()] for jet in jets], axis=1)
-    slopes = np.zeros((*values.shape, variables), dtype=values.dtype)
-    for row, jet in enumerate(jets):
-        for column in range(variables):
-            if (column,) in jet:
-                slopes[:, row, column] = jet[(column,)]
-    return values, slopes
-
-
 SHORTEST = 1e-6
 """Least sine of the arc of a link that is put on two axes: else it can spin there."""
 
 
-@final
-@dataclass(frozen=True)
-class Turning:
-    """How a link turns in the one before: still + cos(angle) even + sin(angle) odd."""
-
-    variable: int
-    parts: tuple[Any, Any, Any]
+Rotation = tuple[BallMatrix, BallMatrix, BallMatrix]
+"""How a link turns in the one before: still + cos(angle) even + sin(angle) odd."""
 
 
 @final
@@ -151,26 +90,11 @@ class Putting:
     n the `rows`. `cosine` is that of its arc; `sine` is a lower bound.
     """
 
-    u: Any
-    w: Any
-    rows: tuple[Any, Any, Any]
-    cosine: Any
+    u: BallMatrix
+    w: BallMatrix
+    rows: Rotation
+    cosine: Ball
     sine: float
-
-
-@final
-@dataclass(frozen=True)
-class Bounds:
-    """Bounds of f of each equation at real angles, (equations,) each.
-
-    All derivatives of order k are at most `constant` times the k-th power of `degrees`;
-    the float64 values are off by at most `error` times that. `degrees` is
-    (equations, variables).
-    """
-
-    constant: Floats
-    error: Floats
-    degrees: Floats
 
 
 @final
@@ -190,13 +114,13 @@ class Equations:
         self.variables = len(construction.pairs)
         self.frames = written.frames()
         self.offsets = self._offsets()
-        self.parts: dict[int, Turning | Putting] = {}
+        self.turning: dict[int, Rotation] = {}
+        self.putting: dict[int, Putting] = {}
         for step in construction.steps:
-            made = self._turning(step) if isinstance(step, Across) else self._putting(step)
-            self.parts[step.link] = made
-        self._carrying = {
-            above for link in self.ranks.parent for above in self.ranks.way(link)[1:]
-        } | {p for step in construction.equations for p in step.parents}
+            if isinstance(step, Across):
+                self.turning[step.link] = self._turning(step)
+            else:
+                self.putting[step.link] = self._putting(step)
 
     def frame(self, pair: int, link: int) -> Frame:
         """Return the frame of a pair in one of its links."""
@@ -211,7 +135,7 @@ class Equations:
         _, *angles = self.written.given([exact(0.0)])
         return dict(zip(followers, angles, strict=True))
 
-    def _turning(self, step: Across) -> Turning:
+    def _turning(self, step: Across) -> Rotation:
         one = matrix(self.frame(step.pair, step.parent).T)
         other = matrix(self.frame(step.pair, step.link))
         ahead = self.written.structure.ends[step.pair][0] == step.parent
@@ -224,7 +148,7 @@ class Equations:
         if step.pair in self.offsets:
             s, c = complex_ball(self.offsets[step.pair]).sin_cos()
             even, turned = even * c + turned * s, turned * c - even * s
-        return Turning(step.variable, (still, even, turned))
+        return still, even, turned
 
     def _putting(self, step: Onto) -> Putting:
         a, b = (self.frame(pair, step.link)[2] for pair in step.pairs)
@@ -250,7 +174,7 @@ class Equations:
 
     def at(self, places: Sequence[Ball], order: int = 1) -> list[Jet]:
         """Return the jets of f of each equation at balls of all variables."""
-        return self._placed(places, order).values
+        return self._placed(places, order)[0]
 
     def arrays(self, places: Sequence[Ball], order: int = 1) -> list[Balls]:
         """Return f (k,), and its derivatives (k, v), (k, v, v), at balls of variables."""
@@ -267,28 +191,67 @@ class Equations:
 
     def orientations(self, places: Sequence[Ball], order: int = 0) -> dict[int, Jet]:
         """Return the jets of all links' orientations in the root, at balls of variables."""
-        return self._placed(places, order).orientations()
+        _, placed = self._placed(places, order)
+        for step in self.construction.steps:
+            above = self.ranks.parent[step.link]
+            if above is not None and above != self.construction.root:
+                local = placed[step.link]
+                placed[step.link] = product(placed[above], local, _times, order)
+        return placed
 
-    def _placed(self, places: Sequence[Ball], order: int) -> "_Placing":
-        pairs = [complex_ball(place).sin_cos() for place in places]
-        turns = [(cosine, sine) for sine, cosine in pairs]
-        return _Placing(self, Matrices(), self.parts, turns, order)
+    def _placed(
+        self, places: Sequence[Ball], order: int
+    ) -> tuple[list[Jet], dict[int, Jet]]:
+        """Return the jets of f, and of links' orientations in the link that `ranks` say."""
+        turns = [complex_ball(place).sin_cos() for place in places]
+        values: list[Jet] = []
+        local: dict[int, Jet] = {}
+
+        def along(way: Sequence[int], axis: BallMatrix) -> Jet:
+            """Return an axis of the first link of a way in the link that it leads to."""
+            jet: Jet = {(): axis}
+            for link in way:
+                jet = product(local[link], jet, _times, order)
+            return jet
+
+        for step in self.construction.steps:
+            if isinstance(step, Across):
+                turn = turns[step.variable]
+                local[step.link] = _turned(self.turning[step.link], turn, step, order)
+                continue
+            part = self.putting[step.link]
+            _, first, second = self.ranks.apart(*step.parents)
+            one, other = along(first, part.u), along(second, part.w)
+            value = dict(product(one, other, _dot, order))
+            value[()] = value[()] - part.cosine
+            values.append(value)
+            both = one, other, product(one, other, _cross, order)
+            placed: Jet = {}
+            for jet, row in zip(both, part.rows, strict=True):
+                placed = product(jet, {(): row}, _times, order, placed)
+            local[step.link] = placed
+        return values, local
 
     @cached_property
-    def floats(self) -> "FloatEquations":
-        """The same equations in float64, with bounds of what that is off by."""
-        return FloatEquations(self)
+    def bound(self) -> Floats:
+        """Bounds of f of each equation at real angles (equations,).
+
+        All derivatives of order k are at most that times the k-th power of `degrees`.
+        """
+        return self.norms(np.ones(self.variables))[1]
 
     @cached_property
-    def real(self) -> "Harmonics | Placed":
-        """The same equations at real angles only, which is quicker: coefficients if few."""
-        degrees = self.construction.degrees
-        few = np.max(np.prod(2.0 * degrees + 1.0, axis=1)) <= MOST_NODES
-        return Harmonics(degrees, self._values) if few else Placed(self.floats)
+    def degrees(self) -> Floats:
+        """The degrees (equations, variables) of the construction as floats."""
+        return self.construction.degrees.astype(float)
 
-    def _values(self, angles: Sequence[Ball]) -> list[Ball]:
-        """Return f of each equation at real angles."""
-        return [jet[()][0, 0].real for jet in self.at(angles, 0)]
+    @cached_property
+    def real(self) -> Harmonics:
+        """The same equations at real angles by their coefficients, in float64."""
+        return Harmonics(
+            self.construction.degrees,
+            lambda angles: [jet[()][0, 0].real for jet in self.at(angles, 0)],
+        )
 
     def norms(self, stretch: Floats) -> tuple[dict[int, float], Floats]:
         """Return bounds of the links' orientations and of f of each equation (equations,).
@@ -308,217 +271,22 @@ class Equations:
             )
             both = one * other
             sums = (one + other + both) * (1 + 16 * UNIT)
-            factors[step.link] = sums / self._part(step.link).sine
+            factors[step.link] = sums / self.putting[step.link].sine
             products.append(both)
         return factors, np.array(products) * (1 + 64 * UNIT)
 
-    def _part(self, link: int) -> Putting:
-        part = self.parts[link]
-        assert isinstance(part, Putting)
-        return part
 
-
-def _constant(value: Any) -> Jet:
-    return {(): value}
-
-
-def _multiple(turn: tuple[Any, Any], times: int) -> tuple[Any, Any]:
-    """Return cosine and sine of a multiple of an angle from those of the angle."""
-    cosine, sine = turn
-    if times == 0:
-        return 0 * cosine + 1, 0 * sine
-    c, s = cosine, sine
-    for _ in range(abs(times) - 1):
-        c, s = c * cosine - s * sine, s * cosine + c * sine
-    return c, s if times > 0 else -s
-
-
-@final
-class _Placing:
-    """Links placed at one configuration, or at many, with derivatives."""
-
-    def __init__(
-        self,
-        equations: Equations,
-        arithmetic: Arithmetic,
-        parts: dict[int, Turning | Putting],
-        turns: Sequence[tuple[Any, Any]],
-        order: int,
-    ) -> None:
-        self.equations_of, self.arithmetic, self.order = equations, arithmetic, order
-        self.parts, self.turns = parts, turns
-        self.local: dict[int, Jet] = {}
-        self.values: list[Jet] = []
-        for step in equations.construction.steps:
-            if isinstance(step, Across):
-                self.local[step.link] = self._turned(step)
-            else:
-                self.local[step.link] = self._put(step)
-
-    def orientations(self) -> dict[int, Jet]:
-        """Return the jets of orientations in the root."""
-        construction, times = self.equations_of.construction, self.arithmetic.times
-        ranks = self.equations_of.ranks
-        placed: dict[int, Jet] = {}
-        for step in construction.steps:
-            above = ranks.parent[step.link]
-            local = self.local[step.link]
-            if above == construction.root:
-                placed[step.link] = local
-            else:
-                assert above is not None
-                placed[step.link] = product(placed[above], local, times, self.order)
-        return placed
-
-    def _turned(self, step: Across) -> Jet:
-        part = self.parts[step.link]
-        assert isinstance(part, Turning)
-        cosine, sine = _multiple(self.turns[step.variable], step.turns)
-        still, even, odd = part.parts
-        one = even * cosine + odd * sine
-        jet: dict[tuple[int, ...], Any] = {(): still + one}
-        if self.order > 0:
-            jet[(step.variable,)] = (odd * cosine - even * sine) * step.turns
-        if self.order > 1:
-            jet[(step.variable, step.variable)] = -one * step.turns**2
-        return jet
-
-    def _put(self, step: Onto) -> Jet:
-        part = self.parts[step.link]
-        assert isinstance(part, Putting)
-        arithmetic = self.arithmetic
-        _, first, second = self.equations_of.ranks.apart(*step.parents)
-        one, other = self._along(first, part.u), self._along(second, part.w)
-        value = dict(product(one, other, arithmetic.dot, self.order))
-        value[()] = value[()] - part.cosine
-        self.values.append(value)
-        if step.link not in self.equations_of._carrying and not self.whole:
-            return {}
-        third = product(one, other, arithmetic.cross, self.order)
-        a, b, n = (_constant(row) for row in part.rows)
-        times = arithmetic.times
-        return total(
-            product(one, a, times, self.order),
-            product(other, b, times, self.order),
-            product(third, n, times, self.order),
-        )
-
-    whole = True
-
-    def _along(self, way: Sequence[int], axis: Any) -> Jet:
-        """Return an axis of the first link of a way in the link that the way leads to."""
-        jet: Jet = {(): axis}
-        for link in way:
-            jet = product(self.local[link], jet, self.arithmetic.times, self.order)
-        return jet
-
-
-@final
-class FloatEquations:
-    """Equations in float64 for many configurations at once, real or complex."""
-
-    def __init__(self, equations: Equations) -> None:
-        self.equations = equations
-        self.parts: dict[int, Turning | Putting] = {}
-        self._turned: dict[int, float] = {}
-        self._put: dict[int, tuple[float, float, float, float]] = {}
-        for link, part in equations.parts.items():
-            if isinstance(part, Turning):
-                made = [_floats(jet) for jet in part.parts]
-                still, even, odd = (array for array, _ in made)
-                self.parts[link] = Turning(part.variable, (still, even, odd))
-                self._turned[link] = 3.0 * sum(miss for _, miss in made)
-                continue
-            (u, off_u), (w, off_w) = _floats(part.u), _floats(part.w)
-            rows = [_floats(row) for row in part.rows]
-            cosine = middle(part.cosine)
-            off_rows = 2.0 * max(miss for _, miss in rows)
-            off_cosine = upper(part.cosine - exact(cosine))
-            self._put[link] = 2.0 * off_u, 2.0 * off_w, off_rows, off_cosine
-            self.parts[link] = Putting(
-                u, w, (rows[0][0], rows[1][0], rows[2][0]), cosine, part.sine
-            )
-
-    @cached_property
-    def bounds(self) -> Bounds:
-        """The bounds for real angles."""
-        equations = self.equations
-        factors, constant = equations.norms(np.ones(equations.variables))
-        errors: dict[int, float] = {}
-        off = []
-        for step in equations.construction.steps:
-            if isinstance(step, Across):
-                rounding = 64 * UNIT * max(1, abs(step.turns))
-                errors[step.link] = self._turned[step.link] + rounding
-                continue
-            off_u, off_w, off_rows, off_cosine = self._put[step.link]
-            _, first, second = equations.ranks.apart(*step.parents)
-            c_u, e_u = _carried(first, factors, errors, off_u)
-            c_w, e_w = _carried(second, factors, errors, off_w)
-            both = e_u * c_w + c_u * e_w + e_u * e_w + 32 * UNIT * c_u * c_w
-            off.append(both + off_cosine + 8 * UNIT * (c_u * c_w + 1.0))
-            sine = equations._part(step.link).sine
-            error = (e_u + e_w + both) * (1.0 / sine + off_rows)
-            sums = c_u + c_w + c_u * c_w
-            errors[step.link] = error + sums * (off_rows + 64 * UNIT / sine)
-        degrees = equations.construction.degrees.astype(float)
-        return Bounds(constant, 2.0 * np.array(off), degrees)
-
-    def at(self, turns: NDArray[Any], order: int) -> list[Jet]:
-        """Return the jets, each entry (n,), at cosines and sines (n, variables, 2)."""
-        pairs = [
-            (turns[:, v, 0, None, None], turns[:, v, 1, None, None])
-            for v in range(turns.shape[1])
-        ]
-        placing = _Placing(self.equations, Batches(), self.parts, pairs, order)
-        return [
-            {key: value[..., 0, 0] for key, value in jet.items()} for jet in placing.values
-        ]
-
-
-@final
-class Placed:
-    """Equations at real angles by placing the links, where coefficients are too many."""
-
-    def __init__(self, equations: FloatEquations) -> None:
-        self.floats, self.variables = equations, equations.equations.variables
-        self.error = equations.bounds.error
-
-    def first(self, turns: Floats) -> tuple[Floats, Floats]:
-        """See `Harmonics`."""
-        return values_and_slopes(self.floats.at(turns, 1), self.variables)
-
-    def second(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
-        """See `Harmonics`."""
-        jets = self.floats.at(turns[None], 2)
-        values, slopes = values_and_slopes(jets, self.variables)
-        curvatures = np.zeros((len(jets), self.variables, self.variables))
-        for row, jet in enumerate(jets):
-            for key, entry in jet.items():
-                if len(key) == 2:
-                    curvatures[row][key] = curvatures[row][key[::-1]] = entry[0]
-        return values[0], slopes[0], curvatures
-
-
-def _carried(
-    way: Sequence[int], factors: dict[int, float], errors: dict[int, float], off: float
-) -> tuple[float, float]:
-    """Return the norm of an axis carried along a way, and its error in float64."""
-    constant, error = 1.0, off + 4 * UNIT
-    for link in way:
-        c, e = factors[link], errors[link]
-        error = e * constant + c * error + e * error + 32 * UNIT * c * constant
-        constant = constant * c
-    return constant, error
-
-
-def _floats(balls: BallMatrix) -> tuple[Floats, float]:
-    """Return a real matrix of balls in float64, and how far its entries are off."""
-    rows = balls.tolist()
-    made = np.array([[float(entry.real.mid()) for entry in row] for row in rows])
-    miss = max(
-        upper(entry.real - exact(float(near)))
-        for row, nears in zip(rows, made, strict=True)
-        for entry, near in zip(row, nears, strict=True)
-    )
-    return made, miss
+def _turned(parts: Rotation, turn: tuple[Ball, Ball], step: Across, order: int) -> Jet:
+    """Return the jet of a rotation at the sine and cosine of a step's variable."""
+    sine, cosine = 0 * turn[0], 0 * turn[1] + 1
+    for _ in range(abs(step.turns)):
+        sine, cosine = sine * turn[1] + cosine * turn[0], cosine * turn[1] - sine * turn[0]
+    sine = sine if step.turns > 0 else -sine
+    still, even, odd = parts
+    one = even * cosine + odd * sine
+    jet: dict[tuple[int, ...], Any] = {(): still + one}
+    if order > 0:
+        jet[(step.variable,)] = (odd * cosine - even * sine) * step.turns
+    if order > 1:
+        jet[(step.variable, step.variable)] = -one * step.turns**2
+    return jet

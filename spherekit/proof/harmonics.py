@@ -20,10 +20,7 @@ from spherekit.sphere.rotation import Floats
 
 CHUNK = 2000
 """Configurations at once, so that the sums stay in the processor's cache."""
-MOST_NODES = 20000
-"""Values that coefficients are computed from at most."""
-
-
+Complexes = NDArray[np.complex128]
 Values = Callable[[Sequence[Ball]], list[Ball]]
 """Equations at angles (rad) of all variables."""
 
@@ -32,7 +29,7 @@ Values = Callable[[Sequence[Ball]], list[Ball]]
 class Harmonics:
     """Equations at real angles by their coefficients: values and derivatives in float64.
 
-    Derivatives are off by at most `error` (k,) times products of degrees, as in `Bounds`.
+    Derivatives are off by at most `error` (k,) times products of degrees.
     """
 
     def __init__(self, degrees: NDArray[np.intp], values: Values) -> None:
@@ -68,6 +65,39 @@ class Harmonics:
             curvatures[k][term.block] = derivatives[term.double]
         return values, slopes, curvatures
 
+    def powers(
+        self, k: int, unknowns: Sequence[int], given: NDArray[Any]
+    ) -> tuple[Complexes, Complexes]:
+        """Return equation k as a polynomial in e^(i angle) of angles, the others given.
+
+        Coefficients (n, sizes) of the powers from the lowest on, and their derivatives
+        (n, given, sizes) by all others, in order, at cosines and sines (n, given, 2).
+        """
+        others = [j for j in range(self.variables) if j not in unknowns]
+        waves = _waves(np.moveaxis(given, 0, -1), self.waves, 1)
+        sides = [2 * degree + 1 for degree in self.terms[k].degrees]
+        left: NDArray[Any] = self.terms[k].coefficients.reshape(sides)
+        left = left.transpose([*others, *unknowns])
+        for _ in unknowns:
+            left = np.tensordot(left, _to_powers(left.shape[len(others)]), (len(others), 1))
+        made = []
+        for moved in (None, *others):
+            part: NDArray[Any] = np.broadcast_to(left, (len(given), *left.shape))
+            for wave, j in zip(waves, others, strict=True):
+                part = np.einsum("nw...,wn->n...", part, wave[int(j == moved), : sides[j]])
+            made.append(part)
+        return made[0], np.stack(made[1:], axis=1)
+
+
+def _to_powers(side: int) -> Complexes:
+    """Return what takes factors of 1, cos x, sin x, ... to those of powers of e^(i x)."""
+    out, half = np.zeros((side, side), dtype=complex), side // 2
+    out[half, 0] = 1.0
+    for wave in range(1, half + 1):
+        out[[half - wave, half + wave], 2 * wave - 1] = 0.5
+        out[[half - wave, half + wave], 2 * wave] = 0.5j, -0.5j
+    return out
+
 
 def _waves(turns: Floats, most: int, order: int) -> Floats:
     """Return 1, cos x, sin x, cos 2x, ... and derivatives (v, order + 1, 2 most + 1, ...).
@@ -75,7 +105,8 @@ def _waves(turns: Floats, most: int, order: int) -> Floats:
     `turns` (v, 2, ...) are cosines and sines.
     """
     cosine, sine = turns[:, 0], turns[:, 1]
-    out = np.zeros((len(turns), order + 1, 2 * most + 1, *turns.shape[2:]))
+    shape = len(turns), order + 1, 2 * most + 1, *turns.shape[2:]
+    out = np.zeros(shape, dtype=turns.dtype)
     out[:, 0, 0] = 1.0
     c, s = cosine, sine
     for wave in range(1, most + 1):

@@ -28,10 +28,10 @@ from spherekit.proof.balls import (
     middle_of,
     pi,
 )
-from spherekit.proof.charts import Complexes
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations, Jet
 from spherekit.proof.gears import Written
+from spherekit.proof.harmonics import Complexes
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.roots import Root, root_near
 from spherekit.proof.systems import SEEDS, SolvedSystem, Systems, modes_near

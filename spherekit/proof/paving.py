@@ -230,7 +230,7 @@ def paved(
     Boxes whose largest radius is below `smallest` (rad) are not halved; after `most` boxes
     none are.
     """
-    bounds, error = equations.floats.bounds, equations.real.error
+    degrees, error = equations.degrees, equations.real.error
     count = len(axes)
     zero = np.zeros((1, count), dtype=np.int64)
     waiting = [Boxes(zero, zero)]
@@ -246,9 +246,9 @@ def paved(
         working.tell(lambda: f"{paving.looked_at} boxes")
         radii = boxes.radii(axes)
         values, slopes = equations.real.first(boxes.turns(axes))
-        change = radii @ bounds.degrees.T
+        change = radii @ degrees.T
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
-        bent = 0.5 * bounds.constant * change**2 + error * (1.0 + change)
+        bent = 0.5 * equations.bound * change**2 + error * (1.0 + change)
         open_ = ~np.any(np.abs(values) > (reach + bent) * UP, axis=1)
         rows = np.flatnonzero(open_)
         open_[rows] = ~apart(values[rows], slopes[rows], radii[rows], bent[rows])
@@ -267,7 +267,7 @@ def paved(
             left.append((centres[ended], radii[ended]))
         kept &= ~ended
         if np.any(kept):
-            weight = _weights(slopes[kept], bounds.degrees, radii[kept])
+            weight = _weights(slopes[kept], degrees, radii[kept])
             waiting.append(boxes.take(kept).halved(np.argmax(weight, axis=1)))
     paving.centres = np.concatenate([c for c, _ in left]) if left else np.empty((0, count))
     paving.radii = np.concatenate([r for _, r in left]) if left else np.empty((0, count))

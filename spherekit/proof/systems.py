@@ -28,7 +28,6 @@ from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.charts import (
     ChartRoots,
-    Complexes,
     Given,
     Polynomials,
     Tubes,
@@ -44,6 +43,7 @@ from spherekit.proof.charts import (
 )
 from spherekit.proof.construction import permanent, systems_of
 from spherekit.proof.equations import Equations
+from spherekit.proof.harmonics import Complexes
 from spherekit.sphere.rotation import Floats
 
 MOST_STEPS = 600

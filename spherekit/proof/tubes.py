@@ -56,8 +56,8 @@ class Local:
 def local(equations: Equations, place: Floats) -> Local:
     """Return the equations at a configuration (variables,), float64 taken as it is."""
     real = equations.real
-    bounds = equations.floats.bounds
-    return Local(*real.second(circle(place)), real.error, bounds.constant, bounds.degrees)
+    derivatives = real.second(circle(place))
+    return Local(*derivatives, real.error, equations.bound, equations.degrees)
 
 
 @dataclass(frozen=True)
