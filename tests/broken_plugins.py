@@ -2,10 +2,11 @@
 
 import sys
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Literal, final
 
 import numpy as np
 
+from spherekit.errors import AnalysisError
 from spherekit.plugin import (
     ASSEMBLY_MODE,
     INPUT,
@@ -254,6 +255,32 @@ class KnowsNames(Sound):
             if "1" in batch.mechanism.links
             else columns["speed"] + 1 + first
         }
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Tuned(AbstractAnalysis):
+    """An analysis with a parameter of each type."""
+
+    name: ClassVar[str] = "tuned"
+    version: ClassVar[str] = "1"
+    summary: ClassVar[str] = "nothing"
+    tables: ClassVar = ()
+
+    count: int
+    weight: float = 1.0
+    quick: bool = False
+    kind: Literal["a", "b"] = "a"
+    ends: tuple[float, float] = (0.0, 1.0)
+    limit: float | None = None
+
+    def needs(self, mechanism):
+        if self.count > 9:
+            raise AnalysisError("count is above 9")
+        return Needs()
+
+    def compute(self, batch):
+        return {}
 
 
 BROKEN = {

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from chains import mechanism, random_axes
 
 import spherekit as sk
 from spherekit.model.mechanism import Mechanism
@@ -161,3 +162,28 @@ def serial(count):
     return mechanism_of(
         links, pairs, list(pairs), Output("pose", tool, "base", direction), {"q": 0.5}
     )
+
+
+LINKS = {
+    "base": {"axes": ["drive", "hinge"], "arcs": [60]},
+    "crank": {"axes": ["drive", "tip"], "arcs": (np.float32(20),)},
+    "coupler": {"axes": ["tip", "joint"], "arcs": np.array([70.0])},
+    "rocker": {"axes": ["hinge", "joint"], "arcs": [40]},
+}
+PAIRS = {
+    "drive": ["base", "crank"],
+    "tip": ["crank", "coupler"],
+    "joint": ["coupler", "rocker"],
+    "hinge": {"links": ["base", "rocker"], "zero": 180},
+}
+
+
+def built(**changes):
+    given = {"angle_unit": "deg", "ground": "base", "links": LINKS, "pairs": PAIRS}
+    return sk.build("crank_rocker", **{**given, **changes})
+
+
+def two_four_bars():
+    """Return two four-bars that share link 1: two freedoms, one in each loop."""
+    edges = [(1, 2), (2, 3), (3, 4), (1, 4), (1, 5), (5, 6), (6, 7), (1, 7)]
+    return mechanism(edges, random_axes(np.random.default_rng(0), len(edges)))

@@ -14,6 +14,7 @@ from closed_forms import (
     four_bar_coefficients,
     four_bar_frames,
 )
+from example_mechanisms import LINKS, PAIRS, built
 from scipy.integrate import solve_ivp
 
 import spherekit as sk
@@ -26,24 +27,6 @@ TENSORS = {
     4: [[4.0, 0.0, 0.0], [0.0, 3.410633, -1.183662], [0.0, -1.183662, 0.589367]],
 }
 """The four-bar's inertia (kg m2), in the frames of `four_bar_frames`."""
-
-LINKS = {
-    "base": {"axes": ["drive", "hinge"], "arcs": [60]},
-    "crank": {"axes": ["drive", "tip"], "arcs": (np.float32(20),)},
-    "coupler": {"axes": ["tip", "joint"], "arcs": np.array([70.0])},
-    "rocker": {"axes": ["hinge", "joint"], "arcs": [40]},
-}
-PAIRS = {
-    "drive": ["base", "crank"],
-    "tip": ["crank", "coupler"],
-    "joint": ["coupler", "rocker"],
-    "hinge": {"links": ["base", "rocker"], "zero": 180},
-}
-
-
-def built(**changes):
-    given = {"angle_unit": "deg", "ground": "base", "links": LINKS, "pairs": PAIRS}
-    return sk.build("crank_rocker", **{**given, **changes})
 
 
 def arcs_of(second):
@@ -356,99 +339,6 @@ def test_the_help_of_the_package_leads_to_everything_at_the_first_attempt(
     assert any(len(line.get_xdata()) == 361 for line in figure.axes[0].lines)
     assert (tmp_path / "four_bar.rrd").read_bytes()[:4] == RECORDING
     assert names["falling"].at([5.0]).q.shape == (1,)
-
-
-def raising(*_):
-    return None
-
-
-WRONG = [
-    (lambda: sk.load("four_ber"), 'did you mean "four_bar"'),
-    (lambda: sk.plan("four_ber"), 'did you mean "four_bar"'),
-    (lambda: sk.evaluate("four_bar", "a"), "inputs is 'a' .str., it has to be numbers"),
-    (lambda: sk.evaluate("four_bar", np.nan), "not finite"),
-    (lambda: sk.evaluate("five_bar", [0.1, 0.2, 0.3]), "2 inputs"),
-    (lambda: sk.evaluate("four_bar", 0.1, poles="3/1"), "poles is '3/1'"),
-    (lambda: sk.evaluate("four_bar", 0.1, assembly_mode=9), "no assembly mode 9"),
-    (lambda: sk.evaluate("four_bar", 0.1, samples=3), 'no argument is "samples"'),
-    (lambda: sk.evaluate("four_bar", 0.1).rotation("9"), 'no link is named "9"; Links: 1'),
-    (lambda: sk.evaluate("four_bar", 0.1).variable("99"), 'no pair is named "99"'),
-    (lambda: sk.evaluate("four_bar", 0.1, poles=["31"]).direction("4/1"), "not asked for"),
-    (lambda: sk.run("four_bar", samples=10.5), "samples is 10.5"),
-    (lambda: sk.run("four_bar", engine="cuda"), "cuda"),
-    (lambda: sk.run("four_bar", sample=10), 'did you mean "samples"'),
-    (lambda: sk.trace("four_bar", samples="ten"), "samples is 'ten'"),
-    (lambda: sk.simulate("four_bar", sk.Start(0.3), "1"), "until is '1'"),
-    (lambda: sk.simulate("four_bar", 0.3, 1.0), "start is 0.3"),
-    (lambda: sk.simulate("four_bar", sk.Start(0.3), 1.0, torque=[1]), "or a function"),
-    (lambda: sk.simulate("four_bar", sk.Start(0.3), 1.0, torque=lambda t: 1), "t, q, dq"),
-    (lambda: sk.simulate("four_bar", sk.Start(0.3), 1.0, torque=raising), "a number .N m"),
-    (
-        lambda: sk.simulate(
-            "four_bar", sk.Start(0.3), 1.0, torque=lambda t, q, dq: 1, engine="compiled"
-        ),
-        "write it as an expression",
-    ),
-    (
-        lambda: sk.dump(
-            sk.load("four_bar").with_loads(sk.PairTorque("m", "21", raising)), "never.toml"
-        ),
-        "is a Python function",
-    ),
-    (lambda: sk.Start("0.3"), "Start: q is '0.3'"),
-    (lambda: sk.Start(0.3, rate=1.0), 'Start: no argument is "rate"'),
-    (lambda: sk.export("four_bar", "x.pdf"), r"\*.npz, \*.xml, \*.toml"),
-    (lambda: sk.export("four_bar", "x.xml", poles=["3/1"]), r"poles does nothing but for"),
-    (lambda: built(angle_unit="grad"), 'allowed: "deg", "rad"'),
-    (lambda: built(link=[]), 'no argument is "link"; did you mean "links"'),
-    (lambda: built(pairs={1: ["base", "crank"]}), 'names are text: "1"'),
-    (lambda: built(inputs={"drive": (0, 1, 2)}), "has 3 values, needs 2"),
-    (lambda: built(inputs="driv"), 'did you mean "drive"'),
-    (lambda: built(loads={"x": None}), "loads.x: found NoneType"),
-    (
-        lambda: built(links={**LINKS, "base": {"axes": ["drive", "hinge"], "arc": [1]}}),
-        r"^crank_rocker: links.base.arc: unknown key; did you mean",
-    ),
-    (
-        lambda: built(links={**LINKS, "base": {"axes": ["drive", "hinge"], "arcs": [200]}}),
-        r"^crank_rocker: links.base.arcs\[0\]: found 200 deg",
-    ),
-]
-
-
-@pytest.mark.parametrize(("wrong", "said"), WRONG, ids=range(len(WRONG)))
-def test_wrong_arguments_are_told(wrong, said, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(sk.SpherekitError, match=said):
-        wrong()
-    assert list(tmp_path.iterdir()) == []
-
-
-CHANGES = [
-    ("with_sizes", {"arcs": {"2": 25.0}}, "angle_unit"),
-    ("with_sizes", {"angle_unit": "deg", "arcs": {"9": 25.0}}, 'named "9"; Links: 1, 2'),
-    (
-        "with_sizes",
-        {"angle_unit": "deg", "arcs": {"2": 250.0}},
-        "links.2.arcs.0.: found 250",
-    ),
-    ("with_sizes", {"angle_unit": "deg", "arcs": {"2": [1, 2]}}, "has 2 values, needs 1"),
-    ("with_sizes", {"angle_unit": "deg", "arcs": {"3": {"41": 1}}}, "they lead to: 43"),
-    ("with_sizes", {"angle_unit": "deg", "zeros": {"14": 1}}, 'did you mean "41"'),
-    ("with_sizes", {"angle_unit": "deg", "axes": {"21": [0, 0, 1]}}, "given by arcs"),
-    ("with_mass", {"link": "5", "tensor": np.eye(3)}, "Links: 1, 2, 3, 4"),
-    ("with_mass", {"link": "4", "tensor": -np.eye(3)}, "not physical"),
-    ("with_mass", {"link": "4", "tensor": [1.0]}, "has the shape"),
-    ("with_loads", {"without": ["on_crnk"]}, 'did you mean "on_crank"'),
-    ("with_inputs", {"ranges": {"21": (0.0, 1.0)}}, "angle_unit"),
-    ("with_inputs", {"ranges": {"41": (0, 1)}, "angle_unit": "deg"}, "41 is not an input"),
-]
-
-
-@pytest.mark.parametrize(("method", "named", "said"), CHANGES, ids=range(len(CHANGES)))
-def test_wrong_changes_are_told(method, named, said):
-    with pytest.raises(sk.SpherekitError, match=said):
-        getattr(sk.load("four_bar"), method)(**named)
 
 
 def documented():

@@ -1,17 +1,15 @@
 """Study files: faults with file, line and key; runs; flags that override the file."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal, final
 
 import numpy as np
 import pandas as pd
 import pytest
+from broken_plugins import Tuned
+from refusals import text_of
 
 import spherekit as sk
-from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.registry import registered
 from spherekit.analysis.study import analyses_of
 from spherekit.cli.main import main
@@ -21,58 +19,7 @@ from spherekit.files.schema import schema
 from spherekit.files.study import load_study
 from spherekit.model.study import Study
 
-STUDY = """\
-format = 1
-mechanism = "stephenson"
-angle_unit = "deg"
-samples = 7
-assembly_mode = 1
-search = false
-
-[inputs.12]
-from = -30.0
-to = 90
-
-[analyses.poles]
-only = ["6/1", "5/1"]
-circles = "6/1"
-[analyses.tuned]
-count = 3
-weight = 2
-kind = "b"
-ends = [1.5, 2]
-
-[output]
-folder = "out"
-recording = "x.rrd"
-degrees = true
-"""
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Tuned(AbstractAnalysis):
-    """An analysis with a parameter of each type."""
-
-    name: ClassVar[str] = "tuned"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "nothing"
-    tables: ClassVar = ()
-
-    count: int
-    weight: float = 1.0
-    quick: bool = False
-    kind: Literal["a", "b"] = "a"
-    ends: tuple[float, float] = (0.0, 1.0)
-    limit: float | None = None
-
-    def needs(self, mechanism):
-        if self.count > 9:
-            raise AnalysisError("count is above 9")
-        return Needs()
-
-    def compute(self, batch):
-        return {}
+STUDY = text_of("study.study")
 
 
 @pytest.fixture(autouse=True)
@@ -133,207 +80,6 @@ def test_a_limit_not_given_is_that_of_the_mechanism(tmp_path):
     without_unit = text.replace('angle_unit = "rad"\n', "").replace("12", "14")
     (driven,) = load_study(write(tmp_path, without_unit)).mechanism.inputs
     assert (driven.pair, driven.start, driven.stop) == ("14", 0.0, 2 * np.pi)
-
-
-FAULTS = {
-    # case: (old, new, line and key, words that must occur)
-    "unknown key": (
-        "samples = 7",
-        "sample = 7",
-        "4: sample: unknown key",
-        ['did you mean "samples"?', "allowed at the top of the file: format, mech"],
-    ),
-    "unknown key of the output": (
-        "folder =",
-        "foldr =",
-        "22: output.foldr: unknown key",
-        ['did you mean "folder"?', "allowed in output: folder, recording, degrees"],
-    ),
-    "no mechanism": (
-        'mechanism = "stephenson"\n',
-        "",
-        "1: the key mechanism is missing",
-        ["name of a shipped mechanism, or path"],
-    ),
-    "unknown mechanism": (
-        '"stephenson"',
-        '"stephensen"',
-        "2: mechanism: ",
-        ["not found", 'did you mean "stephenson"?'],
-    ),
-    "study of a study": (
-        '"stephenson"',
-        '"x.study.toml"',
-        '2: mechanism: found "x.study.toml", a study; needs a mechanism',
-        [],
-    ),
-    "no angle unit": (
-        'angle_unit = "deg"\n',
-        "",
-        "1: the key angle_unit is missing",
-        ["there is no default"],
-    ),
-    "degrees in a rad file": (
-        '"deg"',
-        '"rad"',
-        "9: inputs.12.from: found -30.0 rad",
-        ["looks like degrees"],
-    ),
-    "absent input": (
-        "[inputs.12]",
-        "[inputs.21]",
-        '8: inputs.21: stephenson has no pair "21"',
-        ["did you mean", "Pairs: 12, 14, 16"],
-    ),
-    "values for one input only": (
-        "[analyses.poles]",
-        "[inputs.14]\nvalues = [1, 2]\n[analyses.poles]",
-        "8: inputs.12: input 12 has no values",
-        ["give values for every input"],
-    ),
-    "values and a range": (
-        "to = 90",
-        "values = [1, 2]",
-        "9: inputs.12.from: excluded by values",
-        [],
-    ),
-    "samples for two inputs": (
-        "samples = 7",
-        "samples = [7, 8]",
-        "4: samples: has 2 numbers for 1 inputs (12)",
-        [],
-    ),
-    "empty range": (
-        "to = 90",
-        "to = -30",
-        "8: inputs.12: the range from `from` to `to` is empty",
-        ["both are -0.523599 rad", "give another `to`"],
-    ),
-    "no samples": ("= 7", "= 0", "4: samples: found 0, needs at least 1", []),
-    "half a sample": (
-        "= 7",
-        "= 7.5",
-        "4: samples: found 7.5 (number), needs a whole number or an array [...]",
-        [],
-    ),
-    "truth for an assembly mode": (
-        "= 1\ns",
-        "= true\ns",
-        "5: assembly_mode: found true",
-        [],
-    ),
-    "number for a truth": ("= false", "= 0", "6: search: found 0 (number)", []),
-    "unknown analysis": (
-        "[analyses.poles]",
-        "[analyses.pols]",
-        '12: analyses.pols: no analysis is named "pols"',
-        ['did you mean "poles"?', "Installed: "],
-    ),
-    "unknown parameter": (
-        "only =",
-        "onyl =",
-        '13: analyses.poles.onyl: "onyl" is not a parameter',
-        ['did you mean "only"?', "Allowed: only=text+..., circles=text"],
-    ),
-    "text for a list": (
-        '["6/1", "5/1"]',
-        '"6/1"',
-        '13: analyses.poles.only: found "6/1" (text), needs an array [...]',
-        ["in each place text in quotes"],
-    ),
-    "number in a list of text": (
-        '["6/1", "5/1"]',
-        '["6/1", 51]',
-        '13: analyses.poles.only: found ["6/1", 51] (array), needs an array',
-        [],
-    ),
-    "number for text": (
-        'circles = "6/1"',
-        "circles = 61",
-        "14: analyses.poles.circles: found 61 (number), needs text in quotes",
-        [],
-    ),
-    "fraction for a count": (
-        "count = 3",
-        "count = 3.0",
-        "16: analyses.tuned.count: found 3.0 (number), needs a whole number",
-        [],
-    ),
-    "truth for a count": (
-        "count = 3",
-        "count = true",
-        "16: analyses.tuned.count: found true (true or false), needs a whole",
-        [],
-    ),
-    "table for a weight": (
-        "weight = 2",
-        "weight.x = 2",
-        "17: analyses.tuned.weight: found a table (table), needs a number",
-        [],
-    ),
-    "unknown choice": (
-        'kind = "b"',
-        'kind = "c"',
-        '18: analyses.tuned.kind: found "c" (text), needs one of "a", "b"',
-        [],
-    ),
-    "three ends": (
-        "[1.5, 2]",
-        "[1.5, 2, 3]",
-        "19: analyses.tuned.ends: found [1.5, 2, 3] (array), needs an array of 2",
-        [],
-    ),
-    "text for an optional number": (
-        "weight = 2",
-        'limit = "2"',
-        '17: analyses.tuned.limit: found "2" (text), needs a number',
-        [],
-    ),
-    "missing parameter": (
-        "count = 3\n",
-        "",
-        "15: analyses.tuned: parameters missing: count",
-        [],
-    ),
-    "refused parameter": (
-        "count = 3",
-        "count = 10",
-        "15: analyses.tuned: count is above 9",
-        [],
-    ),
-    "unknown pole": (
-        '["6/1", "5/1"]',
-        '["6/1", "5/7"]',
-        '12: analyses.poles: stephenson: "5/7" is not a pole',
-        ["did you mean"],
-    ),
-    "not a number": ("weight = 2", "weight = nan", "17: analyses.tuned.weight: ", []),
-    "path in an analysis": (
-        "[analyses.tuned]",
-        '[analyses."../x"]',
-        "15: analyses.'../x': the name \"../x\" is not allowed",
-        [],
-    ),
-    "empty folder": ('"out"', '""', "22: output.folder: has 0 characters", []),
-    "hidden character": (
-        '"out"',
-        '"o\\u0000"',
-        "22: output.folder: 'o\\x00': not a usable path",
-        [],
-    ),
-    "mechanism key": ("search = false", 'ground = "1"', "6: ground: unknown key", []),
-    "newer format": ("format = 1", "format = 2", "1: format: found 2", ["newer"]),
-}
-
-
-@pytest.mark.parametrize("case", FAULTS)
-def test_faults_name_line_key_and_remedy(case, tmp_path):
-    old, new, start, words = FAULTS[case]
-    assert old in STUDY
-    message, path = fault(tmp_path, STUDY.replace(old, new, 1))
-    assert message.startswith(f"{path}:{start}")
-    for word in words:
-        assert word in message
 
 
 def test_faults_of_the_mechanism_file_name_that_file(tmp_path):

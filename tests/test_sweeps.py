@@ -33,7 +33,6 @@ from spherekit.engine.row_quantities import (
 from spherekit.errors import (
     AnalysisError,
     DesignError,
-    FileError,
     ModelError,
     OutputError,
     PlanError,
@@ -737,36 +736,6 @@ def test_lost_workers_of_a_cluster_change_nothing(whole, tmp_path):
             process.wait()
     for one, other in zip(rows, rows_of(folder), strict=True):
         pd.testing.assert_frame_equal(one, other, check_exact=True)
-
-
-MISTAKES = [
-    ({"links.9.arc": [1.0]}, "max(q)", FileError, 'links: there is no "9"'),
-    ({"links.2.axes": [1.0]}, "max(q)", FileError, "is not a number"),
-    ({"inputs.21.to": [90.0]}, "max(q)", DesignError, "is no size of a design"),
-    ({"links.2.arc": "10-20"}, "max(q)", DesignError, "write LOW:HIGH:COUNT"),
-    ({"links.2.arc": "40:10"}, "max(q)", DesignError, "give the lower end first"),
-    ({"links.2.arc": "10:40"}, "max(q)", DesignError, "a grid needs how many values"),
-    ({}, "max(q)", DesignError, "nothing is varied"),
-    ({"links.2.arc": [1.0]}, "", AnalysisError, "is no figure of merit"),
-    ({"links.2.arc": [1.0]}, (), DesignError, "no figure of merit is asked for"),
-    ({"links.2.arc": [1.0]}, "most(q)", AnalysisError, "did you mean"),
-    ({"links.2.arc": [1.0]}, "max(theta_99)", AnalysisError, "theta_99"),
-    ({"links.2.arc": [1.0]}, "status=max(q)", DesignError, 'called "status"'),
-    ({"links.2.arc": [1.0]}, "max(transmission_angle_21)", AnalysisError, "did you mean"),
-    ({"links.2.arc": [1.0]}, "at(q)", AnalysisError, "needs an expression and an input"),
-    (
-        {"links.2.arc": [1.0], "links.2.arcs.32": [2.0]},
-        "max(q)",
-        DesignError,
-        "are the same number",
-    ),
-]
-
-
-@pytest.mark.parametrize("vary, reduce, error, message", MISTAKES)
-def test_mistakes_are_told_before_anything_is_computed(vary, reduce, error, message):
-    with pytest.raises(error, match=message):
-        sk.sweep("four_bar", vary, reduce)
 
 
 def test_ranges_and_middles():

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.analysis.batch import Needs
@@ -28,12 +29,7 @@ from spherekit.files.study import load_study
 from spherekit.model.dynamics import Stop
 from spherekit.model.study import ConstantSpeed, Start
 
-HEAD = """\
-format = 1
-mechanism = "four_bar"
-angle_unit = "rad"
-samples = 41
-"""
+HEAD = text_of("timed.study")
 LAWS = {
     "constant": 'kind = "constant_speed"\nspeed = -1.5\nfrom = 4',
     "polynomial": 'kind = "polynomial"\ncoefficients = [0.2, 3.0, -2.0, 0.4]',
@@ -209,54 +205,6 @@ def test_what_was_found_until_an_interruption_is_kept(tmp_path, capsys):
     assert "reached its stop" in said.err
     assert "tolerance 1.0e-08" in said.out
     assert (tmp_path / "out" / "motion_events.csv").read_text().count("stop") == 1
-
-
-FAULTS = {
-    # case: (text, line, words)
-    "law without duration": (
-        f"[inputs.21.law]\n{LAWS['constant']}\n",
-        5,
-        "inputs.21.law: a time law needs a duration",
-    ),
-    "start without duration": ("[start]\nq = 0\n", 5, "start: a start needs a duration"),
-    "law and start": (
-        f"duration = 1\n[inputs.21.law]\n{LAWS['constant']}\n[start]\nq = 0\n",
-        6,
-        "inputs.21.law: excluded by the start",
-    ),
-    "values and duration": (
-        "duration = 1\n[inputs.21]\nvalues = [0, 1]\n",
-        7,
-        "inputs.21.values: excluded by the duration",
-    ),
-    "table too short": (
-        f"duration = 4\n[inputs.21.law]\n{LAWS['table']}\n",
-        8,
-        "inputs.21.law.times: has 0 to 3 s, but the study lasts from 0 to 4 s",
-    ),
-    "torque that is none": (
-        'duration = 1\n[start]\nq = 0\ntorque = "sin(theta_99)"\n',
-        8,
-        "start.torque: ",
-    ),
-    "unknown pair": (
-        f"duration = 1\n[inputs.99.law]\n{LAWS['constant']}\n",
-        6,
-        'inputs.99: four_bar has no pair "99"',
-    ),
-}
-
-
-@pytest.mark.parametrize("case", FAULTS)
-def test_faults_have_file_and_line(case, study):
-    text, line, words = FAULTS[case]
-    text = HEAD + text
-    if "values" in text:
-        text = text.replace("samples = 41\n", "assembly_mode = 0\n")
-    path = study(text)
-    with pytest.raises(FileError) as caught:
-        run(path)
-    assert str(caught.value).startswith(f"{path}:{line}: {words}")
 
 
 def test_faults_with_several_inputs(study):

@@ -1,0 +1,42 @@
+"""What is refused, as data: `refusals.toml` says of each mistake what its message says.
+
+Of files a row is (what stands in the file of the table's name, what is put there instead,
+fragments of the message), of calls and commands the fragments alone. A message says where
+the fault is, what it is, what is allowed and what to do, in any order.
+"""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from spherekit.errors import SpherekitError
+
+HERE = Path(__file__).parent
+TABLES = tomllib.loads((HERE / "refusals.toml").read_text(encoding="utf-8"))
+
+
+def text_of(name):
+    """Return the text of a file of these tests."""
+    return (HERE / "files" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def changed(text, *replacements):
+    """Return the text with passages replaced, given in turn as old, new."""
+    for old, new in zip(replacements[::2], replacements[1::2], strict=True):
+        assert text.count(old) >= 1, old
+        text = text.replace(old, new, 1)
+    return text
+
+
+def check(message, fragments):
+    for fragment in fragments:
+        assert fragment in message, message
+
+
+def check_call(call, names, fragments):
+    """Check that a call is refused, with the class of the error before its message."""
+    with pytest.raises(SpherekitError) as caught:
+        eval(call, dict(names))
+    classes = [f"{each.__name__}: " for each in type(caught.value).__mro__]
+    check("".join(classes) + str(caught.value), fragments)

@@ -1,0 +1,141 @@
+"""Mistakes in files, commands and calls are told by the words of one table.
+
+Nothing is traced, searched or integrated before a mistake in a file or command is told.
+"""
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from broken_plugins import Tuned
+from example_mechanisms import LINKS, built, two_four_bars
+from refusals import TABLES, changed, check, check_call, text_of
+
+import spherekit as sk
+from spherekit.analysis.registry import registered
+from spherekit.cli.main import main
+from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.dynamics.tabulate import online_model
+from spherekit.errors import FileError
+from spherekit.exchange.mjcf import mjcf
+from spherekit.files.read import loads
+from spherekit.model.study import ConstantSpeed, Start, Tabulated
+from spherekit.motion.closure import Closure
+from spherekit.motion.motion import Tracer
+from spherekit.tradeoff.trade import trade
+
+TEMPLATE = Path(sk.__file__).parent / "cli" / "templates" / "four_bar.toml"
+MECHANISMS = (
+    *("sizes", "pose", "cones", "cam", "pinned_roller", "slider", "posed_slider"),
+    "loaded",
+)
+STUDIES = "study.study", "constant.study", "table.study", "timed.study"
+NAMES = {
+    "sk": sk,
+    "np": np,
+    "FOUR_BAR": sk.load("four_bar"),
+    "FIVE_BAR": sk.load("five_bar"),
+    "START": Start(0.3, 1.0),
+    "LAW": ConstantSpeed(1.0),
+    "NAN": float("nan"),
+    "built": built,
+    "LINKS": LINKS,
+    "two_four_bars": two_four_bars,
+    "simulate": simulate,
+    "inverse_dynamics": inverse_dynamics,
+    "online_model": online_model,
+    "mjcf": mjcf,
+    "trade": trade,
+    "Tabulated": Tabulated,
+    "Tracer": Tracer,
+}
+SHOWS_A_POSE = "run five_bar -a inverse_kinematics"
+"""Its message has a pose that the mechanism reaches, which takes a configuration."""
+
+
+@pytest.fixture(autouse=True)
+def folder(request, monkeypatch, tmp_path):
+    """An empty folder, in which no configuration is computed but for answers."""
+
+    def refused(*_, **__):
+        raise AssertionError("a configuration was computed before the mistake was told")
+
+    name = request.node.name
+    if SHOWS_A_POSE not in name and "answers" not in name:
+        monkeypatch.setattr(Closure, "at", refused)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def cases(*tables):
+    """Return the rows of tables: the table, the case."""
+    return [pytest.param(table, case) for table in tables for case in TABLES[table]]
+
+
+@pytest.mark.parametrize(("name", "case"), cases(*MECHANISMS))
+def test_mistakes_in_mechanism_files(name, case):
+    old, new, *fragments = TABLES[name][case]
+    with pytest.raises(FileError) as caught:
+        loads(changed(text_of(name), old, new), "x.toml")
+    check(str(caught.value), fragments)
+
+
+NINES = "9" * 400
+HUGE = [
+    ("180.0", NINES, ["x.toml:24: pairs.21.zero: found a huge"]),
+    ("180.0", NINES * 25, ["x.toml:24: ", "too many digits"]),
+    ("180.0", "0x" + NINES * 25, ["x.toml:24: pairs.21.zero: "]),
+    ('"free"', "[" * 900 + "]" * 900, ["x.toml:45: nested too", "32"]),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "fragments"), HUGE, ids=range(len(HUGE)))
+def test_what_is_huge_is_refused(old, new, fragments):
+    with pytest.raises(FileError) as caught:
+        loads(changed(text_of("sizes"), old, new), "x.toml")
+    check(str(caught.value), fragments)
+
+
+@pytest.mark.parametrize(("name", "case"), cases(*STUDIES))
+def test_mistakes_in_study_files(name, case):
+    old, new, *fragments = TABLES[name][case]
+    Path("x.study.toml").write_text(changed(text_of(name), old, new))
+    with registered(Tuned), pytest.raises(FileError) as caught:
+        sk.run("x.study.toml")
+    check(str(caught.value), fragments)
+
+
+def told(command, capsys):
+    """The exit status of a command and what it says."""
+    try:
+        status = main(shlex.split(command))
+    except SystemExit as refused:
+        status = refused.code
+    out, err = capsys.readouterr()
+    assert out == "" and "Traceback" not in err
+    assert len(err.strip().splitlines()) == 1
+    return status, err
+
+
+@pytest.mark.parametrize("case", TABLES["template"])
+def test_mistakes_in_mechanism_files_by_the_command(case, capsys):
+    old, new, *fragments = TABLES["template"][case]
+    Path("mine.toml").write_text(changed(TEMPLATE.read_text(), old, new))
+    status, said = told("run mine.toml", capsys)
+    assert status == 1
+    check(said, fragments)
+
+
+@pytest.mark.parametrize("command", TABLES["commands"])
+def test_mistakes_in_commands(command, capsys):
+    status, said = told(command.replace("LONG", "x" * 300), capsys)
+    assert status in (1, 2) and (status == 2) == ("See: spherekit" in said)
+    check(said, TABLES["commands"][command])
+
+
+@pytest.mark.parametrize(("table", "call"), cases("calls", "answers"))
+def test_mistakes_in_calls(table, call, folder):
+    check_call(call, NAMES, TABLES[table][call])
+    assert list(folder.iterdir()) == []
