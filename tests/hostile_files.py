@@ -3,63 +3,12 @@
 import math
 import os
 
-FOUR_BAR = """\
-format = 1
-name = "four_bar"
-angle_unit = "rad"
-ground = "1"
-[links.1]
-[links.2]
-[links.3]
-[links.4]
-[pairs.a]
-type = "R"
-links = ["1", "2"]
-xyz = [0.0, 0.0, 1.0]
-[pairs.b]
-type = "R"
-links = ["2", "3"]
-xyz = [0.0, 0.6, 0.8]
-[pairs.c]
-type = "R"
-links = ["3", "4"]
-xyz = [0.8, 0.6, 0.0]
-[pairs.d]
-type = "R"
-links = ["4", "1"]
-xyz = [1.0, 0.0, 0.0]
-[inputs.a]
-"""
+from refusals import text_of
+
+FOUR_BAR = text_of("four_bar")
 """A valid mechanism, to which most of the files below add something."""
 
-CAM = """\
-format = 1
-name = "cam"
-angle_unit = "rad"
-ground = "base"
-[links.base]
-axes = ["shaft", "hinge"]
-arcs = [1.0]
-[links.cam]
-axes = ["shaft"]
-[links.follower]
-axes = ["hinge"]
-[pairs.shaft]
-type = "R"
-links = ["base", "cam"]
-[pairs.hinge]
-type = "R"
-links = ["base", "follower"]
-[pairs.touch]
-type = "Cs"
-links = ["cam", "follower"]
-[pairs.touch.profiles.follower]
-kind = "circle"
-centre_lonlat = [1.57, 0.78]
-radius = 0.2
-[inputs.shaft]
-[pairs.touch.profiles.cam]
-"""
+CAM = text_of("cam_hostile_files")
 """A mechanism whose last table, the cam's profile, is still to be filled."""
 
 MILLION = 10**6

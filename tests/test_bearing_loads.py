@@ -8,6 +8,7 @@ import pytest
 from chains import mechanism
 from common import bare
 from newton_euler import loaded, spatial
+from refusals import text_of
 from test_reactions import STARTS, moving
 
 import spherekit as sk
@@ -90,33 +91,7 @@ def test_links_that_bearings_alone_hold_give_the_same_loads(name):
             assert on_bearings == pytest.approx(want, abs=1e-11 * size)
 
 
-SHAFT = """format = 1
-name = "shaft"
-ground = "frame"
-angle_unit = "deg"
-[links.frame]
-axes = ["pivot"]
-[links.shaft]
-axes = ["pivot"]
-[pairs.pivot]
-type = "R"
-links = ["frame", "shaft"]
-[inputs.pivot]
-from = 0.0
-to = 90.0
-[mass.shaft]
-mass = 10.0
-centre = [0.1, 0.0, 0.3]
-tensor_at_centre = [[0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.2]]
-[loads.weight]
-kind = "gravity"
-acceleration = [0.0, 0.0, -9.81]
-[loads.bearings]
-kind = "bearings"
-pair = "pivot"
-positions = [0.2, 0.7]
-axial = [1, 0]
-"""
+SHAFT = text_of("shaft")
 
 
 def test_a_vertical_shaft_stands_on_its_fixed_bearing(tmp_path, capsys):

@@ -7,26 +7,13 @@ the closure Jacobian is nearly singular. Their reference is written here, in man
 import mpmath as mp
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from benchmarks.bounds import KINDS, judged_special
 from benchmarks.special import special_mechanism
 
-FOUR_BAR = """
-format = 1
-name = "special"
-angle_unit = "deg"
-ground = "1"
-links.1 = {{ axes = ["41", "21"], arcs = [{0}] }}
-links.2 = {{ axes = ["21", "32"], arcs = [{1}] }}
-links.3 = {{ axes = ["32", "43"], arcs = [{2}] }}
-links.4 = {{ axes = ["43", "41"], arcs = [{3}] }}
-pairs.21 = {{ type = "R", links = ["1", "2"] }}
-pairs.32 = {{ type = "R", links = ["2", "3"] }}
-pairs.43 = {{ type = "R", links = ["3", "4"] }}
-pairs.41 = {{ type = "R", links = ["1", "4"] }}
-inputs.21 = {{ from = 0.0, to = 360.0 }}
-"""
+FOUR_BAR = text_of("special")
 """Four-bars as files state them, in decimal degrees."""
 
 ARCS = [(90, 90, 90, 90), (40, 70, 60, 50), (60, 120, 45, 135), (50, 50, 50, 50)]

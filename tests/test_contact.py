@@ -10,6 +10,7 @@ from chains import any_inputs, random_axes, random_chain
 from common import field_of
 from example_mechanisms import ARM, DEGREE, DISC, ECCENTRICITY, GROUND, ROLLER, at, cam
 from oracles import locked_rates, off_axis
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -327,38 +328,7 @@ SHIPPED_GEARS = ("bevel_pair", "rolling_cones", "planetary_bevel")
 SHIPPED_CAMS = ("roller_cam", "flat_cam", "shaped_cam", "shaped_flat_cam")
 
 
-HUMPAGE = """
-format = 1
-name = "humpage"
-angle_unit = "deg"
-ground = "case"
-[links]
-case = { axes = ["sun_shaft", "arm_shaft", "out_shaft"], arcs = [0.0, 180.0], angles = [0] }
-sun = { axes = ["sun_shaft"] }
-arm = { axes = ["arm_shaft", "pin"], arcs = [60.0] }
-planet = { axes = ["pin"] }
-out = { axes = ["out_shaft"] }
-[pairs]
-sun_shaft = { type = "R", links = ["case", "sun"] }
-arm_shaft = { type = "R", links = ["case", "arm"] }
-out_shaft = { type = "R", links = ["case", "out"] }
-pin = { type = "R", links = ["arm", "planet"] }
-[pairs.sun_mesh]
-type = "Cr"
-links = ["sun", "planet"]
-half_angles = [18.0, 42.0]
-axes = ["sun_shaft", "pin"]
-[pairs.ring_mesh]
-type = "Cr"
-links = ["case", "planet"]
-half_angles = [78.0]
-axes = ["out_shaft", "pin"]
-[pairs.out_mesh]
-type = "Cr"
-links = ["out", "planet"]
-half_angles = [95.0]
-axes = ["out_shaft", "pin"]
-"""
+HUMPAGE = text_of("humpage")
 
 
 def test_gears_of_a_train_turn_about_coaxial_pairs(tmp_path):

@@ -2,59 +2,11 @@
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 
-CAM = """
-format = 1
-name = "rubbed_cam"
-angle_unit = "rad"
-ground = "base"
-[links.base]
-axes = ["shaft", "hinge"]
-arcs = [1.1]
-[links.cam]
-axes = ["shaft"]
-[links.follower]
-axes = ["hinge"]
-[pairs]
-shaft = {{ type = "R", links = ["base", "cam"] }}
-hinge = {{ type = "R", links = ["base", "follower"] }}
-[pairs.touch]
-type = "Cs"
-links = ["cam", "follower"]
-{distance}
-[pairs.touch.profiles.cam]
-kind = "circle"
-centre_lonlat = [0.0, 1.4207963267948966]
-radius = 0.45
-[pairs.touch.profiles.follower]
-kind = "circle"
-centre_lonlat = [1.5707963267948966, 0.7707963267948966]
-radius = 0.2
-[inputs.shaft]
-from = 0.0
-to = 6.0
-[mass]
-[mass.cam]
-tensor = [[0.2, 0, 0], [0, 0.3, 0], [0, 0, 0.4]]
-mass = 1.0
-centre = [0, 0, 0.1]
-[mass.follower]
-tensor = [[0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.4]]
-mass = 1.0
-centre = [0, 0, 0.2]
-[loads.coil]
-kind = "spring"
-pair = "hinge"
-stiffness = 2.0
-rest = {rest}
-[loads.rub]
-kind = "contact_friction"
-pair = "touch"
-coefficient = {coefficient}
-speed = 0.02
-"""
+CAM = text_of("rubbed_cam")
 SPEED, STIFFNESS, INERTIA = 1.3, 2.0, 0.4
 FRAME, OFF_SHAFT, CENTRES, ARM = 1.1, 0.15, 0.65, 0.8
 

@@ -7,6 +7,7 @@ import pytest
 from common import bare
 from multibody import Hinge, Mesh, MultiBody
 from newton_euler import body, loaded, newton_euler
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.dynamics.inertia import coriolis
@@ -230,19 +231,7 @@ def test_what_is_wrong_is_said():
 
 def test_the_command_recovers_the_torques_that_acted(tmp_path):
     study = tmp_path / "pushed.study.toml"
-    study.write_text(
-        """format = 1
-mechanism = "five_bar"
-angle_unit = "rad"
-samples = 21
-duration = 1.0
-[analyses.dynamics]
-[start]
-q = [1.0, 1.2]
-dq = [0.5, 0.0]
-torque = {21 = "0.002*sin(2*t)"}
-"""
-    )
+    study.write_text(text_of("dynamics_several_inputs_text.study"))
     found = sk.run(sk.load_study(study))
     table = found.frame("dynamics")
     assert np.all(table["status"] == "OK")

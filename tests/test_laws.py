@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 from spherekit.errors import FileError, ModelError
 from spherekit.files.study import load_study
@@ -123,16 +124,7 @@ def test_laws_that_are_none(make, words):
         make()
 
 
-STUDY = """\
-format = 1
-mechanism = "four_bar"
-angle_unit = "deg"
-duration = 2.5
-[inputs.21]
-from = 0
-to = 720
-[inputs.21.law]
-"""
+STUDY = text_of("laws_study.study")
 CONSTANT = 'kind = "constant_speed"\nspeed = 90.0\nfrom = 10\n'
 TABLE = 'kind = "table"\ntimes = [0, 1, 3]\nangles = [0, 90, 900]\nrest_at_ends = true\n'
 

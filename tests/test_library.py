@@ -4,23 +4,13 @@ import os
 import sys
 
 import pytest
+from refusals import text_of
 
 from spherekit.errors import FileError
 from spherekit.files.library import GROUP, find, shipped
 from spherekit.files.read import load
 
-SOUND = """\
-format = 1
-name = "{name}"
-angle_unit = "rad"
-ground = "1"
-[links.1]
-[links.2]
-[pairs.a]
-type = "R"
-links = ["1", "2"]
-xyz = [0.0, 0.0, 1.0]
-"""
+SOUND = text_of("library_sound")
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from common import bare
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -154,31 +155,7 @@ def test_second_bodies_share_the_inertia_of_their_link():
     assert np.sum(twinned.body_mass) == pytest.approx(np.sum(model.body_mass), rel=1e-14)
 
 
-HELD = """
-[loads.motor]
-pair = "21"
-torque = "sin(t)"
-[loads.bearing]
-kind = "friction"
-pair = "32"
-torque = 0.2
-speed = 0.5
-viscous = 0.3
-[loads.profile]
-kind = "table"
-pair = "21"
-times = [0.0, 1.0]
-torques = [0.0, 1.0]
-[loads.cross]
-pair = "21"
-torque = "theta_41"
-[loads.swing]
-pair = "21"
-torque = "-sin(theta_21)"
-[stops.41]
-from = -90.0
-to = 90.0
-"""
+HELD = text_of("mjcf_held")
 
 
 def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.files.document import parse
@@ -10,34 +11,7 @@ from spherekit.files.write import dumps
 from spherekit.proof.balls import bits, middle
 from spherekit.proof.gears import Written
 
-GEARS = """
-format = 1
-name = "gears"
-angle_unit = "deg"
-ground = "base"
-[links.base]
-axes = ["pinion_shaft", "wheel_shaft"]
-arcs = [75.0]
-[links.pinion]
-axes = ["pinion_shaft"]
-[links.wheel]
-axes = ["wheel_shaft"]
-[pairs.pinion_shaft]
-type = "R"
-links = ["base", "pinion"]
-[pairs.wheel_shaft]
-type = "R"
-links = {links}
-zero = 12.0
-[pairs.mesh]
-type = "Cr"
-links = ["pinion", "wheel"]
-teeth = {teeth}
-contact = "{contact}"
-axes = ["pinion_shaft", "wheel_shaft"]
-{phase}
-[inputs.{driven}]
-"""
+GEARS = text_of("gears")
 OUTSIDE = {"teeth": [20, 40], "contact": "external"}
 INSIDE = {"teeth": [20, 60], "contact": "internal"}
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 import mpmath as mp
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.sensitivity import Sensitivity
@@ -27,26 +28,7 @@ POINTS = """kind = "points"
 points = [[0.0, 58.0], [37.0, 62.0], [85.0, 66.0], [120.0, 68.0], [165.0, 66.0],
     [200.0, 63.5], [243.0, 61.0], [280.0, 60.0], [325.0, 58.5]]
 """
-CAM = """
-format = 1
-name = "cam"
-angle_unit = "deg"
-ground = "frame"
-links.frame = { axes = ["shaft", "pivot"], arcs = [60.0] }
-links.cam = { axes = ["shaft"] }
-links.follower = { axes = ["pivot"] }
-pairs.shaft = { type = "R", links = ["frame", "cam"] }
-pairs.pivot = { type = "R", links = ["frame", "follower"] }
-inputs.shaft = { from = 0.0, to = 360.0 }
-outputs.follower = { link = "follower" }
-mass.follower = { tensor = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]] }
-loads.spring = { kind = "spring", pair = "pivot", stiffness = 3.0, rest = 20.0 }
-[pairs.contact]
-type = "Cs"
-links = ["cam", "follower"]
-follower = { link = "follower", roller = 12.0, centre_lonlat = [90.0, 45.0] }
-[pairs.contact.profiles.cam]
-"""
+CAM = text_of("cam_profile_sensitivity")
 
 
 def cross(a, b):
@@ -280,26 +262,7 @@ def test_derivatives_of_a_cam_are_those_of_differences_in_fifty_digits(
     assert np.max(off) < 1e-12
 
 
-POSED = """
-format = 1
-name = "posed"
-angle_unit = "deg"
-ground = "frame"
-links = { frame = {}, cam = {}, follower = {}, arm = {} }
-pairs.shaft = { type = "R", links = ["frame", "cam"], lonlat = [0.0, 90.0] }
-inputs.shaft = { from = -40.0, to = 40.0 }
-[pairs.contact]
-type = "TYPE"
-links = ["cam", "follower"]
-[pairs.contact.profiles.cam]
-kind = "fourier"
-centre_xyz = [0.0, 0.0, 1.0]
-cosines = [25.0, 0.0, 3.0]
-[pairs.contact.profiles.follower]
-kind = "circle"
-centre_lonlat = [0.0, 50.0]
-radius = 12.0
-"""
+POSED = text_of("posed")
 SLID = (
     'pairs.pivot = { type = "R", links = ["frame", "follower"], lonlat = [90.0, 30.0] }\n'
 )

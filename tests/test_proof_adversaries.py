@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 pytest.importorskip("flint")
 
@@ -101,32 +102,7 @@ def test_a_double_mode_of_a_triad_is_a_cluster():
     assert len(near) == 1
 
 
-TWO_DYADS = """
-format = 1
-name = "two_dyads"
-angle_unit = "deg"
-ground = "1"
-[links.1]
-axes = ["a", "b", "c"]
-arcs = [60, {ground}]
-angles = [140]
-[links.2]
-axes = ["a", "d", "e"]
-arcs = [50, {crank}]
-angles = [{turn}]
-[links.3]
-axes = ["d", "f"]
-arcs = [40]
-[links.4]
-axes = ["b", "f"]
-arcs = [35]
-[links.5]
-axes = ["e", "h"]
-arcs = [{coupler}]
-[links.6]
-axes = ["c", "h"]
-arcs = [{rocker}]
-"""
+TWO_DYADS = text_of("two_dyads")
 JOINTS = {"a": "12", "b": "14", "c": "16", "d": "23", "e": "25", "f": "34", "h": "56"}
 
 
@@ -169,25 +145,7 @@ def test_two_equal_dyads_that_fold_together_leave_one_small_part_undecided():
     assert curves.modes_at(np.radians(85.0)) == 4 and curves.modes_at(np.radians(105)) == 0
 
 
-FOUR_BAR = """
-format = 1
-name = "four_bar"
-angle_unit = "deg"
-ground = "4"
-[links]
-4 = {{ axes = ["41", "34"], arcs = [{}] }}
-1 = {{ axes = ["41", "12"], arcs = [{}] }}
-2 = {{ axes = ["12", "23"], arcs = [{}] }}
-3 = {{ axes = ["23", "34"], arcs = [{}] }}
-[pairs]
-41 = {{ type = "R", links = ["4", "1"] }}
-12 = {{ type = "R", links = ["1", "2"] }}
-23 = {{ type = "R", links = ["2", "3"] }}
-34 = {{ type = "R", links = ["3", "4"] }}
-[inputs.41]
-from = 0
-to = 360
-"""
+FOUR_BAR = text_of("four_bar_proof_adversaries")
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import copy
 import json
 
 import pytest
+from refusals import text_of
 
 pytest.importorskip("flint")
 
@@ -27,25 +28,7 @@ PLANET = PLANET.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')
 WITHIN = FIVE_BAR + 'contact = "internal"\n'
 TURNED = FIVE_BAR.replace('links = ["1", "5"]', 'links = ["5", "1"]')
 BACKWARDS = FIVE_BAR.replace("inputs.left", "inputs.right")
-POSED = """
-format = 1
-name = "posed_geared_five_bar"
-angle_unit = "deg"
-ground = "1"
-links = {{ 1 = {{}}, 2 = {{}}, 3 = {{}}, 4 = {{}}, 5 = {{}} }}
-pairs.left = {{ type = "R", links = ["1", "2"], lonlat = [0, 0], value = 20.5 }}
-pairs.right = {{ type = "R", links = ["1", "5"], lonlat = [75, 0], value = -31 }}
-pairs.32 = {{ type = "R", links = ["2", "3"], lonlat = [5.0, 40.0] }}
-pairs.43 = {{ type = "R", links = ["3", "4"], lonlat = [50.0, 70.0] }}
-pairs.54 = {{ type = "R", links = ["4", "5"], lonlat = [80.0, 35.0] }}
-inputs.left = {{ from = {2}, to = {3} }}
-outputs.pointer = {{ link = "3" }}
-[pairs.mesh]
-type = "Cr"
-links = ["2", "5"]
-teeth = [{0}, {1}]
-axes = ["left", "right"]
-"""
+POSED = text_of("posed_geared_five_bar")
 
 
 def geared(teeth, text=FIVE_BAR):

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 pytest.importorskip("flint")
 
@@ -22,28 +23,7 @@ from spherekit.proof.construction import construct
 from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
 
-DISCS = """
-format = 1
-name = "{name}"
-angle_unit = "deg"
-ground = "1"
-[links.1]
-axes = ["12"{on_1}]
-arcs = [{arcs_1}]
-angles = [{angles_1}]
-[links.2]
-axes = ["12"{on_2}]
-arcs = [{arcs_2}]
-[links.3]
-{body}
-{more}
-[pairs.12]
-type = "R"
-links = ["1", "2"]
-[inputs.12]
-from = 94.0
-to = 110.0
-"""
+DISCS = text_of("proof_contacts_discs")
 BARS = {"a": (70.0, 0.0, 25.0), "b": (75.0, 55.0, 31.5), "c": (50.0, 0.0, 19.0)}
 """Three discs on links 1, 1 and 2: arc and angle of the centre there, radius there."""
 PLATE = {"a": (0.0, 0.0, 14.0), "b": (35.0, 0.0, 20.25), "c": (28.0, 62.0, 26.0)}

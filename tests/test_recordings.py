@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 pytest.importorskip("rerun", reason="the viewer extra is not installed")
 
@@ -297,21 +298,7 @@ def test_a_mechanism_is_seen_before_any_run(tmp_path):
         assert along == pytest.approx(value, rel=2e-3)
 
 
-FAR = """
-format = 1
-name = "far"
-angle_unit = "deg"
-ground = "1"
-links.1 = {{ axes = ["41", "21"], arcs = [60.0] }}
-links.2 = {{ axes = ["21", "32"], arcs = [60.0] }}
-links.3 = {{ axes = ["32", "43"], arcs = [10.0] }}
-links.4 = {{ axes = ["43", "41"], arcs = [5.0] }}
-pairs.21 = {{ type = "R", links = ["1", "2"] }}
-pairs.32 = {{ type = "R", links = ["2", "3"] }}
-pairs.43 = {{ type = "R", links = ["3", "4"] }}
-pairs.41 = {{ type = "R", links = ["1", "4"] }}
-inputs.21 = {{ from = {}, to = {} }}
-"""
+FAR = text_of("far")
 
 
 def test_a_mechanism_that_does_not_close_everywhere_says_where_it_is_shown(tmp_path):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -224,33 +225,7 @@ def test_defaults_and_mistakes():
 
 
 HARMONIC = "pairs.contact.profiles.cam.cosines.1"
-CAM_AND_ROCKER = """
-format = 1
-name = "cam_and_rocker"
-angle_unit = "deg"
-ground = "1"
-links.1 = { axes = ["shaft", "pivot", "rocker"], arcs = [60.0, 75.0], angles = [50.0] }
-links.cam = { axes = ["shaft"] }
-links.follower = { axes = ["pivot", "knee"], arcs = [30.0] }
-links.coupler = { axes = ["knee", "toe"], arcs = [50.0] }
-links.arm = { axes = ["rocker", "toe"], arcs = [45.0] }
-pairs.shaft = { type = "R", links = ["1", "cam"] }
-pairs.pivot = { type = "R", links = ["1", "follower"] }
-pairs.knee = { type = "R", links = ["follower", "coupler"] }
-pairs.toe = { type = "R", links = ["coupler", "arm"] }
-pairs.rocker = { type = "R", links = ["1", "arm"] }
-inputs.shaft = { from = 0.0, to = 360.0 }
-outputs.arm = { link = "arm" }
-[pairs.contact]
-type = "Cs"
-links = ["cam", "follower"]
-follower = { link = "follower", roller = 12.0, centre_lonlat = [90.0, 45.0] }
-[pairs.contact.profiles.cam]
-kind = "fourier"
-centre_xyz = [0.0, 0.0, 1.0]
-cosines = [25.0, 4.0, 3.0]
-sines = [0.0, 0.0, 1.0]
-"""
+CAM_AND_ROCKER = text_of("cam_and_rocker")
 
 
 @pytest.mark.parametrize(
@@ -372,27 +347,7 @@ def test_the_zero_of_the_second_of_coincident_axes_jumps_by_half_a_turn():
 def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
     """The crank of a geared five-bar turns by its teeth, whatever the arcs are."""
     path = tmp_path / "geared.toml"
-    path.write_text(
-        """
-format = 1
-name = "geared_five_bar"
-angle_unit = "deg"
-ground = "1"
-links.1 = { axes = ["left", "right"], arcs = [75.0] }
-links.2 = { axes = ["left", "32"], arcs = [20.0] }
-links.3 = { axes = ["32", "43"], arcs = [60.0] }
-links.4 = { axes = ["43", "54"], arcs = [55.0] }
-links.5 = { axes = ["right", "54"], arcs = [15.0] }
-pairs.left = { type = "R", links = ["1", "2"] }
-pairs.right = { type = "R", links = ["1", "5"] }
-pairs.32 = { type = "R", links = ["2", "3"] }
-pairs.43 = { type = "R", links = ["3", "4"] }
-pairs.54 = { type = "R", links = ["4", "5"] }
-pairs.mesh = { type = "Cr", links = ["2", "5"], teeth = [20, 40], axes = ["left", "right"] }
-inputs.left = { from = 0.0, to = 720.0 }
-outputs.pointer = { link = "3" }
-"""
-    )
+    path.write_text(text_of("geared_five_bar"))
     arguments = ["--samples", "5", "-a", "sensitivity:of=theta_right+theta_43,draws=0"]
     assert main(["run", str(path), *arguments]) == 0
     said = capsys.readouterr().out

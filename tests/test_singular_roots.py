@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from refusals import text_of
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from singular_examples import ROCKER, axes_at, findings_of, four_bar
@@ -19,30 +20,7 @@ from spherekit.singular.surface import singular_surface
 from spherekit.sphere.rotation import normal_at
 
 NAME = "singularities"
-GEARED = """
-format = 1
-name = "geared_five_bar"
-angle_unit = "deg"
-ground = "1"
-[links]
-1 = {{ axes = ["left", "right"], arcs = [75.0] }}
-2 = {{ axes = ["left", "32"], arcs = [40.0] }}
-3 = {{ axes = ["32", "43"], arcs = [60.0] }}
-4 = {{ axes = ["43", "54"], arcs = [55.0] }}
-5 = {{ axes = ["right", "54"], arcs = [35.0] }}
-[pairs]
-left = {{ type = "R", links = ["1", "2"] }}
-right = {{ type = "R", links = ["1", "5"] }}
-32 = {{ type = "R", links = ["2", "3"] }}
-43 = {{ type = "R", links = ["3", "4"] }}
-54 = {{ type = "R", links = ["4", "5"] }}
-mesh = {{ type = "Cr", links = ["2", "5"], teeth = [20, 40], axes = ["left", "right"] }}
-[inputs.left]
-from = {low}
-to = {high}
-[outputs.pointer]
-link = "3"
-"""
+GEARED = text_of("geared_five_bar_singular_roots")
 """A five-bar whose cranks are wheels of 20 and 40 teeth: the input comes back after 720."""
 
 
@@ -101,48 +79,7 @@ def test_places_of_a_geared_five_bar_are_at_their_turn(low, high, tmp_path):
     assert np.all((outside < np.radians(low)) | (outside > np.radians(high)))
 
 
-DWELL = """
-format = 1
-name = "dwell_drive"
-angle_unit = "deg"
-ground = "frame"
-[links.frame]
-axes = ["cam", "swing", "turn", "out"]
-arcs = [60.0, 80.0, 50.0]
-angles = [0.0, 70.0]
-[links]
-disc = { axes = ["cam"] }
-follower = { axes = ["swing"] }
-crank = { axes = ["turn", "pin"], arcs = [25.0] }
-coupler = { axes = ["pin", "joint"], arcs = [60.0] }
-rocker = { axes = ["out", "joint"], arcs = [55.0] }
-[pairs]
-cam = { type = "R", links = ["frame", "disc"] }
-swing = { type = "R", links = ["frame", "follower"] }
-turn = { type = "R", links = ["frame", "crank"] }
-pin = { type = "R", links = ["crank", "coupler"] }
-joint = { type = "R", links = ["coupler", "rocker"] }
-out = { type = "R", links = ["frame", "rocker"] }
-[pairs.mesh]
-type = "Cr"
-links = ["follower", "crank"]
-teeth = [48, 16]
-axes = ["swing", "turn"]
-[pairs.contact]
-type = "Cs"
-links = ["disc", "follower"]
-follower = { link = "follower", roller = 12.0, centre_lonlat = [90.0, 45.0] }
-[pairs.contact.profiles.disc]
-kind = "fourier"
-centre_xyz = [0.0, 0.0, 1.0]
-cosines = [25.0, 4.0, 3.0]
-sines = [0.0, 0.0, 1.0]
-[inputs.cam]
-from = 0.0
-to = 360.0
-[outputs.rocker]
-link = "rocker"
-"""
+DWELL = text_of("dwell_drive")
 """A cam swings a wheel that turns the crank of a four-bar: what has rolled at an input
 does not grow with the input, but comes back with it."""
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients, least_greatest
@@ -199,22 +200,7 @@ def test_gradients_of_figures_are_those_of_differences(tmp_path):
             assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=1e-7), merit.name
 
 
-ACTED = """
-[mass.3]
-mass = 2.0
-centre = [0.1, 0.3, 0.8]
-tensor_at_centre = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
-
-[loads.weight]
-kind = "gravity"
-acceleration = [0.0, -9.8, 1.0]
-
-[loads.back]
-kind = "spring"
-pair = "41"
-stiffness = 3.0
-rest = 20.0
-"""
+ACTED = text_of("sizing_acted")
 
 
 def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):

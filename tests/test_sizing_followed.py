@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients
@@ -282,19 +283,7 @@ POINTED = """kind = "points"
 points = [[0.0, 58.0], [37.0, 62.0], [85.0, 66.0], [120.0, 68.0], [165.0, 66.0],
     [200.0, 63.5], [243.0, 61.0], [280.0, 60.0], [325.0, 58.5]]
 """
-ACTED = """
-[mass.follower]
-tensor = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
-
-[mass.cam]
-tensor = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
-
-[loads.back]
-kind = "spring"
-pair = "follower_pivot"
-stiffness = 3.0
-rest = 20.0
-"""
+ACTED = text_of("sizing_followed_acted")
 
 
 @pytest.mark.slow

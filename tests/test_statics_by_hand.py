@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from common import bare
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
@@ -19,35 +20,7 @@ def at_rest(made, pair, q):
     return reactions(replace(found, timing=timing))
 
 
-BEVEL_GEARS = """format = 1
-name = "example"
-ground = "frame"
-angle_unit = "deg"
-[links.frame]
-axes = ["pinion_shaft", "gearshaft"]
-arcs = [90.0]
-[links.pinion]
-axes = ["pinion_shaft"]
-[links.gear]
-axes = ["gearshaft"]
-[pairs.pinion_shaft]
-type = "R"
-links = ["frame", "pinion"]
-[pairs.gearshaft]
-type = "R"
-links = ["frame", "gear"]
-[pairs.mesh]
-type = "Cr"
-links = ["pinion", "gear"]
-teeth = [15, 45]
-axes = ["pinion_shaft", "gearshaft"]
-[inputs.pinion_shaft]
-from = 0.0
-to = 360.0
-[loads.driven]
-pair = "gearshaft"
-torque = "178.01"
-"""
+BEVEL_GEARS = text_of("example")
 
 
 def test_the_transmitted_load_of_bevel_gears(tmp_path):

@@ -14,6 +14,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from common import bare
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.analysis.contract import Merit, Reducing
@@ -371,36 +372,7 @@ def test_errors_of_single_designs_have_a_status_and_their_words(problem, status)
     assert row.reason.tolist() == [str(problem).removeprefix("a.toml:3: ")]
 
 
-ACTED = """
-[mass.3]
-mass = 2.0
-centre = [0.1, 0.3, 0.8]
-tensor_at_centre = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
-
-[loads.weight]
-kind = "gravity"
-acceleration = [0.0, -9.8, 1.0]
-
-[loads.back]
-kind = "spring"
-pair = "41"
-stiffness = 3.0
-rest = 20.0
-
-[loads.rub]
-kind = "friction"
-pair = "43"
-torque = 0.4
-viscous = 0.1
-speed = 30.0
-
-[loads.push]
-kind = "force"
-link = "4"
-point = [0.0, 0.2, 0.9]
-axes = "link"
-force = ["2*sin(theta_41)", "t**2", "-3"]
-"""
+ACTED = text_of("sweeps_acted")
 
 
 def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
@@ -438,22 +410,7 @@ def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
 
 
 def test_masses_stated_by_sizes_follow_them(tmp_path):
-    text = """
-format = 1
-name = "bar"
-angle_unit = "deg"
-ground = "g"
-links.g = {axes = ["a", "d"], arcs = [60.0]}
-links.c = {axes = ["a", "b"], arcs = [20.0]}
-links.k = {axes = ["b", "e"], arcs = [70.0]}
-links.r = {axes = ["e", "d"], arcs = [40.0]}
-pairs.a = {type = "R", links = ["g", "c"]}
-pairs.b = {type = "R", links = ["c", "k"]}
-pairs.e = {type = "R", links = ["k", "r"]}
-pairs.d = {type = "R", links = ["g", "r"]}
-inputs.a = {from = 0.0, to = 360.0}
-mass.c = {mass = 2.0, arc = ["a", "b"], radius = 0.1}
-"""
+    text = text_of("bar")
     path = tmp_path / "bar.toml"
     path.write_text(text)
     found = sk.sweep(path, {"links.c.arc": [20.0, 40.0]}, "max(B)", samples=5).frame()

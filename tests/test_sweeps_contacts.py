@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients
@@ -10,104 +11,14 @@ from spherekit.design.sensitivity import Sensitivity
 from spherekit.files.read import read
 from spherekit.files.write import document_of, number_path, with_numbers
 
-WHEELS = """
-format = 1
-name = "three_wheels"
-angle_unit = "deg"
-ground = "1"
-links.1 = { axes = ["a", "b", "c"], arcs = [50.0, 70.0], angles = [80.0] }
-links.2 = { axes = ["a"] }
-links.3 = { axes = ["b", "35"], arcs = [30.0] }
-links.4 = { axes = ["c", "46"], arcs = [25.0] }
-links.5 = { axes = ["35", "56"], arcs = [60.0] }
-links.6 = { axes = ["46", "56"], arcs = [65.0] }
-pairs.a = { type = "R", links = ["1", "2"] }
-pairs.b = { type = "R", links = ["1", "3"] }
-pairs.c = { type = "R", links = ["1", "4"] }
-pairs.35 = { type = "R", links = ["3", "5"] }
-pairs.46 = { type = "R", links = ["4", "6"] }
-pairs.56 = { type = "R", links = ["5", "6"] }
-pairs.m1 = { type = "Cr", links = ["2", "3"], teeth = [17, 23], axes = ["a", "b"] }
-pairs.m2 = { type = "Cr", links = ["4", "2"], teeth = [31, 19], axes = ["c", "a"] }
-inputs.a = { from = 0.0, to = 720.0 }
-"""
+WHEELS = text_of("three_wheels")
 
-DIFFERENTIAL = """
-format = 1
-name = "differential_with_rocker"
-angle_unit = "deg"
-ground = "frame"
-links.frame = {}
-links.left = {}
-links.right = {}
-links.carrier = {}
-links.planet = {}
-links.coupler = {}
-links.rocker = {}
-pairs.left = { type = "R", links = ["frame", "left"], xyz = [0.0, 0.0, 1.0] }
-pairs.right = { type = "R", links = ["frame", "right"], xyz = [0.0, 0.0, 1.0] }
-pairs.carrier = { type = "R", links = ["frame", "carrier"], xyz = [0.0, 0.0, 1.0] }
-pairs.planet = { type = "R", links = ["carrier", "planet"], xyz = [1.0, 0.0, 0.0] }
-pairs.pin = { type = "R", links = ["planet", "coupler"], lonlat = [20.0, 15.0] }
-pairs.knee = { type = "R", links = ["coupler", "rocker"], lonlat = [70.0, 30.0] }
-pairs.foot = { type = "R", links = ["rocker", "frame"], lonlat = [90.0, -20.0] }
-inputs.left = { from = 0.0, to = 360.0 }
-inputs.right = { from = 0.0, to = 180.0 }
-mass.rocker = { tensor = [[4e-4, 0.0, 0.0], [0.0, 4e-4, 0.0], [0.0, 0.0, 5e-4]] }
-mass.planet = { tensor = [[3e-4, 0.0, 0.0], [0.0, 4e-4, 0.0], [0.0, 0.0, 4e-4]] }
-[pairs.one]
-type = "Cr"
-links = ["left", "planet"]
-[pairs.one.profiles]
-left = { kind = "circle", centre_xyz = [0.0, 0.0, 1.0], radius = 63.43494882292201 }
-planet = { kind = "circle", centre_xyz = [1.0, 0.0, 0.0], radius = 26.565051177077990 }
-[pairs.two]
-type = "Cr"
-links = ["right", "planet"]
-[pairs.two.profiles]
-right = { kind = "circle", centre_xyz = [0.0, 0.0, -1.0], radius = 63.43494882292201 }
-planet = { kind = "circle", centre_xyz = [1.0, 0.0, 0.0], radius = 26.565051177077990 }
-"""
+DIFFERENTIAL = text_of("differential_with_rocker")
 
 # A platform on three legs of which one is driven by a wheel, or is a contact.
-PLATFORM = """
-format = 1
-name = "platform"
-angle_unit = "deg"
-ground = "1"
-links.2 = {{ axes = ["left", "24"], arcs = [25.0] }}
-links.4 = {{ axes = ["24", "47"], arcs = [60.0] }}
-pairs.left = {{ type = "R", links = ["1", "2"] }}
-pairs.24 = {{ type = "R", links = ["2", "4"] }}
-pairs.47 = {{ type = "R", links = ["4", "7"] }}
-pairs.57 = {{ type = "R", links = ["5", "7"] }}
-inputs.left = {{ from = 0.0, to = 400.0 }}
-{}
-"""
-GEARED = PLATFORM.format("""
-links.1 = { axes = ["left", "right", "low"], arcs = [70.0, 60.0], angles = [55.0] }
-links.3 = { axes = ["right", "35"], arcs = [20.0] }
-links.5 = { axes = ["35", "57"], arcs = [55.0] }
-links.6 = { axes = ["low", "67"], arcs = [50.0] }
-links.7 = { axes = ["47", "57", "67"], arcs = [40.0, 45.0], angles = [50.0] }
-pairs.right = { type = "R", links = ["1", "3"] }
-pairs.low = { type = "R", links = ["1", "6"] }
-pairs.35 = { type = "R", links = ["3", "5"] }
-pairs.67 = { type = "R", links = ["6", "7"] }
-pairs.mesh = { type = "Cr", links = ["2", "3"], teeth = [20, 40], axes = ["left", "right"] }
-""")
-PUSHED = PLATFORM.format("""
-links.1 = { axes = ["left", "right"], arcs = [70.0] }
-links.5 = { axes = ["right", "57"], arcs = [55.0] }
-links.7 = { axes = ["47", "57"], arcs = [40.0] }
-pairs.right = { type = "R", links = ["1", "5"] }
-[pairs.push]
-type = "Cs"
-links = ["1", "7"]
-[pairs.push.profiles]
-1 = { kind = "circle", centre_lonlat = [30.0, 10.0], radius = 20.0 }
-7 = { kind = "circle", centre_lonlat = [60.0, 50.0], radius = 25.0 }
-""")
+PLATFORM = text_of("platform")
+GEARED = PLATFORM.format(text_of("sweeps_contacts_geared"))
+PUSHED = PLATFORM.format(text_of("sweeps_contacts_pushed"))
 
 CASES = {
     "rolling_cones": (None, {"links.arm.arc": [70.0, 65.0]}, "roller_axis", [10.0, 500.0]),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.variables import design_variable
@@ -11,27 +12,7 @@ from spherekit.files.write import document_of, number_path, with_numbers
 from spherekit.model.study import Study
 from spherekit.plugin.designs import Sensitivity
 
-MASSES = """
-[mass.3]
-mass = 1.0
-centre = [0.0, 0.01, 0.05]
-tensor = [[0.02, 0.001, 0.0], [0.001, 0.03, 0.0], [0.0, 0.0, 0.02]]
-
-[mass.4]
-mass = 2.0
-centre = [0.1, 0.3, 0.8]
-tensor_at_centre = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
-
-[loads.weight]
-kind = "gravity"
-acceleration = [0.0, -9.8, 1.0]
-
-[loads.back]
-kind = "spring"
-pair = "32"
-stiffness = 3.0
-rest = 20.0
-"""
+MASSES = text_of("sweeps_several_masses")
 
 
 def designs_of(name, keys, changes):

@@ -1,26 +1,11 @@
 """A crank in two bearings, one of them redundant: what the commands say agrees."""
 
 import pytest
+from refusals import text_of
 
 from spherekit.cli.main import main
 
-TEXT = """
-format = 1
-name = "two_bearings"
-angle_unit = "deg"
-ground = "frame"
-[links]
-frame = { axes = ["left", "right", "hinge"], arcs = [180.0, 60.0], angles = [0.0] }
-drum = { axes = ["left", "right", "tip"], arcs = [180.0, 20.0], angles = [0.0] }
-rod = { axes = ["tip", "joint"], arcs = [70.0] }
-lever = { axes = ["hinge", "joint"], arcs = [40.0] }
-[pairs]
-left = { type = "R", links = ["frame", "drum"] }
-right = { type = "R", links = ["drum", "frame"] }
-tip = { type = "R", links = ["drum", "rod"] }
-joint = { type = "R", links = ["rod", "lever"] }
-hinge = { type = "R", links = ["frame", "lever"] }
-"""
+TEXT = text_of("two_bearings")
 
 
 @pytest.fixture

@@ -5,26 +5,14 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.registry import names
 from spherekit.files.study import load_study
 
-TURN = """\
-format = 1
-mechanism = "four_bar"
-angle_unit = "deg"
-duration = 4.0
-samples = 401
-[inputs.21.law]
-kind = "cycloidal"
-from = 20.0
-to = 200.0
-duration = 4.0
-[analyses.poles]
-[analyses.eksergian]
-"""
+TURN = text_of("units_turn.study")
 IN_RAD = {"rad": 1.0, "deg": np.pi / 180.0}
 """One unit of an angle in rad."""
 

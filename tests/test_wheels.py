@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import text_of
 from sceptic.suspects import random_suspect
 from strategies import MECHANISMS
 
@@ -26,52 +27,8 @@ from spherekit.output.forward import ForwardKinematics
 
 DEGREE = np.pi / 180.0
 BASE, LEFT, COUPLERS, RIGHT = 75.0, 40.0, (60.0, 55.0), 35.0
-FIVE_BAR = """
-format = 1
-name = "geared_five_bar"
-angle_unit = "deg"
-ground = "1"
-links.1 = {{ axes = ["left", "right"], arcs = [75.0] }}
-links.2 = {{ axes = ["left", "32"], arcs = [40.0] }}
-links.3 = {{ axes = ["32", "43"], arcs = [60.0] }}
-links.4 = {{ axes = ["43", "54"], arcs = [55.0] }}
-links.5 = {{ axes = ["right", "54"], arcs = [35.0] }}
-pairs.left = {{ type = "R", links = ["1", "2"] }}
-pairs.right = {{ type = "R", links = ["1", "5"] }}
-pairs.32 = {{ type = "R", links = ["2", "3"] }}
-pairs.43 = {{ type = "R", links = ["3", "4"] }}
-pairs.54 = {{ type = "R", links = ["4", "5"] }}
-inputs.left = {{ from = {2}, to = {3} }}
-outputs.pointer = {{ link = "3" }}
-[pairs.mesh]
-type = "Cr"
-links = ["2", "5"]
-teeth = [{0}, {1}]
-axes = ["left", "right"]
-"""
-SECOND_PLANET = """
-[links.second]
-axes = ["opposite"]
-[pairs.opposite]
-type = "R"
-links = ["carrier", "second"]
-[pairs.sun_second]
-type = "Cr"
-links = ["sun", "second"]
-teeth = [36, 18]
-axes = ["carrier_pivot", "opposite"]
-[pairs.output_second]
-type = "Cr"
-links = ["output", "second"]
-[pairs.output_second.profiles.output]
-kind = "circle"
-centre_xyz = [0.0, 0.0, -1.0]
-radius = 63.43494882292201
-[pairs.output_second.profiles.second]
-kind = "circle"
-centre_xyz = [0.0, 0.0, 1.0]
-radius = 26.565051177077990
-"""
+FIVE_BAR = text_of("geared_five_bar_wheels")
+SECOND_PLANET = text_of("wheels_second_planet")
 MASS = Mass("3", ((2.0, 0.1, 0.0), (0.1, 1.5, 0.2), (0.0, 0.2, 1.0)))
 
 
