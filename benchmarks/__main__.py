@@ -10,26 +10,19 @@ from importlib import import_module
 from pathlib import Path
 
 from benchmarks import extremes
-from benchmarks.history import commit, comparison, entry_of, keep, kept
-from benchmarks.machine import describe
-from benchmarks.report import markdown
+from benchmarks.harness import commit, describe, markdown
 
 NAMES = (
     "planning",
-    "motion",
-    "configurations",
     "inverse",
     "singularities",
     "proof",
     "startup",
-    "accuracy",
     "bounds",
-    "tracking",
     "engine",
     "stored",
     "designs",
     "peers",
-    "planar_peer",
     "region",
     "long_run",
     "pruning",
@@ -45,9 +38,7 @@ INTRODUCTION = """\
 Repeat with `python -m benchmarks > docs/benchmarks.md` in the root of the
 repository, after `pip install -e '.[test]'`; single ones by their names
 ({names}), a short run with `--quick`, the
-figures as JSON with `--json FILE`. With `--keep` the ratios go to
-`benchmarks/history.jsonl` with date, commit and machine, and
-`python -m benchmarks compare` says how they changed.
+figures as JSON with `--json FILE`.
 
 Every time is the median of several repetitions. Where figures are compared, the jobs
 alternate within one run, and a ratio is the median of the ratios of the rounds: ratios
@@ -62,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "names",
         nargs="*",
         metavar="NAME",
-        help=f"{', '.join(NAMES)}; or compare: how the last kept ratios changed",
+        help=", ".join(NAMES),
     )
     parser.add_argument("--quick", action="store_true", help="fewer sizes and rounds")
     parser.add_argument(
@@ -86,12 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="of extremes this case, in full; of proof this group or mechanism",
     )
     parser.add_argument("--json", metavar="FILE", help="write the figures here too")
-    parser.add_argument(
-        "--keep", action="store_true", help="append the ratios to benchmarks/history.jsonl"
-    )
     options = parser.parse_args(words)
-    if options.names == ["compare"]:
-        return compare()
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
         parser.error(f"no benchmark is named {unknown[0]}; choose from {NAMES}")
@@ -106,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     machine = describe()
     print(INTRODUCTION.format(names=", ".join(f"`{name}`" for name in NAMES)))
     print("\nMachine: " + "; ".join(f"{key} {value}" for key, value in machine.items()))
-    figures, every, taken_at = {}, {}, commit()
+    figures, taken_at = {}, commit()
     for name in options.names or NAMES:
         started = time.perf_counter()
         module = import_module(f"benchmarks.{name}")
@@ -117,29 +103,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         seconds = time.perf_counter() - started
         print(f"{name}: {seconds:.0f} s", file=sys.stderr)
         figures[name] = [asdict(section) for section in sections]
-        every[name] = sections
         for section in sections:
             print("\n" + markdown(section, taken_at), flush=True)
     if options.json:
         content = {"commit": taken_at, "machine": machine, "benchmarks": figures}
         text = json.dumps(content, indent=1, default=float)
         Path(options.json).write_text(text + "\n", encoding="utf-8")
-    if options.keep:
-        entry = entry_of(every, machine, options.quick)
-        print("\n".join(comparison(entry, kept())), file=sys.stderr)
-        keep(entry)
-    return 0
-
-
-def compare() -> int:
-    """Print how the ratios of the last kept run changed against those before it."""
-    entries = kept()
-    if not entries:
-        print("nothing was kept yet; run with --keep first")
-        return 1
-    last = entries[-1]
-    print(f"{last['date']}, commit {last['commit']}, {last['machine']}")
-    print("\n".join(comparison(last, entries[:-1])))
     return 0
 
 

@@ -7,8 +7,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.own import own_mechanisms
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section, own_mechanisms
 from benchmarks.samples import random_mechanism
 from benchmarks.special import special_mechanism
 from spherekit.conventions import Status
@@ -94,7 +93,6 @@ def run(quick: bool) -> list[Section]:
             "how wide it is.",
             ("mechanism", *HEADINGS),
             [row for row in rows if row[1]],
-            ratios=RATIOS,
         ),
         special_geometry(range(40 if quick else 2000)),
     ]
@@ -166,7 +164,6 @@ def special_geometry(seeds: Iterable[int]) -> Section:
             "lost without a status",
         ),
         rows,
-        ratios=RATIOS,
     )
 
 

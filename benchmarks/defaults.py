@@ -4,8 +4,7 @@ import os
 import subprocess
 import sys
 
-from benchmarks.own import own_mechanisms
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section, own_mechanisms
 from spherekit.analysis.registry import names as analysis_names
 
 QUICK = ("four_bar", "five_bar", "bevel_pair")
@@ -46,7 +45,6 @@ def run(quick: bool) -> list[Section]:
             "The exit status and the first line of the message.",
             ("mechanism", "analysis", "status", "reason"),
             refused,
-            keys=2,
         ),
     ]
 

@@ -9,8 +9,7 @@ from typing import Any, final
 import numpy as np
 
 import spherekit as sk
-from benchmarks.report import Cell, Section
-from benchmarks.timing import median, ratio, rounds
+from benchmarks.harness import Cell, Section, median, ratio, rounds
 from spherekit.analysis.contract import parse_merit
 from spherekit.design.evaluate import FOLLOWED, Evaluator
 from spherekit.design.figures import DesignSamples
@@ -159,7 +158,6 @@ def run(quick: bool) -> list[Section]:
                 "alone over kernel",
             ),
             rows,
-            ratios=("alone over kernel",),
         ),
         _peers(CASES[0], 100 if quick else 1000),
     ]
@@ -192,7 +190,6 @@ def _peers(case: Case, count: int) -> Section:
         "is less than positions would take; making the XML is not counted.",
         ("job", f"over {unit}", "us a design"),
         rows,
-        ratios=(f"over {unit}",),
     )
 
 

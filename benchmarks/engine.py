@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.report import Cell, Section
-from benchmarks.timing import median, ratio, rounds
+from benchmarks.harness import Cell, Section, median, ratio, rounds
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import PoseStart, prepare
@@ -84,8 +83,6 @@ def _batch(quick: bool) -> Section:
         rows,
         "ns are of processor time, per configuration. heyoka keeps compiled code on disk, "
         "so a second process compiles in less.",
-        ratios=("arrays / compiled", "plan / arrays"),
-        keys=3,
     )
 
 

@@ -6,8 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.report import Cell, Section
-from benchmarks.timing import median, rounds
+from benchmarks.harness import Cell, Section, median, rounds
 from spherekit.files.read import load
 from spherekit.guidance.loci import mid_plane_form
 from spherekit.motion.assembly_modes import AssemblyMode
@@ -83,11 +82,6 @@ def run(quick: bool) -> list[Section]:
                 "all links over inputs only",
             ),
             rows,
-            ratios=(
-                "with the measure of type II over inputs only",
-                "all links over inputs only",
-            ),
-            keys=2,
         ),
         _with_bar(quick),
         _mid_plane(quick),

@@ -8,7 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section
 from spherekit.analysis.run import run as run_analyses
 from spherekit.files.read import load
 from spherekit.motion.motion import BLOCK, Tracer

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section
 from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.kinematics import by_variables
 from spherekit.dynamics.numpy_engine import Collocation

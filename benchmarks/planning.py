@@ -5,9 +5,8 @@ import time
 
 import numpy as np
 
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section, median, ratio, rounds
 from benchmarks.samples import grown
-from benchmarks.timing import median, ratio, rounds
 from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.plan import plan
 
@@ -75,7 +74,6 @@ def _table(quick: bool, triads: bool) -> Section:
         f"Fitted growth from {FIT_FROM} links on: plan of poles as links to the power "
         f"{_exponent(rows, 4):.2f}, plan of groups {_exponent(rows, 6):.2f}. The "
         "number of poles alone grows as the power 2.",
-        ratios=("poles / groups",),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section
 from benchmarks.samples import EIGHT_BARS, Structure, mechanism, random_axes, ten_bar
 from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Mechanism
@@ -80,7 +80,6 @@ def _at_inputs(quick: bool, wanted: int | None, first: int, only: Sequence[str])
         "point solution from the mechanism.",
         ("group", "geometries", "all complex modes", "certified", "wrong", "over solving"),
         rows,
-        ratios=("over solving",),
     )
 
 
@@ -155,7 +154,6 @@ def _over_turns(
         "that of finding the dead centres in floating point.",
         ("mechanism", "geometries", "certified", "other", "s", "most s", "over searching"),
         rows,
-        ratios=("over searching",),
     )
 
 

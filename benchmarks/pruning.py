@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section, median, ratio, rounds
 from benchmarks.samples import grown
-from benchmarks.timing import median, ratio, rounds
 from spherekit.analysis.registry import create
 from spherekit.analysis.run import run as run_analyses
 from spherekit.analysis.running.cost import counts_of
@@ -133,7 +132,5 @@ def run(quick: bool) -> list[Section]:
             ),
             rows,
             "The first four are over those of all poles.",
-            ratios=("time", "CSV", "Parquet", "recording"),
-            keys=2,
         )
     ]

@@ -6,8 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.report import Cell, Section
-from benchmarks.timing import median, rounds
+from benchmarks.harness import Cell, Section, median, rounds
 from spherekit import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.region.orientations import find_orientations

@@ -9,8 +9,7 @@ from unittest.mock import patch
 import numpy as np
 
 import spherekit as sk
-from benchmarks.report import Cell, Section
-from benchmarks.timing import median, ratio, rounds
+from benchmarks.harness import Cell, Section, median, ratio, rounds
 from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.kernel_columns import SLICE
 from spherekit.analysis.running.rows_at_once import REFERENCES
@@ -27,6 +26,7 @@ from spherekit.sphere.rotation import Floats
 MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_bar")
 
 NEVER = 1 << 60
+
 
 def run(quick: bool) -> list[Section]:
     """Return the sections; compiled code runs on one thread."""
@@ -63,8 +63,6 @@ def run(quick: bool) -> list[Section]:
             "profiles other than circles nor several inputs; the kernel is then that of "
             "rows itself, bounds and columns of profiles included. "
             "What two cores gain is wall time, of other programs as well.",
-            ratios=("run / kernel", "careful / run", "two cores"),
-            keys=2,
         )
     ]
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.own import own_mechanisms
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section, own_mechanisms
 from spherekit.errors import SolveError
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
@@ -75,7 +74,6 @@ def _shipped(quick: bool) -> Section:
         rows,
         "Singular configurations of the spherical 3-RRR at a million orientations: "
         "section Inverse kinematics.",
-        ratios=(f"over {UNIT}",),
     )
 
 

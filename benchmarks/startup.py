@@ -7,8 +7,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.report import Cell, Section
-from benchmarks.timing import median, process, ratio, rounds
+from benchmarks.harness import Cell, Section, median, process, ratio, rounds
 
 STEPS = {
     "import spherekit": "import spherekit",
@@ -52,7 +51,6 @@ def _imports(repeats: int) -> Section:
         "Whole Python processes, files in the cache of the system.",
         ("process", "ms", "over import numpy", "loaded beside the standard library"),
         rows,
-        ratios=("over import numpy",),
     )
 
 
@@ -94,7 +92,6 @@ def _runs(repeats: int) -> Section:
         "pays that writes its tables with pandas.",
         ("process", "ms", "over numpy and pandas"),
         rows,
-        ratios=("over numpy and pandas",),
     )
 
 

@@ -7,7 +7,7 @@ from statistics import median
 
 import numpy as np
 
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.kinematics import by_variables
 from spherekit.dynamics.tabulate import grid_model, online_model
@@ -64,8 +64,6 @@ def run(quick: bool) -> list[Section]:
                 "in sines",
             ),
             rows,
-            ratios=("in sines",),
-            keys=2,
         ),
         _several(quick),
     ]
@@ -123,7 +121,6 @@ def _several(quick: bool) -> Section:
             "in sines",
         ),
         rows,
-        ratios=("in sines",),
     )
 
 

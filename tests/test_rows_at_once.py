@@ -8,7 +8,7 @@ from random_mechanisms import random_mechanism, shaped_mechanism
 from same_rows import both_ways, differences
 
 import spherekit as sk
-from benchmarks.own import own_mechanisms
+from benchmarks.harness import own_mechanisms
 from benchmarks.special import special_mechanism
 from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.kernel_columns import UnreadField

@@ -10,7 +10,7 @@ from importlib import import_module
 import numpy as np
 
 from benchmarks.extremes.registry import ALLOWED, CASES, TRUSTED, Case, Row
-from benchmarks.report import Cell, Section
+from benchmarks.harness import Cell, Section
 
 FAMILIES = (
     "singular",
