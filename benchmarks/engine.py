@@ -1,24 +1,19 @@
-"""The compiled engine: kernels per configuration, forward dynamics, long runs."""
+"""The compiled engine: kernels per configuration, forward dynamics."""
 
 import time
-from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from benchmarks.harness import Cell, Section, median, ratio, rounds
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.simulation import Simulation
-from spherekit.dynamics.start import PoseStart, prepare
+from spherekit.dynamics.start import prepare
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.dyads import COMPILED
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.integration import Integration
 from spherekit.engine.kernels import MOST_DERIVATIVES, Engine, Source, kernel
 from spherekit.files.read import load
-from spherekit.model.dynamics import PairTorque
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import SizeGeometry
 from spherekit.model.study import Start
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
@@ -44,7 +39,7 @@ def run(quick: bool) -> list[Section]:
     threads = module.get_nthreads()
     module.set_nthreads(1)
     try:
-        return [_batch(quick), _dynamics(quick), _long_runs(quick)]
+        return [_batch(quick), _dynamics(quick)]
     finally:
         module.set_nthreads(threads)
 
@@ -221,71 +216,3 @@ def _dynamics(quick: bool) -> Section:
         ),
         rows,
     )
-
-
-def _long_runs(quick: bool) -> Section:
-    crank = replace(load("four_bar"), loads=())
-    share = 0.1 if quick else 1.0
-    weight = (PairTorque("weight", "41", "-5*sin(theta_41)"),)
-    swung = replace(_rocker(), loads=weight)
-    pose = Tracer(swung).at(np.array([2.0])).values[0]
-    jobs: list[tuple[str, Callable[[], Simulation]]] = [
-        ("crank, free", lambda: _long(crank, Start(0.3, 1.0), 5050.0 * share)),
-        (
-            "crank, weight",
-            lambda: _long(replace(crank, loads=weight), Start(0.3, 4.0), 1400.0 * share),
-        ),
-        (
-            "rocker, weight",
-            lambda: _long(swung, PoseStart(pose, "41", 5.0), 1000.0 * share),
-        ),
-    ]
-    rows: list[tuple[Cell, ...]] = []
-    for label, job in jobs:
-        found = job()
-        history = found.at(np.linspace(0.0, found.end.t, 101))
-        angle = history.values[:, crank.variable_names.index("theta_41")]
-        energy = history.kinetic - 5.0 * len(found.mechanism.loads) * np.cos(angle)
-        drift = np.max(np.abs(energy - energy[0])) / np.max(history.kinetic)
-        rows.append(
-            (
-                label,
-                float((history.q[-1] - history.q[0]) / (2.0 * np.pi)),
-                sum(event.kind == "dead_centre" for event in found.events),
-                float(drift),
-                found.checks.closure,
-                found.engine.steps,
-                found.engine.seconds,
-            )
-        )
-    return Section(
-        "Long runs without loss",
-        "Energy of conservative systems: kinetic, and potential where a torque "
-        "-5 sin(theta_41) stands for a weight. The rocker (arcs 60, 55, 70, 40 deg) swings "
-        "over the dead centres of its input. Tolerance 1e-15.",
-        (
-            "motion",
-            "turns of the input",
-            "dead centres",
-            "drift of energy, relative",
-            "closure, rad",
-            "steps",
-            "solved in, s",
-        ),
-        rows,
-    )
-
-
-def _long(made: Mechanism, start: Start | PoseStart, last: float) -> Simulation:
-    return simulate(made, start, last, tolerance=1e-15, engine="compiled")
-
-
-def _rocker() -> Mechanism:
-    made = load("four_bar")
-    assert isinstance(made.geometry, SizeGeometry)
-    arcs = {"1": 60.0, "2": 55.0, "3": 70.0, "4": 40.0}
-    sizes = {
-        link: replace(given, arcs=(float(np.deg2rad(arcs[link])),))
-        for link, given in made.geometry.links.items()
-    }
-    return replace(made, geometry=replace(made.geometry, links=sizes), loads=())
