@@ -37,19 +37,16 @@ from spherekit.plugin.rotations import (
     SHAPES,
     FixedAxisRotation,
     MidPlaneArchitecture,
-    MidPlaneRotation,
     PoseCandidates,
     PoseFinder,
     RotationSamples,
     Schedule,
     chosen_output,
     dead_centre,
-    follow_rotation,
     mid_plane_form,
     mirror_angles,
     quickest,
     tilt_torsion,
-    wrap,
 )
 
 from .posed_workspace import read_end, read_pose
@@ -90,8 +87,6 @@ def place_columns(places: Floats, form: MidPlaneArchitecture | None) -> dict[str
     return columns
 
 
-AGREES = 1e-8
-"""Inputs (rad) by the closed form and on the graph that differ by less agree."""
 ENDS: Mapping[Status, str] = {
     Status.OUT_OF_REACH: "the output link cannot turn further; choose another pose",
     Status.AT_SINGULARITY: "the loops stop fixing the links there; choose another way",
@@ -106,11 +101,9 @@ FEASIBLE = 1e-9
 @final
 @dataclass(frozen=True)
 class FoundRotation:
-    """A rotation with its samples; `graph` is how far (rad) the graph is from them.
+    """A rotation with its samples, its schedule, or why there is none of these.
 
-    `form` is the mechanism's mid-plane symmetric architecture. `graph` is known where the
-    rotation is in closed form, unless the graph could not be followed, for the reason
-    `unchecked`.
+    `form` is the mechanism's mid-plane symmetric architecture.
     """
 
     output: Output
@@ -119,8 +112,6 @@ class FoundRotation:
     rotation: FixedAxisRotation
     samples: RotationSamples
     form: MidPlaneArchitecture | None
-    graph: float | None
-    unchecked: str
     schedule: Schedule | None
     unscheduled: str
 
@@ -320,7 +311,6 @@ class EquivalentRotation(AbstractAnalysis):
             "failed_rows": int(np.sum(failed)),
             "reached_rad": turn.reached,
             "end": Status(turn.end).name,
-            "closed_form": isinstance(turn, MidPlaneRotation),
             "largest_departure_rad": departure,
             "largest_drift_rad": _largest(at.drift),
             "crossings_rad": list(turn.crossings),
@@ -332,15 +322,12 @@ class EquivalentRotation(AbstractAnalysis):
                     for label, inputs in zip(start.labels, start.inputs, strict=True)
                 ],
             },
-            "graph_differs_rad": result.graph,
         }
         told = [(turn.axis, f"link {result.output.relative_to}")]
         if result.form is not None:
             mirrored = turn.axis @ result.form.frame
             figures["axis_in_mirror_axes"] = mirrored.tolist()
             told.append((mirrored, "the mirror (x0, y0, z0)"))
-        if result.unchecked:
-            figures["graph"] = result.unchecked
         about = ", ".join(
             f"({', '.join(f'{x:.6f}' for x in axis)}) in axes of {frame}"
             for axis, frame in told
@@ -375,9 +362,6 @@ class EquivalentRotation(AbstractAnalysis):
                     f"is {np.degrees(turn.angle):.9g} deg"
                 )
         samples = turn.at(theta)
-        graph, unchecked = None, ""
-        if isinstance(turn, MidPlaneRotation):
-            graph, unchecked = _checked(mechanism, start.values[number], turn, samples)
         schedule, unscheduled = None, ""
         if (self.speed or self.acceleration) and turn.end != Status.OK:
             unscheduled = "the mechanism does not follow all the way"
@@ -399,8 +383,6 @@ class EquivalentRotation(AbstractAnalysis):
             turn,
             samples,
             form,
-            graph,
-            unchecked,
             schedule,
             unscheduled,
         )
@@ -479,39 +461,8 @@ def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]
             f"the rotation meets a type II singularity at {where}, where the "
             "inputs do not hold the mechanism"
         )
-    if result.graph is not None and not result.graph < AGREES:
-        yield f"the closed form and the graph differ by {result.graph:.3g} rad in an input"
     if result.unscheduled:
         yield f"there is no schedule: {result.unscheduled}"
-
-
-def _checked(
-    mechanism: Mechanism, values: Floats, turn: MidPlaneRotation, samples: RotationSamples
-) -> tuple[float | None, str]:
-    """Return how far (rad) inputs on the graph are off, or why that is not known."""
-    try:
-        graph = follow_rotation(
-            mechanism, values, turn.axis, turn.angle, _output_name(mechanism, turn)
-        )
-    except SolveError as problem:
-        return None, str(problem)
-    off = np.abs(wrap(graph.at(samples.theta).inputs - samples.inputs))
-    finite = off[np.all(np.isfinite(off), axis=1)]
-    if not len(finite):
-        return None, "the graph could not be followed"
-    note = ""
-    if graph.end != turn.end:
-        reached = f"{np.degrees(graph.reached):.6g} deg"
-        note = f"followed to {reached} only: {Status(graph.end).name}"
-    return float(np.max(finite)), note
-
-
-def _output_name(mechanism: Mechanism, turn: MidPlaneRotation) -> str:
-    link = turn.form.mechanism.links[turn.form.effector]
-    base = turn.form.mechanism.links[0]
-    return next(
-        o.name for o in mechanism.outputs if (o.link, o.relative_to) == (link, base)
-    )
 
 
 def _largest(values: Floats) -> float:

@@ -60,6 +60,12 @@ def forward_jacobian(plane, normals, modes):
     return np.stack([turned, tilted], axis=1)
 
 
+def rates_at_base(plane, normals, slopes, modes):
+    """Return the derivatives (n, legs) of the readings: elbow . n = 0 differentiated."""
+    elbows, root = plane.elbows(normals, modes)
+    return -plane.senses * np.einsum("nlk,nk->nl", elbows, slopes) / root
+
+
 def inverse_jacobian(plane, phi, gamma, modes):
     """Return d(driven readings) / d(phi, gamma), (n, 2, 2), at angles (n,) rad.
 
@@ -73,7 +79,7 @@ def inverse_jacobian(plane, phi, gamma, modes):
         np.stack([turn_x, 0.0 * x, -x * turn_x / z], axis=1),
         np.stack([0.0 * x, turn_y, -y * turn_y / z], axis=1),
     ):
-        first, _ = plane.rates(normals, slope, np.zeros_like(slope), modes)
+        first = rates_at_base(plane, normals, slope, modes)
         columns.append(first[:, list(plane.driven)])
     return np.stack(columns, axis=2)
 
@@ -82,7 +88,7 @@ def rates_of_links(form, normals, slopes, modes):
     """Return angular velocities (n, links, 3) relative to the base, in its axes."""
     plane = form.plane
     elbows, _ = plane.elbows(normals, modes)
-    first, _ = plane.rates(normals, slopes, np.zeros_like(slopes), modes)
+    first = rates_at_base(plane, normals, slopes, modes)
     turned = plane.senses * first
     moved = turned[..., None] * cross(np.broadcast_to(plane.axes, elbows.shape), elbows)
     swing = cross(normals, slopes)

@@ -219,7 +219,6 @@ def test_a_four_bar_that_can_hardly_move():
     assert np.max(np.abs(limits - [swing, 2 * np.pi - swing])) < 1e-11
     points = curve.at(np.linspace(0.0, curve.length, 100))
     assert np.max(points.residual) < 1e-14
-    assert curve.represent().error < 1e-12
 
 
 def integrated(made, curve, places):
@@ -350,8 +349,6 @@ def test_a_gear_train_runs_at_constant_rates():
     assert curve.closed
     assert np.allclose(np.abs(curve.rise), lap, rtol=0, atol=1e-12)
     assert curve.length == pytest.approx(np.linalg.norm(lap), abs=1e-11)
-    fitted = curve.represent()
-    assert fitted.samples == 32
     points = curve.at(np.linspace(0.0, curve.length, 100))
     assert np.allclose(points.tangents, curve.rise / curve.length, rtol=0, atol=1e-12)
     assert np.max(np.abs(points.bends)) < 1e-12
@@ -388,10 +385,6 @@ def test_a_curve_ends_exactly_where_the_contact_leaves_an_open_profile():
     assert np.max(np.abs(ends - [0.0, profile.length])) < 1e-12
     assert np.max(curve.at(np.linspace(0.0, curve.length, 200)).residual) < 1e-12
     assert np.all(np.isnan(curve.at([-0.1, curve.length + 0.1]).values))
-    fitted = curve.represent(tolerance=1e-11)
-    assert fitted.error < 1e-11
-    s = np.random.default_rng(2).uniform(0.0, curve.length, 300)
-    assert np.max(np.abs(fitted.at(s) - curve.at(s).values)) < 1e-10
 
 
 def test_a_curve_ends_exactly_where_curvatures_are_equal():
@@ -571,18 +564,3 @@ def test_tangents_and_bends_by_richardson(name):
         assert np.max(np.abs((4 * fine - coarse) / 3 - exact)) < 1e-7
         wrong = np.max(np.abs(coarse - exact)) / np.max(np.abs(fine - exact))
         assert wrong == pytest.approx(4.0, rel=0.02)
-
-
-@pytest.mark.parametrize("name", ["four_bar", "stephenson", "shaped_cam"])
-def test_representation_at_ten_thousand_random_points(name):
-    curve = shipped(name)
-    fitted = curve.represent()
-    assert fitted.error < 1e-13
-    assert fitted.samples <= 256
-    s = np.random.default_rng(3).uniform(0.0, 2 * curve.length, 10_000)
-    points = curve.at(s)
-    assert np.max(np.abs(fitted.at(s) - points.values)) < 2e-13
-    assert np.max(np.abs(fitted.derivative(s) - points.tangents)) < 1e-11
-    rates = curve.represent(lambda p: p.tangents[:, :1] ** 2)
-    assert rates.error < 1e-13
-    assert np.max(np.abs(rates.at(s)[:, 0] - points.tangents[:, 0] ** 2)) < 1e-12

@@ -463,7 +463,7 @@ def test_third_legs_plane_is_a_singularity_the_paper_does_not_name(form, paper):
 
         def determinant(theta):
             line = mp.matrix((form.frame.T @ turn.axis).tolist())
-            n0 = mp.matrix(turn.start.tolist())
+            n0 = mp.matrix(form.normals(turn.start[None])[0][0].tolist())
             c, s = mp.cos(theta / 2), mp.sin(theta / 2)
             n = n0 * c + crossed(line, n0) * s + line * ((line.T * n0)[0] * (1 - c))
             columns = []
@@ -541,13 +541,15 @@ def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
         ok = found.status == Status.OK
         reached += int(np.all(ok))
         assert ok[0]
-        assert ok[-1]
+        assert ok[-1] == (turn.end == Status.OK)
+        if not ok[-1]:
+            continue
         drift = max(drift, float(np.max(found.drift[ok])))
         departure = max(departure, float(np.max(found.departure[ok])))
         back = np.einsum("nji,j->ni", found.orientation[ok], turn.axis)
         gap = max(gap, float(np.max(np.linalg.norm(back - back[0], axis=1))))
         last = form.orientations(stop[None])[0]
-        assert np.max(np.abs(found.orientation[-1] - last)) < 1e-14
+        assert np.max(np.abs(found.orientation[-1] - last)) < 1e-13
     assert reached > 0.9 * pairs
     assert drift < 1e-12
     assert departure < 1e-12
@@ -591,7 +593,7 @@ def test_through_the_home_pose(form, paper):
     theta = np.linspace(0.0, turn.angle, 21)
     closed = turn.at(theta)
     home = turn.at([0.5 * turn.angle])
-    assert np.max(np.abs(home.inputs)) < 1e-15
+    assert np.max(np.abs(home.inputs)) < 1e-12
     normals, _ = form.normals(closed.orientation)
     angles = mirror_angles(normals)
     assert np.max(np.abs(angles.phi - np.linspace(np.pi / 6, -np.pi / 6, 21))) < 1e-14
@@ -618,7 +620,7 @@ def test_rates_of_the_mid_plane_form(form):
     found = turn.at([0.2])
     with mp.workdps(40):
         line = mp.matrix((form.frame.T @ turn.axis).tolist())
-        n0 = mp.matrix(turn.start.tolist())
+        n0 = mp.matrix(form.normals(turn.start[None])[0][0].tolist())
 
         def reading(theta, k):
             c, s = mp.cos(theta / 2), mp.sin(theta / 2)

@@ -6,7 +6,6 @@ import pytest
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.local import LocalPolynomials
-from spherekit.numeric.periodic import Periodic
 from spherekit.numeric.zeros import zeros
 
 
@@ -21,28 +20,6 @@ def bump_rates(s):
     first = rate * np.sin(x) / (1.3 + np.cos(x)) ** 2
     second = rate * np.cos(x + np.cos(x)) * (1.0 - np.sin(x)) + 2.0 / 3.0
     return np.stack([first, second], 1)
-
-
-PLACES = np.random.default_rng(5).uniform(-3.0, 6.0, 10_000)
-
-
-def test_periodic_interpolant_reaches_what_it_says():
-    fitted = Periodic.fit(bumps, 3.0, np.array([0.0, 2.0]))
-    assert fitted.error < 1e-13
-    scale = np.max(np.abs(bumps(np.linspace(0.0, 3.0, 500))))
-    worst = np.max(np.abs(fitted.at(PLACES) - bumps(PLACES)))
-    assert worst < 10 * max(fitted.error, 1e-15) * scale
-    assert np.max(np.abs(fitted.derivative(PLACES) - bump_rates(PLACES))) < 1e-11
-
-
-def test_fewer_samples_say_so():
-    rough = Periodic.fit(bumps, 3.0, np.array([0.0, 2.0]), most=32)
-    assert rough.samples == 32
-    assert rough.error > 1e-8
-    halfway = (np.arange(32) + 0.5) * 3.0 / 32
-    scale = np.max(np.abs(rough.at(np.arange(32) * 3.0 / 32)))
-    worst = np.max(np.abs(rough.at(halfway) - bumps(halfway)))
-    assert worst == pytest.approx(rough.error * scale, rel=0.2)
 
 
 def test_piecewise_chebyshev_reaches_what_it_says():

@@ -363,7 +363,7 @@ def test_mid_plane_loci_of_type_two_hold_the_paths_and_the_triangle(mid_plane):
     for modes in ((-1, 1, 1), (1, 1, 1)):
         turn = form.rotation_between(start, stop, modes=modes)
         assert len(turn.crossings)
-        for place in turn.normals(np.array(turn.crossings)):
+        for place in form.normals(turn.at(turn.crossings).orientation)[0]:
             away = [
                 np.min(np.arccos(np.clip(np.abs(own @ place), 0.0, 1.0)))
                 for own, signs in normals

@@ -14,11 +14,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 722_562,
-    "code lines": 58_880,
-    "files": 336,
-    "classes": 743,
-    "dataclasses": 525,
+    "nodes": 719_971,
+    "code lines": 58_679,
+    "files": 335,
+    "classes": 741,
+    "dataclasses": 523,
     "functions of 60 lines": 37,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""

@@ -121,7 +121,7 @@ def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
     The determinant of base axes x elbows, in 50 digits, goes through 0 there; the measure
     is 0.63 of the distance, and both are lost in rounding together.
     """
-    made = paper.form.mechanism
+    made = sk.load("two_dof_spm")
     (place,) = paper.crossings
     at = paper.at(np.array([place + distance]))
     values = at.values

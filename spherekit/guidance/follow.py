@@ -10,19 +10,14 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import Status
+from spherekit.conventions import SINGULAR_RATIO, Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.guidance.rotation import (
-    RotationSamples,
-    turn_to,
-    unit,
-    within,
-)
 from spherekit.guidance.rotation_path import (
+    LEAPS,
     STATIONARY,
     UNFIXED,
     VERIFIED,
@@ -37,13 +32,69 @@ from spherekit.model.mechanism import chosen_output
 from spherekit.motion.closure import Closure
 from spherekit.numeric.zeros import hermite
 from spherekit.rates.transmission import SINGULAR, Transmission
-from spherekit.sphere.rotation import Floats, arc, rotation, turns_between
+from spherekit.sphere.rotation import (
+    TURN_MEANING,
+    Floats,
+    TurnStatus,
+    arc,
+    rotation,
+    turns_between,
+)
 
 AROUND, POINTS = 0.08, 14
 """How far around a configuration that was stepped over (rad of theta) rates are
 interpolated, through how many points."""
+MARKS = 257
+"""Angles on a rotation among which the inputs may let go of the output."""
+ZOOM = 16
+"""Parts into which an interval is cut that holds such a place."""
+CROSSING_WIDTH = 1e-14
+"""How narrow (rad) it becomes."""
 CLOSED_START = 1e-6
 """A configuration to start from may be as far from closed as this (rad)."""
+
+
+@final
+@dataclass(frozen=True)
+class RotationSamples:
+    """n samples of a rotation about a fixed axis, in the axes of the base.
+
+    Attributes
+    ----------
+    theta
+        (n,) rad, the angle turned through about the axis.
+    inputs, rates, second_rates
+        (n, inputs): the driven variables (rad) and their first and second derivatives by
+        theta.
+    values
+        (n, variables) rad, of all pairs.
+    orientation
+        (n, 3, 3) from the axes of the output link to those of the base.
+    departure
+        (n,) rad, the angle between this orientation and the one turned exactly about
+        the axis.
+    drift
+        (n,) rad, the angle between the axis about which the link turns there and the
+        fixed one.
+    type_2
+        (n,) how surely the inputs hold the output, 0 where they do not: the measure of
+        type II, see `spherekit.rates.transmission`.
+    status
+        (n,) codes of `Status`. A row that is not OK is NaN, except at AT_SINGULARITY:
+        there the inputs do not hold the mechanism, but the rotation goes on; rates that
+        are not finite are NaN.
+    """
+
+    theta: Floats
+    inputs: Floats
+    rates: Floats
+    second_rates: Floats
+    values: Floats
+    orientation: Floats
+    departure: Floats
+    drift: Floats
+    type_2: Floats
+    status: NDArray[np.int8]
 
 
 @final
@@ -51,19 +102,18 @@ CLOSED_START = 1e-6
 class FollowedRotation:
     """A rotation about a fixed axis as far as a mechanism follows it.
 
-    See `FixedAxisRotation` for `axis`, `angle` and `inputs`.
-
     Attributes
     ----------
+    inputs
+        Names of the driven pairs.
+    axis, angle
+        Unit vector (3,) in the axes of the base, and the whole angle (rad), 0 or more.
     end
         Status of what lies beyond: OUT_OF_REACH where the output link cannot turn further,
         AT_SINGULARITY where the loops stop fixing the links, MODE_LOST otherwise.
-    crossings
-        Angles (rad) of singular configurations on the way, where the inputs do not hold
-        the mechanism.
     leaps
-        Those of them that were stepped over, because the loops do not fix the links
-        there; rates near them are interpolated.
+        Angles (rad) of configurations that were stepped over, because the loops do not fix
+        the links there; rates near them are interpolated.
     """
 
     target: Target
@@ -75,18 +125,46 @@ class FollowedRotation:
     start: Floats
     nodes: tuple[Node, ...]
     end: Status
-    crossings: tuple[float, ...]
     leaps: tuple[float, ...]
 
     @property
     def reached(self) -> float:
         """The angle (rad) at which following ended."""
-        return self.nodes[-1].theta
+        return min(self.nodes[-1].theta, self.angle)
 
     @property
     def exact(self) -> bool:
         """Whether the output link turns exactly about the axis, as far as it gets."""
         return self.nodes[0].follows
+
+    @cached_property
+    def crossings(self) -> tuple[float, ...]:
+        """Angles (rad) on the way at which the inputs do not hold the output.
+
+        Where the transmission measure has a minimum of 0, enclosed more and more narrowly.
+        """
+        marks = np.linspace(0.0, self.reached, MARKS)
+        held = np.nan_to_num(self._held(marks), nan=np.inf)
+        beside = np.pad(held, 1, constant_values=np.inf)
+        low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
+        width, places = marks[1], marks[low]
+        while len(places) and width > CROSSING_WIDTH:
+            grid = places[:, None] + width * np.linspace(-1.0, 1.0, ZOOM + 1)
+            grid = np.clip(grid, 0.0, self.reached)
+            measures = np.nan_to_num(self._held(grid.ravel()), nan=np.inf)
+            best = np.argmin(measures.reshape(grid.shape), axis=1)
+            places = grid[np.arange(len(grid)), best]
+            width *= 2.0 / ZOOM
+        lost = places[~(self._held(places) > SINGULAR_RATIO)]
+        apart = np.abs(lost[:, None] - np.array(self.leaps)) > LEAPS[-1]
+        places = np.concatenate([self.leaps, lost[np.all(apart, axis=1)]])
+        return tuple(np.sort(np.clip(places, 0.0, self.reached) + 0.0).tolist())
+
+    def _held(self, theta: Floats) -> Floats:
+        """Return how surely (n,) the inputs hold the output at angles reached (n,)."""
+        wanted = rotation(self.axis, theta) @ self.start
+        near, _ = corrected(self.target, self._predict(theta)[0], wanted, self.exact)
+        return self.transmission.of_values(self.target.closure, near.values)
 
     @cached_property
     def _known(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -165,7 +243,8 @@ class FollowedRotation:
         """
         slopes, bends, _ = near.rates(self.axis)
         for place in self.leaps:
-            low, high = max(place - AROUND, 0.0), min(place + AROUND, self.reached)
+            low = max(place - AROUND, self.nodes[0].theta)
+            high = min(place + AROUND, self.nodes[-1].theta)
             rows = (theta > low) & (theta < high)
             if not np.any(rows):
                 continue
@@ -183,6 +262,54 @@ class FollowedRotation:
         return slopes, bends
 
 
+def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:
+    """Return axis (3,) and angle (rad) of the rotation between orientations (3, 3).
+
+    Raises
+    ------
+    SolveError
+        If the axis or its sense is not determined.
+    """
+    turn = turns_between(first[None], second[None])
+    status = TurnStatus(turn.status[0])
+    if status != TurnStatus.OK:
+        what = {
+            TurnStatus.NO_AXIS: "there is nothing to turn",
+            TurnStatus.NO_SENSE: "give the axis, with the sense wanted, and the angle",
+        }[status]
+        raise SolveError(f"{TURN_MEANING[status]}; {what}")
+    return np.asarray(turn.axis[0]), float(turn.angle[0])
+
+
+def unit(axis: ArrayLike) -> Floats:
+    """Return a direction (3,) with length 1; `SolveError` if it has none."""
+    given = np.asarray(axis, dtype=float)
+    length = float(np.linalg.norm(given))
+    if given.shape != (3,) or not np.isfinite(length) or length == 0.0:
+        raise SolveError(
+            f"direction: found {given.tolist()}, needs three finite numbers, not all zero"
+        )
+    return np.asarray(given / length)
+
+
+def within(theta: ArrayLike, angle: float) -> Floats:
+    """Return angles (n,) as an array.
+
+    Raises
+    ------
+    SolveError
+        If one is not between 0 and the whole angle.
+    """
+    theta = np.atleast_1d(np.asarray(theta, dtype=float))
+    slack = 1e-12 * max(1.0, angle)
+    if theta.ndim != 1 or not np.all((theta >= -slack) & (theta <= angle + slack)):
+        raise SolveError(
+            f"theta has to be an array (n,) of angles from 0 to {angle:.6g} rad, the "
+            "angle of the rotation"
+        )
+    return np.asarray(np.clip(theta, 0.0, angle))
+
+
 @checked(SolveError)
 def follow_rotation(
     mechanism: AnyMechanism,
@@ -190,6 +317,7 @@ def follow_rotation(
     axis: ArrayLike,
     angle: float,
     output: str | None = None,
+    lead: float = 0.0,
 ) -> FollowedRotation:
     """Return the rotation of an output link about a fixed axis.
 
@@ -205,6 +333,9 @@ def follow_rotation(
         How far to turn, rad, above 0.
     output
         Name of the output; may be left out if there is one.
+    lead
+        Angle (rad) before the start of the rotation at which the configuration is given:
+        where loops do not fix the links no way can begin, but one can go through.
 
     Raises
     ------
@@ -226,8 +357,8 @@ def follow_rotation(
         Closure.of(made, geometry_of(made).joints), made.link_number[end.link], len(inputs)
     )
     start = _configuration(values, len(target.closure.tree.owners), made.name)
-    first = _started(target, start, about, made.name)
-    march = March(target, driven, about, float(angle), first.follows, [first])
+    first = replace(_started(target, start, about, made.name), theta=0.0 - lead)
+    march = March(target, about, float(angle), first.follows, [first])
     return FollowedRotation(
         target,
         Transmission.of(made, end),
@@ -238,7 +369,6 @@ def follow_rotation(
         march.start,
         tuple(march.nodes),
         march.end,
-        tuple(march.crossings),
         tuple(march.leaps),
     )
 

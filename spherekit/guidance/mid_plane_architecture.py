@@ -1,4 +1,4 @@
-"""A mid-plane symmetric mechanism: links placed, rates, rotations in closed form.
+"""A mid-plane symmetric mechanism: links placed, and what its mid-planes say.
 
 Orientations differ by mirrors, so two of them by a rotation about the line in which their
 mid-planes meet, by twice the angle between these; on the way the normal turns about that
@@ -14,21 +14,20 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.conventions import REACH_SLACK, SINGULAR_RATIO, Status, listing
+from spherekit.conventions import listing
 from spherekit.errors import SolveError
+from spherekit.guidance.follow import FollowedRotation, follow_rotation, turn_to, unit
 from spherekit.guidance.midplane import MidPlane
-from spherekit.guidance.rotation import RotationSamples, turn_to, unit, within
 from spherekit.model.joints import Joint, revolute, revolutes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility, turns_of
-from spherekit.rates.transmission import SINGULAR, Transmission
+from spherekit.rates.transmission import Transmission
 from spherekit.region.mesh import spread
 from spherekit.sphere.rotation import (
     Floats,
     MirrorAngles,
-    arc,
     cross,
     frame_toward,
     mirror_angles,
@@ -36,18 +35,13 @@ from spherekit.sphere.rotation import (
     reflections,
     rotation,
     transpose,
-    turns_between,
     upward,
 )
 
+LEAD = 0.02
+"""Angle (rad) before a singular start of a rotation from which it is followed."""
 PROOF_POSES, SPREAD = 64, 2**16
 """Poses at which the closed form is proven, about, of so many mid-planes."""
-MARKS = 257
-"""Angles on a rotation at which the driven readings are known without jumps."""
-ZOOM = 16
-"""Parts into which an interval is cut that holds a crossing."""
-CROSSING_WIDTH = 1e-14
-"""How narrow (rad) it becomes."""
 
 
 @final
@@ -289,7 +283,7 @@ class MidPlaneArchitecture:
 
     def rotation_between(
         self, start: Floats, stop: Floats, modes: ArrayLike
-    ) -> "MidPlaneRotation":
+    ) -> FollowedRotation:
         """Return the rotation about a fixed axis from one pose to another.
 
         Parameters
@@ -321,135 +315,29 @@ class MidPlaneArchitecture:
                     "the home"
                 )
         first, second = self.orientations(np.stack([start, stop]))
-        axis, angle = turn_to(first, second)
-        return MidPlaneRotation(self, start, axis, angle, signs)
+        return self.rotation_about(start, *turn_to(first, second), signs)
 
+    def rotation_about(
+        self, start: Floats, axis: Floats, angle: float, modes: Floats
+    ) -> FollowedRotation:
+        """Return the rotation about an axis (3,) in a mid-plane of normal `start` (3,).
 
-@final
-@dataclass(frozen=True)
-class MidPlaneRotation:
-    """A rotation about a fixed axis in closed form, see `FixedAxisRotation`.
-
-    `start` (3,) is the normal of the first mid-plane, in mirror axes.
-    """
-
-    form: MidPlaneArchitecture
-    start: Floats
-    axis: Floats
-    angle: float
-    modes: Floats
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the driven pairs."""
-        return self.form.inputs
-
-    @cached_property
-    def reached(self) -> float:
-        """The angle (rad) up to which all legs reach the mid-plane.
-
-        On the way n . b is a cosine of theta / 2 for each base axis b.
+        Where the loops do not fix the links there, the way begins a little before.
         """
-        plane = self.form.plane
-        side = cross(self.form.frame.T @ self.axis, self.start)
-        along, across = plane.axes @ self.start, plane.axes @ side
-        size = np.hypot(along, across)
-        limit = np.sin(plane.arcs)
-        short = size > limit + REACH_SLACK
-        ahead = np.arctan2(across, along)[short]
-        half = np.remainder(ahead - np.arccos(limit[short] / size[short]), np.pi)
-        return float(np.min(2.0 * half, initial=self.angle))
 
-    @property
-    def end(self) -> Status:
-        """Status of what lies beyond: OUT_OF_REACH, or OK at the whole angle."""
-        return Status.OK if self.reached >= self.angle else Status.OUT_OF_REACH
+        def followed(lead: float) -> FollowedRotation:
+            normals = rotation(self.frame.T @ axis, [-0.5 * lead]) @ start
+            (values,), _ = self.values(self.place(normals, modes))
+            given = values, axis, angle, self.output.name, lead
+            return follow_rotation(self.mechanism, *given)
 
-    @cached_property
-    def crossings(self) -> tuple[float, ...]:
-        """Angles (rad) on the way at which the inputs do not hold the mechanism.
-
-        Where the transmission measure has a minimum of 0, enclosed more and more narrowly.
-        """
-        marks = np.linspace(0.0, self.reached, MARKS)
-        held = np.nan_to_num(self._transmission_at(marks), nan=np.inf)
-        beside = np.pad(held, 1, constant_values=np.inf)
-        low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
-        width, places = marks[1], marks[low]
-        while len(places) and width > CROSSING_WIDTH:
-            grid = places[:, None] + width * np.linspace(-1.0, 1.0, ZOOM + 1)
-            grid = np.clip(grid, 0.0, self.reached)
-            measures = np.nan_to_num(self._transmission_at(grid.ravel()), nan=np.inf)
-            best = np.argmin(measures.reshape(grid.shape), axis=1)
-            places = grid[np.arange(len(grid)), best]
-            width *= 2.0 / ZOOM
-        lost = ~(self._transmission_at(places) > SINGULAR_RATIO)
-        return tuple(float(place) for place in places[lost])
-
-    def _transmission_at(self, theta: Floats) -> Floats:
-        """Return the transmission measure (n,) at angles (n,), see `RotationSamples`."""
-        normals = self.normals(theta)
-        elbows, _ = self.form.plane.elbows(normals, self.modes)
-        return self.form.transmission(normals, elbows)
-
-    def normals(self, theta: Floats) -> Floats:
-        """Return the normals (n, 3) of the mid-planes at angles (n,), in mirror axes."""
-        about = self.form.frame.T @ self.axis
-        turned = np.einsum("nij,j->ni", rotation(about, 0.5 * theta), self.start)
-        return np.asarray(turned)
-
-    @cached_property
-    def _marks(self) -> tuple[Floats, Floats]:
-        """Angles (k,) on the way and the driven readings (k, 2) there, without jumps."""
-        marks = np.linspace(0.0, self.angle, MARKS)
-        elbows, _ = self.form.plane.elbows(self.normals(marks), self.modes)
-        readings = self.form.plane.readings(elbows)[:, list(self.form.plane.driven)]
-        finite = np.all(np.isfinite(readings), axis=1)
-        return marks[finite], np.unwrap(readings[finite], axis=0)
-
-    def at(self, theta: ArrayLike) -> RotationSamples:
-        """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
-        theta = within(theta, self.angle)
-        form, plane = self.form, self.form.plane
-        normals = self.normals(theta)
-        about = np.broadcast_to(form.frame.T @ self.axis, normals.shape)
-        slopes = 0.5 * cross(about, normals)
-        elbows, root = plane.elbows(normals, self.modes)
-        first, second = plane.rates(normals, slopes, -0.25 * normals, self.modes)
-        values, _ = form.values(form.place(normals, self.modes))
-        inside = np.all(np.isfinite(values), axis=1)
-        values[~inside] = np.nan
-        driven = list(plane.driven)
-        marks, readings = self._marks
-        near = np.argmin(np.abs(theta[:, None] - marks), axis=1)
-        inputs = plane.readings(elbows)[:, driven]
-        inputs += 2.0 * np.pi * np.round((readings[near] - inputs) / (2.0 * np.pi))
-        status = np.where(inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
-        held = np.where(inside, form.transmission(normals, elbows), np.nan)
-        loose = np.any(root == 0.0, axis=1) | ~(held > SINGULAR)
-        status[inside & loose] = Status.AT_SINGULARITY
-        orientation = form.orientations(normals)
-        turned = rotation(self.axis, theta) @ form.orientations(self.start[None])
-        w = cross(normals, slopes) @ form.frame.T
-        w /= np.linalg.norm(w, axis=1, keepdims=True)
-
-        def kept(array: Floats) -> Floats:
-            array[~inside] = np.nan
-            array[~np.isfinite(array)] = np.nan
-            return array
-
-        return RotationSamples(
-            theta=theta,
-            inputs=kept(inputs),
-            rates=kept(first[:, driven]),
-            second_rates=kept(second[:, driven]),
-            values=values,
-            orientation=kept(orientation),
-            departure=kept(turns_between(form.orientations(normals), turned).angle),
-            drift=kept(arc(w, np.broadcast_to(self.axis, w.shape))),
-            type_2=held,
-            status=status,
-        )
+        try:
+            return followed(0.0)
+        except SolveError as singular:
+            try:
+                return followed(LEAD)
+            except SolveError:
+                raise singular from None
 
 
 def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int) -> Floats:

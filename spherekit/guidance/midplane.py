@@ -115,29 +115,6 @@ class MidPlane:
             signs.append(np.sign(np.sum(normals * cross(axis, elbow), axis=1)))
         return np.stack(signs, axis=1)
 
-    def rates(
-        self, normals: Floats, slopes: Floats, bends: Floats, modes: ArrayLike
-    ) -> tuple[Floats, Floats]:
-        """Return the first and second derivatives (n, legs) of the readings along a path.
-
-        Where the normals (n, 3) of the mid-planes have these derivatives (n, 3).
-
-        From elbow . n = 0 differentiated once and twice; infinite or NaN at the limits of
-        the reach.
-        """
-        elbows, root = self.elbows(normals, modes)
-        axes = np.broadcast_to(self.axes, elbows.shape)
-        about = cross(axes, elbows)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            first = -np.einsum("nlk,nk->nl", elbows, slopes) / root
-            moved = first[..., None] * about
-            swing = first[..., None] * cross(axes, moved)
-            second = np.einsum("nlk,nk->nl", swing, normals)
-            second += 2.0 * np.einsum("nlk,nk->nl", moved, slopes)
-            second += np.einsum("nlk,nk->nl", elbows, bends)
-            second = -second / root
-        return self.senses * first, self.senses * second
-
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
         """Return the driven readings (n, 2) rad in each mode of the driven legs.
 

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
-from spherekit.guidance.follow import follow_rotation, follow_to
-from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, MidPlaneRotation
-from spherekit.guidance.rotation import FixedAxisRotation, unit
+from spherekit.guidance.follow import FollowedRotation, follow_rotation, follow_to, unit
+from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.guidance.rotation_path import UNFIXED, Target
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
@@ -369,11 +368,8 @@ class PoseFinder:
 
     def rotation(
         self, start: PoseCandidates, number: int, end: Pose | AtRotation, mode: str
-    ) -> FixedAxisRotation:
+    ) -> FollowedRotation:
         """Return the rotation from a configuration to a pose.
-
-        In closed form where the mid-plane symmetric architecture has it, else followed on
-        the graph.
 
         Parameters
         ----------
@@ -397,7 +393,7 @@ class PoseFinder:
                 about = unit(end.axis)
                 if abs(normal @ self.form.frame.T @ about) < IN_PLANE:
                     signs = _modes_of(start.labels[number])
-                    return MidPlaneRotation(self.form, normal, about, end.angle, signs)
+                    return self.form.rotation_about(normal, about, end.angle, signs)
             return follow_rotation(self.mechanism, values, end.axis, end.angle, named)
         if isinstance(end, AtOrientation):
             wanted = end.orientation

@@ -17,7 +17,6 @@ orientation has, or where the mechanism can follow, d and m are 0. Differentiate
 twice by the angle turned through, the condition gives exact rates.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import final
@@ -28,7 +27,6 @@ from numpy.typing import NDArray
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.motion.closure import Closure, NewtonSteps, Rows, Verification, follow_paths
 from spherekit.motion.loops import Linearisation
-from spherekit.motion.steps import determinant_sign
 from spherekit.numeric.zeros import hermite
 from spherekit.sphere.rotation import (
     Floats,
@@ -395,19 +393,16 @@ class Node:
 class March:
     """The way from a node about `axis` (3,) by `angle` (rad).
 
-    `driven` are the numbers of the inputs' variables; `exact` says that the output link of
-    the target can follow. `nodes` are what was reached, `end` is the status of what lies
-    beyond, `crossings` are the angles of singular places, `leaps` those of them that were
-    stepped over.
+    `exact` says that the output link of the target can follow. `nodes` are what was
+    reached, `end` is the status of what lies beyond, `leaps` are the angles of singular
+    places that were stepped over.
     """
 
     target: Target
-    driven: Sequence[int]
     axis: Floats
     angle: float
     exact: bool
     nodes: list[Node]
-    crossings: list[float] = field(default_factory=list, init=False)
     leaps: list[float] = field(default_factory=list, init=False)
     end: Status = field(default=Status.OK, init=False)
     leapt: float = field(default=-np.inf, init=False)
@@ -417,8 +412,10 @@ class March:
 
     @property
     def start(self) -> Floats:
-        """The orientation (3, 3) at the first node."""
-        return np.asarray(self.nodes[0].near.reached[0])
+        """The orientation (3, 3) from where the angle counts."""
+        first = self.nodes[0]
+        back = rotation(self.axis, [-first.theta])[0]
+        return np.asarray(back @ first.near.reached[0])
 
     @property
     def going(self) -> Rows:
@@ -451,13 +448,9 @@ class March:
             if leap is not None:
                 made, place = leap
                 self.leaps.append(place)
-                self.crossings.append(place)
                 self.leapt, growth = made.theta, 2.0 * (made.theta - at.theta) / length
         if made is None:
             return np.zeros(1)
-        passed = self.crossings and self.crossings[-1] > at.theta
-        if self._sign(made) != self._sign(at) and not passed:
-            self.crossings.append(self._flip(at, made))
         self.nodes.append(made)
         return np.array([growth])
 
@@ -524,7 +517,7 @@ class March:
         """
         for way in LEAPS:
             goal = at.theta + way
-            if goal > self.angle:
+            if self.angle < goal and at.theta < self.angle - LEAP_FROM:
                 return None
             (node,), steps = self._nodes(np.array([goal]), at.taylor(np.array([way])))
             moved = float(np.max(np.abs(node.values - at.values)))
@@ -566,29 +559,6 @@ class March:
                 low = inner[0]
         place = float(0.5 * (low + high))
         return place, self._hold(at, node, place)
-
-    def _sign(self, node: Node) -> float:
-        return self._signs(node.values[None])
-
-    def _signs(self, values: Floats) -> float:
-        free = [v for v in range(values.shape[1]) if v not in self.driven]
-        jacobian = self.target.closure.at(values).jacobian
-        return float(determinant_sign(jacobian[:, :, free])[0])
-
-    def _flip(self, at: Node, node: Node) -> float:
-        """Return the angle at which the inputs stop holding the mechanism."""
-        # SciPy's optimisers take long to import, and most ways need none.
-        from scipy.optimize import brentq
-
-        free = [v for v in range(len(at.values)) if v not in self.driven]
-
-        def determinant(theta: float) -> float:
-            guess = self._between(at, node, theta)[None]
-            wanted = rotation(self.axis, np.array([theta])) @ self.start
-            near, _ = corrected(self.target, guess, wanted, self.exact)
-            return float(np.linalg.det(near.at.jacobian[0][:, free]))
-
-        return float(brentq(determinant, at.theta, node.theta, xtol=1e-13))
 
     def _why(self, at: Node) -> Status:
         """Return the status of what lies beyond a node that no step leaves."""

@@ -26,8 +26,6 @@ from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure, NewtonSteps, newton
 from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.turns import less_periods
-from spherekit.numeric.chebyshev import PiecewiseChebyshev
-from spherekit.numeric.periodic import Periodic
 from spherekit.numeric.zeros import ArrayRows, Zeros, hermite, zeros
 from spherekit.sphere.paths import ArcLength, measure
 from spherekit.sphere.rotation import Floats
@@ -406,23 +404,3 @@ class ArcCurve:
         low, high = table.edges[panel], table.edges[panel + 1]
         covered, _ = table.within(panel, 2.0 * (u - low) / (high - low) - 1.0)
         return np.asarray(table.starts[panel] + covered)
-
-    def represent(
-        self,
-        function: Callable[[CurvePoints], Floats] | None = None,
-        tolerance: float = 1e-13,
-    ) -> Periodic | PiecewiseChebyshev:
-        """Return an interpolant in s of a function of the points, (n, m), or of the values.
-
-        Its `error` is measured. On a closed curve it is periodic, the linear growth of
-        winding variables apart; on an open one it is a Chebyshev series on cells.
-        """
-        rise = self.rise if function is None else None
-
-        def sample(s: Floats) -> Floats:
-            points = self.at(s)
-            return points.values if function is None else function(points)
-
-        if self.closed:
-            return Periodic.fit(sample, self.length, rise, tolerance)
-        return PiecewiseChebyshev.fit(sample, 0.0, self.length, tolerance)

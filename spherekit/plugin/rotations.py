@@ -6,13 +6,11 @@ from spherekit.lazily import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
+    from spherekit.guidance.follow import RotationSamples as RotationSamples
     from spherekit.guidance.follow import follow_rotation as follow_rotation
     from spherekit.guidance.loci import mid_plane_form as mid_plane_form
     from spherekit.guidance.mid_plane_architecture import (
         MidPlaneArchitecture as MidPlaneArchitecture,
-    )
-    from spherekit.guidance.mid_plane_architecture import (
-        MidPlaneRotation as MidPlaneRotation,
     )
     from spherekit.guidance.poses import AtDirection as AtDirection
     from spherekit.guidance.poses import AtInputs as AtInputs
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
     from spherekit.guidance.poses import PoseFinder as PoseFinder
     from spherekit.guidance.rotation import SHAPES as SHAPES
     from spherekit.guidance.rotation import FixedAxisRotation as FixedAxisRotation
-    from spherekit.guidance.rotation import RotationSamples as RotationSamples
     from spherekit.guidance.rotation import Schedule as Schedule
     from spherekit.guidance.rotation import Timetable as Timetable
     from spherekit.guidance.rotation import dead_centre as dead_centre
