@@ -15,18 +15,31 @@ class Listener:
 
     def __init__(self):
         self.rows, self.paths, self.when = {}, set(), []
+        self.scenes, self.pages, self.logged = [], {}, []
 
     def start(self, head):
         self.inputs, self.focus, self.row = head.inputs, head.focus, head.row
-        self.assembly_modes = head.assembly_modes
+        self.assembly_modes, self.times = head.assembly_modes, head.times
         self.still = [p.path for scene in head.scenes for p in scene.primitives]
 
     def log(self, scene, samples, inputs=None, times=None):
         self.when.append(len(samples))
+        self.scenes.append(scene)
+        self.pages.setdefault(scene.page, []).extend(scene.primitives)
+        self.logged.append((scene.page, samples.tolist(), inputs, times))
         for primitive in scene.primitives:
             self.paths.add(primitive.path)
             key = (scene.page, primitive.path)
             self.rows.setdefault(key, []).extend(samples)
+
+    def last(self, page):
+        """Return the last scene of a page, and of how many samples it is."""
+        (*_, found) = (k for k, each in enumerate(self.scenes) if each.page == page)
+        return self.scenes[found], self.when[found]
+
+    def of(self, kind, page):
+        """Return the primitives of a kind on a page, by their paths."""
+        return {p.path: p for p in self.pages.get(page, ()) if isinstance(p, kind)}
 
 
 def bare(name):

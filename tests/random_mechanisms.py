@@ -154,3 +154,42 @@ def degenerate(random, made):
             axes[name] = axis / length if length > 1e-8 else np.array([0.0, 0.0, 1.0])
     unit = {name: (float(x), float(y), float(z)) for name, (x, y, z) in axes.items()}
     return replace(made, geometry=PoseGeometry(unit))
+
+
+def reordered(made, order):
+    """Return a mechanism with other names and orders of links and pairs, R pairs turned.
+
+    `order` (links - 1,) is that of the moving links; every other R pair that is not an
+    input is given with its links exchanged.
+    """
+    names = {made.ground: "base"}
+    names |= {made.links[1 + k]: f"link_{n}" for n, k in enumerate(order)}
+    driven = {item.pair for item in made.inputs}
+    pairs = []
+    for k, pair in enumerate(reversed(made.pairs)):
+        ends = tuple(names[link] for link in pair.links)
+        swapped = pair.type == "R" and pair.name not in driven and k % 2 == 0
+        pairs.append(replace(pair, links=ends[::-1] if swapped else ends))
+    links = tuple(
+        names[link] for link in (made.ground, *(made.links[1 + k] for k in order))
+    )
+    return replace(made, ground="base", links=links, pairs=tuple(pairs)), names
+
+
+def turned(made, rotation):
+    """Return a mechanism rotated as a whole, `rotation` (3, 3)."""
+
+    def moved(vector):
+        return tuple(map(float, rotation @ np.array(vector)))
+
+    axes = {name: moved(axis) for name, axis in made.geometry.axes.items()}
+    pairs = tuple(
+        pair
+        if pair.profiles is None
+        else replace(
+            pair,
+            profiles=tuple(replace(p, centre=moved(p.centre)) for p in pair.profiles),
+        )
+        for pair in made.pairs
+    )
+    return replace(made, geometry=replace(made.geometry, axes=axes), pairs=pairs)

@@ -5,12 +5,8 @@ from functools import cache
 import mpmath
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, STEPHENSON, mechanism, random_axes
 from closed_forms import four_bar_angles
 from example_mechanisms import ARM, DEGREE, GROUND, ROLLER, at, cam, four_bar
-from oracles import null_space
-from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 from singular_examples import components
 
 import spherekit as sk
@@ -27,12 +23,6 @@ from spherekit.planning.inputs import plan_assembly
 
 NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
 """Shortest and longest link together exceed the others: no link turns fully."""
-
-
-def of_pose(made, **options):
-    """Return the curve through a mechanism's reference pose."""
-    geometry = geometry_of(made)
-    return follow_arc(Closure.of(made, geometry.joints), geometry.reference, **options)
 
 
 def closed_near(made, guess):
@@ -219,86 +209,6 @@ def test_a_four_bar_that_can_hardly_move():
     assert np.max(np.abs(limits - [swing, 2 * np.pi - swing])) < 1e-11
     points = curve.at(np.linspace(0.0, curve.length, 100))
     assert np.max(points.residual) < 1e-14
-
-
-def integrated(made, curve, places):
-    """Return the pair axes (n, pairs, 3) at arc lengths from the reference pose on.
-
-    The links turn with the null vector of the velocity equations, integrated by an
-    explicit Runge-Kutta method: no closure equation is solved, so no other curve is met.
-    """
-    start = curve.at(np.zeros(1))
-    axes = axes_of(curve, start.values)[0]
-    tangent = start.tangents[0]
-    count = len(made.links)
-    first, second = np.array(made.ends).T
-
-    def turned_axes(state):
-        q = state.reshape(count, 4)
-        q = q / np.linalg.norm(q, axis=1, keepdims=True)
-        return q, Rotation.from_quat(q[first]).apply(axes)
-
-    last = [tangent]
-
-    def right(_, state):
-        q, turned = turned_axes(state)
-        w, _ = null_space(count, made.ends, turned)
-        rates = np.sum((w[second] - w[first]) * turned, axis=1)
-        size = np.linalg.norm(rates) * np.sign(rates @ last[0])
-        last[0] = rates / size
-        (x, y, z, c), (wx, wy, wz) = q.T, (w / size).T
-        return (
-            0.5
-            * np.stack(
-                [
-                    wx * c + wy * z - wz * y,
-                    wy * c + wz * x - wx * z,
-                    wz * c + wx * y - wy * x,
-                    -wx * x - wy * y - wz * z,
-                ],
-                axis=1,
-            ).ravel()
-        )
-
-    found = solve_ivp(
-        right,
-        (0.0, places[-1]),
-        np.tile([0.0, 0.0, 0.0, 1.0], count),
-        t_eval=places,
-        rtol=1e-9,
-        atol=1e-11,
-        method="DOP853",
-        max_step=0.2,
-    )
-    return np.array([turned_axes(state)[1] for state in found.y.T])
-
-
-def check_against_integration(made):
-    curve = of_pose(made)
-    places = np.linspace(0.0, curve.length, 21)[1:]
-    points = curve.at(places)
-    assert np.max(points.residual) < 1e-13
-    ours = axes_of(curve, points.values)
-    expected = integrated(made, curve, places)
-    assert np.max(np.abs(ours - expected)) < 1e-3
-    return curve
-
-
-def test_random_mechanisms_keep_to_integrated_velocities():
-    """A Stephenson whose other loop is a triad, and an eight-bar."""
-    random = np.random.default_rng(76)
-    for chain, pairs in ((STEPHENSON, 7), (EIGHT_BARS[4], 10)):
-        assert check_against_integration(
-            mechanism(chain, random_axes(random, pairs))
-        ).closed
-
-
-@pytest.mark.slow
-def test_many_random_mechanisms_keep_to_integrated_velocities():
-    random = np.random.default_rng(77)
-    for chain in (*[STEPHENSON] * 5, *EIGHT_BARS[::3]):
-        pairs = len(chain.split())
-        check_against_integration(mechanism(chain, random_axes(random, pairs)))
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from typing import ClassVar, final
 
 import numpy as np
 import pytest
+from common import Listener
 
 import spherekit as sk
 from spherekit.analysis.batch import Needs
@@ -174,28 +175,15 @@ def test_wound_springs_are_verified():
     assert found["compared"] and found["in_roundings"] < 20.0
 
 
-class Listener:
-    """Keeps the portraits that a recorder is given."""
-
-    def __init__(self):
-        self.portraits, self.rows = [], []
-
-    def start(self, head):
-        pass
-
-    def log(self, scene, samples, inputs=None, times=None):
-        own = [p for p in scene.primitives if isinstance(p, Portrait)]
-        self.portraits += own
-        self.rows += [len(p.x) for p in own]
-
-
 def test_a_portrait_has_one_frame_whatever_the_blocks():
     listener = Listener()
     start = COURSES["loads"]
     result = sk.run(wound(), "eksergian", **start, block=50, recorder=listener)
     frame = result.frame()
-    assert sum(listener.rows) == 120
-    for portrait in listener.portraits:
+    every = [part for scene in listener.scenes for part in scene.primitives]
+    portraits = [part for part in every if isinstance(part, Portrait)]
+    assert sum(len(portrait.x) for portrait in portraits) == 120
+    for portrait in portraits:
         assert portrait.x_range == (frame["q"].min(), frame["q"].max())
         assert portrait.y_range == (frame["dq"].min(), frame["dq"].max())
 
@@ -287,35 +275,23 @@ class Apart(AbstractAnalysis):
 OWN = Axis("row", "", np.arange(4.0))
 
 
-class Pages:
-    """Keeps what is logged on pages of their own."""
-
-    def __init__(self):
-        self.logged = []
-
-    def start(self, head):
-        self.inputs, self.times = head.inputs, head.times
-
-    def log(self, scene, samples, inputs=None, times=None):
-        if isinstance(scene.page, str):
-            self.logged.append((scene.page, samples.tolist(), inputs, times))
-
-
 def test_what_reads_no_samples_is_asked_once(tmp_path):
-    made, pages = sk.load("four_bar"), Pages()
+    made, pages = sk.load("four_bar"), Listener()
     Apart.calls.clear()
     result = sk.run(made, [Apart(), "poles"], samples=25, block=4, recorder=pages)
     assert Apart.calls == [0] and result.summary["samples_in_a_block"] == 4
     assert result.frame("apart")["x"].tolist() == [0.0, 1.0, 2.0]
-    logged = {page: rest for page, *rest in pages.logged}
-    assert len(pages.logged) == len(logged) and set(logged) == {"Apart", "Construction"}
+    own = [each for each in pages.logged if isinstance(each[0], str)]
+    logged = {page: rest for page, *rest in own}
+    assert len(own) == len(logged) and set(logged) == {"Apart", "Construction"}
     samples, inputs, times = logged["Apart"]
     assert (samples, times) == ([0, 1, 2, 3], None)
     assert np.allclose(inputs, np.arange(4) * np.pi / 2.0)
-    timed = Pages()
+    timed = Listener()
     sk.run(made, Apart(), samples=25, block=4, duration=2.0, recorder=timed)
-    assert timed.logged[0][2] is None
-    assert timed.logged[0][3].tolist() == [0.0, 0.5, 1.0, 1.5]
+    (own,) = (each for each in timed.logged if isinstance(each[0], str))
+    assert own[2] is None
+    assert own[3].tolist() == [0.0, 0.5, 1.0, 1.5]
 
 
 def test_nothing_is_traced_for_what_reads_no_samples(tmp_path, monkeypatch):

@@ -6,10 +6,9 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
-from chains import any_inputs, random_axes, random_chain
 from common import field_of
 from example_mechanisms import ARM, DEGREE, DISC, ECCENTRICITY, GROUND, ROLLER, at, cam
-from oracles import locked_rates, off_axis
+from oracles import off_axis
 from refusals import text_of
 
 import spherekit as sk
@@ -25,11 +24,8 @@ from spherekit.model.parts import (
     Profile,
     SizeGeometry,
 )
-from spherekit.motion.motion import Tracer
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
-from spherekit.rates.request import request
 
 ROOT = Path(__file__).parent.parent
 
@@ -193,135 +189,6 @@ def null_space_with_contact(made, motion, row):
     _, values, right = np.linalg.svd(np.vstack(blocks)[:, 3:])
     w = np.vstack([np.zeros(3), right[3 * count - 4].reshape(-1, 3)])
     return w, values[3 * count - 5] / values[0]
-
-
-def random_mixed(random, links, freedoms=1):
-    """Return a random chain whose pairs and binary links became contacts."""
-    while True:
-        edges = random_chain(random, links, freedoms)
-        degree = {k: sum(k in e for e in edges) for k in range(1, links + 1)}
-        kinds = dict.fromkeys(edges, "R")
-        gone = set()
-        for link in random.permutation(np.arange(2, links + 1)):
-            near = [e for e in kinds if link in e]
-            if degree[link] != 2 or len(gone) >= 2 or any(kinds[e] != "R" for e in near):
-                continue
-            a, b = (next(x for x in e if x != link) for e in near)
-            if (min(a, b), max(a, b)) in kinds or random.random() < 0.4:
-                continue
-            for e in near:
-                del kinds[e]
-            kinds[min(a, b), max(a, b)] = "Cs"
-            gone.add(link)
-        for e in list(kinds):
-            if kinds[e] == "R" and random.random() < 0.2 and 1 not in e:
-                kinds[e] = "Cr"
-        if len(kinds) < 3:
-            continue
-        made = any_inputs(random, touching(random, kinds), freedoms)
-        if made is not None:
-            return made
-
-
-def touching(random, kinds):
-    """Return a mechanism whose circles touch at random points of a reference pose."""
-    pairs, axes = [], {}
-    for (a, b), kind in kinds.items():
-        name = f"p{a}_{b}"
-        if kind == "R":
-            axes[name] = tuple(random_axes(random, 1)[0])
-            pairs.append(Pair(name, "R", (str(a), str(b))))
-            continue
-        p, other = random_axes(random, 2)
-        n = np.cross(p, other)
-        n /= np.linalg.norm(n)
-        d1, d2 = random.uniform(0.3, 1.0, 2)
-        circles = (
-            Profile("circle", tuple(np.cos(d1) * p + np.sin(d1) * n), float(d1)),
-            Profile("circle", tuple(np.cos(d2) * p - np.sin(d2) * n), float(d2)),
-        )
-        pairs.append(Pair(name, kind, (str(a), str(b)), circles))
-    links = tuple(str(k) for k in sorted({x for e in kinds for x in e}))
-    return Mechanism(
-        "mixed",
-        "1",
-        links,
-        tuple(pairs),
-        PoseGeometry(axes),
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("most", [90, pytest.param(1000, marks=pytest.mark.long)])
-def test_random_mixed_mechanisms_against_the_null_space(most, capsys):
-    """R, Cr and Cs with one to three freedoms, 6 to 12 links: all poles to 1e-9.
-
-    Each input of the mechanisms moves alone; the velocity equations with the others
-    locked are the reference. Prints which methods were enough.
-    """
-    random = np.random.default_rng(2025)
-    sizes = {1: (6, 8, 10, 12), 2: (7, 9, 11), 3: (6, 8, 10, 12)}
-    count = dict.fromkeys(("plans", "passes", "contact", "block", "equations", "judged"), 0)
-    poles = worst = 0
-    for number in range(most):
-        freedoms = 1 + number % 3
-        own = sizes[freedoms]
-        made = random_mixed(random, own[number // 3 % len(own)], freedoms)
-        tracer = Tracer(made, search=False, path=np.zeros((1, freedoms)))
-        motion = tracer.motion()
-        if motion.status[0] != Status.OK:
-            continue
-        every = all_poles(len(made.links))
-        for driven in motion.assembly.inputs:
-            asked = request(tracer.mechanism, made.pairs[driven].name, every, every)
-            field = evaluate(motion, asked)
-            count["plans"] += 1
-            by_contact = any(getattr(step, "contacts", ()) for step in asked.plan.steps)
-            way = "block" if asked.plan.blocks else "contact" if by_contact else "passes"
-            count["equations" if field.by_equations[0] else way] += 1
-            w, gap = locked_rates(motion, 0, driven)
-            if gap < 1e-6:
-                continue
-            count["judged"] += 1
-            scale = max(1.0, np.max(np.linalg.norm(w, axis=1)))
-            for i, j in every:
-                vector = w[j] - w[i]
-                size = np.linalg.norm(vector)
-                if size > 1e-4 * scale:
-                    error = off_axis(field.direction[i, j][0], vector)
-                    worst = max(worst, float(error))
-                    assert error < 1e-9
-                ours = field.velocity_coefficient[i, j][0] * np.nan_to_num(
-                    field.direction[i, j][0]
-                )
-                assert np.linalg.norm(ours - vector) / scale < 1e-9
-                poles += 1
-    print(f"{count}; {poles} poles, largest error of a direction {worst:.1e}")
-    assert count["judged"] > 1.9 * most
-
-
-def test_derivatives_of_mixed_mechanisms_by_taylor_remainder():
-    random = np.random.default_rng(7)
-    for _ in range(12):
-        made = random_mixed(random, 8)
-        tracer = Tracer(
-            replace(made, inputs=(Input(made.inputs[0].pair, -0.02, 0.02),)), search=False
-        )
-        poles = all_poles(len(made.links))
-        asked = request(tracer.mechanism, made.inputs[0].pair, poles, poles)
-        steps = np.array([0.0, 1e-2, 1e-3, 1e-4])
-        from spherekit.rates.field import evaluate
-
-        field = evaluate(tracer.at(steps), asked)
-        if np.any(field.status != Status.OK):
-            continue
-        for pole in poles:
-            rate = field.velocity_coefficient[pole]
-            rest = np.abs(rate - rate[0] - steps * field.acceleration_coefficient[pole][0])[
-                1:
-            ]
-            size = max(1.0, abs(rate[0]), abs(field.acceleration_coefficient[pole][0]))
-            assert rest[2] < 0.02 * rest[1] + 1e-11 * size
 
 
 SHIPPED_GEARS = ("bevel_pair", "rolling_cones", "planetary_bevel")

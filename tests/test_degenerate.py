@@ -4,9 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, mechanism, random_axes
 from example_mechanisms import four_bar
-from oracles import null_space, off_axis
 
 import spherekit as sk
 from spherekit.conventions import Status
@@ -31,52 +29,6 @@ def run(made, samples=7, search=False):
     assert (doubt >= 1e-6 * rest["velocity_coefficient"].abs()).all()
     assert frame.loc[frame["status"] == "OUT_OF_REACH", "velocity_coefficient"].isna().all()
     return frame
-
-
-def special_axes(random, kind):
-    axes = random_axes(random, 10)
-    i, j, k = random.choice(10, 3, replace=False)
-    if kind == "coincident":
-        axes[i] = axes[j]
-    elif kind == "antipodal":
-        axes[i] = -axes[j]
-    elif kind == "three in a plane":
-        axes[i] = axes[j] + random.normal() * axes[k]
-    elif kind == "on a grid":
-        axes = np.round(2 * axes) / 2
-        axes[np.linalg.norm(axes, axis=1) < 0.1] = [1.0, 0.0, 0.0]
-    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
-
-
-@pytest.mark.many
-@pytest.mark.parametrize(
-    "kind", ["coincident", "antipodal", "three in a plane", "on a grid"]
-)
-def test_special_axes_give_the_null_space_or_a_reason(kind):
-    random = np.random.default_rng(len(kind))
-    judged = 0
-    for number in range(32):
-        axes = special_axes(random, kind)
-        made = mechanism(EIGHT_BARS[number % 16], axes, span=(-1.0, 1.0))
-        frame = run(made)
-        w, gap = null_space(8, made.ends, axes)
-        a, b = made.ends[0]
-        driven = (w[b] - w[a]) @ axes[0]
-        if gap < 1e-6 or abs(driven) < 1e-3:
-            continue
-        here = frame[frame["sample"] == 3]
-        for row in here.itertuples():
-            i, j = int(row.relative_to) - 1, int(row.link) - 1
-            vector = w[j] - w[i]
-            size = np.linalg.norm(vector)
-            if size > 1e-6:
-                assert row.status == "OK", row
-                assert off_axis(np.array([row.ux, row.uy, row.uz]), vector) < 1e-9
-                judged += 1
-            elif size < 1e-12:
-                assert row.status in ("OK", "NO_POLE"), row
-                assert abs(row.velocity_coefficient) < 1e-9
-    assert judged > 150
 
 
 @pytest.mark.parametrize(

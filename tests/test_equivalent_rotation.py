@@ -953,35 +953,6 @@ def test_largest_values_of_chebyshev_series():
 # --- variants of section 5 ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("chain", ["RRR", "RPR", "PRR", "RRP", "PPR", "PRP", "RPP"])
-def test_planar_chains_are_an_arc_prismatic_pair_on_the_sphere(chain):
-    """Screw algebra: of a planar chain's freedoms only the turn about O's normal is left.
-
-    R pairs stand across the mid-plane z = 0 anywhere, P pairs lie in it; both links at the
-    ends of the chain turn about the sphere's centre O.
-    """
-    random = np.random.default_rng(sum(map(ord, chain)))
-    normal = np.array([0.0, 0.0, 1.0])
-    for _ in range(20):
-        screws = []
-        for kind in chain:
-            place = np.append(random.normal(size=2), 0.0)
-            if kind == "R":
-                screws.append(np.concatenate([normal, np.cross(place, normal)]))
-            else:
-                screws.append(np.concatenate([np.zeros(3), place]))
-        about_centre = np.eye(6)[:3]
-        chain_of = np.stack(screws)
-        assert np.linalg.matrix_rank(chain_of, 1e-9) == 3
-        both = np.concatenate([chain_of, -about_centre])
-        left = np.linalg.svd(both.T)[2][np.linalg.matrix_rank(both, 1e-9) :]
-        assert len(left) == 1
-        common = left[0, :3] @ chain_of
-        assert np.linalg.norm(common[:2]) < 1e-12
-        assert np.linalg.norm(common[3:]) < 1e-12
-        assert abs(common[2]) > 1e-6
-
-
 # --- bad input ----------------------------------------------------------------------------
 
 

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from common import Listener
 from mpmath import mp
 
 import spherekit as sk
@@ -43,19 +44,6 @@ from spherekit.workspace.workspace import judge, orientation_samples
 NAME = "equivalent_rotation"
 QUATERNION = ("qx", "qy", "qz", "qw")
 TABLE_3 = f"{NAME}:start=phi=75+gamma=-20,end=phi=70+gamma=20"
-
-
-class Listener:
-    """Takes the scenes of a run."""
-
-    def __init__(self):
-        self.pages = {}
-
-    def start(self, head):
-        pass
-
-    def log(self, scene, samples, inputs=None, times=None):
-        self.pages[scene.page] = (scene, len(samples))
 
 
 @cache
@@ -580,7 +568,7 @@ def test_the_axis_is_told_in_the_frame_of_the_paper(table_3):
 
 
 def test_page_of_a_rotation(table_3, listener):
-    scene, rows = listener.pages["Equivalent rotation"]
+    scene, rows = listener.last("Equivalent rotation")
     assert len(scene.over[0].values) == rows == 4
     parts = {part.path: part for part in scene.primitives}
     assert sum(path.startswith("link/") for path in parts) == 10
@@ -603,7 +591,7 @@ def test_page_of_a_rotation(table_3, listener):
 
 
 def test_page_of_a_schedule(table_3, listener):
-    scene, rows = listener.pages["Equivalent rotation in time"]
+    scene, rows = listener.last("Equivalent rotation in time")
     frame = table_3.frame("equivalent_rotation", "schedule")
     assert scene.over[0].values.tolist() == frame["t"].tolist() and rows == 41
     plots = {

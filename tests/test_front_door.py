@@ -15,18 +15,11 @@ from closed_forms import (
     four_bar_frames,
 )
 from example_mechanisms import LINKS, PAIRS, built
-from scipy.integrate import solve_ivp
 
 import spherekit as sk
 from spherekit.files.library import find
 
 RECORDING = b"RRF2"
-TENSORS = {
-    2: [[2.0, 0.0, 0.0], [0.0, 1.920725, -0.335117], [0.0, -0.335117, 0.079275]],
-    3: [[7.0, 0.0, 0.0], [0.0, 4.420725, -2.529672], [0.0, -2.529672, 2.579275]],
-    4: [[4.0, 0.0, 0.0], [0.0, 3.410633, -1.183662], [0.0, -1.183662, 0.589367]],
-}
-"""The four-bar's inertia (kg m2), in the frames of `four_bar_frames`."""
 
 
 def arcs_of(second):
@@ -199,68 +192,6 @@ def test_changes_are_those_of_the_file():
         )
         assert arcs == (math.radians(25.0),)
     assert four_bar.with_inputs("41").inputs[0].stop == 2.0 * math.pi
-
-
-def four_bar_equation(torque, mode):
-    """The right-hand side of B q'' + B' q'^2 / 2 = Q by the closed form's frames."""
-
-    def rates(q):
-        w41 = four_bar_coefficients(q, FOUR_BAR_ARCS, mode)[1]
-        u = four_bar_axes(q, FOUR_BAR_ARCS, mode)
-        w2, w4 = u["21"], u["41"] * w41[:, None]
-        # w3 = w2 + a u32 = w4 + b u43: along u43 x (u32 x u43) only a is left
-        across = np.cross(u["43"], np.cross(u["32"], u["43"]))
-        a = np.sum((w4 - w2) * across, axis=1) / np.sum(u["32"] * across, axis=1)
-        return {2: w2, 3: w2 + a[:, None] * u["32"], 4: w4}, w41
-
-    def inertia(q):
-        q = np.atleast_1d(q)
-        frames, (w, _) = four_bar_frames(q, FOUR_BAR_ARCS, mode), rates(q)
-        local = {k: np.einsum("nji,nj->ni", frames[k], w[k]) for k in w}
-        return sum(np.einsum("ni,ij,nj->n", local[k], TENSORS[k], local[k]) for k in w)
-
-    def field(t, state):
-        q, dq = state
-        w41 = rates(np.array([q]))[1][0]
-        theta41 = four_bar_angles(np.array([q]), FOUR_BAR_ARCS, mode)[0]
-        force = torque(t, q, dq) - math.sin(q) - 2.0 * dq
-        force += (-5.0 * math.sin(theta41) - 2.0 * w41 * dq) * w41
-        change = slope(lambda x: inertia(x)[0], q)
-        return [dq, (force - 0.5 * change * dq**2) / inertia(q)[0]]
-
-    return field
-
-
-@pytest.mark.slow
-def test_a_callable_torque_moves_as_an_independent_integration_says():
-    def controller(t, q, dq):
-        return 20.0 * (math.sin(t) - q) - 4.0 * dq
-
-    t = np.linspace(0.0, 2.0, 21)
-    moved = sk.simulate("four_bar", sk.Start(0.3, 1.0), 2.0, torque=controller)
-    assert moved.engine.name == "numpy" and "Python function" in moved.engine.reason
-    mode = mode_of(sk.evaluate("four_bar", 0.3, assembly_mode=0), FOUR_BAR_ARCS)
-    known = solve_ivp(
-        four_bar_equation(controller, mode),
-        (0.0, 2.0),
-        [0.3, 1.0],
-        "DOP853",
-        t,
-        rtol=1e-11,
-        atol=1e-12,
-    )
-    states = moved.at(t)
-    assert np.max(np.abs(states.q - known.y[0])) < 1e-8
-    assert np.max(np.abs(states.dq - known.y[1])) < 1e-7
-    # what was done at the input, by the trapezoidal rule of a fine table
-    fine = np.linspace(0.0, 2.0, 20001)
-    found = moved.at(fine)
-    power = found.dq * [
-        controller(*each) for each in zip(fine, found.q, found.dq, strict=True)
-    ]
-    work = np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(fine))
-    drive = [load.name for load in moved.mechanism.loads].index("driving_torque")
-    assert found.work[-1, drive] == pytest.approx(work, abs=1e-6)
 
 
 def test_a_torque_is_a_number_a_text_or_a_function():

@@ -1,4 +1,4 @@
-"""Graphs and geometries made by hypothesis: the laws of poles, or a refusal in words."""
+"""Random mechanisms: the laws of plans and poles, and modes that do not jump."""
 
 import json
 import warnings
@@ -7,15 +7,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from fuzz_judge import Tally, judge
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
-from mechanism_strategies import mechanisms, reordered, turned
+from random_mechanisms import random_mechanism, reordered, turned
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.conventions import Status
-from spherekit.errors import SpherekitError
+from spherekit.errors import PlanError, SpherekitError
+from spherekit.model.parts import Input
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Tracer
 from spherekit.planning.plan import plans
@@ -66,24 +64,6 @@ def check_plan(plan):
     assert json.loads(json.dumps(shown, allow_nan=False)) == shown
     assert len(shown["steps"]) == len(plan.steps)
     assert as_text(plan)
-
-
-def check_legal(made):
-    for plan in plans(made):
-        check_plan(plan)
-
-
-def check_rates(made):
-    """All values agree with the velocity equations, or have a status that says why."""
-    try:
-        motion, found = fields(made)
-    except SpherekitError as refusal:
-        assert len(str(refusal)) > 30
-        return
-    tally = Tally()
-    for name, field in found.items():
-        assert judge(motion, field, made.pair_number[name], tally) == []
-        check_kennedy(field, len(made.links))
 
 
 def check_kennedy(field, links):
@@ -182,14 +162,6 @@ def walked(motion, row, steps=40):
     return values
 
 
-def check_assembly_modes(made):
-    try:
-        motion, _ = fields(made, samples=9)
-    except SpherekitError:
-        return
-    check_one_mode(motion)
-
-
 def check_one_mode(motion):
     """No row is in another mode than the row before, carried on in small steps."""
     made = motion.mechanism
@@ -205,36 +177,60 @@ def check_one_mode(motion):
         assert turning(motion, row)[0] == turning(motion, row + 1)[0]
 
 
-@settings(max_examples=60)
-@given(mechanisms())
-def test_legal_graphs_have_a_whole_plan(made):
-    check_legal(made)
+def mechanisms(seeds, family=None):
+    """Return random mechanisms of a family."""
+    every = (random_mechanism(seed) for seed in seeds)
+    return [made for name, made in every if family is None or name == family]
 
 
-@settings(max_examples=40)
-@given(st.booleans().flatmap(lambda special: mechanisms(special=special)))
-def test_poles_and_rates_of_legal_graphs(made):
-    check_rates(made)
+def test_every_pole_of_a_plan_is_found_once():
+    checked = 0
+    for made in mechanisms(range(90)):
+        try:
+            found = plans(made)
+        except PlanError:
+            continue
+        for plan in found:
+            check_plan(plan)
+        checked += 1
+    assert checked > 50
 
 
-@settings(max_examples=50)
-@given(mechanisms(legal=False, special=True))
-def test_illegal_graphs_are_refused_or_right(made):
-    check_rates(made)
+def test_three_poles_lie_on_a_great_circle():
+    for made in mechanisms(range(300, 360)):
+        try:
+            _, found = fields(made)
+        except SpherekitError as refusal:
+            assert len(str(refusal)) > 30
+            continue
+        for field in found.values():
+            check_kennedy(field, len(made.links))
 
 
-@settings(max_examples=15)
-@given(st.data())
-def test_said_otherwise_it_is_the_same(data):
-    made = data.draw(mechanisms())
-    assume(len(made.links) > 2)
-    check_same(made, data.draw(st.permutations(range(len(made.links) - 1))))
+def test_said_otherwise_it_is_the_same():
+    random = np.random.default_rng(5)
+    for made in mechanisms(range(400, 430)):
+        check_same(made, random.permutation(len(made.links) - 1).tolist())
 
 
-@settings(max_examples=8)
-@given(mechanisms(span=1.2))
-def test_no_branch_jumps_to_another_mode(made):
-    check_assembly_modes(made)
+def check_no_jumps(seeds, span):
+    for made in mechanisms(seeds):
+        wide = tuple(Input(item.pair, -span, span) for item in made.inputs)
+        try:
+            motion, _ = fields(replace(made, inputs=wide), samples=9)
+        except SpherekitError:
+            continue
+        check_one_mode(motion)
+
+
+def test_no_branch_jumps_to_another_mode():
+    check_no_jumps(range(500, 515), 1.2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("part", range(10))
+def test_no_branch_jumps_in_hundreds(part):
+    check_no_jumps(range(1000 + 60 * part, 1060 + 60 * part), 1.5)
 
 
 def test_a_jump_is_seen():
@@ -246,20 +242,3 @@ def test_a_jump_is_seen():
     values[4:] = other.values[4:]
     with pytest.raises(AssertionError):
         check_one_mode(replace(first, values=values))
-
-
-@pytest.mark.long
-@settings(max_examples=1500)
-@given(mechanisms(), mechanisms(legal=False, special=True), mechanisms(special=True))
-def test_thousands_of_graphs(legal, illegal, special):
-    check_legal(legal)
-    for made in (legal, illegal, special):
-        check_rates(made)
-
-
-@pytest.mark.long
-@settings(max_examples=300)
-@given(mechanisms(span=1.2), mechanisms(span=1.5, special=True))
-def test_no_branch_jumps_in_hundreds(made, special):
-    check_assembly_modes(made)
-    check_assembly_modes(special)

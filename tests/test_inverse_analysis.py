@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from common import Listener
 from example_mechanisms import serial
 from oracles import least_misfit
 from scipy.spatial.transform import Rotation
@@ -357,23 +358,10 @@ def test_nearest_orientation_is_inside():
     assert np.all(rows.margin >= 0.0) and np.all(out["away"] > 0.0)
 
 
-class Watcher:
-    """A recorder that keeps the scenes it gets."""
-
-    def __init__(self):
-        self.pages = {}
-
-    def start(self, head):
-        pass
-
-    def log(self, scene, samples, inputs=None, times=None):
-        self.pages.setdefault(scene.page, []).extend(scene.primitives)
-
-
 @pytest.mark.parametrize("how", ["window", "poses"])
 def test_scene(how):
     """A window is a mesh, a list is points; values are the numbers of solutions."""
-    watcher = Watcher()
+    watcher = Listener()
     text = "azimuth:0:350:36+tilt:5:175:18"
     if how == "poses":
         text = "+".join(f"azimuth={a}+tilt={b}" for a, b in ((10, 20), (60, 70), (10, 179)))

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from common import Listener
 from refusals import text_of
 
 pytest.importorskip("rerun", reason="the viewer extra is not installed")
@@ -24,24 +25,6 @@ from spherekit.view.diagrams import clipped
 from spherekit.view.pictures import check_picture, check_version
 from spherekit.view.rerun_view import RerunRecorder
 from spherekit.view.viewer import preview
-
-
-class Listener:
-    """Keeps the scenes that a recorder is given."""
-
-    def __init__(self):
-        self.scenes = []
-
-    def start(self, head):
-        pass
-
-    def log(self, scene, samples, inputs=None, times=None):
-        self.scenes.append(scene)
-
-    def of(self, kind, page):
-        """Return the primitives of a kind on a page, by their paths."""
-        own = [p for scene in self.scenes if scene.page == page for p in scene.primitives]
-        return {p.path: p for p in own if isinstance(p, kind)}
 
 
 def recorded(path, name, *args, **options):

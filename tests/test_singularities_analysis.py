@@ -23,20 +23,12 @@ NAME = "singularities"
 Z, SLANT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
 
 
-class Pages(Listener):
-    """Keeps the scenes themselves, by page."""
-
-    def log(self, scene, samples, inputs=None, times=None):
-        super().log(scene, samples, inputs, times)
-        self.pages = getattr(self, "pages", {}) | {scene.page: scene}
-
-
 @pytest.fixture(scope="module")
 def rocker():
-    pages = Pages()
+    pages = Listener()
     result = sk.run(four_bar(ROCKER), NAME, samples=61, recorder=pages)
     assert not result.failures
-    return result, pages.pages
+    return result, pages
 
 
 def silent(frame):
@@ -125,15 +117,13 @@ def test_findings_count_and_warn_as_near_asks(rocker):
 def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
     result, pages = rocker
     frame = result.frame()
-    page = pages["Singularities"]
+    page, _ = pages.last("Singularities")
     assert len(page.over[0].values) == len(frame)
     (words,) = (p.markdown for p in page.primitives if isinstance(p, Text))
     listed = [line for line in words.splitlines() if line.startswith("|")]
     assert len(listed) == 2 + len(frame)
     for assembly_mode in set(result.frame("motion")["assembly_mode"]):
-        (portrait,) = (
-            p for p in pages[assembly_mode].primitives if isinstance(p, Portrait)
-        )
+        (portrait,) = pages.of(Portrait, assembly_mode).values()
         marked = sorted(mark.label for mark in portrait.marks)
         assert marked == sorted(f"type {kind}" for kind in frame["kind"])
         places = np.array([mark.place for mark in portrait.marks])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from common import Listener
 from rerun.chunk import RrdReader
 
 import spherekit as sk
@@ -75,29 +76,15 @@ def test_recording_has_the_curves_on_the_sphere_and_in_the_plane_of_inputs(five_
     assert "/five_bar/assembly_mode_0/plots/inputs/pointer/mark" in entities
 
 
-class Pages:
-    """Keeps the scenes of a run."""
-
-    def __init__(self):
-        self.parts = []
-
-    def start(self, head):
-        """Take what does not move."""
-
-    def log(self, scene, samples, inputs=None, times=None):
-        """Take one block of one assembly mode."""
-        self.parts += [(scene.page, part) for part in scene.primitives]
-
-
 def test_three_inputs_have_coefficients_and_no_surface_if_it_is_left_out():
-    pages = Pages()
+    pages = Listener()
     wanted = "singularities:input_grid=3,mesh=0"
     result = sk.run(sk.load("three_rrr"), wanted, samples=3, recorder=pages)
     assert result.frame("singularities").empty
     frame = result.frame("singularities", "relation")
     assert set(frame.moving) == {"a1", "a2", "a3"}
-    assert not any(isinstance(part, Surface | Portrait) for _, part in pages.parts)
-    assert not any(isinstance(part, SphereCurves) for _, part in pages.parts)
+    parts = [part for own in pages.pages.values() for part in own]
+    assert not any(isinstance(p, Surface | Portrait | SphereCurves) for p in parts)
 
 
 @pytest.mark.parametrize(

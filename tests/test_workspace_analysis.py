@@ -11,6 +11,7 @@ from closed_forms import (
     five_bar_area,
     mid_plane_area,
 )
+from common import Listener
 from example_mechanisms import mechanism_of, unlike_legs
 from scipy.integrate import quad
 
@@ -449,21 +450,8 @@ def test_orientations_are_tabled():
     assert "mode +++: the whole volume, all orientations" in result.summary["remarks"][0]
 
 
-class Watcher:
-    """Keeps the scenes that a recorder is given."""
-
-    def __init__(self):
-        self.pages = {}
-
-    def start(self, head):
-        pass
-
-    def log(self, scene, *args, **kwargs):
-        self.pages.setdefault(scene.page, []).extend(scene.primitives)
-
-
 def test_pages_show_map_border_and_areas(five_bar):
-    watcher = Watcher()
+    watcher = Listener()
     request = "workspace:near=15,working_mode=++"
     sk.run(five_bar, [request], samples=2, recorder=watcher)
     assert {"Workspace", "Singularity"} <= set(watcher.pages)

@@ -173,3 +173,24 @@ def judge_counts(ran, notes):
 
 for _analysis in ANALYSES:
     _asks(_analysis)
+
+
+@check("verify", "the 50 digits of --verify confirm what rows state of their errors")
+def verify(evidence, notes):
+    """Ask for a few rows in 50 digits."""
+    ran = evidence.ran("poles", "--verify", "6", "--samples", "25")
+    if ran.status:
+        return
+    found = ran.summary.get("verified")
+    if not found:
+        notes.found(f"nothing was verified: {ran.err.strip()[-120:]}", Kind.SILENT)
+        return
+    directions = found.get("directions") or {}
+    notes.judged(directions.get("count", 0))
+    if directions.get("over_bound", 0.0) > 1.0:
+        notes.found(
+            f"a direction is off by {directions['error_rad']:.2e} rad, "
+            f"{directions['over_bound']:.3g} times its bound, at sample "
+            f"{directions['sample']}, assembly mode {directions['assembly_mode']}, "
+            f"{directions['subject']}"
+        )
