@@ -14,10 +14,10 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 719_971,
-    "code lines": 58_679,
+    "nodes": 718_779,
+    "code lines": 58_601,
     "files": 335,
-    "classes": 741,
+    "classes": 740,
     "dataclasses": 523,
     "functions of 60 lines": 37,
 }

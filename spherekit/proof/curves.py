@@ -23,8 +23,8 @@ from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
 from spherekit.proof.gears import Written
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
+from spherekit.proof.saddles import Saddle
 from spherekit.proof.search import OVERLAPPING, Search
-from spherekit.proof.slopes import Saddle
 from spherekit.proof.tubes import Piece
 from spherekit.sphere.rotation import Floats
 

@@ -172,11 +172,11 @@ class Equations:
         ]
         return Putting(axes[0], axes[1], (rows[0], rows[1], rows[2]), a @ b, sine)
 
-    def at(self, places: Sequence[Ball], order: int = 1) -> list[Jet]:
+    def at(self, places: Sequence[Ball] | Balls, order: int = 1) -> list[Jet]:
         """Return the jets of f of each equation at balls of all variables."""
         return self._placed(places, order)[0]
 
-    def arrays(self, places: Sequence[Ball], order: int = 1) -> list[Balls]:
+    def arrays(self, places: Sequence[Ball] | Balls, order: int = 1) -> list[Balls]:
         """Return f (k,), and its derivatives (k, v), (k, v, v), at balls of variables."""
         jets, zero, count = self.at(places, order), complex_ball(0j), self.variables
         arrays = []
@@ -200,7 +200,7 @@ class Equations:
         return placed
 
     def _placed(
-        self, places: Sequence[Ball], order: int
+        self, places: Sequence[Ball] | Balls, order: int
     ) -> tuple[list[Jet], dict[int, Jet]]:
         """Return the jets of f, and of links' orientations in the link that `ranks` say."""
         turns = [complex_ball(place).sin_cos() for place in places]

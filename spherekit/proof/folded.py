@@ -36,7 +36,7 @@ from spherekit.proof.construction import Across, Onto
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.roots import maps_inside
-from spherekit.proof.slopes import Quadrant, Saddle, saddle_near
+from spherekit.proof.saddles import Quadrant, Saddle, saddle_near
 from spherekit.proof.tubes import Piece
 from spherekit.sphere.rotation import Floats
 

@@ -13,7 +13,7 @@ from spherekit.proof.along import Chain, Range, chain_through, laps
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
 from spherekit.proof.paving import Paved
-from spherekit.proof.slopes import QUADRANTS, Saddle
+from spherekit.proof.saddles import QUADRANTS, Saddle
 from spherekit.proof.tubes import LONGEST, UP, corrected, piece_at
 from spherekit.sphere.rotation import Floats
 

@@ -1,0 +1,434 @@
+"""Where configuration curves cross, or just miss each other: a saddle with four arms.
+
+Where F' loses one rank and misses the direction l, F = g l has one solution (z, g) next to
+it for each pair of coordinates (u, v) along the kernel of F', since the equations bordered
+by l and these coordinates are regular. The configurations near by are g(u, v) = 0 (Lyapunov
+and Schmidt); derivatives of g come from the same linear equations. If g is convex in u and
+concave in v over a rectangle, positive on its sides u = +-r and negative at (0, +-s), its
+zeros are four arms that leave through the sides v = +-s, one in each quadrant. How they are
+joined follows from the level c alone, the largest over v of the least g over u: they cross
+at one point if c is 0, else they are two arcs that miss each other. A value and slopes of g
+at any point enclose c: it is at most that value and what the slope by v adds over the
+rectangle, and at least that value less what the slope by u takes. All of it is computed in
+balls.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from typing import final
+
+import numpy as np
+
+from spherekit.proof.balls import (
+    Ball,
+    Balls,
+    bits,
+    circle,
+    exact,
+    exactly,
+    floats,
+    lower,
+    matrix,
+    middles,
+    precision,
+    solved,
+    upper,
+    wide,
+)
+from spherekit.proof.equations import Equations
+from spherekit.proof.tubes import Zone
+from spherekit.sphere.rotation import Floats
+
+DIRECTIONS = 100
+"""Parts of each side of the square of directions in which slopes are enclosed."""
+
+Quadrant = tuple[int, int]
+QUADRANTS: tuple[Quadrant, ...] = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+
+
+@final
+class _Arms:
+    """Rates on arms in a rectangle, from how variables move with u and v, and from g''.
+
+    With (u, v) the way from the saddle, g is its level and half the form of g'', and the
+    slopes of g are g'' (u, v), each with some g'' of the rectangle.
+    """
+
+    def __init__(self, ways: Balls, bend: Balls, units: Floats) -> None:
+        self.ways, self.bend, self.units = ways, bend, exactly(units)
+
+    def outward(
+        self, slack: float, off: float, limits: Floats, spare: float
+    ) -> tuple[dict[Quadrant, tuple[int, ...]], dict[Quadrant, tuple[float, ...]]]:
+        """Return the signs of all rates outward on the arms, and how far variables go.
+
+        The form of g'' is at most `slack` times the square of the way there, and the
+        slopes of g are off by at most `off` times the way. The way is within `limits`, from
+        a centre that is `spare` from the saddle at most.
+        """
+        most = 1.001 * float(np.max(limits[:2] / floats(self.units)))
+        signs: dict[Quadrant, list[set[int]]]
+        signs = {q: [set() for _ in self.ways] for q in QUADRANTS}
+        reach = {q: np.full(len(self.ways), spare) for q in QUADRANTS}
+        zero = self._directions(lambda form: wide(form, slack).contains(0), off)
+        for (p, s), way, (ahead, _), rates in zero:
+            far = [upper(e) * most + spare for e in self.ways @ way]
+            for q in product(_signs(p), _signs(s)):
+                reach[q] = np.maximum(reach[q], far)
+                outward = ahead * q[0] > 0
+                for row, rate in zip(signs[q], rates, strict=True):
+                    row.add(_sign(rate * (q[0] * q[1])) if outward else 0)
+        one = {q: tuple(s.pop() if len(s) == 1 else 0 for s in signs[q]) for q in QUADRANTS}
+        return one, {q: tuple(row.tolist()) for q, row in reach.items()}
+
+    def through(self, level: Ball, steep: float) -> tuple[bool, ...]:
+        """Return which rates vanish nowhere on the two arcs of a level that is not 0."""
+        (a, b), (_, d) = ([upper(e) for e in row] for row in self.bend)
+        # the way is at least what makes the form as large as the level is
+        least = float(np.sqrt(lower(level) / (a + 2.0 * b + d)))
+        slack, off = 4.004 * steep / least, 1.001 * steep / least
+        sign = -1 if level > 0 else 1
+        side = 0 if sign > 0 else 1
+        signs: list[dict[int, set[int]]] = [{1: set(), -1: set()} for _ in self.ways]
+        around = self._directions(lambda form: not wide(form, slack) * sign < 0, off)
+        for ends, _, slopes, rates in around:
+            for half in _signs(ends[side]):
+                whole = slopes[side] * (half * sign) > 0
+                for row, rate in zip(signs, rates, strict=True):
+                    row[half].add(_sign(rate) if whole else 0)
+        return tuple(all(len(s) <= 1 and 0 not in s for s in row.values()) for row in signs)
+
+    def _directions(
+        self, kept: Callable[[Ball], bool], off: float
+    ) -> Iterator[tuple[Balls, Balls, Balls, Balls]]:
+        """Yield those directions with whose form of g'' something is to be `kept`.
+
+        With them the ways, the slopes of g, off by at most so much, and the rates.
+        """
+        ways = _square() * self.units
+        slopes = ways @ self.bend
+        forms = np.sum(ways * slopes, axis=1)
+        for row in (row for row, form in enumerate(forms) if kept(form)):
+            by = np.array([wide(slope, off) for slope in slopes[row]])
+            rates = self.ways[:, 1] * by[0] - self.ways[:, 0] * by[1]
+            yield _square()[row], ways[row], by, rates
+
+
+@cache
+def _square() -> Balls:
+    """Return parts of the sides of a square (n, 2), which together are all of them."""
+    half = 1.0 / DIRECTIONS
+    starts = (2 * np.arange(DIRECTIONS) + 1) * half - 1.0
+    parts = [wide(start, half * (1.0 + 1e-12)) for start in exactly(starts)]
+    ends = [(part, exact(end)) for part in parts for end in (1.0, -1.0)]
+    return np.array([*ends, *(two[::-1] for two in ends)])
+
+
+def _sign(ball: Ball) -> int:
+    return int(ball > 0) - int(ball < 0)
+
+
+def _signs(ball: Ball) -> tuple[int, ...]:
+    return (_sign(ball),) if _sign(ball) else (1, -1)
+
+
+PRECISIONS = (80, 160, 320, 640)
+"""Bits of centres in which the level of a saddle is enclosed, until its sign is known."""
+WIDEST = 0.4
+"""Largest rectangle tried (rad), in the units of the branches."""
+NARROWEST = 1e-5
+SHRINK = 0.75
+STEEPEST, LEAST = 0.02, 1e-3
+"""Smaller rectangles are not tried only to learn more signs of rates, or to reach less."""
+INNER = 1.0 / 16.0
+"""Arms are told apart by quadrants from this part of the rectangle on."""
+FLATTER = 0.7
+"""Height of the rectangle over its width, in units in which branches are diagonals."""
+NEWTON = 12
+FAR = 100.0
+"""How many times their gap arms are away from a saddle where they count as straight."""
+
+
+@final
+@dataclass(frozen=True)
+class Saddle(Zone):
+    """A part of space with four arms of configuration curves that meet, or nearly do.
+
+    Coordinates are those of `frame` (v, v) about `centre`: u, v and all others, each at
+    most `limits` (v,). `level` is the sign of g at the saddle, 0 if the curves are proven
+    to cross there, None if it is not told from 0; arms of equal v are joined if it is
+    positive, of equal u if negative. The curves miss each other by at most `gap` (rad).
+    `rates` has for each quadrant the sign that each variable's rate has outward on the
+    arm, 0 if none is proven, farther than `zone` (v,) from the centre, and `reach` how far
+    the variable goes from the centre on it. `passes` says of which variables the rates
+    vanish nowhere between two arms that are joined.
+    """
+
+    level: int | None
+    gap: float
+    zone: Floats
+    rates: Mapping[Quadrant, tuple[int, ...]]
+    reach: Mapping[Quadrant, tuple[float, ...]]
+    passes: tuple[bool, ...] = ()
+
+    @property
+    def open(self) -> int:
+        """How many rates have no proven sign."""
+        return sum(row.count(0) for row in self.rates.values())
+
+    def on(self, quadrant: Quadrant) -> Floats:
+        """Return a place (v,) near an arm, not far from where it leaves."""
+        u, v = 0.9 * FLATTER * self.limits[0], 0.9 * self.limits[1]
+        way = np.array([u * quadrant[0], v * quadrant[1]])
+        return np.asarray(self.centre + self.frame[:, :2] @ way)
+
+    def quadrant(self, place: Floats, off: float) -> Quadrant | None:
+        """Return the arm that a configuration is on, None where that is not proven."""
+        at = self.coordinates(place)
+        far = abs(at[1]) - off > INNER * self.limits[1] + 1e-13
+        if not (far and abs(at[0]) > off + 1e-13 and self.holds(place, off)):
+            return None
+        return int(np.sign(at[0])), int(np.sign(at[1]))
+
+
+Crosses = Callable[[Saddle], bool]
+"""Says something of a saddle's part of space."""
+
+
+def saddle_near(
+    equations: Equations, place: Floats, farthest: float, crosses: Crosses, fits: Crosses
+) -> Saddle | None:
+    """Return the saddle next to a place, None if none is proven within `farthest` (rad).
+
+    `crosses` says whether in its part of space a configuration is proven at which a sum of
+    the rows of F' vanishes, so that the level is 0; `fits` whether the part may be used.
+    """
+    best: Saddle | None = None
+    with bits(PRECISIONS[0]):
+        form = _form(equations, place, farthest)
+        size = WIDEST
+        while form is not None and size > NARROWEST:
+            shown = form.shown(size, crosses)
+            if shown is not None and fits(shown) and _better(shown, best):
+                best = shown
+            if best is not None:
+                enough = STEEPEST if best.level == 0 else LEAST
+                if not best.open or size < enough:
+                    break
+            size *= SHRINK
+    return best
+
+
+def _better(one: Saddle, other: Saddle | None) -> bool:
+    """Return whether more signs of rates are known of a smaller rectangle.
+
+    Where they remain open at a level that is not 0, arms of a smaller one reach less far.
+    """
+    if other is None or one.open < other.open:
+        return True
+    return one.level != 0 and one.open == other.open > 0
+
+
+def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None":
+    """Return coordinates in which the curves at a saddle are diagonals of a rectangle."""
+    form = _Form.about(equations, place)
+    critical = form and form.critical(exactly(place))
+    if form is None or critical is None:
+        return None
+    centre = floats(critical)
+    form = _Form.about(equations, centre)
+    if form is None or not np.max(np.abs(centre - place)) < farthest:
+        return None
+    try:
+        _, residual = form.open(exactly(centre))
+        _, second = form.solved(exactly(centre), residual)
+    except ZeroDivisionError:
+        return None
+    (low, high), vectors = np.linalg.eigh(floats(second[-1, 1:, 1:]))
+    if not (low < 0.0 < high and min(-low, high) > 1e-6 * max(-low, high)):
+        return None
+    frame = form.frame.copy()
+    frame[:, :2] = frame[:, :2] @ vectors[:, ::-1]
+    units = np.array([high, -low]) ** -0.5
+    _, second = replace(form, frame=frame).solved(exactly(centre), residual)
+    lifted = np.abs(np.tensordot(frame[:, 2:].T, floats(second[:-1, 1:, 1:]), 1))
+    return replace(form, frame=frame, units=units / np.max(units), lifted=lifted)
+
+
+@final
+@dataclass(frozen=True)
+class _Form:
+    """The reduced equation g about a centre, and the test over rectangles.
+
+    F = g `missed` (k,), and u and v are the first two coordinates of `frame` about
+    `centre`; `units` (2,) are lengths of these in which branches are diagonals, `lifted`
+    (others, 2, 2) sizes of the second derivatives of the other coordinates by them.
+    """
+
+    equations: Equations
+    centre: Floats
+    frame: Floats
+    missed: Floats
+    units: Floats
+    lifted: Floats
+
+    @staticmethod
+    def about(equations: Equations, place: Floats) -> "_Form | None":
+        """Return one by the rank that F' is nearest to losing; None if it is more."""
+        _, slopes = equations.real.first(circle(place)[None])
+        left, sizes, right = np.linalg.svd(slopes[0])
+        if len(sizes) > 1 and not sizes[-2] > 1e-6 * sizes[0]:
+            return None
+        frame = np.asarray(np.roll(right, 2, axis=0).T)
+        return _Form(equations, place, frame, left[:, -1], np.ones(2), np.ones(0))
+
+    def open(self, place: Balls) -> tuple[Ball, Balls]:
+        """Return a number near g at a place, and by how much F differs from it (k,)."""
+        (values,) = self.equations.arrays(place, 0)
+        missed, open_ = exactly(self.missed), np.array([e.real for e in values])
+        level = (missed @ open_).mid()
+        return level, open_ - level * missed
+
+    def solved(self, places: Balls, residual: Balls, order: int = 2) -> list[Balls]:
+        """Return how (z, g) moves, (v + 1, 3): by a residual of F, and with u and v.
+
+        With it, at an order of 2, its second derivatives (v + 1, 3, 3). At balls of all
+        variables.
+        """
+        _, slopes, *bends = self.equations.arrays(places, order)
+        k, v = slopes.shape
+        square, right = np.zeros((v + 1, v + 1), object), np.zeros((v + 1, 3), object)
+        square[:k, :v], square[:k, v] = slopes, -exactly(self.missed)
+        square[k:, :v] = exactly(self.frame[:, :2].T)
+        right[:k, 0], right[k:, 1:] = -residual, np.eye(2, dtype=int)
+        made = [_real(square, right)]
+        for bent in bends:
+            right = np.zeros((v + 1, 9), object)
+            right[:k] = -(made[0][:v].T @ bent @ made[0][:v]).reshape(k, 9)
+            made.append(_real(square, right).reshape(-1, 3, 3))
+        return made
+
+    def critical(self, place: Balls) -> Balls | None:
+        """Return centres next to where the slopes of g are 0; nothing rests on them."""
+        try:
+            for _ in range(NEWTON):
+                first, second = self.solved(place, self.open(place)[1])
+                slope = middles(first[-1, 1:] + second[-1, 0, 1:])
+                flat = _real(middles(second[-1, 1:, 1:]), -slope[:, None])[:, 0]
+                change = middles(first[:-1, 0] + first[:-1, 1:] @ flat)
+                far = np.max(np.abs(floats(change)))
+                if not far < 0.5:
+                    return None
+                place = middles(place + change)
+                if far < 2.0 ** (8 - precision()):
+                    break
+        except ZeroDivisionError:
+            return None
+        return place
+
+    def shown(self, size: float, crosses: Crosses) -> Saddle | None:
+        """Return the saddle with a rectangle of a size, None if that does not prove it."""
+        flat, normals = np.array([1.0, FLATTER]) * size * self.units, self.frame[:, 2:].T
+        centre = exactly(self.centre)
+        level, residual = self.open(centre)
+        reach = 0.2 * size + float(np.max(flat @ self.lifted @ flat, initial=0.0))
+        limits = np.array([*flat, *[reach] * len(normals)])
+        try:
+            first, second = self.solved(self._over(limits), residual)
+            ways, bend = first[:-1, 1:], second[-1, 1:, 1:]
+            # on the way from the residual at the centre, and from there to u and v
+            aside = normals @ first[:-1, 0] + (normals @ ways) @ _about(flat)
+            inside = all(upper(e) < reach for e in aside)
+            if not (inside and bend[0, 0] > 0 and bend[1, 1] < 0):
+                return None
+            value, slope = self._there(centre, level, first[:, 0])
+            if not _sides(limits, value, slope, bend):
+                return None
+            part = Saddle(self.centre, self.frame, limits, None, 0.0, 0.0 * limits, {}, {})
+            arms = _Arms(ways, bend, self.units)
+            if crosses(part):
+                rates, far = arms.outward(0.0, 0.0, limits, 1e-12)
+                return replace(part, level=0, rates=rates, reach=far)
+            level, steep = self._level(limits, value, slope)
+        except ZeroDivisionError:
+            return None
+        least = min(lower(bend[0, 0]), lower(bend[1, 1]))
+        height = upper(level)
+        gap = float(2.0 * np.sqrt(2.0 * height / least))
+        away = FAR * gap + 1e4 * steep / least + 1e-300
+        slack = 2.001 * (height / away + 2.0 * steep) / away
+        spread = np.array([[upper(e) for e in row] for row in ways])
+        rates, far = arms.outward(slack, 1.001 * steep / away, limits, 4.0 * away)
+        return replace(
+            part,
+            level=_sign(level) or None,
+            gap=gap,
+            zone=4.0 * away * np.sum(spread, axis=1) + 1e-12,
+            rates=rates,
+            reach=far,
+            passes=arms.through(level, steep) if _sign(level) else (),
+        )
+
+    def _over(self, limits: Floats) -> Balls:
+        """Return balls of all variables over a part of space, a little more than it."""
+        reach = np.abs(self.frame) @ limits * (1.0 + 1e-9) + 1e-12
+        return np.asarray(exactly(self.centre) + _about(reach))
+
+    def _there(self, place: Balls, level: Ball, moved: Balls) -> tuple[Ball, Balls]:
+        """Return g and its slopes (2,) at the u and v of a place.
+
+        `moved` (v + 1,) is how far (z, g) is from the place and its level.
+        """
+        (near,) = self.solved(place + moved[:-1], 0 * exactly(self.missed), 1)
+        return level + moved[-1], near[-1, 1:]
+
+    def _level(self, limits: Floats, value: Ball, slope: Balls) -> tuple[Ball, float]:
+        """Return the level of the saddle, and the largest slope at a place next to it.
+
+        `value` and `slope` are those of g at the centre.
+        """
+        written, made = self.equations.written, self.equations.construction
+        place, most = exactly(self.centre), 2.002 * float(np.max(limits[:2]))
+        for digits in PRECISIONS:
+            with bits(digits):
+                form = replace(self, equations=Equations(written, made))
+                critical = form.critical(place)
+                if critical is None:
+                    break
+                off = (floats(critical) - self.centre) @ self.frame
+                if not np.all(np.abs(off) < 1e-3 * limits):
+                    break
+                place = critical
+                level, residual = form.open(place)
+                (first,) = form.solved(form._over(limits), residual, 1)
+                value, slope = form._there(place, level, first[:, 0])
+                steep = max(upper(e) for e in slope)
+                if not wide(value, most * steep).contains(0):
+                    break
+        steep = max(upper(e) for e in slope)
+        return wide(value, most * steep), steep
+
+
+def _sides(limits: Floats, value: Ball, slope: Balls, bend: Balls) -> bool:
+    """Return whether g is positive on the sides of u and the arms are in quadrants."""
+    u, v = float(limits[0]), float(limits[1])
+    level, steep = upper(value), [upper(e) for e in slope]
+    least = [lower(bend[j, j]) for j in (0, 1)]
+    side = least[0] * u * u - 2 * upper(bend[0, 1]) * u * v - upper(bend[1, 1]) * v * v
+    out = 0.5 * side - steep[0] * u - steep[1] * v - level
+    inner = INNER * v
+    down = 0.5 * least[1] * inner**2 - steep[1] * inner
+    return bool(out > 1e-12 * u * u and down > 1.001 * max(level, 2.0 * u * steep[0]))
+
+
+def _real(square: Balls, right: Balls) -> Balls:
+    """Return the solutions of linear equations whose balls are real."""
+    made = solved(matrix(square), matrix(right)).tolist()
+    return np.array([[entry.real for entry in row] for row in made])
+
+
+def _about(radii: Floats) -> Balls:
+    """Return balls about 0."""
+    return np.array([wide(exact(0.0), float(radius)) for radius in radii])
