@@ -10,11 +10,10 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section
 from spherekit.dynamics.compiled_engine import by_taylor_series
-from spherekit.dynamics.kinematics import by_variables
+from spherekit.dynamics.coordinates import by_variables
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.start import Problem, prepare
-from spherekit.dynamics.tabulate import online_model
-from spherekit.dynamics.tabulated import online_motion
+from spherekit.dynamics.tabulate import online_model, online_motion
 from spherekit.engine.compiler import available
 from spherekit.errors import ModelError
 from spherekit.exchange.bodies import RigidBodies, rigid_bodies

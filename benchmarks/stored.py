@@ -8,14 +8,14 @@ from statistics import median
 import numpy as np
 
 from benchmarks.harness import Cell, Section
-from spherekit.dynamics.inertia import inertia
-from spherekit.dynamics.kinematics import by_variables
+from spherekit.dynamics.coordinates import by_variables, inertia
 from spherekit.dynamics.tabulate import grid_model, online_model
-from spherekit.dynamics.tabulated import TabulatedModel
+from spherekit.dynamics.tabulated import StoredModel
 from spherekit.files.read import load
 from spherekit.model.dynamics import Bearings, Damper
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
+from spherekit.numeric.cells import TensorChebyshev
 from spherekit.planning.poles import parse_pole
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
@@ -88,7 +88,8 @@ def _several(quick: bool) -> Section:
         started = time.process_time()
         model = grid_model(made)
         seconds = time.process_time() - started
-        cells = model.series
+        (cells,) = model.groups
+        assert isinstance(cells, TensorChebyshev)
         row = cells.bounds[0].mean(axis=0).tolist()
         rates = [0.3] * len(row)
         model.torque(row, rates, rates)
@@ -124,7 +125,7 @@ def _several(quick: bool) -> Section:
     )
 
 
-def _times(model: TabulatedModel, quick: bool) -> list[float | None]:
+def _times(model: StoredModel, quick: bool) -> list[float | None]:
     """Return the fastest and the median time (us) of each call, and in calls of a sine."""
     places = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, CALLS).tolist()
     calls: list[Callable[[float], object]] = [
@@ -150,7 +151,7 @@ def _times(model: TabulatedModel, quick: bool) -> list[float | None]:
 
 
 def _worst(
-    model: TabulatedModel, name: str, assembly_mode: int, count: int
+    model: StoredModel, name: str, assembly_mode: int, count: int
 ) -> tuple[float, str]:
     """Return the largest error of all functions, and whose it is."""
     mechanism = _stored(name)

@@ -46,8 +46,8 @@ if TYPE_CHECKING:
     from spherekit.dynamics.start import PoseStart as PoseStart
     from spherekit.dynamics.tabulate import grid_model as grid_model
     from spherekit.dynamics.tabulate import online_model as online_model
+    from spherekit.dynamics.tabulate import online_motion as online_motion
     from spherekit.dynamics.tabulated import load_reduced as load_reduced
-    from spherekit.dynamics.tabulated import online_motion as online_motion
     from spherekit.errors import SpherekitError as SpherekitError
     from spherekit.exchange.coupling import load_coupling as load_coupling
     from spherekit.exchange.coupling_made import coupling_table as coupling_table

@@ -20,8 +20,7 @@ from spherekit.conventions import Status
 from spherekit.dynamics import forward
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import PoseStart
-from spherekit.dynamics.tabulate import online_model
-from spherekit.dynamics.tabulated import online_motion
+from spherekit.dynamics.tabulate import online_model, online_motion
 from spherekit.engine.compiler import available
 from spherekit.errors import (
     AnalysisError,
@@ -299,7 +298,7 @@ def test_a_stored_model_gives_the_same_motion(four_bar):
     exactly = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
     bare = online_model(four_bar, poles=())
     model = bare.with_torque(DRIVING)
-    assert model.heading.coordinate == "q"
+    assert model.heading.by == ("q",)
     for tolerance in (1e-7, 1e-9):
         found = online_motion(model, t, 0.3, 1.0, tolerance)
         assert np.max(np.abs(found.q - exactly.at(t).q)) < tolerance
@@ -323,7 +322,7 @@ def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(four_bar):
     exactly = simulate(mechanism, Start(0.3, 4.0), 2.0, tolerance=1e-11)
     assert exactly.end.kind == "stop"
     model = online_model(mechanism, poles=())
-    assert (model.heading.coordinate, model.heading.periodic) == ("s", False)
+    assert (model.heading.by, model.heading.periodic) == (("s",), False)
     (s,) = model.places("theta_21", 0.3 + 2.0 * np.pi)
     speed = 4.0 / model.value("d(theta_21)/ds", s)
     t = np.linspace(0.0, 2.0, 81)

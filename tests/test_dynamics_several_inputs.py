@@ -10,7 +10,7 @@ from newton_euler import body, loaded, newton_euler
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.dynamics.inertia import coriolis
+from spherekit.dynamics.coordinates import coriolis
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.engine.compiler import available
 from spherekit.errors import ModelError, SolveError

@@ -183,8 +183,8 @@ def test_loads_and_masses_come_back(tmp_path):
 
 def _power(mechanism, values, placed):
     """Return the power of each load by name, while input 21 turns at 1 rad/s."""
+    from spherekit.dynamics.coordinates import by_variables
     from spherekit.dynamics.forces import Loads
-    from spherekit.dynamics.kinematics import by_variables
 
     closure = Closure.of(mechanism, geometry_of(mechanism).joints)
     values = geometry_of(mechanism).reference if values is None else values

@@ -148,7 +148,7 @@ def test_names_are_those_of_the_library_to_help_and_to_pickle():
     from spherekit.plugin.dynamics import inertia
     from spherekit.plugin.singularities import Cut
 
-    ours = importlib.import_module("spherekit.dynamics.inertia").inertia
+    ours = importlib.import_module("spherekit.dynamics.coordinates").inertia
     assert inspect.signature(inertia) == inspect.signature(ours)
     assert inertia.__doc__ == ours.__doc__ and inertia.__name__ == ours.__name__
     assert judges(inertia) and not judges(ours)

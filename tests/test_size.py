@@ -14,11 +14,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 718_779,
-    "code lines": 58_601,
+    "nodes": 717_623,
+    "code lines": 58_480,
     "files": 335,
-    "classes": 740,
-    "dataclasses": 523,
+    "classes": 736,
+    "dataclasses": 519,
     "functions of 60 lines": 37,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""

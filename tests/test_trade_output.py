@@ -34,8 +34,7 @@ def made():
         for n in (32, 64, 128, 4096)
     ]
     without = [
-        Measured(f"numpy t {n}", None, reason="no curve closes")
-        for n in (32, 64, 4096)
+        Measured(f"numpy t {n}", None, reason="no curve closes") for n in (32, 64, 4096)
     ]
     columns = (
         ("poles.q", "absolute rad", 1.0),

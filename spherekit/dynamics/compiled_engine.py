@@ -7,9 +7,12 @@ from itertools import chain, combinations
 import numpy as np
 
 from spherekit.conventions import STATUS_MEANING, TURN, Status
+from spherekit.dynamics.coordinates import (
+    CoordinateMotion,
+    equivalent_inertia,
+    reciprocal_condition,
+)
 from spherekit.dynamics.forces import rates_by_time
-from spherekit.dynamics.inertia import equivalent_inertia
-from spherekit.dynamics.kinematics import CoordinateMotion, reciprocal_condition
 from spherekit.dynamics.path import CoordinateLeg, CurveLeg, TaylorPath
 from spherekit.dynamics.simulation import (
     CROSSING,

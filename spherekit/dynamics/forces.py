@@ -22,7 +22,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.dynamics.kinematics import CoordinateMotion
+from spherekit.dynamics.coordinates import CoordinateMotion
 from spherekit.model.actions import steep
 from spherekit.model.dynamics import Bearings, ContactFriction, sliding_rate
 from spherekit.model.joints import Joint

@@ -9,15 +9,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
 from spherekit.conventions import SINGULAR_RATIO, Status, counted, listing
-from spherekit.dynamics.forces import Driven, Loads
-from spherekit.dynamics.inertia import Inertia, driving_torques, inertia
-from spherekit.dynamics.kinematics import (
+from spherekit.dynamics.coordinates import (
     CoordinateMotion,
+    Inertia,
     InputMotion,
     by_variables,
     determined,
+    driving_torques,
+    inertia,
     single,
 )
+from spherekit.dynamics.forces import Driven, Loads
 from spherekit.dynamics.start import at_inputs
 from spherekit.dynamics.state import rubbed
 from spherekit.errors import ModelError, SolveError

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import STATUS_MEANING, Status
-from spherekit.dynamics.inertia import inertia_matrix
-from spherekit.dynamics.kinematics import reciprocal_condition
+from spherekit.dynamics.coordinates import inertia_matrix, reciprocal_condition
 from spherekit.dynamics.path import (
     NODES,
     Attempt,

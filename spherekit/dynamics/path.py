@@ -19,7 +19,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from spherekit.conventions import EPS
-from spherekit.dynamics.inertia import inertia
+from spherekit.dynamics.coordinates import inertia
 from spherekit.dynamics.start import variable_of
 from spherekit.dynamics.state import EquationOfMotion, Roots
 from spherekit.engine.integration import Run

@@ -17,14 +17,17 @@ from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
 from spherekit.conventions import TURN, counted
-from spherekit.dynamics.forces import Driven, Transmitted, rates_by_time, transmitted
-from spherekit.dynamics.inertia import Inertia, coriolis, inertia, inertia_matrix
-from spherekit.dynamics.kinematics import (
+from spherekit.dynamics.coordinates import (
     CoordinateMotion,
+    Inertia,
     InputMotion,
     by_variables,
+    coriolis,
+    inertia,
+    inertia_matrix,
     single,
 )
+from spherekit.dynamics.forces import Driven, Transmitted, rates_by_time, transmitted
 from spherekit.dynamics.path import CollocationPath, StatePath, Step, Traced
 from spherekit.dynamics.start import STANDSTILL, Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion

@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.checked import checked_class
 from spherekit.conventions import STATUS_MEANING, TURN, Status, counted, listing, nearest
-from spherekit.dynamics.inertia import need_inertia, need_moving_inertia
+from spherekit.dynamics.coordinates import need_inertia, need_moving_inertia
 from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.dyads import Cache
 from spherekit.errors import ModelError, SolveError

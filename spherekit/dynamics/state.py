@@ -39,6 +39,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status, listing
+from spherekit.dynamics.coordinates import (
+    CoordinateMotion,
+    Order,
+    by_arc_length,
+    by_combinations,
+    continued,
+    coriolis,
+    inertia,
+    inertia_matrix,
+)
 from spherekit.dynamics.forces import (
     DEPENDENT,
     DETERMINED,
@@ -50,14 +60,6 @@ from spherekit.dynamics.forces import (
     balanced,
     rates_by_time,
     without_centre,
-)
-from spherekit.dynamics.inertia import coriolis, inertia, inertia_matrix
-from spherekit.dynamics.kinematics import (
-    CoordinateMotion,
-    Order,
-    by_arc_length,
-    by_combinations,
-    continued,
 )
 from spherekit.errors import SolveError
 from spherekit.model.joints import Joint

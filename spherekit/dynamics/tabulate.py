@@ -4,42 +4,44 @@ Of one input these are B, the loads' geometry, the pair variables, and pole axes
 coefficients, as Chebyshev series of one coordinate of the whole configuration curve
 (Di Gregorio 2024, section 4); of several inputs tensor Chebyshev series over the box of
 their ranges.
+
+The direct problem of a stored curve: its motion under its loads, in two scalars.
+
+The state is the coordinate x of the model, q or s, the momentum p = sqrt(B) x' and the
+work W of all loads. As in `spherekit.dynamics.state`, which holds in any coordinate,
+
+    dx/dt = p / sqrt(B),   dp/dt = Q / sqrt(B),   dW/dt = Q dx/dt.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from itertools import chain
+from math import sqrt
+from typing import final
 
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.dynamics.forces import Loads
-from spherekit.dynamics.inertia import AlongCurve, OverBox, own_velocities, pole_name
 from spherekit.dynamics.stored_model import (
-    GridMetadata,
-    ModelMetadata,
     StoredFunction,
-    StoredLoad,
+    StoredHeading,
 )
-from spherekit.dynamics.tabulated import GridModel, TabulatedModel
+from spherekit.dynamics.stored_samples import MARKS, AlongCurve, OverBox
+from spherekit.dynamics.tabulated import StoredModel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.files.write import mechanism_hash
 from spherekit.model.dynamics import need_no_rubbing
-from spherekit.model.expression import Expression
-from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.cells import TensorChebyshev
 from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev
-from spherekit.planning.poles import Pole, all_poles, parse_pole
+from spherekit.planning.poles import (
+    all_poles,
+    parse_pole,
+)
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
-from spherekit.version import __version__
-
-MARKS = 1024
-"""Places along the curve at which the sizes of functions are judged."""
 
 FIRST_CELLS = 16
 """Cells of every stored function at first; fewer could miss a narrow feature."""
@@ -64,7 +66,7 @@ def online_model(
     assembly_mode: int = 0,
     poles: Iterable[str] | None = None,
     tolerance: float = 1e-13,
-) -> TabulatedModel:
+) -> StoredModel:
     """Return the stored functions of one assembly mode of a single-DOF mechanism.
 
     Parameters
@@ -92,16 +94,7 @@ def online_model(
     else:
         wanted = tuple(dict.fromkeys(parse_pole(made, text) for text in poles))
     sampler = AlongCurve(tracer, wanted)
-    heading = ModelMetadata(
-        **_heading(made, assembly_mode, wanted, sampler),
-        input=tracer.inputs[0],
-        coordinate=sampler.coordinate,
-        periodic=sampler.periodic,
-        low=sampler.low,
-        high=sampler.high,
-        rise=tuple(sampler.rise.tolist()),
-        groups=(),
-    )
+    heading = sampler.along(assembly_mode)
     every = [sampler.names(heading), *map(partial(_pole_names, heading), heading.poles)]
     names = {name: unit for group in every for name, unit in group.items()}
     size = _sizes(list(names), sampler.columns(range(len(every)), sampler.spread(MARKS)))
@@ -114,7 +107,7 @@ def online_model(
         series, error = _fitted(sampler, k, tolerance, sizes)
         fitted.append(series)
         groups.append(_stored(units, sizes, error))
-    return TabulatedModel(replace(heading, groups=tuple(groups)), tuple(fitted))
+    return StoredModel(replace(heading, groups=tuple(groups)), tuple(fitted))
 
 
 def _fitted(
@@ -139,7 +132,7 @@ def grid_model(
     assembly_mode: int = 0,
     poles: Iterable[str] = (),
     tolerance: float = 1e-11,
-) -> GridModel:
+) -> StoredModel:
     """Return the stored functions of one assembly mode of a mechanism of several inputs.
 
     Parameters
@@ -166,20 +159,18 @@ def grid_model(
     tracer = Tracer(mechanism, None, assembly_mode, samples=count, grid=True)
     wanted = tuple(parse_pole(mechanism, text) for text in poles)
     sampler = OverBox(tracer, wanted)
-    heading = GridMetadata(
-        **_heading(tracer.mechanism, assembly_mode, wanted, sampler),
-        inputs=tracer.inputs,
-        low=tuple(sampler.low.tolist()),
-        high=tuple(sampler.high.tolist()),
-        covered=0.0,
-        functions=(),
+    heading = sampler.heading(
+        assembly_mode,
+        tracer.inputs,
+        sampler.low.tolist(),
+        sampler.high.tolist(),
     )
     names = sampler.names(heading)
     for pole in heading.poles:
         for axis in "xyz":
             by = heading.by_coordinates(f"velocity {pole} {axis}")
             names |= dict.fromkeys(by, "")
-    size = _sizes(list(names), sampler.columns(sampler.known))
+    size = _sizes(list(names), sampler.columns(sampler.nodes))
     working = Working("fitting functions")
 
     def function(q: Floats) -> Floats:
@@ -194,8 +185,8 @@ def grid_model(
             "tolerance"
         )
     error = _measured(series, function)
-    functions = _stored(names, size, error)
-    return GridModel(replace(heading, covered=series.covered, functions=functions), series)
+    groups = (_stored(names, size, error),)
+    return StoredModel(replace(heading, covered=series.covered, groups=groups), (series,))
 
 
 def _measured(series: TensorChebyshev, function: Callable[[Floats], Floats]) -> Floats:
@@ -218,25 +209,6 @@ def _storable(mechanism: AnyMechanism, tolerance: float, least: float) -> Mechan
     return made
 
 
-def _heading(
-    mechanism: Mechanism,
-    assembly_mode: int,
-    poles: Iterable[Pole],
-    sampler: AlongCurve | OverBox,
-) -> dict[str, Any]:
-    """Return what headings of all models say."""
-    return {
-        "mechanism": mechanism.name,
-        "mechanism_sha256": mechanism_hash(mechanism),
-        "made_by": __version__,
-        "assembly_mode": assembly_mode,
-        "variables": mechanism.variable_names,
-        "angles": tuple(mechanism.angles),
-        "poles": tuple(pole_name(mechanism, pole) for pole in poles),
-        "loads": _stored_loads(sampler.loads, sampler.rate),
-    }
-
-
 def _stored(
     names: Mapping[str, str], sizes: Floats, error: Floats
 ) -> tuple[StoredFunction, ...]:
@@ -244,28 +216,7 @@ def _stored(
     return tuple(StoredFunction(name, unit, most, off) for (name, unit), most, off in parts)
 
 
-def _stored_loads(loads: Loads, rate: Callable[[str], str]) -> tuple[StoredLoad, ...]:
-    """Return what magnitudes of loads depend on besides the configuration.
-
-    `rate` names what they work on of a pair's variable, by the variable's name.
-    """
-    velocities, stored = own_velocities(loads), []
-    for number, load in enumerate(loads.mechanism.loads):
-        parts = [
-            (k, x) for k, x in enumerate(loads.components) if loads.owners[k] == number
-        ]
-        works_on = tuple(velocities.get(k, rate(f"theta_{part.pair}")) for k, part in parts)
-        if isinstance(load, TorqueTable):
-            table = load.times, load.torques, load.periodic
-            stored.append(StoredLoad(load.name, works_on, (), *table))
-            continue
-        laws = [part.magnitude for _, part in parts]
-        texts = tuple(law.text for law in laws if isinstance(law, Expression))
-        stored.append(StoredLoad(load.name, works_on, texts))
-    return tuple(stored)
-
-
-def _pole_names(heading: ModelMetadata, pole: str) -> dict[str, str]:
+def _pole_names(heading: StoredHeading, pole: str) -> dict[str, str]:
     """Return the names of a pole's functions along a curve, with their units."""
     axis = {f"pole {pole} {axis}": "" for axis in "xyz"}
     return axis | {f"rate {pole}": "", heading.derivative(f"rate {pole}"): "1/rad"}
@@ -294,3 +245,141 @@ def _sizes(names: list[str], values: Floats) -> Floats:
             size[k] = max(size[k], LEAST * size[names.index(name[2 : name.index(")")])])
     size[size == 0.0] = 1.0
     return np.asarray(size)
+
+
+MARGIN = 0.03
+"""The integrator's own tolerance per step, as part of the error tolerated in the end."""
+
+
+@final
+@dataclass(frozen=True)
+class TabulatedMotion:
+    """The motion at times `t` (n,), s; NaN after the curve has ended.
+
+    `x` (n,) coordinate of the model; `values`, `value_rates` (n, variables); `q`, `dq` of
+    the input, rad and rad/s; `kinetic`, `work` (n,) J; `message` says why it ended;
+    `evaluations` counts calls of the right-hand side.
+    """
+
+    t: Floats
+    x: Floats
+    values: Floats
+    value_rates: Floats
+    q: Floats
+    dq: Floats
+    kinetic: Floats
+    work: Floats
+    message: str
+    evaluations: int
+
+    @property
+    def energy(self) -> float:
+        """Largest difference of kinetic energy gained and work of the loads, J."""
+        gap = self.kinetic - self.kinetic[0] - self.work
+        return float(np.nanmax(np.abs(gap)))
+
+
+@checked(SolveError)
+def online_motion(
+    model: StoredModel,
+    times: Sequence[float] | Floats,
+    x: float,
+    dx: float,
+    tolerance: float = 1e-9,
+    switches: Iterable[float] = (),
+) -> TabulatedMotion:
+    """Return the motion of a stored model at times (n,), by SciPy's LSODA.
+
+    Parameters
+    ----------
+    model
+        One with masses; a driving torque is given by `StoredModel.with_torque`.
+    times
+        Increasing times (s), the first that of the start.
+    x, dx
+        Coordinate of the model and its rate at the start.
+    tolerance
+        Error aimed at in x (rad).
+    switches
+        Times (s) at which expressions have kinks; knots of torque tables are known.
+
+    Raises
+    ------
+    SolveError
+        If times do not increase, the model has no inertia or not this coordinate, or the
+        integrator gives up.
+    """
+    heading, name = model.heading, model.heading.mechanism
+    if not heading.alone:
+        raise SolveError(f"{name}: the model is of several inputs; a motion is of a curve")
+    t = np.atleast_1d(np.asarray(times, dtype=float))
+    if len(t) < 2 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
+        raise SolveError(f"{name}: give two or more finite, increasing times")
+    at, (low,), (high,) = model.dynamics.at, heading.low, heading.high
+    inertia = at(x)[0]
+    if not inertia > 0.0:
+        raise SolveError(f"{name}: has no inertia, so loads would accelerate it endlessly")
+
+    def right(time: float, state: Floats) -> tuple[float, float, float]:
+        place, p, _ = state.tolist()
+        within = place if heading.periodic else min(max(place, low), high)
+        row = at(within)
+        root = 1.0 / sqrt(row[0])
+        speed = p * root
+        push = row[1] * speed * speed - model.torque_at(row, within, speed, 0.0, time)
+        return speed, push * root, push * speed
+
+    tighter = max(MARGIN * tolerance, 1e-14)
+    start, stop = float(t[0]), float(t[-1])
+    tables = [load.table.knots(start, stop) for load in heading.loads if load.table]
+    critical = sorted(k for k in {*chain(switches, *tables)} if start < k < stop)
+    from scipy.integrate import odeint
+
+    states, notes = odeint(
+        right,
+        [x, sqrt(inertia) * dx, 0.0],
+        t,
+        tfirst=True,
+        rtol=tighter,
+        atol=tighter,
+        mxstep=100_000,
+        tcrit=critical or None,
+        full_output=True,
+    )
+    if notes["message"] != "Integration successful.":
+        raise SolveError(f"{name}: {notes['message']}")
+    return _motion(model, t, states, int(notes["nfe"][-1]))
+
+
+def _motion(
+    model: StoredModel, t: Floats, states: Floats, evaluations: int
+) -> TabulatedMotion:
+    """Return the motion of states (n, 3): the coordinate, momentum and work."""
+    heading = model.heading
+    message, reached = "", states[:, 0]
+    if not heading.periodic:
+        beyond = np.flatnonzero((reached < heading.low[0]) | (reached > heading.high[0]))
+        if len(beyond):
+            message = f"the curve ends before t = {t[beyond[0]]:.6g} s"
+            states[beyond[0] :] = np.nan
+    places, p, work = states.T
+    finite = np.isfinite(places)
+    values, rates = np.full((2, len(t), len(heading.variables)), np.nan)
+    speeds = p[finite] / np.sqrt(model.inertia(places[finite]))
+    for k, variable in enumerate(heading.variables):
+        rate = model.value(heading.derivative(variable), places[finite])
+        values[finite, k] = model.value(variable, places[finite])
+        rates[finite, k] = rate * speeds
+    driven = heading.variables.index(f"theta_{heading.inputs[0]}")
+    return TabulatedMotion(
+        t,
+        places,
+        values,
+        rates,
+        values[:, driven],
+        rates[:, driven],
+        0.5 * p**2,
+        work,
+        message,
+        evaluations,
+    )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spherekit.checked import checked
 from spherekit.conventions import listing
-from spherekit.dynamics.kinematics import by_variables
+from spherekit.dynamics.coordinates import by_variables
 from spherekit.errors import SolveError
 from spherekit.exchange.coupling import Coupled, CouplingTable
 from spherekit.files.read import AnyMechanism, mechanism_of

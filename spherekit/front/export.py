@@ -201,18 +201,15 @@ def _functions(
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
     if len(mechanism.inputs) > 1:
-        grid = grid_model(
+        model = grid_model(
             mechanism,
             assembly_mode=assembly_mode,
             poles=poles or (),
             tolerance=1e-11 if tolerance is None else tolerance,
         )
-        grid.save(target)
-        count, of = len(grid.heading.functions), listing(grid.heading.inputs)
-        error = grid.error
-        if grid.heading.covered < 1.0:
+        if model.heading.covered < 1.0:
             notes.append(
-                f"known in {grid.heading.covered:.3g} of the box of the inputs' ranges; "
+                f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "
                 "elsewhere the assembly mode does not exist or is near a singularity"
             )
     else:
@@ -222,11 +219,11 @@ def _functions(
             poles=poles,
             tolerance=1e-13 if tolerance is None else tolerance,
         )
-        model.save(target)
-        count, of = len(model.heading.functions), model.heading.coordinate
-        error = model.error
+    model.save(target)
+    count, of = len(model.heading.functions), listing(model.heading.by)
     holds = (
-        f"{count} functions of {of}, errors up to {error:.2g} of the largest value of each"
+        f"{count} functions of {of}, errors up to {model.error:.2g} of the largest value "
+        "of each"
     )
     return Exported(target, holds, tuple(notes))
 

@@ -6,10 +6,11 @@ from spherekit.lazily import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
+    from spherekit.dynamics.coordinates import CoordinateMotion as CoordinateMotion
+    from spherekit.dynamics.coordinates import Inertia as Inertia
+    from spherekit.dynamics.coordinates import driving_torques as driving_torques
+    from spherekit.dynamics.coordinates import inertia as inertia
     from spherekit.dynamics.forces import Loads as Loads
-    from spherekit.dynamics.inertia import Inertia as Inertia
-    from spherekit.dynamics.inertia import driving_torques as driving_torques
-    from spherekit.dynamics.inertia import inertia as inertia
     from spherekit.dynamics.inverse import InverseSolution as InverseSolution
     from spherekit.dynamics.inverse import Stiffness as Stiffness
     from spherekit.dynamics.inverse import balancing as balancing
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from spherekit.dynamics.inverse import of_parts as of_parts
     from spherekit.dynamics.inverse import output_stiffness as output_stiffness
     from spherekit.dynamics.inverse import total as total
-    from spherekit.dynamics.kinematics import CoordinateMotion as CoordinateMotion
     from spherekit.dynamics.reactions import Reactions as Reactions
     from spherekit.dynamics.reactions import reactions as reactions
     from spherekit.model.actions import acting_links as acting_links
