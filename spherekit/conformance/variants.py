@@ -12,16 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.tables import Column, Table, TableArrays
-from spherekit.model.gears import axes_from_sizes, reference_frame
-from spherekit.model.locking import restated, turned_vector
+from spherekit.model.gears import pair_frames
+from spherekit.model.locking import restated, sizes_by_frames, turned_vector
 from spherekit.model.locking import turned as turned_profile
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
+from spherekit.model.parts import Pair, PoseGeometry, Profile, SizeGeometry
 from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import Floats
-
-DATUM = ("datum_z", "datum_y")
-"""Axes without pairs that say how the ground is turned."""
 
 
 class NotTurnedError(Exception):
@@ -55,24 +52,13 @@ def _turned_ground(
     mechanism: Mechanism, given: SizeGeometry, rotation: Floats
 ) -> SizeGeometry:
     """Return sizes in which the ground's frame is that of two axes without pairs."""
-    ground = mechanism.ground
-    sizes = given.links.get(ground, LinkSizes(()))
-    before = {name: rotation @ axis for name, axis in axes_from_sizes(sizes).items()}
-    arcs = [float(np.arccos(np.clip(axis[2], -1.0, 1.0))) for axis in before.values()]
-    angles = [float(np.arctan2(-axis[0], axis[1])) for axis in before.values()]
-    made = LinkSizes(
-        (*DATUM, *sizes.axes), (np.pi / 2, *arcs), tuple(angles), (*DATUM, *sizes.unpaired)
-    )
-    after = axes_from_sizes(made)
-    zeros = dict(given.zeros)
+    ground, frames = mechanism.ground, pair_frames(mechanism)
     for pair in mechanism.pairs:
-        if pair.kind.has_axis and ground in pair.links:
-            frame = reference_frame(after, pair.name)
-            turn = frame.T @ reference_frame(before, pair.name)
-            angle = float(np.arctan2(turn[1, 0], turn[0, 0]))
-            sign = 1.0 if pair.links[0] == ground else -1.0
-            zeros[pair.name] = zeros.get(pair.name, 0.0) + sign * angle
-    return SizeGeometry({**given.links, ground: made}, zeros)
+        for link, of_end in zip(pair.links, frames, strict=True):
+            if link == ground and pair.kind.has_axis:
+                of_end[pair.name] = rotation @ of_end[pair.name]
+    kept = {link: sizes for link, sizes in given.links.items() if link != ground}
+    return sizes_by_frames(mechanism.pairs, frames, kept)
 
 
 def _profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:

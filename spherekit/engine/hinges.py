@@ -29,15 +29,15 @@ from spherekit.engine.turns import (
 from spherekit.errors import EngineError
 from spherekit.model.dynamics import ContactFriction
 from spherekit.model.gears import geometry_of
-from spherekit.model.joints import revolute
+from spherekit.model.locking import sizes_by_frames
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import LinkSizes, Pair, SizeGeometry
+from spherekit.model.parts import Pair
 from spherekit.planning.wheels import (
     ONE_LINE,
     WheelTrain,
     wheel_train,
 )
-from spherekit.sphere.rotation import Floats, arc, cross, frame_toward
+from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -180,97 +180,33 @@ def _without_contacts(
     constants: Sequence[tuple[Floats, ...]],
 ) -> Mechanism:
     """Return a mechanism with the pairs that are `kept`, its contacts links."""
-    pairs: list[Pair] = []
-    frames: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
+    links, pairs = list(mechanism.links), list[Pair]()
+    frames: tuple[dict[str, Floats], dict[str, Floats]] = {}, {}
+
+    def put(pair: Pair, first: Floats, second: Floats) -> None:
+        pairs.append(pair)
+        frames[0][pair.name], frames[1][pair.name] = first, second
+
     for place, (n, rotations) in enumerate(zip(kept, constants, strict=True)):
         pair = mechanism.pairs[n]
-        one, other = pair.links
         if place not in contacts:
-            pairs.append(pair)
-            frames[one][pair.name] = rotations[0]
-            frames[other][pair.name] = rotations[1].T
+            put(pair, rotations[0], rotations[1].T)
             continue
+        one, other = pair.links
         bar = f"centres_{pair.name}"
-        while bar in frames:
+        while bar in links:
             bar += "_"
-        near, far = (Pair(f"{bar}_{link}", "R", ends) for link, ends in _ends(pair, bar))
-        pairs += [near, far]
-        frames[one][near.name] = rotations[0]
-        frames[bar] = {near.name: np.eye(3), far.name: rotations[1]}
-        frames[other][far.name] = rotations[2].T
-    sizes = {
-        link: _sizes({name: frame[:, 2] for name, frame in of_link.items()})
-        for link, of_link in frames.items()
-    }
-    made = replace(
+        links.append(bar)
+        put(Pair(f"{bar}_{one}", "R", (one, bar)), rotations[0], np.eye(3))
+        put(Pair(f"{bar}_{other}", "R", (bar, other)), rotations[1], rotations[2].T)
+    return replace(
         mechanism,
-        links=tuple(frames),
+        links=tuple(links),
         pairs=tuple(pairs),
-        geometry=SizeGeometry(sizes),
+        geometry=sizes_by_frames(pairs, frames),
         stops=(),
         modes=(),
     )
-    return replace(made, geometry=SizeGeometry(sizes, _zeros(made, frames)))
-
-
-def _zeros(
-    mechanism: Mechanism, frames: Mapping[str, Mapping[str, Floats]]
-) -> dict[str, float]:
-    """Return the zeros (rad) with which pairs have these frames, but for those of links."""
-    joints = geometry_of(mechanism).joints
-    by_pair = {
-        pair.name: revolute(joint)
-        for pair, joint in zip(mechanism.pairs, joints, strict=True)
-    }
-    turned = {}
-    for link, of_link in frames.items():
-        there = {
-            name: by_pair[name].first
-            if mechanism.pair(name).links[0] == link
-            else by_pair[name].second
-            for name in of_link
-        }
-        turned[link] = _onto(list(there.values()), list(of_link.values()))
-    made = {}
-    for pair in mechanism.pairs:
-        joint, (one, other) = by_pair[pair.name], pair.links
-        first = turned[one] @ joint.first
-        second = turned[other] @ joint.second
-        between = first.T @ frames[one][pair.name] @ frames[other][pair.name].T @ second
-        made[pair.name] = float(np.arctan2(between[1, 0], between[0, 0]))
-    return made
-
-
-def _onto(there: Sequence[Floats], here: Sequence[Floats]) -> Floats:
-    """Return the rotation (3, 3) that takes the axes of frames to those of others."""
-    if not there:
-        return np.eye(3)
-    one = [frame[:, 2] for frame in there]
-    other = [frame[:, 2] for frame in here]
-    for k in range(1, len(one)):
-        if np.linalg.norm(cross(one[0], one[k])) > ONE_LINE:
-            return np.asarray(
-                frame_toward(other[0], other[k]) @ frame_toward(one[0], one[k]).T
-            )
-    return np.asarray(here[0] @ there[0].T)
-
-
-def _ends(pair: Pair, bar: str) -> tuple[tuple[str, tuple[str, str]], ...]:
-    one, other = pair.links
-    return (one, (one, bar)), (other, (bar, other))
-
-
-def _sizes(axes: Mapping[str, Floats]) -> LinkSizes:
-    """Return how axes (3,) of a link lie to each other; its frame is another one."""
-    names, every = tuple(axes), list(axes.values())
-    arcs = tuple(float(arc(every[0], axis)) for axis in every[1:])
-    normals = [cross(every[0], axis) for axis in every[1:]]
-    angles = tuple(_turn(every[0], normals[0], normal) for normal in normals[1:])
-    return LinkSizes(names, arcs, angles)
-
-
-def _turn(axis: Floats, one: Floats, other: Floats) -> float:
-    return float(np.arctan2(np.dot(axis, cross(one, other)), np.dot(one, other)))
 
 
 def _angles(rotation: Floats) -> tuple[float, float, float]:

@@ -135,7 +135,7 @@ def pair_frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floa
     """Return the frames (3, 3) of R pairs in their first and their second link, by name."""
     if isinstance(mechanism.geometry, PoseGeometry):
         return _pose_frames(mechanism.geometry)
-    return frames_of_sizes(mechanism, mechanism.geometry)
+    return frames_of_sizes(mechanism.pairs, mechanism.geometry)
 
 
 def given_axis(
@@ -209,7 +209,7 @@ def _pose_frames(
 
 
 def frames_of_sizes(
-    mechanism: Mechanism, geometry: SizeGeometry
+    pairs: Sequence[Pair], geometry: SizeGeometry
 ) -> tuple[dict[str, Floats], dict[str, Floats]]:
     """Return the frames (3, 3) of every R pair in its first and its second link, by name.
 
@@ -217,10 +217,11 @@ def frames_of_sizes(
     """
     axes = {
         link: axes_from_sizes(geometry.links.get(link, LinkSizes(())))
-        for link in mechanism.links
+        for pair in pairs
+        for link in pair.links
     }
     first, second = {}, {}
-    for pair in mechanism.pairs:
+    for pair in pairs:
         if pair.kind.has_axis:
             zero = about_z(geometry.zeros.get(pair.name, 0.0))
             first[pair.name] = reference_frame(axes[pair.links[0]], pair.name) @ zero

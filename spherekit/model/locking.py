@@ -5,7 +5,7 @@ A mechanism said otherwise: links of other names, in other axes, expressions cha
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
@@ -271,7 +271,7 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
         }
         for end, frames in enumerate(pair_frames(made))
     )
-    zeros = {**geometry.zeros, **_zeros(joined, geometry.links, (first, second))}
+    zeros = {**geometry.zeros, **_zeros(joined.pairs, geometry.links, (first, second))}
     return replace(joined, geometry=SizeGeometry(geometry.links, zeros))
 
 
@@ -366,8 +366,7 @@ def _added(masses: Iterable[Mass]) -> tuple[Mass, ...]:
 def _by_sizes(made: Mechanism, where: str) -> Mechanism:
     """Return a mechanism of a reference pose by sizes, with its variables and link axes.
 
-    The z and y axes of each link stand first in its list, so that its frame stays. The pose
-    is one of the configurations and no longer named. `where` begins messages.
+    The pose is one of the configurations and no longer named. `where` begins messages.
 
     Raises
     ------
@@ -381,24 +380,40 @@ def _by_sizes(made: Mechanism, where: str) -> Mechanism:
             "lock the pair there, or give the mechanism by arcs and angles"
         )
     assert isinstance(made.geometry, PoseGeometry)
-    frames = pair_frames(made)
-    axes: dict[str, dict[str, Floats]] = {link: {} for link in made.links}
-    for name, frame in frames[0].items():
-        for link in made.pair(name).links:
-            axes[link][name] = frame[:, 2]
-    links = {link: _sizes(link, carried) for link, carried in axes.items()}
-    zeros = _zeros(made, links, frames)
-    return replace(made, geometry=SizeGeometry(links, zeros))
+    return replace(made, geometry=sizes_by_frames(made.pairs, pair_frames(made)))
+
+
+def sizes_by_frames(
+    pairs: Sequence[Pair],
+    frames: tuple[Frames, Frames],
+    kept: Mapping[str, LinkSizes] = _NONE,
+) -> SizeGeometry:
+    """Return the sizes by which R pairs have these frames (3, 3) in their links' axes.
+
+    The z and y axes of a link stand first in its list, so that its frame stays. Links that
+    are `kept` have those sizes.
+    """
+    carried: dict[str, dict[str, Floats]] = {}
+    for pair in pairs:
+        for link, of_end in zip(pair.links, frames, strict=True):
+            axes = carried.setdefault(link, {})
+            if pair.name in of_end:
+                axes[pair.name] = of_end[pair.name][:, 2]
+    links = {
+        link: kept[link] if link in kept else _sizes(link, axes)
+        for link, axes in carried.items()
+    }
+    return SizeGeometry(links, _zeros(pairs, links, frames))
 
 
 def _zeros(
-    made: Mechanism, links: Mapping[str, LinkSizes], wanted: tuple[Frames, Frames]
+    pairs: Sequence[Pair], links: Mapping[str, LinkSizes], wanted: tuple[Frames, Frames]
 ) -> dict[str, float]:
     """Return the zeros (rad) of pairs with which their frames in sizes are those wanted.
 
     Only the sum over both links of a pair counts: the frames may be turned alike.
     """
-    have = frames_of_sizes(made, SizeGeometry(links, {}))
+    have = frames_of_sizes(pairs, SizeGeometry(links, {}))
     zeros = {}
     for name in wanted[0]:
         ahead, back = (

@@ -8,23 +8,23 @@ ordinary mechanism whose inputs are the output's coordinates, and whatever can b
 of a mechanism can be asked of that.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
 from spherekit.errors import PlanError
-from spherekit.model.gears import COLLINEAR, axes_from_sizes, reference_frame
+from spherekit.model.gears import pair_frames
+from spherekit.model.locking import sizes_by_frames
 from spherekit.model.mechanism import Mechanism, chosen_output
-from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
+from spherekit.model.parts import Input, Output, Pair, PoseGeometry, SizeGeometry
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import about_z
+from spherekit.sphere.rotation import azimuth_tilt, from_euler_zyz
 
 Vector = tuple[float, float, float]
 
 Z: Vector = (0.0, 0.0, 1.0)
-QUARTER = 0.5 * np.pi
 WHOLE = 2.0 * np.pi
 COORDINATES = (2, 3)
 """Of a pointing output, and of an orientation."""
@@ -113,7 +113,7 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
         pairs=(*mechanism.pairs, *wrist),
         geometry=_posed(geometry, names, direction)
         if isinstance(geometry, PoseGeometry)
-        else _sized(mechanism, geometry, (first, second), names, output, direction),
+        else _sized(mechanism, geometry, wrist, direction),
         modes=(),
         inputs=tuple(
             Input(pair, 0.0, 0.5 * WHOLE if pair == names[1] else WHOLE) for pair in held
@@ -159,48 +159,18 @@ def _posed(geometry: PoseGeometry, names: list[str], direction: Vector) -> PoseG
 def _sized(
     mechanism: Mechanism,
     geometry: SizeGeometry,
-    virtual: tuple[str, str],
-    names: list[str],
-    output: Output,
+    wrist: Sequence[Pair],
     direction: Vector,
 ) -> SizeGeometry:
-    """Add the wrist to sizes; its zeros are such that it needs none of its own."""
-    first, second = virtual
-    links = dict(geometry.links)
-    zeros = dict(geometry.zeros)
-    sizes = links.get(output.relative_to, LinkSizes(()))
-    links[output.relative_to] = _with_axis(sizes, names[0], 0.0, 0.0)
-    links[first] = LinkSizes((names[0], names[1]), (QUARTER,))
-    links[second] = LinkSizes((names[1], names[2]), (QUARTER,))
-    x, y, z = direction
-    across = float(np.hypot(x, y))
-    angle = float(np.arctan2(-x, y)) if across > COLLINEAR else 0.0
-    sizes = links.get(output.link, LinkSizes(()))
-    arc = float(np.arctan2(across, z))
-    links[output.link] = _with_axis(sizes, names[2], arc, angle)
-    turned = angle if len(sizes.axes) == 1 else 0.0
-    for pair in mechanism.pairs:
-        if output.link in pair.links and pair.name in sizes.axes:
-            shift = _shift(sizes, links[output.link], pair.name, turned)
-            ahead = pair.links[1] == output.link
-            zeros[pair.name] = zeros.get(pair.name, 0.0) + (shift if ahead else -shift)
-    return SizeGeometry(links, zeros)
-
-
-def _shift(before: LinkSizes, after: LinkSizes, pair: str, turned: float) -> float:
-    """Return how far (rad) a pair's reference arc moves when its link gets an axis.
-
-    That happens where the link had no second axis to measure from; if it had only one,
-    its own frame is `turned` about that as well.
-    """
-    old = reference_frame(axes_from_sizes(before), pair)
-    new = about_z(turned) @ reference_frame(axes_from_sizes(after), pair)
-    difference = old.T @ new
-    return float(np.arctan2(difference[1, 0], difference[0, 0]))
-
-
-def _with_axis(sizes: LinkSizes, name: str, arc: float, angle: float) -> LinkSizes:
-    if not sizes.axes:
-        return LinkSizes((name,))
-    angles = (*sizes.angles, angle) if len(sizes.axes) > 1 else ()
-    return replace(sizes, axes=(*sizes.axes, name), arcs=(*sizes.arcs, arc), angles=angles)
+    """Add the wrist to sizes; the axes of links stay."""
+    first, second = pair_frames(mechanism)
+    tilted = np.eye(3)[:, [2, 0, 1]]
+    pointed = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
+    ends = from_euler_zyz(pointed)[0]
+    for pair, frames in zip(
+        wrist, ((np.eye(3), np.eye(3)), (tilted, tilted), (np.eye(3), ends)), strict=True
+    ):
+        first[pair.name], second[pair.name] = frames
+    changed = {link for pair in wrist for link in pair.links}
+    kept = {link: sizes for link, sizes in geometry.links.items() if link not in changed}
+    return sizes_by_frames((*mechanism.pairs, *wrist), (first, second), kept)

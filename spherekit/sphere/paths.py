@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 
-
 UNIT_TOLERANCE = 1e-6
 """Centres and points may differ from unit length by this much; they are normalised."""
 

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-
 Way = TypeVar("Way")
 
 MARGIN = 4.0
