@@ -11,7 +11,6 @@ import pytest
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import FileError, OutputError, SolveError
-from spherekit.exchange.coupling_made import continued_on_grid
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
@@ -101,19 +100,6 @@ def test_cubics_are_exact(five_bar):
     assert found.coefficients[:, 0, 0] == pytest.approx(
         3 * a**2 - 4 * a * b + 0.5 * b**2 + b, abs=1e-12
     )
-
-
-def test_angles_go_on_around_corners_and_start_anew_beyond_a_gap():
-    nodes = np.array([[x, y] for x in range(5) for y in range(4)], dtype=float)
-    true = np.stack([1.5 * nodes[:, 0] + 1.2 * nodes[:, 1], nodes[:, 0]], axis=1)
-    rates = np.tile(np.array([[1.5, 1.2], [1.0, 0.0]]), (20, 1, 1))
-    given = true.copy()
-    given[:, 0] = np.remainder(true[:, 0], 2.0 * np.pi)
-    given[5:7] = np.nan
-    found = continued_on_grid(given, rates, nodes, (5, 4), np.array([2.0 * np.pi, np.inf]))
-    known = np.isfinite(given[:, 0])
-    assert found[known] == pytest.approx(true[known], abs=1e-12)
-    assert np.all(np.isnan(found[5:7]))
 
 
 def test_archives_and_csv_hold_the_table(four_bar, tmp_path, capsys):

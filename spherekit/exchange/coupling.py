@@ -3,9 +3,10 @@
 A coupling table as a C header: static arrays, and C99 that reads between them.
 """
 
+import json
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any, final
@@ -13,6 +14,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.analysis.frames import frame_of
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing
 from spherekit.dynamics.stored_model import DAMAGED, Archive
@@ -248,11 +250,8 @@ def write_csv(table: CouplingTable, path: str | os.PathLike[str]) -> None:
     OutputError
         If it cannot be written.
     """
-    made = columns(table)
-    lines = [",".join(made)]
-    for row in zip(*(column.tolist() for column in made.values()), strict=True):
-        lines.append(",".join("" if x != x else repr(x) for x in row))
-    write_text(path, "\n".join([*lines, ""]))
+    frame = frame_of(columns(table), {})
+    write_text(path, frame.to_csv(index=False, lineterminator="\n"))
 
 
 TEXT = """\
@@ -447,35 +446,18 @@ def _enum(name: str, words: Iterable[str]) -> str:
     )
 
 
-def _array(head: str, values: Floats) -> str:
+def _array(head: str, values: NDArray[Any]) -> str:
+    """Return an array of C, a line for each node of each mode."""
     shape = "".join(f"[{size}]" for size in values.shape)
-    return f"static const {head}{shape} = {{\n{''.join(_lines(values))}}};"
+    modes = (",\n".join(f"    {_braced(node)}" for node in mode) for mode in values)
+    lines = "".join(f"  {{\n{nodes}\n  }},\n" for nodes in modes)
+    return f"static const {head}{shape} = {{\n{lines}}};"
 
 
-def _lines(values: Floats) -> Iterator[str]:
-    """Yield an array, a line for each node of each mode, with its braces."""
-    for mode in values:
-        if np.ndim(mode) == 1:
-            yield f"  {_braced(mode)},\n"
-            continue
-        yield "  {\n"
-        for node in mode:
-            yield f"    {_braced(node)},\n"
-        yield "  },\n"
+def _braced(values: NDArray[Any]) -> str:
+    """Return numbers of C; places without a mode are never read, and zero."""
+    return json.dumps(np.nan_to_num(values).tolist()).replace("[", "{").replace("]", "}")
 
 
-def _braced(values: Floats) -> str:
-    if np.ndim(values) == 0:
-        return _number(values)
-    return "{" + ", ".join(_braced(row) for row in values) + "}"
-
-
-def _row(values: Iterable[float]) -> str:
-    return ", ".join(_number(value) for value in values)
-
-
-def _number(value: object) -> str:
-    """Return a number of C; places without a mode are never read, and zero."""
-    if isinstance(value, float | np.floating):
-        return repr(float(value)) if np.isfinite(value) else "0.0"
-    return str(int(value))  # type: ignore[call-overload]
+def _row(values: ArrayLike) -> str:
+    return _braced(np.asarray(values))[1:-1]

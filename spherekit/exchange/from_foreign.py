@@ -21,6 +21,7 @@ from spherekit.exchange.foreign_axes import (
 from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
 from spherekit.model.dynamics import moved_to_sphere_centre
 from spherekit.model.parts import AngleUnit
+from spherekit.motion.loops import LoopTree
 from spherekit.sphere.rotation import Floats
 
 WITHIN = 1e-6
@@ -394,30 +395,20 @@ class _Import:
         return self._ends(*(given or (pair.value - np.pi, pair.value + np.pi)))
 
     def _velocity_equations(self, numbers: Mapping[int, int]) -> Floats:
-        """Return what loops say of the rates of all pairs, (3 links, pairs + 3 links).
+        """Return what loops and couplings say of the rates of all pairs, (m, pairs).
 
-        Every link has an angular velocity, the ground's is zero; a pair's rate is along its
-        axis. Angular velocities are eliminated. `numbers` are the pairs of joints.
+        `numbers` are the pairs of joints.
         """
-        links = dict.fromkeys(k for pair in self.pairs for k in pair.links)
-        links.pop(self.find(0), None)
-        column = {link: 3 * k for k, link in enumerate(links)}
-        spread = np.zeros((3 * len(self.pairs), 3 * len(links)))
-        along = np.zeros((3 * len(self.pairs), len(self.pairs)))
-        for k, pair in enumerate(self.pairs):
-            rows = slice(3 * k, 3 * k + 3)
-            along[rows, k] = pair.axis
-            for link, sign in zip(pair.links, (-1.0, 1.0), strict=True):
-                if link in column:
-                    spread[rows, column[link] : column[link] + 3] = sign * np.eye(3)
-        left, sizes, _ = np.linalg.svd(spread)
-        rank = int(np.sum(sizes > 1e-9 * sizes[0]))
-        ratios = [np.zeros((0, len(self.pairs)))]
+        links = [self.find(0), *(link for pair in self.pairs for link in pair.links)]
+        place = {link: k for k, link in enumerate(dict.fromkeys(links))}
+        ends = tuple((place[a], place[b]) for a, b in (pair.links for pair in self.pairs))
+        tree = LoopTree(len(place), ends, tuple(range(len(ends))))
+        rows = [tree.jacobian(np.array([[pair.axis for pair in self.pairs]]))[0]]
         for _, factors in self.model.couplings():
-            ratio = np.zeros((1, len(self.pairs)))
+            ratio = np.zeros((1, len(ends)))
             ratio[0, [numbers[joint] for joint in factors]] = list(factors.values())
-            ratios.append(ratio)
-        return np.concatenate([left[:, rank:].T @ along, *ratios])
+            rows.append(ratio)
+        return np.concatenate(rows)
 
     # Inertia and loads
 
