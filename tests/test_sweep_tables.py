@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import spherekit as sk
+from spherekit.analysis import folder
 from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.tables import SAMPLE, Column, Table
@@ -238,9 +239,7 @@ def test_a_worker_with_other_versions_writes_nothing(tmp_path):
 
 def test_what_the_disk_and_memory_do_not_hold_is_said(tmp_path, monkeypatch):
     vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 40))}
-    monkeypatch.setattr(
-        sweep_parts.shutil, "disk_usage", lambda _: type("", (), {"free": 1000})
-    )
+    monkeypatch.setattr(folder.shutil, "disk_usage", lambda _: type("", (), {"free": 1000}))
     with pytest.raises(OutputError, match="the tables of 40 designs will take about"):
         swept(vary, tmp_path)
     monkeypatch.setattr(sweep_parts, "usable_memory", lambda: 1000)

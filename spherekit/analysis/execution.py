@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-from spherekit.analysis.folder.journal import Unfinished
+from spherekit.analysis.folder import Unfinished
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.recording import Recorder
 from spherekit.analysis.tables import Format

@@ -1,19 +1,25 @@
-"""Tables as pandas frames and files; the only module that imports pandas."""
+"""Tables as pandas frames and files; the only module that imports pandas.
+
+A Parquet file has checksums of its pages, and one of its headings: what has changed in it
+is told. It is there whole, or not at all.
+"""
 
 import csv
 import io
+import json
 import zlib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.rows import AbstractRows, RowsInMemory
-from spherekit.analysis.tables import CHUNK, FILE_SIZE, Files, Table, TableArrays
+from spherekit.analysis.rows import typed
+from spherekit.analysis.tables import CHUNK, FILE_SIZE, TYPES, Files, Table, TableArrays
 from spherekit.conventions import Status
 from spherekit.errors import FileError
 from spherekit.files.atomic import make_folder, writing
@@ -21,6 +27,7 @@ from spherekit.files.atomic import make_folder, writing
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 NOTES = b"spherekit"
 """Where a Parquet file keeps the units of its columns and what it came from."""
@@ -30,63 +37,92 @@ CHECKSUM = b"spherekit checksum"
 
 SPECIAL = set(',"\r\n')
 
+STATUSES = [status.name for status in Status]
+
 
 def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.DataFrame":
     """Return a table as a frame, its units in ``attrs["units"]``.
 
     With `degrees`, angles and their rates are in degrees; what is per rad stays so.
     """
-    rows = RowsInMemory(table, data)
-    return _frame(table, rows.columns, rows.words, degrees)
-
-
-def _frame(
-    table: Table, data: TableArrays, words: Mapping[str, Sequence[str]], degrees: bool
-) -> "pd.DataFrame":
-    """Return rows as a frame; texts are places in `words`."""
     import pandas as pd
 
     columns: dict[str, Any] = {}
-    units: dict[str, str] = {}
-    for column in table.columns:
-        values: Any = data[column.name]
+    for column, values in zip(table.columns, typed(table, data).values(), strict=True):
         if column.kind == "status":
-            names = [status.name for status in Status]
-            values = pd.Categorical.from_codes(values, categories=pd.Index(names))
+            names = pd.Index(STATUSES)
+            columns[column.name] = pd.Categorical.from_codes(values, categories=names)
         elif column.kind == "text":
-            categories = pd.Index(list(words[column.name]))
-            values = pd.Categorical.from_codes(values, categories=categories)
+            columns[column.name] = _categories(values)
         elif column.unit_in(degrees) != column.unit:
-            values = np.degrees(values)
-        columns[column.name] = values
-        units[column.name] = column.stated_unit(degrees)
+            columns[column.name] = np.degrees(values)
+        else:
+            columns[column.name] = values
     frame = pd.DataFrame(columns)
+    units = {column.name: column.stated_unit(degrees) for column in table.columns}
     frame.attrs["units"] = units
     return frame
 
 
-def _arrow(
-    table: Table, data: TableArrays, words: Mapping[str, Sequence[str]], degrees: bool
-) -> "pa.Table":
-    """Return rows with columns named as in files; NaN is null, texts are dictionaries."""
+def _categories(values: NDArray[Any]) -> "pd.Categorical":
+    import pandas as pd
+
+    words, codes = np.unique(values, return_inverse=True)
+    return pd.Categorical.from_codes(codes, categories=pd.Index(words.tolist()))
+
+
+def frame_of(
+    columns: Mapping[str, NDArray[Any]], notes: Mapping[str, Any]
+) -> "pd.DataFrame":
+    """Return columns as a frame, texts as categories, with notes in its `attrs`."""
+    import pandas as pd
+
+    frame = pd.DataFrame(
+        {
+            name: pd.Categorical(values) if values.dtype.kind in "OU" else values
+            for name, values in columns.items()
+        }
+    )
+    frame.attrs.update(notes)
+    return frame
+
+
+def _texts(values: Any) -> "pa.DictionaryArray":
+    """Return texts as places in the words that are there, which are in order."""
     import pyarrow as pa
 
-    def dictionary(places: NDArray[Any], names: Sequence[str]) -> "pa.Array":
-        texts = pa.array(list(names), pa.string())
-        kind = pa.int8() if len(names) < 128 else pa.int32()
-        return pa.DictionaryArray.from_arrays(pa.array(places).cast(kind), texts)
+    if isinstance(values, np.ndarray) and values.dtype.kind == "U":
+        words, places = np.unique(values, return_inverse=True)
+    else:
+        if isinstance(values, np.ndarray):
+            values = pa.chunked_array([pa.array(values, pa.string())])
+        coded = values.dictionary_encode().unify_dictionaries().combine_chunks()
+        every, codes = np.array(coded.dictionary, dtype=str), np.asarray(coded.indices)
+        used = np.flatnonzero(np.bincount(codes, minlength=len(every)))
+        used = used[np.argsort(every[used])]
+        words, ranks = every[used], np.zeros(len(every), dtype=np.int32)
+        ranks[used] = np.arange(len(used))
+        places = ranks[codes]
+    names = pa.array(words.tolist(), pa.string())
+    return pa.DictionaryArray.from_arrays(pa.array(places, pa.int32()), names)
+
+
+def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
+    """Return rows with columns named as in files; NaN is null, texts are dictionaries."""
+    import pyarrow as pa
 
     columns: dict[str, Any] = {}
     for column in table.columns:
         values = data[column.name]
         if column.kind == "status":
-            made = dictionary(values, [status.name for status in Status])
+            codes = pa.array(values, pa.int8())
+            made = pa.DictionaryArray.from_arrays(codes, pa.array(STATUSES))
         elif column.kind == "text":
-            made = dictionary(values, words[column.name])
-        elif column.unit_in(degrees) != column.unit:
-            made = pa.array(np.degrees(values) + 0.0, from_pandas=True)
+            made = _texts(values)
         elif column.kind == "number":
-            made = pa.array(values + 0.0, from_pandas=True)  # -0 is 0
+            turned = column.unit_in(degrees) != column.unit
+            made = np.degrees(values) if turned else values
+            made = pa.array(made + 0.0, from_pandas=True)  # -0 is 0
         else:
             made = pa.array(values, from_pandas=True)
         columns[column.header(degrees)] = made
@@ -97,11 +133,11 @@ def write_table(
     folder: Path,
     stem: str,
     table: Table,
-    rows: AbstractRows,
+    pieces: Iterable[Mapping[str, Any]],
     notes: Mapping[str, str],
     wanted: Files,
 ) -> list[str]:
-    """Write a table in pieces, CSV and Parquet side by side; return the files' names.
+    """Write the pieces of a table, CSV and Parquet side by side; return the files' names.
 
     CSV holds every number with the fewest digits that give it back, and empty cells for
     NaN. Parquet carries units and `notes`. Memory does not grow with the rows.
@@ -111,78 +147,117 @@ def write_table(
     OutputError
         If the disk is full; no file of this table is then left.
     """
-    import pyarrow as pa
     import pyarrow.csv as pc
-    import pyarrow.parquet as pq
 
+    none = {
+        column.name: np.zeros(0, TYPES.get(column.kind, str)) for column in table.columns
+    }
+    rest = (_arrow(table, piece, wanted.degrees) for piece in pieces)
+    first = next(rest, None) or _arrow(table, none, wanted.degrees)
     names = {
         kind: f"{stem}.{kind}"
         for kind in FILE_SIZE
         if kind in (wanted.formats or FILE_SIZE)
     }
-    plain = not any(
-        SPECIAL & set(word) for categories in rows.words.values() for word in categories
-    )
-    options = pc.WriteOptions(
-        include_header=False, quoting_style="none" if plain else "needed"
-    )
     with ExitStack() as stack:
-        streams = {
-            kind: stack.enter_context(writing(folder / name))
-            for kind, name in names.items()
-        }
-        schema, parquet, text = None, None, None
-        try:
-            for piece in rows.chunks():
-                whole = _arrow(table, piece, rows.words, wanted.degrees)
-                if schema is None:
-                    units = {
-                        column.header(wanted.degrees): column.stated_unit(wanted.degrees)
-                        for column in table.columns
-                    }
-                    schema = _noted(whole.schema, {"units": units, **notes})
-                    if "parquet" in streams:
-                        floats = [f.name for f in schema if pa.types.is_floating(f.type)]
-                        texts = [f.name for f in schema if pa.types.is_dictionary(f.type)]
-                        parquet = pq.ParquetWriter(
-                            streams["parquet"],
-                            schema,
-                            **PAGES,
-                            use_dictionary=texts,
-                            use_byte_stream_split=floats,
-                        )
-                    if "csv" in streams:
-                        streams["csv"].write(_header(whole.column_names))
-                        words = _with_words(whole).schema
-                        text = pc.CSVWriter(streams["csv"], words, write_options=options)
-                if parquet is not None:
-                    parquet.write_table(whole.cast(schema))
-                if text is not None:
-                    text.write(_with_words(whole))
-            for writer in (parquet, text):
-                if writer is not None:
-                    writer.close()
-        except BaseException:
-            if parquet is not None:
-                parquet.is_open = False  # it would write its end to a closed file later
-            raise
+        if "parquet" in names:
+            schema = _noted(first.schema, {"units": table.units(wanted.degrees), **notes})
+            parquet = stack.enter_context(_parquet(folder / names["parquet"], schema))
+        if "csv" in names:
+            text = stack.enter_context(writing(folder / names["csv"]))
+            text.write(_csv([first.column_names]))
+        for piece in chain([first], rest):
+            if "parquet" in names:
+                parquet.write_table(piece.cast(schema))
+            if "csv" in names:
+                plain = SPECIAL.isdisjoint("".join(_words_in(piece)))
+                style: Literal["none", "needed"] = "none" if plain else "needed"
+                options = pc.WriteOptions(include_header=False, quoting_style=style)
+                pc.write_csv(_with_words(piece), text, options)
     return list(names.values())
 
 
-PAGES: Mapping[str, Any] = {"compression": "zstd", "write_page_checksum": True}
-"""How pages of Parquet are written."""
+def _words_in(rows: "pa.Table") -> Iterator[str]:
+    import pyarrow as pa
+
+    for column in rows.columns:
+        if pa.types.is_dictionary(column.type):
+            yield from column.chunk(0).dictionary.to_pylist()
+
+
+def pieces_of(table: Table, data: TableArrays) -> Iterator[TableArrays]:
+    """Yield the rows of a table in pieces as they are written."""
+    columns = typed(table, data)
+    for start in range(0, len(next(iter(columns.values()))), CHUNK):
+        yield {name: x[start : start + CHUNK] for name, x in columns.items()}
+
+
+def pieces_in(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
+    """Yield rows in such pieces from row groups of files that `write_columns` wrote.
+
+    Raises
+    ------
+    FileError
+        If a file is damaged, or none.
+    """
+    import pyarrow as pa
+
+    held: list[pa.Table] = []
+    count = 0
+
+    def taken() -> Mapping[str, Any]:
+        nonlocal held, count
+        whole = pa.concat_tables(held)
+        held, count = [whole[CHUNK:]], max(0, count - CHUNK)
+        return {
+            name: column if pa.types.is_dictionary(column.type) else column.to_numpy()
+            for name, column in zip(whole.column_names, whole[:CHUNK].columns, strict=True)
+        }
+
+    for path, group in groups:
+        with _opened(path) as file:
+            held.append(file.read_row_group(group, use_threads=False))
+        count += len(held[-1])
+        while count >= CHUNK:
+            yield taken()
+    if count:
+        yield taken()
 
 
 def _noted(schema: "pa.Schema", notes: Mapping[str, Any]) -> "pa.Schema":
     """Return a schema with notes, and a checksum of both: pages have theirs."""
-    import json
-
     kept = json.dumps(notes).encode()
     return schema.with_metadata({NOTES: kept, CHECKSUM: _checksum(schema.names, kept)})
 
 
 def _checksum(names: Sequence[str], notes: bytes) -> bytes:
     return b"%d" % zlib.crc32(notes, zlib.crc32("\n".join(names).encode()))
+
+
+@contextmanager
+def _parquet(
+    path: Path, schema: "pa.Schema", compression: str = "zstd"
+) -> "Iterator[pq.ParquetWriter]":
+    """Give what writes a Parquet file, there when the block is left without a fault."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    floats = [item.name for item in schema if pa.types.is_floating(item.type)]
+    texts = [item.name for item in schema if pa.types.is_dictionary(item.type)]
+    with writing(path) as stream:
+        writer = pq.ParquetWriter(
+            stream,
+            schema,
+            compression=compression,
+            write_page_checksum=True,
+            use_dictionary=texts,
+            use_byte_stream_split=floats if compression == "zstd" else False,
+        )
+        try:
+            yield writer
+            writer.close()
+        finally:
+            writer.is_open = False  # it would write its end to a closed file later
 
 
 @contextmanager
@@ -201,7 +276,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
     try:
         with path.open("rb") as stream:
-            file = pq.ParquetFile(stream, page_checksum_verification=True)
+            file = pq.ParquetFile(stream, page_checksum_verification=True, pre_buffer=False)
             for schema, metadata in (
                 (file.schema_arrow, file.schema_arrow.metadata),
                 (file.schema, file.metadata.metadata),
@@ -212,7 +287,7 @@ def _opened(path: Path) -> Iterator[Any]:
                     raise pa.ArrowInvalid("its headings have changed")
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        said = str(error).strip()
+        said = " ".join(str(error).split())
         why = f"is not a Parquet file, or is damaged: {said}; remove it and make it again"
         if isinstance(error, OSError) and error.strerror:
             why = f"cannot be read: {error.strerror}; give the path of a Parquet file"
@@ -227,7 +302,24 @@ def _read(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
         return table
 
 
-def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, Any]) -> None:
+def notes_of(path: Path) -> dict[str, Any]:
+    """Return the notes with which a Parquet file was written, {} without."""
+    with _opened(path) as file:
+        return _notes(file.schema_arrow)
+
+
+def _notes(schema: "pa.Schema") -> dict[str, Any]:
+    notes: dict[str, Any] = json.loads((schema.metadata or {}).get(NOTES, b"{}"))
+    return notes
+
+
+def write_columns(
+    path: Path,
+    columns: Mapping[str, Any],
+    notes: Mapping[str, Any],
+    groups: Sequence[slice] = (slice(None),),
+    compression: str = "zstd",
+) -> None:
     """Write columns of numbers and texts to a Parquet file, texts as dictionaries.
 
     Raises
@@ -236,18 +328,15 @@ def write_columns(path: Path, columns: Mapping[str, Any], notes: Mapping[str, An
         If it cannot be written; an older file is then unchanged.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     arrays = {
-        name: pa.array(values, pa.string()).dictionary_encode()
-        if np.asarray(values).dtype.kind in "OU"
-        else pa.array(values)
+        name: _texts(values) if values.dtype.kind in "OU" else pa.array(values)
         for name, values in columns.items()
     }
     table = pa.table(arrays)
-    table = table.cast(_noted(table.schema, notes))
-    with writing(path) as stream:
-        pq.write_table(table, stream, **PAGES)
+    with _parquet(path, _noted(table.schema, notes), compression) as file:
+        for rows in groups:
+            file.write_table(table[rows].cast(file.schema))
 
 
 def columns_of_files(paths: Sequence[Path]) -> dict[str, NDArray[Any]]:
@@ -278,60 +367,38 @@ class PartTables:
         self.rows: Counter[str] = Counter()
         self._folder, self._name = folder, name
         self._degrees, self._files = degrees, files
-        self._schemas: dict[str, pa.Schema] = {}
         self._waiting: defaultdict[str, list[pa.Table]] = defaultdict(list)
-        self._writers: dict[str, Any] = {}
+        self._writers: dict[str, pq.ParquetWriter] = {}
 
     def take(self, design: int, stem: str, table: Table, data: TableArrays) -> None:
         """Take the rows of a design in a table."""
         import pyarrow as pa
 
-        rows = RowsInMemory(table, data)
-        plain = _with_words(_arrow(table, rows.columns, rows.words, self._degrees))
-        columns = [
-            column.dictionary_encode() if pa.types.is_string(column.type) else column
-            for column in plain.columns
-        ]
-        numbers = pa.array(np.full(rows.count, design))
-        whole = pa.table([numbers, *columns], names=[DESIGN, *plain.column_names])
-        if stem not in self._schemas:
-            units = {
-                column.header(self._degrees): column.stated_unit(self._degrees)
-                for column in table.columns
-            }
-            self._schemas[stem] = _noted(whole.schema, {"units": units})
+        plain = _arrow(table, typed(table, data), self._degrees)
+        numbers = pa.array(np.full(len(plain), design))
+        whole = plain.add_column(0, DESIGN, numbers)
+        notes = {"units": table.units(self._degrees)}
         waiting = self._waiting[stem]
-        waiting.append(whole.cast(self._schemas[stem]))
-        self.rows[stem] += rows.count
-        if self._folder is not None and sum(piece.num_rows for piece in waiting) >= CHUNK:
+        waiting.append(whole.cast(_noted(whole.schema, notes)))
+        self.rows[stem] += len(whole)
+        if self._folder is not None and sum(map(len, waiting)) >= CHUNK:
             self._write(stem)
 
     def _write(self, stem: str) -> None:
-        import pyarrow.parquet as pq
-
         whole = _joined(self._waiting.pop(stem))
+        if self._folder is None:
+            self.made[stem] = whole
+            return
         if stem not in self._writers:
-            assert self._folder is not None
             path = make_folder(self._folder / stem) / self._name
-            stream = self._files.enter_context(writing(path))
-            schema = self._schemas[stem]
-            self._writers[stem] = pq.ParquetWriter(stream, schema, **PAGES)
+            opened = _parquet(path, whole.schema)
+            self._writers[stem] = self._files.enter_context(opened)
         self._writers[stem].write_table(whole)
 
     def finish(self) -> None:
         """Write what waits."""
         for stem in list(self._waiting):
-            if self._folder is None:
-                self.made[stem] = _joined(self._waiting.pop(stem))
-            else:
-                self._write(stem)
-        for writer in self._writers.values():
-            writer.close()
-
-    def give_up(self) -> None:
-        """Leave the writers: they would write their ends to closed files later."""
-        for writer in self._writers.values():
-            writer.is_open = False
+            self._write(stem)
 
 
 @contextmanager
@@ -345,12 +412,8 @@ def part_tables(folder: Path | None, name: str, degrees: bool) -> Iterator[PartT
     """
     with ExitStack() as files:
         parts = PartTables(folder, name, degrees, files)
-        try:
-            yield parts
-            parts.finish()
-        except BaseException:
-            parts.give_up()
-            raise
+        yield parts
+        parts.finish()
 
 
 def _joined(pieces: "Sequence[pa.Table]") -> "pa.Table":
@@ -362,38 +425,15 @@ def _joined(pieces: "Sequence[pa.Table]") -> "pa.Table":
 
 def frame_of_parts(parts: "Sequence[Path | pa.Table]") -> "pd.DataFrame":
     """Return the rows of `PartTables`, in files or not, with units in `attrs`."""
-    import json
-
     whole = _joined([_read(part) if isinstance(part, Path) else part for part in parts])
     frame: pd.DataFrame = whole.to_pandas()
-    frame.attrs.update(json.loads(whole.schema.metadata[NOTES]))
+    frame.attrs.update(_notes(whole.schema))
     return frame
 
 
-def notes_of(path: Path) -> dict[str, Any]:
-    """Return the notes with which a Parquet file was written, {} without."""
-    import json
-
-    with _opened(path) as file:
-        kept = file.schema_arrow.metadata or {}
-    notes: dict[str, Any] = json.loads(kept.get(NOTES, b"{}"))
-    return notes
-
-
-def frame_of(
-    columns: Mapping[str, NDArray[Any]], notes: Mapping[str, Any]
-) -> "pd.DataFrame":
-    """Return columns as a frame, texts as categories, with notes in its `attrs`."""
-    import pandas as pd
-
-    frame = pd.DataFrame(
-        {
-            name: pd.Categorical(values) if values.dtype.kind in "OU" else values
-            for name, values in columns.items()
-        }
-    )
-    frame.attrs.update(notes)
-    return frame
+def read_parquet(path: Path) -> "pd.DataFrame":
+    """Return a frame written by `write_table`, with its units in `attrs`."""
+    return frame_of_parts([path])
 
 
 def _with_words(rows: "pa.Table") -> "pa.Table":
@@ -405,10 +445,6 @@ def _with_words(rows: "pa.Table") -> "pa.Table":
         for column in rows.columns
     ]
     return pa.table(columns, names=rows.column_names)
-
-
-def _header(names: Sequence[str]) -> bytes:
-    return _csv([names])
 
 
 def _csv(rows: Iterable[Sequence[str]]) -> bytes:
@@ -425,18 +461,6 @@ def columns_text(tables: Mapping[str, Table], degrees: bool) -> bytes:
         for column in table.columns
     ]
     return _csv([("table", "column", "unit", "meaning"), *rows])
-
-
-def read_parquet(path: Path) -> "pd.DataFrame":
-    """Return a frame written by `write_table`, with its units in `attrs`."""
-    import json
-
-    table = _read(path)
-    frame: pd.DataFrame = table.to_pandas()
-    raw = (table.schema.metadata or {}).get(NOTES)
-    if raw:
-        frame.attrs.update(json.loads(raw))
-    return frame
 
 
 @final
@@ -457,7 +481,6 @@ class ParquetColumns(Mapping[str, NDArray[Any]]):
         return iter(self._columns)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-
         column = self._columns[name]
         header = column.header(self._degrees)
         series = _read(self._path, [header]).to_pandas()[header]

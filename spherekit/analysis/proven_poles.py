@@ -8,7 +8,6 @@ from typing import Any, final
 
 import numpy as np
 
-from spherekit.analysis.rows import RowsInMemory
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     FILE_SIZE,
@@ -105,13 +104,14 @@ class ProvenPoles:
 
     def write(self, folder: Path, wanted: Files, mechanism_hash: str) -> list[str]:
         """Write the table into a folder; return the names of the files."""
-        from spherekit.analysis.frames import write_table
+        from spherekit.analysis.frames import pieces_of, write_table
 
         for kind in FILE_SIZE:
             check_own(folder / f"{PROVEN.name}.{kind}", b"proven_u")
         notes = {"analysis": "poles", "mechanism_hash": mechanism_hash}
-        rows = RowsInMemory(PROVEN, self.data)
-        return write_table(folder, PROVEN.name, PROVEN, rows, notes, wanted)
+        return write_table(
+            folder, PROVEN.name, PROVEN, pieces_of(PROVEN, self.data), notes, wanted
+        )
 
 
 def prove_poles(

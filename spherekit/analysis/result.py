@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
@@ -11,10 +11,16 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, final, overload
 import numpy as np
 
 from spherekit.analysis.faults import failed, failed_rows
-from spherekit.analysis.folder.journal import BYTES, MADE, SUMMARY, RunFolder, signed
-from spherekit.analysis.folder.on_disk import OnDisk, packed
-from spherekit.analysis.folder.resource_check import size_text
-from spherekit.analysis.rows import AbstractRows, InMemory, RowsInMemory
+from spherekit.analysis.folder import (
+    BYTES,
+    MADE,
+    SUMMARY,
+    RunFolder,
+    StoredParts,
+    signed,
+    size_text,
+)
+from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import TABLES
 from spherekit.analysis.tables import (
     COLUMNS,
@@ -276,8 +282,10 @@ class RunResult:
             If the folder cannot be made or written, another run writes there or has left
             unfinished work, or the disk is full.
         """
+        from spherekit.analysis.frames import pieces_of
+
         rows = [
-            (name, table, RowsInMemory(table, self._data(name, table.name)))
+            (name, table, pieces_of(table, self._data(name, table.name)))
             for name, result in self.results.items()
             for table in result.tables
         ]
@@ -323,18 +331,13 @@ def stem_of(analysis: str, tables: Sequence[Table], table: Table) -> str:
 
 def units_of(tables: Mapping[str, Table], degrees: bool) -> dict[str, dict[str, str]]:
     """Return the unit of every column of tables by the stems of their files."""
-    return {
-        stem: {
-            column.header(degrees): column.stated_unit(degrees) for column in table.columns
-        }
-        for stem, table in tables.items()
-    }
+    return {stem: table.units(degrees) for stem, table in tables.items()}
 
 
 def result_of(
     declared: Mapping[str, Sequence[Table]],
     failures: Mapping[str, str],
-    store: OnDisk | InMemory | None,
+    store: StoredParts | InMemory | None,
     place: RunFolder | None,
     summary: dict[str, Any],
     wanted: Files,
@@ -357,12 +360,12 @@ def result_of(
     if isinstance(store, InMemory):
         for name, tables in declared.items():
             data[name] = {table.name: store.table(name, table) for table in tables}
-    elif isinstance(store, OnDisk):
+    elif isinstance(store, StoredParts):
         from spherekit.analysis.frames import ParquetColumns
 
         assert place is not None
         rows = [
-            (name, table, store.table(name, table))
+            (name, table, store.pieces(name, table))
             for name, tables in declared.items()
             for table in tables
         ]
@@ -381,7 +384,7 @@ def result_of(
 
 def write_results(
     folder: RunFolder,
-    tables: Sequence[tuple[str, Table, AbstractRows]],
+    tables: Sequence[tuple[str, Table, Iterator[Mapping[str, Any]]]],
     summary: Mapping[str, Any],
     wanted: Files,
 ) -> tuple[list[Path], dict[str, Any]]:
@@ -397,8 +400,13 @@ def write_results(
     from spherekit.analysis.frames import columns_text, write_table
 
     started = time.perf_counter()
-    packed_bytes = sum(packed(table).itemsize * rows.count for _, table, rows in tables)
-    csv = FILE_SIZE["csv"] * packed_bytes
+    stems: dict[str, Table] = {}
+    for analysis, table, _ in tables:
+        siblings = [other for name, other, _ in tables if name == analysis]
+        stems[stem_of(analysis, siblings, table)] = table
+    cost = summary["cost"]["tables"]
+    in_memory = sum(table.row_bytes * cost[stem]["rows"] for stem, table in stems.items())
+    csv = FILE_SIZE["csv"] * in_memory
     formats = wanted.formats_of(csv)
     if wanted.formats is None and "csv" not in formats:
         left_out = f"no CSV, which would take about {size_text(csv)}: ask for it with "
@@ -407,16 +415,12 @@ def write_results(
     wanted = replace(wanted, formats=formats)
     made = make_folder(folder.work / MADE)
     names: list[str] = []
-    stems: dict[str, Table] = {}
-    for analysis, table, rows in tables:
-        siblings = [other for name, other, _ in tables if name == analysis]
-        stem = stem_of(analysis, siblings, table)
-        stems[stem] = table
+    for (analysis, table, rows), stem in zip(tables, stems, strict=True):
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
         own_names = write_table(made, stem, table, rows, notes, wanted)
         for name in own_names:
             key = f"{name.rpartition('.')[2]}_bytes"
-            summary["cost"]["tables"][stem][key] = (made / name).stat().st_size
+            cost[stem][key] = (made / name).stat().st_size
         names += own_names
     write_bytes(made / COLUMNS, columns_text(stems, wanted.degrees))
     names.append(COLUMNS)

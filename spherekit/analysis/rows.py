@@ -1,7 +1,6 @@
 """The rows of tables in memory: blocks as they came, joined in order when they are read."""
 
 import itertools
-from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, final
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
-    CHUNK,
     SAMPLE,
     TYPES,
     Table,
@@ -167,44 +165,8 @@ def order_of(data: TableArrays) -> NDArray[np.intp]:
     return np.lexsort((data[SAMPLE.name], data[ASSEMBLY_MODE.name]))
 
 
-class AbstractRows(ABC):
-    """The rows of a table, wherever they are kept, in pieces of `CHUNK`.
-
-    There are `count` of them. In each piece a column of text holds places (n,) in its
-    sorted `words`.
-    """
-
-    words: Mapping[str, Sequence[str]]
-    count: int
-
-    @abstractmethod
-    def chunks(self) -> Iterator[TableArrays]:
-        """Yield at least one piece; all but the last have `CHUNK` rows."""
-
-
-@final
-class RowsInMemory(AbstractRows):
-    """The rows of arrays."""
-
-    def __init__(self, table: Table, data: TableArrays) -> None:
-        if isinstance(data, JoinedBlocks):
-            data.join(column.name for column in table.columns)
-        self._columns = table.typed(data)
-        self.count = len(next(iter(self._columns.values())))
-        self.words = {}
-        for column in table.columns:
-            if column.kind == "text":
-                texts = np.unique(self._columns[column.name], return_inverse=True)
-                self.words[column.name] = [str(word) for word in texts[0]]
-                self._columns[column.name] = texts[1]
-
-    @property
-    def columns(self) -> TableArrays:
-        """All rows in one piece."""
-        return self._columns
-
-    def chunks(self) -> Iterator[TableArrays]:
-        """Yield pieces of the arrays."""
-        for start in range(0, max(self.count, 1), CHUNK):
-            rows = slice(start, start + CHUNK)
-            yield {name: values[rows] for name, values in self._columns.items()}
+def typed(table: Table, data: TableArrays) -> dict[str, NDArray[Any]]:
+    """Return columns in the type of their kind; text stays as it is."""
+    if isinstance(data, JoinedBlocks):
+        data.join(column.name for column in table.columns)
+    return {c.name: np.asarray(data[c.name], TYPES.get(c.kind)) for c in table.columns}

@@ -15,9 +15,13 @@ from spherekit.analysis.computed import computed, findings_of, scenes_of
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.faults import faults_of
-from spherekit.analysis.folder.journal import RunFolder, Unfinished, differences
-from spherekit.analysis.folder.on_disk import OnDisk
-from spherekit.analysis.folder.resource_check import need_disk
+from spherekit.analysis.folder import (
+    RunFolder,
+    StoredParts,
+    Unfinished,
+    differences,
+    need_disk_for_run,
+)
 from spherekit.analysis.result import MOTION, RunResult, file_names, result_of
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
@@ -43,7 +47,7 @@ from spherekit.analysis.tables import Files
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.engine.kernels import ENGINES, Engine
-from spherekit.errors import AnalysisError, OutputError, SpherekitError
+from spherekit.errors import AnalysisError, FileError, OutputError, SpherekitError
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
 from spherekit.rates.request import PoleField, SignMemory
@@ -161,8 +165,11 @@ def executed(
                     standing.seconds = ledger.closed()
                     after_block(job)
                     done, total = standing.done, job.course.total
-                    if isinstance(store, OnDisk) and before < job.block <= done < total:
-                        need_disk(store, done, total, execution.formats)
+                    if (
+                        isinstance(store, StoredParts)
+                        and before < job.block <= done < total
+                    ):
+                        need_disk_for_run(store, done, total, execution.formats)
                     if execution.progress is not None:
                         execution.progress(done, total)
                 with ledger.stage(solving):
@@ -216,7 +223,7 @@ def evaluate_block(
     job: RunPlan,
     motion: Motion,
     standing: RunState,
-    store: OnDisk | InMemory | None,
+    store: StoredParts | InMemory | None,
     stage: RecordingSession | None,
     ledger: Timer,
 ) -> tuple[tuple[PoleField | UnreadField, ...], Mapping[str, Floats]]:
@@ -283,7 +290,9 @@ def evaluate_block(
     return fields, angles
 
 
-def add_events(job: RunPlan, standing: RunState, store: OnDisk | InMemory | None) -> None:
+def add_events(
+    job: RunPlan, standing: RunState, store: StoredParts | InMemory | None
+) -> None:
     """Hand over what happened in the course of a simulation, known when it is whole."""
     if job.course.simulation is not None:
         events = job.course.events()
@@ -329,7 +338,7 @@ def setting_of(
 
 def taken_up(
     job: RunPlan, place: RunFolder | None, unfinished: Unfinished, tables: bool
-) -> tuple[RunState, OnDisk | InMemory | None]:
+) -> tuple[RunState, StoredParts | InMemory | None]:
     """Return where the run stands, at the start or as it was stopped, and its store.
 
     Raises
@@ -343,17 +352,18 @@ def taken_up(
         return standing, InMemory() if tables else None
     if not place.unfinished or unfinished == "discard":
         place.discard()
-        return standing, OnDisk(place.work, not job.is_single_block, {})
+        return standing, StoredParts(place.work, not job.is_single_block, ())
     state = place.read()
     try:
         differs = differences(state["identity"], job.identity)
         done = int(state["standing"]["done"])
         if not differs and unfinished == "resume":
-            store = OnDisk(place.work, not job.is_single_block, state["store"])
-            every = job.tables().items()
-            store.check([(name, table) for name, declared in every for table in declared])
+            store = StoredParts(place.work, not job.is_single_block, state["store"])
+            for name, declared in job.tables().items():
+                for table in declared:
+                    deque(store.pieces(name, table), maxlen=0)
             return RunState.restored(state["standing"]), store
-    except OutputError as problem:
+    except (OutputError, FileError) as problem:
         raise place.damaged(str(problem)) from None
     except (LookupError, TypeError, ValueError, AttributeError) as problem:
         raise place.damaged(f"{type(problem).__name__}: {problem}") from None
@@ -375,10 +385,10 @@ def kept(
     job: RunPlan,
     place: RunFolder | None,
     standing: RunState,
-    store: OnDisk | InMemory | None,
+    store: StoredParts | InMemory | None,
 ) -> Iterator[Callable[[RunPlan], None]]:
     """Give what is called after each block; if the run is stopped, keep what was done."""
-    if place is None or not isinstance(store, OnDisk):
+    if place is None or not isinstance(store, StoredParts):
         yield lambda job: None
         return
     last: dict[str, Any] = {}
@@ -386,7 +396,6 @@ def kept(
 
     def write() -> None:
         nonlocal done
-        store.settle()
         place.write(last)
         done = last["standing"]["done"]
 

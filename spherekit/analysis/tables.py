@@ -138,12 +138,9 @@ class Table:
             ]
         return replace(self, columns=tuple(columns))
 
-    def typed(self, data: "TableData") -> dict[str, NDArray[Any]]:
-        """Return columns in the type of their kind; text stays as it is."""
-        return {
-            column.name: np.asarray(data[column.name], dtype=TYPES.get(column.kind))
-            for column in self.columns
-        }
+    def units(self, degrees: bool) -> dict[str, str]:
+        """Return the unit of every column by what files call it."""
+        return {c.header(degrees): c.stated_unit(degrees) for c in self.columns}
 
     def stacked(
         self, mechanism: Mechanism, parts: Iterable[Mapping[str, Any]] = ()
@@ -191,6 +188,12 @@ class Table:
         within = (numbers >= 0) & (numbers < len(texts))
         made = np.where(within, texts[np.where(within, numbers, 0)], "")
         return {c.name: made if c == MODE_NAME else data[c.name] for c in self.columns}
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a row in memory, texts as numbers of words."""
+        kinds = (TYPES.get(column.kind, np.int32) for column in self.columns)
+        return sum(np.dtype(kind).itemsize for kind in kinds)
 
     @property
     def in_assembly_modes(self) -> bool:

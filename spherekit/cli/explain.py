@@ -68,7 +68,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, Any]:
     """Return what analyses ask for, and what that takes."""
-    from spherekit.analysis.folder.resource_check import memory_at_once
+    from spherekit.analysis.folder import memory_at_once
     from spherekit.analysis.running.cost import counts_of
     from spherekit.analysis.running.expected import expected
     from spherekit.analysis.study import needs_of, requests_for
@@ -116,7 +116,7 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, Any]
 
 
 def _tell(facts: dict[str, Any], links: int) -> None:
-    from spherekit.analysis.folder.resource_check import size_text
+    from spherekit.analysis.folder import size_text
 
     inputs, at_once = facts["inputs"], facts["at_once"]
     print(

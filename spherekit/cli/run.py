@@ -19,7 +19,7 @@ from spherekit.conventions import counted
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
-    from spherekit.analysis.folder.journal import Unfinished
+    from spherekit.analysis.folder import Unfinished
     from spherekit.analysis.result import RunResult
     from spherekit.analysis.tables import Format
     from spherekit.model.study import Study
@@ -374,7 +374,7 @@ def _unfinished(options: argparse.Namespace) -> "Unfinished":
 
 def _add_hint(error: BaseException, study: "Study", options: argparse.Namespace) -> None:
     """Add the command by which a stopped run goes on, if there is one."""
-    from spherekit.analysis.folder.journal import has_unfinished
+    from spherekit.analysis.folder import has_unfinished
 
     kept = study.folder is not None and has_unfinished(study.folder)
     if not kept or not getattr(error, "__notes__", ()):

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from spherekit.analysis.folder import foreign
 from spherekit.conventions import listing
 from spherekit.errors import OutputError
 from spherekit.files.atomic import make_folder, write_text
@@ -24,8 +25,9 @@ DEFINITION = "_sweep.json"
 PARTS = ("part-*.parquet", "designs/part-*.parquet", "tables/*/part-*.parquet")
 
 WORK = ".sweep-work"
-MADE = re.compile(r"part-\d{6}\.parquet|\.part-\d{6}\.parquet\.\w{8}\.part")
-"""Where parts are made, and what the files there are called."""
+MADE = re.compile(r"(.+/)?(part-\d{6}\.parquet|\.part-\d{6}\.parquet\.\w{8}\.part)")
+ANY = re.compile(r".+")
+"""Where parts are made, and what the files and folders there are called."""
 
 CODE = ("spherekit", "numpy", "heyoka", "machine")
 """What says by which code numbers were made."""
@@ -79,22 +81,14 @@ def working_folder(
 
 def _claim(place: Path, definition: Mapping[str, Any], resume: bool) -> None:
     """Write the definition of a sweep, or compare it with that of the parts there."""
-    path, work = place / DEFINITION, place / WORK
-    places = [path, work, *work.rglob("*")]
-    for pattern in ("designs", "tables", "tables/*", *PARTS):
-        places += place.glob(pattern)
-    links = [x for x in places if x.is_symlink()]
-    if links:
-        raise OutputError(
-            f"{links[0]}: is a link, and sweeps make none; choose another folder, or "
-            "remove it"
-        )
-    made = [x for x in (work, *work.rglob("*")) if not x.is_dir() and x.exists()]
-    others = [x.name for x in made if not MADE.fullmatch(x.name)]
+    path = place / DEFINITION
+    patterns = (DEFINITION, "designs", "tables", "tables/*", *PARTS)
+    links = (x.name for pattern in patterns for x in place.glob(pattern) if x.is_symlink())
+    others = [*links, *foreign(place / WORK, MADE, ANY)]
     if others:
         raise OutputError(
-            f"{work}: sweeps keep unfinished parts there, and {listing(others, 4)} is "
-            "none; choose another folder, or move it away"
+            f"{place}: {listing(others)} in it is a link or no file of sweeps; "
+            "choose another folder, or move it away"
         )
     if not path.exists() and _has_parts(place):
         raise OutputError(

@@ -4,7 +4,6 @@ Processes that compute parts of a sweep and end with the one that asked them to.
 """
 
 import os
-import shutil
 import signal
 import threading
 from collections import deque
@@ -21,7 +20,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from spherekit.analysis.folder.resource_check import size_text
+from spherekit.analysis.folder import need_disk, size_text
 from spherekit.analysis.frames import columns_of_files, frame_of, frame_of_parts
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing, nearest
@@ -35,7 +34,6 @@ from spherekit.resources import usable_memory
 
 if TYPE_CHECKING:
     import pandas as pd
-
 
 
 Part = Callable[[int], int]
@@ -150,6 +148,7 @@ def _end_with_parent() -> None:
 
 
 LOCK = ".sweep.lock"
+FEWER = "what is written stays; choose another folder, or fewer designs or samples"
 
 
 @final
@@ -304,7 +303,8 @@ def run_sweep(
                 size += sweep.settle(work, place, number)
                 done += 1
                 if sweep.tables:
-                    _need_disk(sweep, place, size, done)
+                    what = f"the tables of {counted(sweep.space.count, 'design')}"
+                    need_disk(place, size, size * sweep.parts / done, what, FEWER)
                 working.tell(_how_far(sweep, done))
         except KeyboardInterrupt as stop:
             stop.add_note(
@@ -315,17 +315,6 @@ def run_sweep(
         finally:
             made.close()
     return SweepResult(sweep, place, len(missing))
-
-
-def _need_disk(sweep: Sweep, place: Path, size: int, done: int) -> None:
-    """Raise `OutputError` if the disk has no room for all parts, by those that are done."""
-    wanted, free = size * sweep.parts / done, shutil.disk_usage(place).free
-    if wanted - size > free:
-        raise OutputError(
-            f"{str(place)!r}: the tables of {counted(sweep.space.count, 'design')} will "
-            f"take about {size_text(wanted)}, and the disk has {size_text(free)} left; "
-            "what is written stays; choose another folder, or fewer designs or samples"
-        )
 
 
 def _need_memory(sweep: Sweep, size: int, done: int) -> None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, final
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.folder.journal import differences
+from spherekit.analysis.folder import differences
 from spherekit.analysis.result import Columns
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text

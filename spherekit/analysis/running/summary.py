@@ -16,7 +16,7 @@ import numpy as np
 from spherekit.analysis.batch import Needs, run_status
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.declared import declared
-from spherekit.analysis.folder.resource_check import need_memory
+from spherekit.analysis.folder import need_memory
 from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import MOTION, stem_of
 from spherekit.analysis.running.cost import RECORDING, Timer, cost_of

@@ -1,4 +1,6 @@
-"""The folder of a run: locked while it is written, with a journal of unfinished work.
+"""Folders of runs and sweeps: what in them is whole, whose it is, and if there is room.
+
+The folder of a run is locked while it is written, with a journal of unfinished work.
 
 What is unfinished lies in a hidden folder within it. The journal says what of that counts,
 so that a run that was stopped at any moment, by whatever, can go on. Results appear in
@@ -6,22 +8,36 @@ the folder together at the end, the summary last. Its signature says that a run 
 it lists: nothing else is replaced or removed, and nothing behind a link.
 """
 
-import fnmatch
 import hashlib
 import json
 import os
+import re
 import shutil
 import stat
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal, final
 
+from spherekit.analysis.rows import order_of, parts_in_order, typed
+from spherekit.analysis.tables import (
+    ASSEMBLY_MODE,
+    CHUNK,
+    FILE_SIZE,
+    Files,
+    Format,
+    Table,
+    TableData,
+    arrays,
+)
 from spherekit.conventions import listing
-from spherekit.errors import OutputError
+from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, refused, write_bytes
 from spherekit.files.plain import BaseFileLock, locked
+from spherekit.model.mechanism import Mechanism
+from spherekit.resources import usable_memory
 
 WORK = ".spherekit-run"
 JOURNAL = "journal.json"
@@ -34,9 +50,11 @@ SIGNATURE = "signature"
 BYTES, OLDER = "bytes", "older"
 """Keys of what a run signs: sizes of its files, and of those that these replace."""
 
-OWN = (LOCK, JOURNAL, MADE, PUBLISHED, "*.rows", ".*.part")
-FILES = ("*.csv", "*.parquet", SUMMARY, ".*.part")
-"""What a run makes in the hidden folder, and in the folder of finished files there."""
+OWN = re.compile(
+    r"lock|journal\.json|published\.json|[^/]*\.(rows|parquet)|\.[^/]*\.part"
+    r"|made/([^/]*\.(csv|parquet)|summary\.json|\.[^/]*\.part)"
+)
+"""Files that a run makes in the hidden folder, and in that of finished files there."""
 
 EVERY = 2.0
 """Seconds of work that may be lost: a journal is written after a block when so many
@@ -252,26 +270,166 @@ def _size(path: Path) -> int:
 
 def _check_work(work: Path) -> None:
     """Raise `OutputError` if the hidden folder is not one that runs have made."""
-    why = ""
-    if work.is_symlink():
-        why = "is a link"
-    elif work.is_dir():
-        others = [path.name for path in work.iterdir() if not _own(path, OWN)]
-        if not others and (work / MADE).is_dir():
-            within = (work / MADE).iterdir()
-            others = [f"{MADE}/{x.name}" for x in within if not _own(x, FILES)]
-        why = f"holds {listing(others, 4)}" if others else ""
-    elif os.path.lexists(work):
-        why = "is no folder"
-    if why:
+    others = foreign(work, OWN, re.compile(MADE))
+    if others:
         raise OutputError(
-            f"{str(work)!r} {why}, and runs make no such thing: it stays as it is; choose "
-            "another folder for the results, or move it away"
+            f"{str(work)!r}: runs make no {listing(others, 4)} there: it stays as it is; "
+            "choose another folder for the results, or move it away"
         )
 
 
-def _own(path: Path, patterns: Iterable[str]) -> bool:
-    """Return whether a run may have made this: a file called so, or what is made."""
-    if path.name == MADE and MADE in patterns:
-        return path.is_dir() and not path.is_symlink()
-    return _size(path) >= 0 and any(fnmatch.fnmatchcase(path.name, x) for x in patterns)
+def foreign(place: Path, files: re.Pattern[str], folders: re.Pattern[str]) -> list[str]:
+    """Return what lies in a folder and is a link, or is called as nothing of ours is."""
+    if place.is_symlink() or (place.exists() and not place.is_dir()):
+        return [f"link or file {place.name}"]
+    others = []
+    for path in place.rglob("*"):
+        name, ours = path.relative_to(place).as_posix(), folders
+        if not path.is_dir():
+            ours = files if _size(path) >= 0 else _NOTHING
+        if path.is_symlink() or not ours.fullmatch(name):
+            others.append(name)
+    return others
+
+
+_NOTHING = re.compile(r"(?!)")
+
+
+@final
+class StoredParts:
+    """The tables of a run while it goes on: a file for each block of each table.
+
+    A file is there whole or not at all, with checksums; how many there are says `state`,
+    and others are overwritten. Memory does not grow with the rows. `more` says that other
+    blocks come, whose rows are read by assembly mode.
+    """
+
+    def __init__(
+        self, folder: Path, more: bool, state: Iterable[tuple[str, str, int]]
+    ) -> None:
+        self.folder, self._more = folder, more
+        self._parts = Counter({(name, table): parts for name, table, parts in state})
+
+    def clear(self) -> None:
+        """Forget all rows: files are overwritten."""
+        self._parts.clear()
+
+    def state(self) -> list[Any]:
+        """Return how many parts each table has, ready for JSON."""
+        return [[*key, parts] for key, parts in self._parts.items()]
+
+    def add(self, analysis: str, table: Table, data: TableData) -> None:
+        """Write the rows of one block.
+
+        Raises
+        ------
+        OutputError
+            If the disk is full.
+        """
+        from spherekit.analysis.frames import write_columns
+
+        columns = typed(table, arrays(data))
+        parts: Any = [(0, slice(0, len(next(iter(columns.values())))))]
+        in_order = self._more and table.in_assembly_modes
+        if in_order:
+            parts = parts_in_order([columns])
+        if parts is None:
+            order = order_of(columns)
+            columns = {name: values[order] for name, values in columns.items()}
+            parts = parts_in_order([columns])
+        spans = [
+            slice(start, min(start + CHUNK, rows.stop))
+            for _, rows in parts
+            for start in range(rows.start, rows.stop, CHUNK)
+        ]
+        modes = [0] * len(spans)
+        if in_order:
+            modes = columns[ASSEMBLY_MODE.name][[rows.start for rows in spans]].tolist()
+        key = analysis, table.name
+        path = self._path(key, self._parts[key])
+        write_columns(path, columns, {MODES: modes}, spans, "none")
+        self._parts[key] += 1
+
+    def pieces(self, analysis: str, table: Table) -> Iterator[Mapping[str, Any]]:
+        """Yield all rows, mode after mode; `FileError` if they are not what was written."""
+        from spherekit.analysis.frames import notes_of, pieces_in
+
+        key = analysis, table.name
+        paths = [self._path(key, number) for number in range(self._parts[key])]
+        groups = [
+            (mode, number, group)
+            for number, path in enumerate(paths)
+            for group, mode in enumerate(notes_of(path)[MODES])
+        ]
+        return pieces_in((paths[number], group) for _, number, group in sorted(groups))
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(path.stat().st_size for path in self.folder.glob("*.parquet"))
+
+    def _path(self, key: tuple[str, str], number: int) -> Path:
+        return self.folder / f"{'.'.join(key)}.{number:06d}.parquet"
+
+
+MODES = "modes"
+"""Where a file of a block says which assembly mode each group of its rows is of."""
+
+
+FRAMES_HELD = 8
+"""Frames held at once for each link and pair of a row: 5 to 7.6 were measured."""
+
+
+def size_text(count: float) -> str:
+    """Return a number of bytes as ``1.5 GB``."""
+    for unit, scale in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
+        if count >= scale:
+            return f"{count / scale:.3g} {unit}"
+    return f"{count / 1e3:.3g} kB"
+
+
+def memory_at_once(mechanism: Mechanism, rows: int) -> int:
+    """Return about how many bytes it takes to evaluate so many rows at once.
+
+    Frames (3, 3) of links and pairs are most of it.
+    """
+    return rows * FRAMES_HELD * 72 * (len(mechanism.links) + len(mechanism.pairs))
+
+
+def need_memory(mechanism: Mechanism, rows: int, whole: Sequence[str]) -> None:
+    """Raise `AnalysisError` if rows that analyses want at once need too much memory."""
+    wanted, there = memory_at_once(mechanism, rows), usable_memory()
+    if there is not None and wanted > there:
+        raise AnalysisError(
+            f"{listing(whole)} looks at all samples at once: that takes about "
+            f"{size_text(wanted)} of memory for {rows} rows, and this process may use "
+            f"{size_text(there)}; ask for {max(1, int(rows * there / wanted / 2))} rows "
+            "(samples of all assembly modes) or fewer, or for one assembly mode"
+        )
+
+
+def need_disk(place: Path, held: float, whole: float, what: str, advice: str) -> None:
+    """Raise `OutputError` if the disk has no room for the whole, of which some is there."""
+    free = shutil.disk_usage(place).free
+    if whole - held > free:
+        raise OutputError(
+            f"{str(place)!r}: {what} will take about {size_text(whole)}, and the disk has "
+            f"{size_text(free)} left; {advice}"
+        )
+
+
+def need_disk_for_run(
+    store: StoredParts, done: int, total: int, formats: Sequence[Format] | None
+) -> None:
+    """Raise `OutputError` if the disk has no room for a whole run and its files.
+
+    Judged by the size of the store when `done` of `total` samples are done.
+    """
+    held, whole = store.size, store.size * total / done
+    formats = Files(formats=formats).formats_of(FILE_SIZE["csv"] * whole)
+    wanted = whole * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
+    less = size_text(whole * (1.0 + FILE_SIZE["parquet"]))
+    hint = f"; Parquet alone (--format parquet) takes {less}" if "csv" in formats else ""
+    advice = f"choose another folder or fewer samples{hint}"
+    what = "the run, work and files together,"
+    need_disk(store.folder.parent, held, wanted, what, advice)
