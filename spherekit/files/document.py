@@ -9,8 +9,8 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,27 +21,85 @@ from spherekit.errors import FileError, ModelError
 KeyPath = tuple[str | int, ...]
 """A path into the parsed data: keys, and positions within arrays."""
 
-_BLANK = re.compile(r"[ \t]*")
-_GAP = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-_SCALAR = re.compile(r"[^,\]}#\n]+")
-_STRINGS = (
-    re.compile(r'"""(?:[^\\"]|\\[\s\S]|"(?!""))*"{3,5}'),
-    re.compile(r"'''(?:[^']|'(?!''))*'{3,5}"),
-    re.compile(r'"(?:[^"\\\n]|\\[^\n])*"'),
-    re.compile(r"'[^'\n]*'"),
+_STRING = (
+    r'"""(?:[^\\"]|\\[\s\S]|"(?!""))*"{3,5}'
+    r"|'''(?:[^']|'(?!''))*'{3,5}"
+    r'|"(?:[^"\\\n]|\\[^\n])*"'
+    r"|'[^'\n]*'"
 )
+_TOKEN = re.compile(rf"{_STRING}|#[^\n]*|[\[\]{{}}=,.\n]|[^\s\[\]{{}}=,.#\"']+|[\"']")
 
 
 def locate(text: str) -> Mapping[KeyPath, int]:
     """Return the line number (from 1) of every key path in a TOML text.
 
-    A text that does not parse gives the lines up to the fault.
+    Values are passed over, not interpreted.
     """
-    scanner = _Scanner(text)
-    with suppress(_Unreadable, RecursionError):
-        scanner.document()
-    return scanner.lines
+    lines: dict[KeyPath, int] = {}
+    sizes: Counter[KeyPath] = Counter()
+    table: KeyPath = ()
+    at: KeyPath = ()
+    opened: list[tuple[str, KeyPath]] = []
+    keys: list[str] = []
+    is_value, header, line = False, 0, 1
+    for token in _TOKEN.findall(text):
+        kind, around = opened[-1] if opened else ("", table)
+        if kind == "[" and token[0] not in "],\n#":
+            at = around
+            lines.setdefault(at, line)
+        if token == "\n" and not opened:
+            is_value, header, keys = False, 0, []
+        elif token in ("[", "{") and (is_value or kind == "["):
+            opened.append((token, (*at, 0) if token == "[" else at))
+            is_value = False
+        elif token in ("]", "}") and opened:
+            opened.pop()
+            is_value = True
+        elif token == "," and opened:
+            is_value, keys = False, []
+            if kind == "[":
+                opened[-1] = kind, (*around[:-1], int(around[-1]) + 1)
+        elif is_value or kind == "[" or token[0] in "#\n.":
+            pass
+        elif token == "[":
+            header += 1
+        elif token == "=":
+            at, is_value = around, True
+            for key in keys:
+                at = (*at, key)
+                lines.setdefault(at, line)
+            keys = []
+        elif token == "]" and header and keys:
+            table = _entered(keys, header, line, lines, sizes)
+            is_value = True
+        else:
+            keys.append(_unquoted(token))
+        line += token.count("\n")
+    return lines
+
+
+def _entered(
+    keys: Sequence[str],
+    header: int,
+    line: int,
+    lines: dict[KeyPath, int],
+    sizes: Counter[KeyPath],
+) -> KeyPath:
+    """Return the path of the table that a header of one or two brackets begins."""
+    path: KeyPath = ()
+    for key in keys[:-1]:
+        path = (*path, key)
+        if sizes[path]:
+            path = (*path, sizes[path] - 1)
+        lines.setdefault(path, line)
+    path = (*path, keys[-1])
+    if header > 1:
+        lines.setdefault(path, line)
+        sizes[path] += 1
+        path = (*path, sizes[path] - 1)
+    # A table opened by the header of a table inside it has its own header later.
+    lines[path] = line
+    return path
 
 
 def line_of(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
@@ -52,146 +110,9 @@ def line_of(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
     return 1
 
 
-class _Unreadable(Exception):
-    """The text is not TOML from here on."""
-
-
-@final
-class _Scanner:
-    """One pass over a TOML text; values are skipped, not interpreted."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.position = 0
-        self.line = 1
-        self.lines: dict[KeyPath, int] = {}
-        self.array_sizes: dict[KeyPath, int] = {}
-
-    def document(self) -> None:
-        table: KeyPath = ()
-        self.take(_GAP)
-        while self.position < len(self.text):
-            if self.text.startswith("[[", self.position):
-                table = self.header("[[", "]]")
-            elif self.text.startswith("[", self.position):
-                table = self.header("[", "]")
-            else:
-                self.assignment(table)
-            self.take(_GAP)
-
-    def header(self, opening: str, closing: str) -> KeyPath:
-        self.expect(opening)
-        line = self.line
-        keys = self.key()
-        self.expect(closing)
-        path: KeyPath = ()
-        for key in keys[:-1]:
-            path = self.enter(path, key)
-            self.lines.setdefault(path, line)
-        if opening == "[":
-            path = (*path, keys[-1])
-        else:
-            name = (*path, keys[-1])
-            self.lines.setdefault(name, line)
-            self.array_sizes[name] = self.array_sizes.get(name, 0) + 1
-            path = self.enter(path, keys[-1])
-        # A table opened by the header of a table inside it has its own header later.
-        self.lines[path] = line
-        return path
-
-    def enter(self, path: KeyPath, key: str) -> KeyPath:
-        """Return the path of a table; in an array of tables, of its last one."""
-        inner = (*path, key)
-        size = self.array_sizes.get(inner, 0)
-        return (*inner, size - 1) if size else inner
-
-    def assignment(self, table: KeyPath) -> None:
-        path, line = table, self.line
-        for key in self.key():
-            path = (*path, key)
-            self.lines.setdefault(path, line)
-        self.expect("=")
-        self.take(_BLANK)
-        self.value(path)
-
-    def key(self) -> list[str]:
-        keys: list[str] = []
-        while True:
-            self.take(_BLANK)
-            if self.text.startswith(('"', "'"), self.position):
-                keys.append(_unquoted(self.string()))
-            else:
-                keys.append(self.need(_BARE_KEY))
-            self.take(_BLANK)
-            if not self.text.startswith(".", self.position):
-                return keys
-            self.position += 1
-
-    def value(self, path: KeyPath) -> None:
-        if self.text.startswith(('"', "'"), self.position):
-            self.string()
-        elif self.text.startswith("[", self.position):
-            self.array(path)
-        elif self.text.startswith("{", self.position):
-            self.inline_table(path)
-        else:
-            self.need(_SCALAR)
-
-    def array(self, path: KeyPath) -> None:
-        self.expect("[")
-        self.take(_GAP)
-        index = 0
-        while not self.text.startswith("]", self.position):
-            item = (*path, index)
-            self.lines[item] = self.line
-            self.value(item)
-            self.comma_before("]")
-            index += 1
-        self.expect("]")
-
-    def inline_table(self, path: KeyPath) -> None:
-        self.expect("{")
-        self.take(_GAP)
-        while not self.text.startswith("}", self.position):
-            self.assignment(path)
-            self.comma_before("}")
-        self.expect("}")
-
-    def comma_before(self, closing: str) -> None:
-        self.take(_GAP)
-        if not self.text.startswith(closing, self.position):
-            self.expect(",")
-            self.take(_GAP)
-
-    def string(self) -> str:
-        for pattern in _STRINGS:
-            if pattern.match(self.text, self.position):
-                return self.take(pattern)
-        raise _Unreadable
-
-    def need(self, pattern: re.Pattern[str]) -> str:
-        taken = self.take(pattern)
-        if not taken:
-            raise _Unreadable
-        return taken
-
-    def expect(self, symbol: str) -> None:
-        if not self.text.startswith(symbol, self.position):
-            raise _Unreadable
-        self.position += len(symbol)
-
-    def take(self, pattern: re.Pattern[str]) -> str:
-        match = pattern.match(self.text, self.position)
-        if match is None:
-            return ""
-        self.position = match.end()
-        self.line += match[0].count("\n")
-        return match[0]
-
-
 def _unquoted(key: str) -> str:
-    if key.startswith("'"):
-        return key[1:-1]
+    if not key.startswith('"'):
+        return key.strip("'")
     try:
         return str(json.loads(key, strict=False))
     except ValueError:  # an escape that TOML has and JSON has not, such as \U0001F600
