@@ -14,12 +14,12 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 715_488,
-    "code lines": 58_345,
-    "files": 335,
-    "classes": 736,
+    "nodes": 713_519,
+    "code lines": 58_152,
+    "files": 332,
+    "classes": 731,
     "dataclasses": 519,
-    "functions of 60 lines": 37,
+    "functions of 60 lines": 36,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
 LONGEST = 60
