@@ -69,6 +69,7 @@ def test_validate_good_and_bad(capsys, tmp_path):
     assert json.loads(out)["groups"] == ["dyad"]
 
 
+@pytest.mark.slow
 def test_every_shipped_mechanism_is_valid(capsys):
     names = sorted(path.stem for path in (ROOT / "mechanisms").glob("*.toml"))
     names = [name for name in names if not name.endswith(".study")]
@@ -198,6 +199,7 @@ def test_closed_pipe_and_help():
         assert command in text
 
 
+@pytest.mark.slow
 def test_serve_streams_and_stops_on_interrupt():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

@@ -234,6 +234,7 @@ def test_the_range_of_the_input_decides_which_curves_are_wanted():
     assert {piece.assembly_mode for piece in only.pieces} == {0, 1}
 
 
+@pytest.mark.slow
 def test_curves_do_not_depend_on_the_pair_that_finds_them():
     """Driven at a triad or at two dyads: the same curves, of the same lengths."""
     random = np.random.default_rng(7)

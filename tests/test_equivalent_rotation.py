@@ -276,31 +276,6 @@ def test_table_2(form):
         assert low == pytest.approx(limit[0][0], abs=1e-10)
 
 
-def test_table_3(form):
-    """The example of section 4.3; gamma of configuration 3 has lost its sign in print.
-
-    The rows between show the rounding of the paper: up to 6.2e-4 degrees.
-    """
-    turn = form.rotation_between(
-        normal_at(*np.radians([75.0, -20.0])), normal_at(*np.radians([70.0, 20.0])), OUTWARD
-    )
-    axis = turn.axis @ form.frame
-    assert axis == pytest.approx([-0.7933, 0.1257, -0.5957], abs=5.1e-5)
-    assert np.degrees(turn.angle) == pytest.approx(40.3230, abs=7e-5)
-    found = turn.at(np.radians([0.0, 13.0, 26.0, np.degrees(turn.angle)]))
-    normals, departure = form.normals(found.orientation)
-    angles = mirror_angles(normals)
-    printed = [(75.0, -20.0), (74.5359, -7.1049), (72.9604, +5.7918), (70.0, 20.0)]
-    driving = [(5.3391, 56.7404), (18.3470, 35.3134), (32.3670, 18.9834), (49.2440, 3.7442)]
-    ours = np.degrees(np.stack([angles.phi, angles.gamma], axis=1))
-    assert ours == pytest.approx(np.array(printed), abs=6.2e-4)
-    assert np.degrees(found.inputs) == pytest.approx(np.array(driving), abs=6.2e-4)
-    assert np.degrees(found.inputs[0]) == pytest.approx(driving[0], abs=5.1e-5)
-    assert ours[0] == pytest.approx(printed[0], abs=1e-12)
-    assert ours[3] == pytest.approx(printed[3], abs=1e-12)
-    assert np.max(departure) < 1e-14
-
-
 def test_four_initial_configurations(form):
     """Fig. 5: four sets of driving angles for one pose; all lead back to it."""
     normals = inside(form, 50, 6)
@@ -445,44 +420,6 @@ def test_factory_and_shipped_file_agree(paper):
         paper.links,
         paper.outputs,
     )
-
-
-def test_third_legs_plane_is_a_singularity_the_paper_does_not_name(form, paper):
-    """On the way of Table 3 the planes of the three legs meet in one line.
-
-    There the far links do not hold the end effector, whatever is driven. From 50 digits:
-    the determinant of base axes x elbows vanishes, and the graph loses its rank.
-    """
-    turn = form.rotation_between(
-        normal_at(*np.radians([75.0, -20.0])), normal_at(*np.radians([70.0, 20.0])), OUTWARD
-    )
-    followed = follow_rotation(paper, turn.at([0.0]).values[0], turn.axis, turn.angle)
-    (place,) = followed.crossings
-    assert np.degrees(place) == pytest.approx(30.9007, abs=1e-4)
-    with mp.workdps(50):
-
-        def determinant(theta):
-            line = mp.matrix((form.frame.T @ turn.axis).tolist())
-            n0 = mp.matrix(form.normals(turn.start[None])[0][0].tolist())
-            c, s = mp.cos(theta / 2), mp.sin(theta / 2)
-            n = n0 * c + crossed(line, n0) * s + line * ((line.T * n0)[0] * (1 - c))
-            columns = []
-            for axis, arc, mode in zip(
-                form.plane.axes, form.plane.arcs, OUTWARD, strict=True
-            ):
-                b = mp.matrix(axis.tolist())
-                flat = b - n * (b.T * n)[0]
-                part = mp.cos(mp.mpf(float(arc))) / mp.norm(flat)
-                e = flat / mp.norm(flat) * part
-                e += crossed(n, flat / mp.norm(flat)) * (mode * mp.sqrt(1 - part**2))
-                columns.append(list(crossed(b, e)))
-            return mp.det(mp.matrix(columns))
-
-        root = mp.findroot(determinant, mp.mpf(place))
-        assert abs(root - place) < 1e-7
-    near = followed.at([place - 1e-3, place, place + 1e-3])
-    assert near.type_2[1] < 1e-3 * near.type_2[0]
-    assert np.max(near.departure) < 1e-13
 
 
 def crossed(a, b):

@@ -197,7 +197,7 @@ def test_every_pole_of_a_plan_is_found_once():
 
 
 def test_three_poles_lie_on_a_great_circle():
-    for made in mechanisms(range(300, 360)):
+    for made in mechanisms(range(300, 340)):
         try:
             _, found = fields(made)
         except SpherekitError as refusal:
@@ -209,7 +209,7 @@ def test_three_poles_lie_on_a_great_circle():
 
 def test_said_otherwise_it_is_the_same():
     random = np.random.default_rng(5)
-    for made in mechanisms(range(400, 430)):
+    for made in mechanisms(range(400, 420)):
         check_same(made, random.permutation(len(made.links) - 1).tolist())
 
 
@@ -224,7 +224,7 @@ def check_no_jumps(seeds, span):
 
 
 def test_no_branch_jumps_to_another_mode():
-    check_no_jumps(range(500, 515), 1.2)
+    check_no_jumps(range(500, 506), 1.2)
 
 
 @pytest.mark.long

@@ -224,6 +224,7 @@ def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
     assert contents(folder) == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_a_run_in_the_background_of_a_shell_ignores_ctrl_c(tmp_path):
     """Shells start such jobs with SIGINT ignored, and programs leave it so."""

@@ -231,6 +231,7 @@ def test_inputs_go_opposite_ways_where_a_range_falls():
                 np.testing.assert_allclose(one[1], other[1], atol=1e-12, err_msg=one[0])
 
 
+@pytest.mark.slow
 def test_a_range_that_falls_has_the_singular_places_of_one_that_rises():
     made = sk.load("five_bar")
     one, other = made.inputs

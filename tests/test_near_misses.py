@@ -135,6 +135,7 @@ def test_a_geared_curve_is_followed_once():
         assert np.min(np.diff(np.sort(np.mod(rows["q"], 29 * 2 * np.pi)))) > 0.1
 
 
+@pytest.mark.slow
 def test_a_slow_output_is_not_near_its_dead_centre():
     """Wheels of 1 : 20 make every velocity coefficient of a double crank small."""
     made = geared([5, 100], ground=20.0, crank=60.0, span=7200.0)

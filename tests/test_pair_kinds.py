@@ -88,6 +88,7 @@ def names_kind(node, classes, constants):
     return False
 
 
+@pytest.mark.slow
 def test_files_that_branch_on_the_kind_of_a_pair_are_few_and_listed():
     trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
     classes = joint_classes(trees.values())

@@ -56,6 +56,7 @@ CASES = [
 ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("teeth", "laps", "ends"), CASES)
 def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_form(
     teeth, laps, ends

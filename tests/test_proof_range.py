@@ -111,6 +111,7 @@ def test_rates_along_pieces_are_within_their_bounds():
                 assert np.all(low <= value + 1e-12) and np.all(value <= high + 1e-12)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("name", "pair"), [("four_bar", None), ("stephenson", "35")])
 def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     mechanism = driven_at(sk.load(name), pair)
@@ -274,6 +275,7 @@ def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance)
         assert np.all(real.error < 100.0 * tolerance + 1e-12)
 
 
+@pytest.mark.slow
 def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
     """The text in the certificate has the two links of the pair as one."""
     path = tmp_path / "certificate.json"

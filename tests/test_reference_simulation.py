@@ -367,6 +367,7 @@ def error_of_poles(tables, exact, poles):
     return max(worst, *(error[name] / size[name] for name in size), EPS)
 
 
+@pytest.mark.slow
 def test_reported_errors_of_a_stephenson_mechanism_are_within_a_factor_two():
     made = with_masses("stephenson", "3", "6")
     start, t = Start(0.4, 2.0), np.linspace(0.0, 0.3, 2)

@@ -328,6 +328,7 @@ def mid_plane():
     return made, {kind: mid_plane_loci(made, kind) for kind in ("I", "II")}
 
 
+@pytest.mark.slow
 def test_mid_plane_loci_are_singular(mid_plane):
     made, loci = mid_plane
     tracer = Tracer(made, samples=3)

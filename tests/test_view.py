@@ -247,6 +247,7 @@ def test_what_stays_is_logged_once(partial: Path) -> None:
     assert links | paths | {"/four_bar/link/1"} <= curves
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("blocks", [5, [*range(1, 40), 200, *range(350, 361)]])
 def test_block_size_does_not_matter(
     recording: Path, tmp_path: Path, blocks: int | list[int]
@@ -535,6 +536,7 @@ def test_picture_shows_the_mechanism(recording: Path, tmp_path: Path) -> None:
 COLOURS = ((86, 180, 233), (238, 108, 52), (32, 190, 142), (255, 196, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.viewer
 def test_picture_of_a_failed_sample(partial: Path, tmp_path: Path) -> None:
     seen = picture(partial, tmp_path / "a.png", sample=60, view="3D")
@@ -544,6 +546,7 @@ def test_picture_of_a_failed_sample(partial: Path, tmp_path: Path) -> None:
     assert (np.abs(gone.astype(int) - coupler).max(axis=-1) < 25).sum() < 20
 
 
+@pytest.mark.slow
 @pytest.mark.viewer
 def test_picture_starts_where_the_mechanism_closes(tmp_path: Path) -> None:
     path, turned = tmp_path / "a.rrd", np.roll(SAMPLES, -180)
