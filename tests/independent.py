@@ -1,25 +1,8 @@
-"""Closed forms in many digits and searches that share no code with the package."""
+"""A search for configurations that shares no code with the package."""
 
-import mpmath as mp
 import networkx as nx
 import numpy as np
 from scipy.spatial.transform import Rotation
-
-
-def arcs_of(made):
-    """The arcs (1, 2, 3, 4) of a four-bar's links, as the float64 numbers they are."""
-    sizes = made.geometry.links
-    return [mp.mpf(sizes[link].arcs[0]) for link in "1234"]
-
-
-def closed_form(arcs, q, mode):
-    """Return theta41 by eq. (25) of Di Gregorio 2024 in mpmath."""
-    (s1, s2, _, s4), (c1, c2, c3, c4) = map(mp.sin, arcs), map(mp.cos, arcs)
-    a0 = c4 * (mp.cos(q) * s2 * s1 + c1 * c2) - c3
-    a1 = mp.sin(q) * s2 * s4
-    a2 = s4 * (mp.cos(q) * s2 * c1 - s1 * c2)
-    root = mp.sqrt(a1**2 + a2**2 - a0**2)
-    return 2 * mp.atan2(-a1 + (-1) ** mode * root, a0 - a2)
 
 
 def multi_start(edges, driven, axes, random, starts, steps=26, q=0.0):

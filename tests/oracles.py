@@ -1,8 +1,6 @@
 """Independent ways to the same numbers; nothing here calls a solver of spherekit."""
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 from spherekit.model.gears import geometry_of
 
@@ -44,56 +42,6 @@ def closure_gap(mechanism, rotations, frames):
         sine = np.linalg.norm(np.cross(one, other), axis=1)
         worst = max(worst, float(np.nanmax(np.arctan2(sine, np.sum(one * other, axis=1)))))
     return worst
-
-
-def integrated(ends, axes, driven, angles, rtol=1e-9):
-    """Return the pair axes (angles, pairs, 3) after turning the input by `angles`.
-
-    The links are turned by their angular velocities from the null space, integrated
-    with an explicit Runge-Kutta method: no closure equation is solved, so no other
-    assembly mode can be met. `angles` lie on one side of 0, in order away from it.
-    """
-    count = max(max(pair) for pair in ends) + 1
-    owner = np.array([a for a, _ in ends])
-    axes = np.asarray(axes)
-
-    def turned_axes(state):
-        q = state.reshape(count, 4)
-        q = q / np.linalg.norm(q, axis=1, keepdims=True)
-        return q, Rotation.from_quat(q[owner]).apply(axes)
-
-    def right(_, state):
-        q, turned = turned_axes(state)
-        w, _ = null_space(count, ends, turned)
-        a, b = ends[driven]
-        w = w / ((w[b] - w[a]) @ turned[driven])
-        x, y, z, s = q.T
-        wx, wy, wz = w.T
-        return (
-            0.5
-            * np.stack(
-                [
-                    wx * s + wy * z - wz * y,
-                    wy * s + wz * x - wx * z,
-                    wz * s + wx * y - wy * x,
-                    -wx * x - wy * y - wz * z,
-                ],
-                axis=1,
-            ).ravel()
-        )
-
-    start = np.tile([0.0, 0.0, 0.0, 1.0], count)
-    found = solve_ivp(
-        right,
-        (0.0, angles[-1]),
-        start,
-        t_eval=angles,
-        rtol=rtol,
-        atol=1e-11,
-        method="DOP853",
-    )
-    states = np.asarray(found.y).reshape(len(start), -1).T
-    return np.array([turned_axes(state)[1] for state in states])
 
 
 def misfits(ends, axes, locked):

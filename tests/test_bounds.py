@@ -7,6 +7,7 @@ the closure Jacobian is nearly singular. Their reference is written here, in man
 import mpmath as mp
 import numpy as np
 import pytest
+from exact_four_bar import cross, dot
 from refusals import text_of
 
 import spherekit as sk
@@ -31,18 +32,6 @@ def turned(axis, angle, vector):
     across = cross(axis, vector)
     along = sum(a * b for a, b in zip(axis, vector, strict=True)) * (1 - c)
     return [c * v + s * w + along * a for v, w, a in zip(vector, across, axis, strict=True)]
-
-
-def cross(a, b):
-    return [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-
-
-def dot(a, b):
-    return sum(x * y for x, y in zip(a, b, strict=True))
 
 
 def output(arcs, q, near):

@@ -11,6 +11,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from common import bare
+from exact_four_bar import four_bar as four_bar_at
 from newton_euler import body, loaded, newton_euler
 from scipy.integrate import solve_ivp
 from spherekit_analyses.eksergian import Eksergian
@@ -48,67 +49,6 @@ DRIVING = "10*sin(2*t)"
 # --- the four-bar in 50 digits ------------------------------------------------------
 
 
-def exact_four_bar(q, p):
-    """Return theta41, u31, w31, w41 and B at q by eqs. (14), (22) to (26)."""
-    a1, a2, a3, a4 = (mp.pi / k for k in (3, 9, mp.mpf(18) / 7, mp.mpf(9) / 2))
-    s, c = mp.sin, mp.cos
-    c0 = c(a4) * (c(q) * s(a2) * s(a1) + c(a1) * c(a2)) - c(a3)
-    c1 = s(q) * s(a2) * s(a4)
-    c2 = s(a4) * (c(q) * s(a2) * c(a1) - s(a1) * c(a2))
-    theta = 2 * mp.atan2(-c1 + (-1) ** p * mp.sqrt(c1**2 + c2**2 - c0**2), c0 - c2)
-    i1, j1, k1 = (0, 0, 1)[::-1], (0, 1, 0), (0, 0, 1)
-    u41 = k1
-    u21 = add((s(a1), j1), (c(a1), k1))
-    j2 = add((s(q), i1), (c(q) * s(a1), k1), (-c(q) * c(a1), j1))
-    u32 = add((c(a2), u21), (s(a2), j2))
-    u43 = add((c(a4), k1), (s(a4) * s(theta), i1), (-s(a4) * c(theta), j1))
-    i3 = add((1 / s(a3), x(u43, u32)))
-    i4 = add((1 / s(a4), x(u41, u43)))
-    frames = {
-        2: (x(j2, u21), j2, u21),
-        3: (i3, x(u32, i3), u32),
-        4: (i4, x(u43, i4), u43),
-    }
-    u31 = unit(x(x(u41, u43), x(u21, u32)))
-    u42 = unit(x(x(u21, u41), x(u32, u43)))
-    w31 = dot(x(u31, u21), x(u32, u21)) / dot(x(u31, u21), x(u32, u31))
-    w41 = dot(x(u41, u21), x(u42, u21)) / dot(x(u41, u21), x(u42, u41))
-    B = 0
-    for j, w, u in ((2, 1, u21), (3, w31, u31), (4, w41, u41)):
-        along = [dot(u, axis) for axis in frames[j]]
-        B += w**2 * sum(
-            along[a] * TENSOR[j][a][b] * along[b] for a in range(3) for b in range(3)
-        )
-    return theta, u31, w31, w41, B
-
-
-TENSOR = {
-    2: ((2, 0, 0), (0, "1.920725", "-0.335117"), (0, "-0.335117", "0.079275")),
-    3: ((7, 0, 0), (0, "4.420725", "-2.529672"), (0, "-2.529672", "2.579275")),
-    4: ((4, 0, 0), (0, "3.410633", "-1.183662"), (0, "-1.183662", "0.589367")),
-}
-
-
-def add(*terms):
-    return tuple(sum(k * v[axis] for k, v in terms) for axis in range(3))
-
-
-def dot(a, b):
-    return sum(one * other for one, other in zip(a, b, strict=True))
-
-
-def x(a, b):
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-
-
-def unit(a):
-    return add((1 / mp.sqrt(dot(a, a)), a))
-
-
 @pytest.fixture(scope="module")
 def exact():
     """Columns of all 361 samples for p = 0 and 1, derivatives by central differences.
@@ -117,15 +57,20 @@ def exact():
     """
     columns = {}
     with mp.workdps(60):
-        for j, rows in TENSOR.items():
-            TENSOR[j] = tuple(tuple(mp.mpf(value) for value in row) for row in rows)
+        tensors = {int(m.link): m.tensor for m in sk.load("four_bar").masses}
+        arcs = [mp.radians(angle) for angle in (60, 20, 70, 40)]
+
+        def at(q, p):
+            here = four_bar_at(arcs, q, p)
+            return here.theta, *here.coefficients(), mp.fsum(here.inertia(tensors))
+
         h = mp.mpf(10) ** -18
         for p in (0, 1):
             rows = []
             for q in TURN:
                 q = mp.mpf(float(q))
-                theta, u31, w31, w41, B = exact_four_bar(q, p)
-                low, high = (exact_four_bar(q + k * h, p) for k in (-1, 1))
+                theta, u31, w31, w41, B = at(q, p)
+                low, high = (at(q + k * h, p) for k in (-1, 1))
                 d31, d41, dB = ((high[k] - low[k]) / (2 * h) for k in (2, 3, 4))
                 loads = (-mp.sin(q) - 2, w41 * (-5 * mp.sin(theta) - 2 * w41))
                 tau = dB / 2 - sum(loads)

@@ -14,6 +14,7 @@ from closed_forms import (
     four_bar_frames,
     four_bar_poles,
 )
+from exact_four_bar import angle as exact_angle
 from scipy.integrate import solve_ivp
 
 from spherekit.dynamics.forward import simulate
@@ -201,10 +202,11 @@ def test_third_order_of_the_paper_in_50_digits(engine, mode):
     angle = four_bar_angles(q, FOUR_BAR_ARCS, mode)
     found = kernel(made, "21", [(0, 3)], source="input", derivatives=2, engine=engine)
     with mpmath.workdps(50):
+        arcs = list(map(mpmath.mpf, FOUR_BAR_ARCS))
         expected = np.array(
             [
                 [
-                    float(mpmath.diff(lambda x: rocker_angle(x, mode), x, k))
+                    float(mpmath.diff(lambda x: exact_angle(arcs, x, mode), x, k))
                     for k in (1, 2, 3)
                 ]
                 for x in q
@@ -230,17 +232,6 @@ def test_third_order_of_the_paper_in_50_digits(engine, mode):
     ]
     assert min(gaps) < 1e-14 < 1e-3 < max(gaps)
     assert np.all(np.isfinite(angle))
-
-
-def rocker_angle(q, mode):
-    """Return theta41 by eq. (25) of the source, as `four_bar_angles`, in mpmath."""
-    s1, s2, _, s4 = (mpmath.sin(mpmath.mpf(float(a))) for a in FOUR_BAR_ARCS)
-    c1, c2, c3, c4 = (mpmath.cos(mpmath.mpf(float(a))) for a in FOUR_BAR_ARCS)
-    a0 = c4 * (mpmath.cos(q) * s2 * s1 + c1 * c2) - c3
-    a1 = mpmath.sin(q) * s2 * s4
-    a2 = s4 * (mpmath.cos(q) * s2 * c1 - s1 * c2)
-    root = mpmath.sqrt(a1**2 + a2**2 - a0**2)
-    return 2 * mpmath.atan2(-a1 + (-1) ** mode * root, a0 - a2)
 
 
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "roller_cam"])

@@ -6,7 +6,7 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
-from independent import arcs_of, closed_form
+from exact_four_bar import angle, arcs_of
 from random_mechanisms import random_mechanism
 
 import spherekit as sk
@@ -76,8 +76,7 @@ def test_four_bars_against_the_closed_form(name):
                 rates = [found.w[row, 3], found.dw[row, 3], found.ddw[row, 3]]
                 along = [np.sum(x * found.axes[row, axis]) for x in rates]
                 series = [
-                    mp.taylor(lambda x, m=mode: closed_form(arcs, x, m), q, 3)
-                    for mode in (0, 1)
+                    mp.taylor(lambda x, m=mode: angle(arcs, x, m), q, 3) for mode in (0, 1)
                 ]
                 given = min(series, key=lambda each: abs(along[0] - each[1]))
                 assert abs(along[0] - given[1]) < 1e-45
@@ -98,7 +97,7 @@ def test_the_zero_of_an_angle_is_the_number_given():
     with mp.workdps(60):
         q = mp.mpf(float(motion.inputs[chosen][0, 0]))
         expected = [
-            closed_form(arcs_of(motion.mechanism), q, mode) + mp.pi - mp.mpf(np.pi)
+            angle(arcs_of(motion.mechanism), q, mode) + mp.pi - mp.mpf(np.pi)
             for mode in (0, 1)
         ]
         for row in range(2):

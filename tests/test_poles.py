@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import mpmath
 import numpy as np
 import pytest
 from chains import EIGHT_BARS, mechanism, random_axes, random_chain
@@ -69,37 +68,6 @@ def test_four_bar_of_the_paper(four_bar, p):
 
 def _vector(field, pole, rows):
     return field.direction[pole][rows] * field.velocity_coefficient[pole][rows][:, None]
-
-
-@pytest.mark.parametrize("p", [0, 1])
-def test_four_bar_derivatives_in_fifty_digits(four_bar, p):
-    """First and second derivatives of theta41 from eq. (25) by mpmath, 50 digits."""
-    motion, field, modes = four_bar
-    rows = np.flatnonzero(modes[p])[::40]
-    mpmath.mp.dps = 50
-    a1, a2, a3, a4 = (mpmath.pi / k for k in (3, 9, mpmath.mpf(18) / 7, mpmath.mpf(9) / 2))
-    sin, cos = mpmath.sin, mpmath.cos
-
-    def theta41(theta):
-        x0 = cos(a4) * (cos(theta) * sin(a2) * sin(a1) + cos(a1) * cos(a2)) - cos(a3)
-        x1 = sin(theta) * sin(a2) * sin(a4)
-        x2 = sin(a4) * (cos(theta) * sin(a2) * cos(a1) - sin(a1) * cos(a2))
-        root = mpmath.sqrt(x1**2 + x2**2 - x0**2)
-        return 2 * mpmath.atan((-x1 + (-1) ** p * root) / (x0 - x2))
-
-    for row in rows:
-        q = mpmath.mpf(float(motion.q[row]))
-        assert (
-            abs(float(mpmath.diff(theta41, q)) - field.velocity_coefficient[0, 3][row])
-            < 1e-13
-        )
-        assert (
-            abs(
-                float(mpmath.diff(theta41, q, 2))
-                - field.acceleration_coefficient[0, 3][row]
-            )
-            < 1e-12
-        )
 
 
 def test_universal_joint():

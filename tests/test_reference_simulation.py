@@ -5,6 +5,8 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
+from exact_four_bar import arcs_of
+from exact_four_bar import four_bar as four_bar_at
 
 import spherekit as sk
 from spherekit.analysis.registry import create
@@ -108,52 +110,6 @@ def test_kinks_stops_and_tables_by_closed_forms():
     assert off(found.at(t).rates[:, 0], [gained(mp.mpf(x)) for x in t]) < 1e-17
 
 
-def four_bar_inertia(made, q):
-    """Return the equivalent inertia of each link at an input, by vectors in mpmath.
-
-    R. Di Gregorio (2024), eqs. (14), (22), with the assembly mode of theta_41 that closes.
-    """
-    geometry = made.geometry.links
-    a1, a2, a3, a4 = (mp.mpf(geometry[name].arcs[0]) for name in "1234")
-    s1, s2, s4 = map(mp.sin, (a1, a2, a4))
-    c1, c2, c3, c4 = map(mp.cos, (a1, a2, a3, a4))
-    k1, k2 = mp.matrix([0, 0, 1]), mp.matrix([0, s1, c1])
-    j2 = mp.matrix([mp.sin(q), -mp.cos(q) * c1, mp.cos(q) * s1])
-    k3 = k2 * c2 + j2 * s2
-    p = c4 * (mp.cos(q) * s2 * s1 + c1 * c2) - c3
-    r, x = mp.sin(q) * s2 * s4, s4 * (mp.cos(q) * s2 * c1 - s1 * c2)
-    turn = 2 * mp.atan2(-r - mp.sqrt(r * r + x * x - p * p), p - x)
-    k4 = mp.matrix([s4 * mp.sin(turn), -s4 * mp.cos(turn), c4])
-    columns = mp.matrix(3, 3)
-    for row in range(3):
-        columns[row, 0], columns[row, 1], columns[row, 2] = k3[row], k4[row], -k1[row]
-    rates = mp.lu_solve(columns, -k2)
-    w = {"2": k2, "3": k2 + k3 * rates[0], "4": k1 * rates[2]}
-
-    def frame(first, second):
-        side = second - first * (first.T * second)[0]
-        side = side / mp.norm(side)
-        return [cross(side, first), side, first]
-
-    frames = {"2": frame(k2, k3), "3": frame(k3, k4), "4": frame(k4, k1)}
-    found = []
-    for mass in made.masses:
-        own = [(axis.T * w[mass.link])[0] for axis in frames[mass.link]]
-        tensor = mass.tensor
-        found.append(
-            mp.fsum(
-                own[i] * mp.mpf(tensor[i][j]) * own[j] for i in range(3) for j in range(3)
-            )
-        )
-    return found
-
-
-def cross(a, b):
-    return mp.matrix(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
-
-
 def inputs_at(t, start, inertia, potential, near, nodes):
     """Return the input (n,) at times by conservation of energy, and its rates.
 
@@ -199,6 +155,12 @@ def gauss(count):
 STIFF, REST = 0.5, 0.2
 FOUR_BAR = replace(sk.load("four_bar"), loads=(Spring("coil", "21", STIFF, REST),))
 START = Start(0.5, 3.0)
+
+
+def four_bar_inertia(made, q):
+    """Return the equivalent inertia of each link at an input."""
+    tensors = {int(mass.link): mass.tensor for mass in made.masses}
+    return four_bar_at(arcs_of(made), q, 1).inertia(tensors)
 
 
 def potential(q):

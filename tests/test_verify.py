@@ -7,7 +7,7 @@ from typing import ClassVar, final
 import mpmath as mp
 import numpy as np
 import pytest
-from independent import arcs_of, closed_form
+from exact_four_bar import angle, arcs_of
 
 import spherekit as sk
 from spherekit.analysis import run as runner
@@ -65,9 +65,7 @@ def test_columns_deviate_by_rounding_and_references_are_right():
     made = sk.load("four_bar")
     with mp.workdps(50):
         q = mp.mpf(float(np.linspace(0.0, made.inputs[0].stop, 31)[theta["sample"]]))
-        forms = [
-            closed_form(arcs_of(made), q, mode) + mp.pi - mp.mpf(np.pi) for mode in (0, 1)
-        ]
+        forms = [angle(arcs_of(made), q, mode) + mp.pi - mp.mpf(np.pi) for mode in (0, 1)]
         off = min(abs(mp.expj(theta["reference"]) - mp.expj(form)) for form in forms)
         assert off < 2 * EPS
     directions = verdict["directions"]

@@ -55,19 +55,10 @@ ENDS = (("41", "21"), ("21", "32"), ("32", "43"), ("43", "41"))
 
 
 def quaternions(matrices: Floats) -> Floats:
-    """Return (n, 4) xyzw of rotation matrices, as the largest eigenvectors."""
+    """Return (n, 4) xyzw of rotation matrices, NaN where these are."""
     found = np.full((len(matrices), 4), np.nan)
     good = np.isfinite(matrices).all(axis=(1, 2))
-    m = matrices[good]
-    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
-    k = np.zeros((len(m), 4, 4))
-    k[:, 0, 0], k[:, 1, 1], k[:, 2, 2] = xx - yy - zz, yy - xx - zz, zz - xx - yy
-    k[:, 3, 3] = xx + yy + zz
-    k[:, 1, 0], k[:, 2, 0] = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0]
-    k[:, 2, 1] = m[:, 1, 2] + m[:, 2, 1]
-    k[:, 3, 0], k[:, 3, 1] = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0]
-    k[:, 3, 2] = m[:, 1, 0] - m[:, 0, 1]
-    found[good] = np.linalg.eigh(k)[1][:, :, -1]
+    found[good] = Rotation.from_matrix(matrices[good]).as_quat()
     return found
 
 
