@@ -3,7 +3,6 @@
 import gc
 import math
 import operator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from spherekit.engine.design_kernel import (
 )
 from spherekit.engine.expression_graph import (
     ExpressionNode,
+    expression_terms,
     function,
     in_order,
     power,
@@ -21,7 +21,6 @@ from spherekit.engine.expression_graph import (
     symbols,
     varies,
 )
-from spherekit.engine.loads import expression_value
 from spherekit.engine.system import BLOCK, array_function
 from spherekit.model.expression import load_names, parse
 
@@ -190,10 +189,8 @@ def test_the_length_of_a_vector_as_a_series():
 def test_sines_of_angles_after_many_turns_keep_their_digits(text, expected):
     """The value is that without the turns, to rounding of numbers of the order of 1."""
     whole, reduced, t = symbols(["whole", "reduced", "t"])
-    moving = SimpleNamespace(
-        angle=lambda pair: whole, direction=lambda pair: reduced, time=t
-    )
-    value = expression_value(parse(text, load_names(["a"])), moving)
+    named = {"theta_a": (whole, reduced), "t": (t, t)}
+    value = expression_terms(parse(text, load_names(["a"])), named)
     turned = 0.7 + 2.0 * np.pi * 1e7
     run = array_function([value], [whole, reduced, t])
     found = run(np.array([[turned], [0.7], [0.3]]))
@@ -202,11 +199,9 @@ def test_sines_of_angles_after_many_turns_keep_their_digits(text, expected):
 
 def test_sines_of_parts_of_angles_need_the_turns():
     whole, reduced, t = symbols(["whole", "reduced", "t"])
-    moving = SimpleNamespace(
-        angle=lambda pair: whole, direction=lambda pair: reduced, time=t
-    )
     law = parse("sin(0.5*theta_a)", load_names(["a"]))
-    run = array_function([expression_value(law, moving)], [whole, reduced, t])
+    value = expression_terms(law, {"theta_a": (whole, reduced), "t": (t, t)})
+    run = array_function([value], [whole, reduced, t])
     turned = 0.7 + 2.0 * np.pi
     found = run(np.array([[turned], [0.7], [0.3]]))
     assert abs(found[0, 0] - np.sin(0.5 * turned)) < 1e-15

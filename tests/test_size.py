@@ -14,12 +14,12 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 713_519,
-    "code lines": 58_152,
+    "nodes": 712_654,
+    "code lines": 58_053,
     "files": 332,
-    "classes": 731,
-    "dataclasses": 519,
-    "functions of 60 lines": 36,
+    "classes": 729,
+    "dataclasses": 518,
+    "functions of 60 lines": 35,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
 LONGEST = 60

@@ -254,7 +254,8 @@ class FigureGradients:
 def with_derivatives(expression: Expression, names: Sequence[str]) -> ArrayFunction:
     """Return a function of named rows: the expression, then its derivative by each."""
     terms = symbols(names)
-    item = expression_terms(expression, dict(zip(names, terms, strict=True)))
+    named = {name: (x, x) for name, x in zip(names, terms, strict=True)}
+    item = expression_terms(expression, named)
     partial = [derivatives([item], term)[0] for term in terms]
     return array_function([item, *partial], terms)
 

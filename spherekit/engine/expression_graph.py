@@ -347,17 +347,6 @@ def derivatives(items: Sequence[Expr], by: ExpressionNode) -> list[Expr]:
     return [of(item) for item in items]
 
 
-def _size(x: Expr) -> Expr:
-    return x * function("sign", x)
-
-
-def _larger(*items: Expr) -> Expr:
-    best = items[0]
-    for item in items[1:]:
-        best = 0.5 * (best + item + _size(best - item))
-    return best
-
-
 def need_divisor(law: Expression, name: str, parts: Sequence[Expr]) -> None:
     """Refuse a quotient by terms that cancel each other."""
     if name == "/" and parts[1] == 0.0:
@@ -365,7 +354,7 @@ def need_divisor(law: Expression, name: str, parts: Sequence[Expr]) -> None:
         raise EngineError(f"{what} divides by what is zero everywhere")
 
 
-BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {
+_BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {
     "+": lambda a, b: a + b,
     "-": lambda a, b: a - b,
     "*": lambda a, b: a * b,
@@ -374,20 +363,54 @@ BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {
     "negative": lambda a: -1.0 * a,
 }
 
-_BY_TERMS: Mapping[str, Callable[..., Expr]] = {
-    **BY_OPERATOR,
-    "abs": _size,
-    "max": _larger,
-    "min": lambda *items: -1.0 * _larger(*(-1.0 * item for item in items)),
-}
+_PERIODIC = ("sin", "cos", "tan")
+
+_COUNTS_TURNS = ("+", "-", "negative")
 
 
-def expression_terms(expression: Expression, named: Mapping[str, Expr]) -> Expr:
-    """Return an expression in terms, from the terms of its names."""
+def sign_of(item: Expr) -> Expr:
+    """Return the sign of an expression as a function."""
+    return function("sign", item)
 
-    def apply(name: str, parts: list[Any]) -> Expr:
-        need_divisor(expression, name, parts)
-        made = _BY_TERMS.get(name)
-        return made(*parts) if made else function(name, *parts)
 
-    return fold(expression.root, float, lambda name: named[name], apply)
+def expression_terms(
+    expression: Expression,
+    named: Mapping[str, tuple[Expr, Expr]],
+    sign: Callable[[Expr], Expr] = sign_of,
+) -> Expr:
+    """Return an expression in terms, from those of its names.
+
+    Each name has two terms, of which the second differs by whole turns at most: beside each
+    part stands one formed of these, and sines and the like are taken of that. After many
+    turns it is the more accurate one. `sign` gives the sign of what may be positive or
+    negative where the expression is not smooth.
+    """
+
+    def larger(*items: Expr) -> Expr:
+        best = items[0]
+        for item in items[1:]:
+            gap = best - item
+            best = 0.5 * (best + item + sign(gap) * gap)
+        return best
+
+    made: Mapping[str, Callable[..., Expr]] = {
+        **_BY_OPERATOR,
+        "abs": lambda a: sign(a) * a,
+        "sign": sign,
+        "max": larger,
+        "min": lambda *items: -1.0 * larger(*(-1.0 * item for item in items)),
+    }
+
+    def apply(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
+        whole, reduced = zip(*parts, strict=True)
+        need_divisor(expression, name, whole)
+        given = reduced if name in _PERIODIC else whole
+        value = made[name](*given) if name in made else function(name, *given)
+        counts = name == "*" and any(isinstance(x, float) and x % 1.0 == 0.0 for x in whole)
+        if name in _COUNTS_TURNS or counts:
+            return value, made[name](*reduced)
+        return value, value
+
+    root = expression.root
+    value: Expr = fold(root, lambda x: (x, x), named.__getitem__, apply)[0]
+    return value

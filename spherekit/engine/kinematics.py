@@ -40,6 +40,7 @@ from spherekit.engine.algebra import (
     dot,
     length,
     series,
+    sum_of,
     vector,
     vector_sum,
 )
@@ -500,6 +501,12 @@ class CoordinateRates:
             vectors[child] = vectors[parent] + part if ahead else vectors[parent] - part
         return vectors
 
+    def moving(self, speeds: Sequence[Expr]) -> tuple[list[Expr], list[Expr], list[Exprs]]:
+        """Return rates of inputs over `scale`, those of all variables, and w of links."""
+        slow = [speed * (1.0 / self.scale) for speed in speeds]
+        rates = [along(column, slow) for column in zip(*self.tau, strict=True)]
+        return slow, rates, [along(column, slow) for column in zip(*self.w, strict=True)]
+
     def bias(self, rates: Sequence[Expr], w: Sequence[Exprs]) -> list[Exprs]:
         """Return the angular accelerations (3,) of links while no input accelerates.
 
@@ -529,80 +536,88 @@ class CoordinateRates:
         return vector_sum(changes)
 
 
+def along(parts: Sequence[Any], rates: Sequence[Expr]) -> Any:
+    """Return the sum of numbers, terms or vectors times rates."""
+    total = parts[0] * rates[0]
+    for part, rate in zip(parts[1:], rates[1:], strict=True):
+        total = total + part * rate
+    return total
+
+
 @final
 class InputMoments:
-    """What links with tensors (3, 3), by number and in link axes, resist to inputs."""
+    """What links with tensors (3, 3), by number and in link axes, resist to inputs.
+
+    Terms are over `unit`, kg m2, by default the largest number in the tensors.
+    """
 
     def __init__(
         self,
         flow: CoordinateRates,
         placed: Sequence[LinkOrientation],
         tensors: Mapping[int, Entries],
+        unit: float = 0.0,
     ) -> None:
         self.flow = flow
-        self._share = 1.0 / flow.scale
         # Entries near 0 are made exact zeros, so they need a size near one.
         plain = [tensor for tensor in tensors.values() if tensor.dtype != object]
         sizes = [float(np.max(np.abs(tensor))) for tensor in plain]
-        self._unit = max(sizes, default=1.0) or 1.0
-        self._momenta = {
-            link: (placed[link], placed[link].tensor(tensor / self._unit))
-            for link, tensor in tensors.items()
-            if link
-        }
+        self.unit = unit or max(sizes, default=1.0) or 1.0
+        self._links = []
+        for link, tensor in tensors.items():
+            if link and np.any(tensor):
+                seen = [placed[link].seen(w[link]) for w in flow.w]
+                here = constants(placed[link].tensor(tensor / self.unit))
+                self._links.append((link, placed[link], seen, [here @ y for y in seen]))
 
-    def _momentum(self, link: int, w: Exprs) -> Exprs:
-        placed, tensor = self._momenta[link]
-        return np.asarray(placed.basis @ (tensor @ placed.seen(w)))
+    @property
+    def matrix(self) -> list[list[Expr]]:
+        """The inertia matrix by tau."""
+        places = range(len(self.flow.tau))
+        return [
+            [
+                sum_of(
+                    dot(seen[max(i, k)], momenta[min(i, k)])
+                    for _, _, seen, momenta in self._links
+                )
+                for k in places
+            ]
+            for i in places
+        ]
+
+    def pull(self, bias: Sequence[Exprs], slow: Sequence[Expr]) -> list[Expr]:
+        """Return what links resist by at no acceleration of the inputs, by tau.
+
+        `slow` are the rates of the inputs over the scale of the flow. With y_i the rates
+        w_ji seen from the link, h its momentum: y_i . I b, as I y_i . b, and
+        y_i . (w x h) = sum of s_k h . (y_i x y_k), of which one sign is enough.
+        """
+        count = len(slow)
+        pulls: list[Expr] = [0.0] * count
+        turned: list[list[Expr]] = [[0.0] * count for _ in range(count)]
+        for link, placed, seen, momenta in self._links:
+            acceleration, momentum = placed.seen(bias[link]), along(momenta, slow)
+            for i in range(count):
+                pulls[i] = pulls[i] + dot(momenta[i], acceleration)
+                for k in range(i):
+                    turned[i][k] = turned[i][k] + dot(cross(seen[i], seen[k]), momentum)
+        for i in range(count):
+            for k in range(i):
+                pulls[i] = pulls[i] + slow[k] * turned[i][k]
+                pulls[k] = pulls[k] - slow[i] * turned[i][k]
+        return pulls
 
     def inertia(self, one: int, other: int) -> Expr:
         """Return the inertia between two inputs."""
-        total: Expr = 0.0
-        for link, (placed, tensor) in self._momenta.items():
-            y, x = (placed.seen(self.flow.w[which][link]) for which in (one, other))
-            total = total + dot(y, tensor @ x)
-        return total * (self._share * self._share) * self._unit
+        share = 1.0 / self.flow.scale
+        return self.matrix[one][other] * (share * share) * self.unit
 
-    def moving(self, speeds: Sequence[Expr]) -> "MovingInputs":
-        """Return the motion in which inputs have these rates."""
-        slow = [speed * self._share for speed in speeds]
-        rates = [_along(column, slow) for column in zip(*self.flow.tau, strict=True)]
-        w = [_along(column, slow) for column in zip(*self.flow.w, strict=True)]
-        return MovingInputs(self, rates, w)
-
-    def resisted(self, moving: int, w: Sequence[Exprs], a: Sequence[Exprs]) -> Expr:
-        """Return the moment of an input at links' velocities and accelerations (3,)."""
-        total: Expr = 0.0
-        for link in self._momenta:
-            turned = cross(w[link], self._momentum(link, w[link]))
-            push = self._momentum(link, a[link]) + turned
-            total = total + dot(self.flow.w[moving][link], push)
-        return total * self._share * self._unit
-
-
-@final
-@dataclass(frozen=True)
-class MovingInputs:
-    """A motion: rates by time of all variables, and angular velocities (3,) of links."""
-
-    moments: InputMoments
-    rates: Sequence[Expr]
-    w: Sequence[Exprs]
-
-    def resistance(self, moving: int, accelerations: Sequence[Expr]) -> Expr:
-        """Return what links resist to an input while inputs accelerate like this."""
-        flow = self.moments.flow
-        bias = flow.bias(self.rates, self.w)
-        slow = [acceleration * (1.0 / flow.scale) for acceleration in accelerations]
-        a = [
-            base + _along(velocities, slow)
-            for base, velocities in zip(bias, zip(*flow.w, strict=True), strict=True)
-        ]
-        return self.moments.resisted(moving, self.w, a)
-
-
-def _along(parts: Sequence[Any], rates: Sequence[Expr]) -> Any:
-    total = parts[0] * rates[0]
-    for part, rate in zip(parts[1:], rates[1:], strict=True):
-        total = total + part * rate
-    return total
+    def resistance(
+        self, moving: int, speeds: Sequence[Expr], accelerations: Sequence[Expr]
+    ) -> Expr:
+        """Return what links resist to an input while inputs move and accelerate so."""
+        share = 1.0 / self.flow.scale
+        slow, rates, w = self.flow.moving(speeds)
+        pull = self.pull(self.flow.bias(rates, w), slow)[moving]
+        push = along(self.matrix[moving], [x * share for x in accelerations])
+        return (push + pull) * share * self.unit

@@ -5,7 +5,7 @@ the homogeneous parameter p. Where an expression is not smooth it asks for a swi
 factor +1 or -1 that the integration changes exactly where a condition passes through zero.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -13,15 +13,9 @@ import numpy as np
 
 from spherekit.conventions import TURN
 from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
-from spherekit.engine.expression_graph import (
-    BY_OPERATOR,
-    Expr,
-    function,
-    need_divisor,
-)
-from spherekit.engine.kinematics import RateExpressions
+from spherekit.engine.expression_graph import Expr, expression_terms
 from spherekit.engine.pose import LinkOrientation
-from spherekit.model.expression import Expression, fold
+from spherekit.model.expression import Expression
 from spherekit.model.load import Called, Component, Load, TorqueTable, Vector, expression_of
 from spherekit.model.mechanism import Mechanism
 
@@ -49,50 +43,20 @@ class LoadState:
     switch: Callable[[Expr], Expr]
     table: Callable[[str], Expr]
 
-    @staticmethod
-    def along(
-        flow: RateExpressions,
-        variables: Sequence[Expr],
-        turns: Sequence[Expr],
-        speed: Expr,
-        time: Expr,
-        switch: Callable[[Expr], Expr],
-        table: Callable[[str], Expr],
-    ) -> "LoadState":
-        """Return the state of a motion whose only coordinate p changes by dp/dt = speed."""
-        return LoadState(
-            flow.structure.mechanism,
-            flow.placed,
-            [flow.tau[0]],
-            [flow.w[0]],
-            variables,
-            turns,
-            [rate * speed for rate in flow.tau[0]],
-            time,
-            switch,
-            table,
-        )
-
     def variable(self, pair: str) -> int:
         """Return the number of an R pair's variable."""
-        mechanism = self.mechanism
-        return mechanism.variables_of(mechanism.pair_number[pair])[0]
+        return self.mechanism.angles[pair]
 
-    def angle(self, pair: str) -> Expr:
-        """Return the angle of an R pair (rad), whole turns included."""
+    def named(self, name: str) -> tuple[Expr, Expr]:
+        """Return what a name in an expression stands for, and that less whole turns."""
+        kind, _, pair = name.partition("_")
+        if kind == "t":
+            return self.time, self.time
         number = self.variable(pair)
-        return self.variables[number] + TURN * self.turns[number]
-
-    def direction(self, pair: str) -> Expr:
-        """Return the angle of an R pair up to whole turns: for sines and the like.
-
-        After many turns it is the more accurate one.
-        """
-        return self.variables[self.variable(pair)]
-
-    def rate(self, pair: str) -> Expr:
-        """Return dtheta/dt of an R pair (rad/s)."""
-        return self.rates[self.variable(pair)]
+        if kind == "theta":
+            angle = self.variables[number]
+            return angle + TURN * self.turns[number], angle
+        return self.rates[number], self.rates[number]
 
 
 @final
@@ -173,62 +137,5 @@ def _magnitude(law: Expression | Called | TorqueTable, moving: LoadState) -> Exp
 
 
 def expression_value(law: Expression, moving: LoadState) -> Expr:
-    """Return an expression's value.
-
-    Beside each part stands one that differs from it by whole turns at most, formed of
-    angles without their turns: sines and the like are taken of that.
-    """
-
-    def named(name: str) -> tuple[Expr, Expr]:
-        kind, _, pair = name.partition("_")
-        if kind == "theta":
-            return moving.angle(pair), moving.direction(pair)
-        value = moving.time if name == "t" else moving.rate(pair)
-        return value, value
-
-    def apply(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
-        whole, reduced = zip(*parts, strict=True)
-        need_divisor(law, name, whole)
-        if name in _PERIODIC:
-            whole = reduced
-        if name in BY_OPERATOR:
-            value = BY_OPERATOR[name](*whole)
-            if name in _COUNTS_TURNS or (name == "*" and any(map(_is_whole, whole))):
-                return value, BY_OPERATOR[name](*reduced)
-            return value, value
-        if name in _BY_SWITCH:
-            value = _BY_SWITCH[name](moving, *whole)
-        else:
-            value = function(name, *whole)
-        return value, value
-
-    return fold(law.root, lambda value: (value, value), named, apply)[0]
-
-
-_PERIODIC = ("sin", "cos", "tan")
-
-_COUNTS_TURNS = ("+", "-", "negative")
-
-
-def _is_whole(item: Expr) -> bool:
-    return isinstance(item, float) and item.is_integer()
-
-
-def _larger(moving: LoadState, *items: Expr) -> Expr:
-    best = items[0]
-    for item in items[1:]:
-        gap = best - item
-        best = 0.5 * (best + item + moving.switch(gap) * gap)
-    return best
-
-
-def _smaller(moving: LoadState, *items: Expr) -> Expr:
-    return -1.0 * _larger(moving, *(-1.0 * item for item in items))
-
-
-_BY_SWITCH: Mapping[str, Callable[..., Expr]] = {
-    "abs": lambda moving, a: moving.switch(a) * a,
-    "sign": lambda moving, a: moving.switch(a),
-    "max": _larger,
-    "min": _smaller,
-}
+    """Return an expression's value; sines and the like are of angles less whole turns."""
+    return expression_terms(law, {x: moving.named(x) for x in law.names}, moving.switch)

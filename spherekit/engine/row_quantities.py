@@ -21,6 +21,7 @@ from spherekit.engine.expression_graph import (
     ExpressionNode,
     derivatives,
     function,
+    sign_of,
     symbols,
 )
 from spherekit.engine.kinematics import (
@@ -370,7 +371,7 @@ class RowQuantities:
             return self._torque(moving)
         if stem == "dB_dq":
             # B q'' + dB_dq q'^2 / 2 is what links resist.
-            return 2.0 * self._moments.moving([1.0]).resistance(0, [0.0])
+            return 2.0 * self._moments.resistance(0, [1.0], [0.0])
         if stem.startswith("rate_"):
             variable = self._variable(stem.removeprefix("rate_"))
             return self._flow.tau[moving][variable] / self._flow.scale
@@ -418,7 +419,6 @@ class RowQuantities:
         mechanism, flow = self.mechanism, self._flow
         count, sample = len(self.inputs), list(self.sample.values())
         speeds, accelerations = sample[count : 2 * count], sample[2 * count : 3 * count]
-        motion = self._moments.moving(speeds)
         name = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
         figure = "eksergian.eksergian: abs(tau)" if count == 1 else name
         what = f'a kernel of designs does not solve for; runs do: --reduce "max({figure})"'
@@ -431,15 +431,16 @@ class RowQuantities:
             flow.w,
             angles,
             [0.0] * len(angles),
-            motion.rates,
+            flow.moving(speeds)[1],
             self.sample["t"],
-            _sign,
+            sign_of,
             self._table,
         )
         force = sum_of(
             forces_of(parts, state)[moving] for parts in self.terms.actions.loads
         )
-        return motion.resistance(moving, accelerations) - force / flow.scale
+        resistance = self._moments.resistance(moving, speeds, accelerations)
+        return resistance - force / flow.scale
 
     def _angles(self) -> list[Expr]:
         """Return the variables of R pairs; those of contacts are zero, loads have none."""
@@ -518,12 +519,8 @@ class RowQuantities:
         torque = (t - start) * float(slopes[0]) + table.torques[0]
         for place, bend in zip(table.times[1:], np.diff(slopes).tolist(), strict=False):
             beyond = t - place
-            torque = torque + 0.5 * bend * (beyond + beyond * _sign(beyond))
+            torque = torque + 0.5 * bend * (beyond + beyond * sign_of(beyond))
         return torque
-
-
-def _sign(condition: Expr) -> Expr:
-    return function("sign", condition)
 
 
 def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:

@@ -55,8 +55,6 @@ from spherekit.engine.algebra import (
     Exprs,
     SeriesExpressions,
     cofactors,
-    constants,
-    cross,
     determinant,
     dot,
     vector,
@@ -70,7 +68,12 @@ from spherekit.engine.expression_graph import (
     symbols,
     varies,
 )
-from spherekit.engine.kinematics import CoordinateRates, RateExpressions, Structure
+from spherekit.engine.kinematics import (
+    CoordinateRates,
+    InputMoments,
+    RateExpressions,
+    Structure,
+)
 from spherekit.engine.loads import LoadState, Switches, generalised_forces
 from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.engine.turns import Entries
@@ -178,10 +181,18 @@ class Symbols:
             Switches(lambda k: constant(layout.side + k)),
         )
 
-    @property
-    def turns(self) -> list[Expr]:
-        """The whole turns that each variable is less."""
-        return [constant(k) for k in range(self.layout.variables)]
+    def moving(
+        self,
+        mechanism: Mechanism,
+        placed: Sequence[LinkOrientation],
+        tau: Sequence[Sequence[Expr]],
+        w: Sequence[Sequence[Exprs]],
+        rates: Sequence[Expr],
+    ) -> LoadState:
+        """Return what loads see of a motion by the coordinates; see `LoadState`."""
+        turns = [constant(k) for k in range(self.layout.variables)]
+        given = self.variables, turns, rates, MOMENT, self.switches, self.table
+        return LoadState(mechanism, placed, tau, w, *given)
 
     def table(self, name: str) -> Expr:
         """Return the torque of a table now."""
@@ -295,15 +306,8 @@ def one_freedom(mechanism: Mechanism) -> System:
     (momentum,) = symbols.momenta
     share = power(inertia(flow, tensors(mechanism)).coefficients[0], -0.5)
     speed = constant(symbols.layout.unit) * momentum * share
-    moving = LoadState.along(
-        flow,
-        symbols.variables,
-        symbols.turns,
-        speed,
-        MOMENT,
-        symbols.switches,
-        symbols.table,
-    )
+    rates = [rate * speed for rate in flow.tau[0]]
+    moving = symbols.moving(mechanism, flow.placed, [flow.tau[0]], [flow.w[0]], rates)
     push = constant(symbols.layout.unit + 1) * share
     forces = [generalised_forces(load, moving)[0] * push for load in mechanism.loads]
     tau = vector(flow.tau[0])
@@ -318,7 +322,7 @@ def one_freedom(mechanism: Mechanism) -> System:
     return System(
         structure,
         symbols,
-        [rate * speed for rate in flow.tau[0]],
+        rates,
         [sum(forces, 0.0)],
         [force * momentum for force in forces],
         [flow.tau[0]],
@@ -472,28 +476,12 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     root = float(np.sqrt(size))
     share = 1.0 / flow.scale
     speeds = [constant(layout.unit) * y * (1.0 / root) for y in symbols.momenta]
-    slow = [speed * share for speed in speeds]
-    rates = [
-        sum((tau[v] * s for tau, s in zip(flow.tau, slow, strict=True)), 0.0)
-        for v in range(layout.variables)
-    ]
+    slow, rates, w = flow.moving(speeds)
     for pair, speed in zip(structure.assembly.inputs, speeds, strict=True):
         rates[mechanism.variables_of(pair)[0]] = speed
-    w = [_along(by_input, slow) for by_input in zip(*flow.w, strict=True)]
-    moving = LoadState(
-        mechanism,
-        placed,
-        flow.tau,
-        flow.w,
-        symbols.variables,
-        symbols.turns,
-        rates,
-        MOMENT,
-        symbols.switches,
-        symbols.table,
-    )
+    moving = symbols.moving(mechanism, placed, flow.tau, flow.w, rates)
     forces = [generalised_forces(load, moving) for load in mechanism.loads]
-    masses = _Masses(mechanism, placed, flow, size)
+    masses = InputMoments(flow, placed, tensors(mechanism), size)
     pull = masses.pull(flow.bias(rates, w), slow)
     total = [sum(of_loads, 0.0) * (1.0 / size) for of_loads in zip(*forces, strict=True)]
     total = total or [0.0] * layout.freedoms
@@ -523,13 +511,6 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
         _events(symbols, flow, measure, spread, held),
         moving,
     )
-
-
-def _along(parts: Sequence[Exprs], rates: Sequence[Expr]) -> Exprs:
-    total = vector([0.0, 0.0, 0.0])
-    for part, rate in zip(parts, rates, strict=True):
-        total = total + part * rate
-    return total
 
 
 def _solved(matrix: Sequence[Sequence[Expr]], right: Exprs) -> list[Expr]:
@@ -563,65 +544,3 @@ def _events(
         room = 1.0 - spread * (1.0 / STEEPEST)
         events.append((EventFunction(room, stops=True, sense=-1), "coordinates", -1))
     return events
-
-
-@final
-class _Masses:
-    """What the links' inertia does, all of it over `size`."""
-
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        placed: Sequence[LinkOrientation],
-        flow: CoordinateRates,
-        size: float,
-    ) -> None:
-        self._links = [
-            (link, placed[link], placed[link].tensor(tensor / size))
-            for link, tensor in tensors(mechanism).items()
-            if link and np.any(tensor)
-        ]
-        self._seen = [
-            [placed.seen(w[link]) for w in flow.w] for link, placed, _ in self._links
-        ]
-        self._momenta = [
-            [constants(tensor) @ y for y in seen]
-            for (_, _, tensor), seen in zip(self._links, self._seen, strict=True)
-        ]
-
-    @property
-    def matrix(self) -> list[list[Expr]]:
-        """The inertia matrix by tau."""
-        count = len(self._seen[0])
-        matrix: list[list[Expr]] = [[0.0] * count for _ in range(count)]
-        for seen, momenta in zip(self._seen, self._momenta, strict=True):
-            for i in range(count):
-                for k in range(i + 1):
-                    matrix[i][k] = matrix[i][k] + dot(seen[i], momenta[k])
-        for i in range(count):
-            for k in range(i):
-                matrix[k][i] = matrix[i][k]
-        return matrix
-
-    def pull(self, bias: Sequence[Exprs], slow: Sequence[Expr]) -> list[Expr]:
-        """Return what the links resist by at no acceleration of the inputs, by tau.
-
-        With y_i the rates w_ji seen from the link, h its momentum: y_i . I b, as I y_i . b,
-        and y_i . (w x h) = sum of s_k h . (y_i x y_k), of which one sign is enough.
-        """
-        count = len(slow)
-        pulls: list[Expr] = [0.0] * count
-        turned: list[list[Expr]] = [[0.0] * count for _ in range(count)]
-        for (link, placed, _), seen, momenta in zip(
-            self._links, self._seen, self._momenta, strict=True
-        ):
-            acceleration, momentum = placed.seen(bias[link]), _along(momenta, slow)
-            for i in range(count):
-                pulls[i] = pulls[i] + dot(momenta[i], acceleration)
-                for k in range(i):
-                    turned[i][k] = turned[i][k] + dot(cross(seen[i], seen[k]), momentum)
-        for i in range(count):
-            for k in range(i):
-                pulls[i] = pulls[i] + slow[k] * turned[i][k]
-                pulls[k] = pulls[k] - slow[i] * turned[i][k]
-        return pulls
