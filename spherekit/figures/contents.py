@@ -15,7 +15,7 @@ from typing import Any, TypeVar, final
 
 import numpy as np
 
-from spherekit.analysis.plotted import map_range, placed_labels, plotted_range, scale_of
+from spherekit.analysis.plotted import map_range, plotted_range, scale_of
 from spherekit.analysis.scene import (
     Arrow,
     Axis,
@@ -44,6 +44,7 @@ from spherekit.figures.sheet import (
     as_data_url,
     ends,
     line_between,
+    name_points,
     stroke,
     ticks_of,
     wrapped,
@@ -103,7 +104,6 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
 RATIO = 0.95
 FAR = 0.5
 """Steps of a path longer than this part of the frame lead through infinity."""
-LETTER = 6.5
 
 
 def draw_diagrams(items: Sequence[tuple[Page, Diagram]], sheet: Sheet) -> Figure:
@@ -153,27 +153,10 @@ def _label(panel: Axes, item: Diagram) -> None:
     if not len(shown):
         return
     starts = item.places[np.argmax(seen, axis=0)[shown], shown]
-    figure = panel.get_figure(root=True)
-    assert figure is not None
-    dots = figure.dpi / 72.0
-    places = panel.transData.transform(starts)
-    names = [item.names[k] for k in shown.tolist()]
-    middles = placed_labels(names, places[None], LETTER * dots)[0]
-    for k, start, offset in zip(
-        shown.tolist(), starts.tolist(), (middles - places) / dots, strict=True
-    ):
-        colour, _ = _look(item, k)
-        panel.plot(*start, "o", color=colour, markersize=2.5)
-        panel.annotate(
-            item.names[k],
-            start,
-            xytext=offset.tolist(),
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=LETTER,
-            color=colour,
-        )
+    tints = [_look(item, k)[0] for k in shown.tolist()]
+    for start, tint in zip(starts, tints, strict=True):
+        panel.plot(*start, "o", color=tint, markersize=2.5)
+    name_points(panel, [item.names[k] for k in shown.tolist()], starts, tints)
 
 
 SIGNED = "RdBu_r"

@@ -6,12 +6,20 @@ from typing import final
 
 import numpy as np
 
-from spherekit.analysis.plotted import MOST_KINDS, TURNS, placed_labels
-from spherekit.analysis.scene import Axis, Floats, Mark, Page, Portrait, titled
+from spherekit.analysis.plotted import MOST_KINDS, TURNS
+from spherekit.analysis.scene import Axis, Page, Portrait, titled
 from spherekit.figures import style
 from spherekit.figures.curves import page_look
 from spherekit.figures.sdk import Axes, Figure, Line2D, LogLocator, NullFormatter
-from spherekit.figures.sheet import Sheet, line_between, spot, spot_look, stroke, ticks_of
+from spherekit.figures.sheet import (
+    Sheet,
+    line_between,
+    name_points,
+    spot,
+    spot_look,
+    stroke,
+    ticks_of,
+)
 
 RATIO = 0.72
 AROUND = 0.03
@@ -81,7 +89,10 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
         sheet.legend(figure, entries)
         if len(kinds) > MOST_KINDS:
             figure.draw_without_rendering()
-            _label(panel, list(marks.values()))
+            shown = list(marks.values())
+            places = np.array([mark.place for mark in shown])
+            tints = [style.tone_colour(mark.tone) for mark in shown]
+            name_points(panel, [mark.label for mark in shown], places, tints)
     return figure
 
 
@@ -127,23 +138,3 @@ def _frame(panel: Axes, portrait: Portrait) -> None:
         limit(low - around, high + around)
     ticks_of(panel, portrait.x_unit, "x")
     ticks_of(panel, portrait.y_unit, "y")
-
-
-def _label(panel: Axes, marks: Sequence[Mark]) -> None:
-    """Write the name of every mark beside it, where it covers nothing."""
-    places: Floats = panel.transData.transform(np.array([mark.place for mark in marks]))
-    texts = [mark.label for mark in marks]
-    dots = panel.figure.dpi / 72.0
-    middles = placed_labels(texts, places[None], 6.5 * dots)[0]
-    for mark, place, at in zip(marks, places, middles, strict=True):
-        offset = (at - place) / dots
-        panel.annotate(
-            mark.label,
-            mark.place.tolist(),
-            xytext=offset.tolist(),
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=6.5,
-            color=style.tone_colour(mark.tone),
-        )

@@ -9,6 +9,7 @@ from typing import Any, Literal, ParamSpec, final
 
 import numpy as np
 
+from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Axis, Floats, Page, titled
 from spherekit.figures import style
 from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator, Normalize
@@ -160,6 +161,32 @@ def spot_look(tone: int) -> dict[str, Any]:
         "markeredgecolor": "white",
         "markeredgewidth": 0.5,
     }
+
+
+LETTER = 6.5
+"""Points of the letters of names in a panel."""
+
+
+def name_points(
+    panel: Axes, names: Sequence[str], places: Floats, colours: Sequence[str]
+) -> None:
+    """Write names beside points (n, 2), where they cover nothing; the layout is made."""
+    dots = panel.figure.dpi / 72.0
+    seen: Floats = panel.transData.transform(places)
+    middles = placed_labels(names, seen[None], LETTER * dots)[0]
+    for name, place, offset, colour in zip(
+        names, places.tolist(), (middles - seen) / dots, colours, strict=True
+    ):
+        panel.annotate(
+            name,
+            place,
+            xytext=offset.tolist(),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=LETTER,
+            color=colour,
+        )
 
 
 def ends(values: Floats, tint: Normalize) -> Literal["neither", "both"]:

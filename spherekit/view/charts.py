@@ -163,7 +163,7 @@ class Chart:
         resolution = max(curve.resolution for curve, _, _ in curves)
         every = np.concatenate([values for _, _, values in curves])
         span = plotted_range(every, scale_of(every, unit), resolution)
-        yield from frame(self.width, _Side.of(self.over[0]), _Side("", span, unit == "deg"))
+        yield from frame(self.width, Side.of(self.over[0]), Side("", span, unit == "deg"))
         for number, (curve, rows, values) in enumerate(curves):
             line = np.stack([self.across(rows[0]), values], axis=1)
             line = cut(broken(line, span, TURNS.get(unit)), span)
@@ -206,7 +206,7 @@ class Chart:
     def _map(self) -> Iterator[Drawn]:
         (curve,) = self.curves.values()
         x, y, cells = gridded(*curve.whole)
-        first, second = (_Side.of(axis) for axis in self.over[:2])
+        first, second = (Side.of(axis) for axis in self.over[:2])
         yield from frame(self.width, first, second, lined=False)
         low, high = plotted_range(
             cells, scale_of(cells, curve.unit), curve.resolution, "colours"
@@ -254,6 +254,12 @@ def cursor_style(chart: Chart) -> rr.AsComponents:
     )
 
 
+def listed(width: float, count: int) -> Floats:
+    """Return where so many names (count, 2) stand beside a frame, one below the other."""
+    rows = _line(count) * (np.arange(count) + 0.5) - LABEL
+    return np.stack([np.full(count, width + 0.5 * LEGEND), rows], axis=1)
+
+
 def legend_style(
     places: Floats, tints: Sequence[colours.Colour], names: Sequence[str] | None = None
 ) -> rr.AsComponents:
@@ -270,7 +276,7 @@ def legend_style(
 
 @final
 @dataclass(frozen=True)
-class _Side:
+class Side:
     """An axis of a frame: its words, its span, and whether that is of degrees."""
 
     words: str
@@ -290,11 +296,12 @@ class _Side:
             yield float(part), written(value, step)
 
     @classmethod
-    def of(cls, axis: Axis) -> "_Side":
+    def of(cls, axis: Axis) -> "Side":
+        """Return the side of a chart over an axis."""
         return cls(axis.words, axis.extent, axis.unit == "deg")
 
 
-def frame(width: float, x: _Side, y: _Side, lined: bool = True) -> Iterator[Drawn]:
+def frame(width: float, x: Side, y: Side, lined: bool = True) -> Iterator[Drawn]:
     """Yield the box with its lines, and the words at its axes."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
     lines = [corners * [width, FRAME_HEIGHT]]
@@ -332,7 +339,7 @@ def roomy(item: Portrait) -> Portrait:
 def portrait(item: Portrait) -> Iterator[Drawn]:
     """Yield the frame of a portrait, its curves and marks."""
     sides = [
-        _Side(titled(label, unit), span, unit.startswith("deg"), item.logarithmic)
+        Side(titled(label, unit), span, unit.startswith("deg"), item.logarithmic)
         for label, unit, span in (
             (item.x_label, item.x_unit, item.x_range),
             (item.y_label, item.y_unit, item.y_range),
@@ -349,11 +356,8 @@ def portrait(item: Portrait) -> Iterator[Drawn]:
     if len(kinds) <= MOST_KINDS:
         named |= kinds
     if named:
-        x = PORTRAIT_WIDTH + 0.5 * LEGEND
-        line = _line(len(named))
-        lines = [(x, line * (k + 0.5) - LABEL) for k in range(len(named))]
-        tints = list(named.values())
-        yield "legend", legend_style(np.array(lines), tints, list(named))
+        places = listed(PORTRAIT_WIDTH, len(named))
+        yield "legend", legend_style(places, list(named.values()), list(named))
     if item.marks:
         places = item.framed(np.array([mark.place for mark in item.marks]))
         told = len(kinds) <= MOST_KINDS or len(places) > MOST_LABELS

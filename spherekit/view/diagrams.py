@@ -9,14 +9,10 @@ from spherekit.analysis.scene import Diagram, Floats
 from spherekit.view import charts, colours
 from spherekit.view.sdk import rr
 
-UNIT = 100.0
-"""Pixels of a diagram along its longer range, per hundredth of it."""
-LEGEND = 62.0
-"""Width of the list of points with their readings."""
-LINE = 7.2
-LABEL = 5.0
-"""The viewer writes a label so far below its point."""
 MOST_LISTED = 14
+LETTER = 20.0
+BELOW = 46.0
+"""From the frame to the words of a step."""
 
 Still = tuple[str, rr.AsComponents]
 Moving = tuple[str, Iterable[rr.ComponentColumn]]
@@ -24,58 +20,20 @@ Moving = tuple[str, Iterable[rr.ComponentColumn]]
 
 def still(item: Diagram) -> Iterator[Still]:
     """Yield the frame with its ticks, and the looks of points and lines."""
-    (left, right), (low, high) = item.x_range, item.y_range
-    corners = np.array(
-        [[left, low], [right, low], [right, high], [left, high], [left, low]]
-    )
-    lines = [corners]
-    words: list[tuple[float, float, str]] = []
-    step, values = charts.ticks(left, right, False)
-    for value in values:
-        lines.append(np.array([[value, low], [value, high]]))
-        words.append((value, low, charts.written(value, step)))
-    step, values = charts.ticks(low, high, False)
-    for value in values:
-        lines.append(np.array([[left, value], [right, value]]))
-        words.append((left - 0.03 * (right - left), value, charts.written(value, step)))
-    words.append((0.5 * (left + right), low - 0.07 * (high - low), item.x_label))
-    words.append((left, high + 0.09 * (high - low), item.y_label))
-    yield (
-        "frame",
-        rr.LineStrips2D(
-            [_placed(item, line) for line in lines],
-            colors=colours.GRATICULE,
-            radii=rr.Radius.ui_points(0.5),
-        ),
-    )
-    yield (
-        "words",
-        rr.Points2D(
-            _placed(item, np.array([word[:2] for word in words])),
-            labels=[word[2] for word in words],
-            colors=colours.PALE,
-            radii=0.0,
-            show_labels=True,
-        ),
-    )
+    width = _width(item)
+    x = charts.Side(item.x_label, item.x_range, False)
+    yield from charts.frame(width, x, charts.Side(item.y_label, item.y_range, False))
     yield "points", rr.Points2D.from_fields(radii=rr.Radius.ui_points(4.0))
     yield "names", rr.Points2D.from_fields(radii=0.0, show_labels=True)
-    yield (
-        "leaders",
-        rr.LineStrips2D.from_fields(
-            colors=colours.GRATICULE, radii=rr.Radius.ui_points(0.7)
-        ),
-    )
-    yield (
-        "lines",
-        rr.LineStrips2D.from_fields(colors=colours.VIOLET, radii=rr.Radius.ui_points(1.0)),
-    )
+    for name, colour, size in (
+        ("leaders", colours.GRATICULE, 0.7),
+        ("lines", colours.VIOLET, 1.0),
+    ):
+        look = rr.LineStrips2D.from_fields(colors=colour, radii=rr.Radius.ui_points(size))
+        yield name, look
     if item.readings is not None:
-        shown = len(item.names[:MOST_LISTED])
-        edge, top = _placed(item, np.array([[right, high]]))[0]
-        places = [(edge + 0.5 * LEGEND, top + LINE * k) for k in range(shown)]
         tints = [colours.tone(tone) for tone in item.tones[:MOST_LISTED]]
-        yield "legend", charts.legend_style(np.array(places), tints)
+        yield "legend", charts.legend_style(charts.listed(width, len(tints)), tints)
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)
 
 
@@ -90,7 +48,7 @@ def moving(item: Diagram) -> Iterator[Moving]:
     places = _placed(item, item.places.reshape(-1, 2)).reshape(n, k, 2)
     names = np.broadcast_to(np.array(item.names, dtype=object), (n, k))
     shades = np.broadcast_to(tints, (n, k, 3))[seen]
-    middles = placed_labels(item.names, np.where(seen[..., None], places, np.nan), LINE)
+    middles = placed_labels(item.names, np.where(seen[..., None], places, np.nan), LETTER)
     yield (
         "points",
         rr.Points2D.columns(positions=places[seen], colors=shades).partition(count),
@@ -98,7 +56,7 @@ def moving(item: Diagram) -> Iterator[Moving]:
     yield (
         "names",
         rr.Points2D.columns(
-            positions=middles[seen] - [0.0, LABEL],
+            positions=middles[seen] - [0.0, charts.LABEL],
             labels=names[seen].tolist(),
             colors=shades,
         ).partition(count),
@@ -112,9 +70,8 @@ def moving(item: Diagram) -> Iterator[Moving]:
         shown = item.readings[:, :MOST_LISTED]
         yield "legend", _read(item, np.degrees(shown))
     if item.words:
-        top = _placed(item, np.array([[0.5 * (left + right), high]]))
-        above = np.repeat(top - [0.0, 0.17 * UNIT], n, axis=0)
-        yield "step", rr.Points2D.columns(positions=above, labels=list(item.words))
+        below = np.tile([0.5 * _width(item), charts.FRAME_HEIGHT + BELOW], (n, 1))
+        yield "step", rr.Points2D.columns(positions=below, labels=list(item.words))
 
 
 def _read(item: Diagram, angles: Floats) -> Iterable[rr.ComponentColumn]:
@@ -154,17 +111,19 @@ def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:
 
 def bounds(item: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return what of the plane a view of a diagram shows."""
-    corners = _placed(
-        item,
-        np.array([[item.x_range[0], item.y_range[0]], [item.x_range[1], item.y_range[1]]]),
-    )
-    (left, bottom), (right, top) = corners
-    margin = 0.16 * UNIT
-    beside = LEGEND if item.readings is not None else margin
-    return (left - margin, right + beside), (top - 1.3 * margin, bottom + margin)
+    beside = charts.LEFT if item.readings is None else charts.LEGEND
+    _, (top, bottom) = charts.bounds()
+    return (-charts.LEFT, _width(item) + beside), (top, bottom + charts.LABEL)
+
+
+def _width(item: Diagram) -> float:
+    """Return the width of the frame, with one scale on both axes."""
+    (left, right), (low, high) = item.x_range, item.y_range
+    return charts.FRAME_HEIGHT * (right - left) / (high - low)
 
 
 def _placed(item: Diagram, points: Floats) -> Floats:
     """Return points (n, 2) where the viewer draws them: its y points down."""
-    size = max(item.x_range[1] - item.x_range[0], item.y_range[1] - item.y_range[0])
-    return np.asarray(points * np.array([UNIT / size, -UNIT / size]))
+    (left, _), (low, high) = item.x_range, item.y_range
+    scale = charts.FRAME_HEIGHT / (high - low)
+    return np.asarray((points - [left, high]) * [scale, -scale])

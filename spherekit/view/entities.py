@@ -145,16 +145,10 @@ def moving(
     `labels` (n,) are those of an arrow that shares its own with others at some rows.
     """
     match primitive:
-        case Body(quaternions=None) | Trace(quaternions=None):
-            return
-        case SphereCurves() | SphereMap() | Surface():
-            return
         case Trace(quaternions=quaternions) if quaternions is not None:
             yield "", _turned(quaternions, present(quaternions))
         case Diagram():
             yield from diagrams.moving(primitive)
-        case Graph() | Text() | InputMarks():
-            return
         case Body(quaternions=quaternions) if quaternions is not None:
             good = present(quaternions)
             yield "", _turned(quaternions, good)
@@ -182,8 +176,8 @@ def moving(
             yield "mark", columns.partition(good.astype(np.int64))
         case Series(values=values):
             yield "", rr.Scalars.columns(scalars=values)
-        case _:
-            raise AssertionError(primitive)
+        case _:  # what does not move
+            return
 
 
 def check_rows(primitive: Primitive, count: int) -> None:
@@ -356,21 +350,15 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
     )
     where, words = [], []
     for axis, name in enumerate(surface.axes):
-        corner = np.array([ends[0][0], ends[0][1], ends[0][2]])
-        if axis != 1:
-            corner[1 if axis == 0 else 0] = ends[0][1 if axis == 0 else 0]
-        else:
-            corner[0] = ends[1][0]
+        corner = np.where([axis == 1, False, False], ends[1], ends[0])
         out = 0.06 * np.sign(corner) * (np.arange(3) != axis)
-        for value in (low[axis], high[axis]):
-            place = corner + out
-            place[axis] = (value - middle[axis]) * scale[axis] * 0.94
-            where.append(place)
-            words.append(f"{value:.4g}")
-        place = corner + 2.0 * out
-        place[axis] = 0.0
-        where.append(place)
-        words.append(titled(name, surface.unit))
+        for far, at, text in (
+            (1.0, 0.94 * ends[0][axis], f"{low[axis]:.4g}"),
+            (1.0, 0.94 * ends[1][axis], f"{high[axis]:.4g}"),
+            (2.0, 0.0, titled(name, surface.unit)),
+        ):
+            where.append(np.where(np.arange(3) == axis, at, corner + far * out))
+            words.append(text)
     yield (
         "words",
         rr.Points3D(where, labels=words, colors=colours.PALE, radii=0.0, show_labels=True),

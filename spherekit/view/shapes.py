@@ -1,5 +1,7 @@
 """Polylines, meshes and rotations that the pictures are made of."""
 
+from itertools import combinations, product
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,17 +36,8 @@ def quaternions_to(normals: Floats) -> Floats:
 
 def box(low: Floats, high: Floats) -> list[Floats]:
     """Return the twelve edges (2, 3) of a box between two corners."""
-    edges = []
-    for axis in range(3):
-        for corner in range(4):
-            a = np.array(low)
-            one, other = (axis + 1) % 3, (axis + 2) % 3
-            a[one] = high[one] if corner & 1 else low[one]
-            a[other] = high[other] if corner & 2 else low[other]
-            b = a.copy()
-            b[axis] = high[axis]
-            edges.append(np.array([a, b]))
-    return edges
+    corners = [np.array(corner) for corner in product(*zip(low, high, strict=True))]
+    return [np.array([a, b]) for a, b in combinations(corners, 2) if np.sum(a != b) == 1]
 
 
 def vertex_normals(vertices: Floats, triangles: NDArray[np.int64]) -> Floats:
