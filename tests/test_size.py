@@ -14,11 +14,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 711_983,
-    "code lines": 57_987,
+    "nodes": 711_530,
+    "code lines": 57_910,
     "files": 332,
-    "classes": 729,
-    "dataclasses": 518,
+    "classes": 728,
+    "dataclasses": 519,
     "functions of 60 lines": 35,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""

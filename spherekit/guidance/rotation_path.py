@@ -2,7 +2,7 @@
 
 From a closed configuration the orientation wanted turns about the axis, and the
 configuration nearest to it is followed in steps that are verified as
-`spherekit.motion.closure` says, with exact first and second derivatives.
+`spherekit.motion.steps` says, with exact first and second derivatives.
 Where the loops do not fix the links at
 one configuration on the way, that is stepped over at once, if the polynomials on both
 sides of it agree.
@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.motion.closure import Closure, NewtonSteps, Rows, Verification, follow_paths
+from spherekit.motion.closure import Closure, NewtonSteps, Rows
 from spherekit.motion.loops import Linearisation
+from spherekit.motion.steps import Verification, follow_paths
 from spherekit.numeric.zeros import hermite
 from spherekit.sphere.rotation import (
     Floats,

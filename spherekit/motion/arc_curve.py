@@ -33,11 +33,16 @@ from spherekit.sphere.rotation import Floats
 MOST_CORRECTIONS = 6
 CORRECTED = 1e-10
 """A Newton step (rad) below this leaves an error that its square bounds."""
+NEAR = 1e-7
+"""Configurations (rad) nearer than this to the curve lie on it."""
+BESIDE = 0.3
+"""A segment of the curve is nowhere farther from its chord than this part of it."""
+AT_ONCE = 64
+"""Configurations that are looked for on all of a curve at once."""
 LARGEST_MISS = 0.05
 """A predicted point may be this part of the chord beside the curve."""
 
 
-@final
 @dataclass(frozen=True)
 class CurvePoints(ArrayRows):
     """n points of a configuration curve, s its arc length in the variables (rad).
@@ -51,6 +56,11 @@ class CurvePoints(ArrayRows):
     tangents: Floats
     bends: Floats
     residual: Floats
+
+    @property
+    def plain(self) -> "CurvePoints":
+        """The points without what else is known of them."""
+        return CurvePoints(self.values, self.tangents, self.bends, self.residual)
 
     @property
     def reversed(self) -> "CurvePoints":
@@ -112,12 +122,10 @@ def bordered_step(at: Linearisation, borders: Floats, miss: Floats) -> Floats:
     return np.asarray(change + inverse[:, :, -1] * miss[:, None])
 
 
-@final
 @dataclass(frozen=True)
-class Segments:
-    """The curve through k nodes; u, the sum of the chords' lengths, is its parameter."""
+class Chords:
+    """The chords of the curve through k nodes."""
 
-    closure: Closure
     nodes: CurvePoints
 
     @cached_property
@@ -129,19 +137,6 @@ class Segments:
     def directions(self) -> Floats:
         """Unit vectors (k - 1, variables) of the chords."""
         return np.asarray(np.diff(self.nodes.values, axis=0) / self.chords[:, None])
-
-    @cached_property
-    def starts(self) -> Floats:
-        """The parameter u (k,) of the nodes."""
-        return np.concatenate([[0.0], np.cumsum(self.chords)])
-
-    @cached_property
-    def rounding(self) -> Floats:
-        """Relative error (k - 1,) of a tangent between two nodes, from their condition."""
-        jacobian = self.closure.at(self.nodes.values).jacobian
-        equations = bordered(jacobian, self.nodes.tangents)
-        condition = bordered_condition(equations, left_inverse(equations))
-        return np.asarray(8.0 * EPS / np.minimum(condition[:-1], condition[1:]))
 
     def predict(self, which: NDArray[np.intp], along: Floats) -> Floats:
         """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""
@@ -155,6 +150,50 @@ class Segments:
             return self.nodes.values[node], slope, (bend - slope * swing) / speed**2
 
         return hermite(end(which), end(which + 1), self.chords[which], along)
+
+    def beside(
+        self, values: Floats, periods: Floats
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats]:
+        """Return which configurations (n, variables) lie beside which chords (m,).
+
+        With the ways (m, variables) there from the chords' starts, less whole periods, and
+        how far along the chords (m,) that is.
+        """
+        starts, half = self.nodes.values[:-1], 0.5 * self.chords[:, None] * self.directions
+        found = [(np.zeros(0, dtype=np.intp),) * 2 + (np.zeros((0, values.shape[1])),)]
+        for first in range(0, len(values), AT_ONCE):
+            some = np.asarray(values[first : first + AT_ONCE])
+            away = less_periods(some[:, None] - starts - half, periods) + half
+            along = np.sum(away * self.directions, axis=2)
+            off = np.max(np.abs(away - along[..., None] * self.directions), axis=2)
+            near = off < BESIDE * self.chords + NEAR
+            near &= np.abs(along / self.chords - 0.5) < 0.51
+            which, chord = np.nonzero(near)
+            found.append((first + which, chord, away[which, chord]))
+        row, number, way = (np.concatenate(part) for part in zip(*found, strict=True))
+        along = np.sum(way * self.directions[number], axis=1)
+        return row, number, way, np.clip(along, 0.0, self.chords[number])
+
+
+@final
+@dataclass(frozen=True)
+class Segments(Chords):
+    """The curve through k nodes; u, the sum of the chords' lengths, is its parameter."""
+
+    closure: Closure
+
+    @cached_property
+    def starts(self) -> Floats:
+        """The parameter u (k,) of the nodes."""
+        return np.concatenate([[0.0], np.cumsum(self.chords)])
+
+    @cached_property
+    def rounding(self) -> Floats:
+        """Relative error (k - 1,) of a tangent between two nodes, from their condition."""
+        jacobian = self.closure.at(self.nodes.values).jacobian
+        equations = bordered(jacobian, self.nodes.tangents)
+        condition = bordered_condition(equations, left_inverse(equations))
+        return np.asarray(8.0 * EPS / np.minimum(condition[:-1], condition[1:]))
 
     def at(self, u: Floats) -> CurvePoints:
         """Return the curve at u (n,), to closure precision."""
@@ -203,12 +242,6 @@ class Segments:
         return f"at the length {u:.6g} rad of its chords"
 
 
-NEAR = 1e-7
-"""Configurations (rad) nearer than this to the curve lie on it."""
-BESIDE = 0.3
-"""A segment of the curve is nowhere farther from its chord than this part of it."""
-AT_ONCE = 64
-"""Configurations that are looked for on all of a curve at once."""
 AT_REST = 1e-7
 """A variable that changes by less (rad) along a whole curve stands still on it."""
 
@@ -367,26 +400,8 @@ class ArcCurve:
     def _hits(self, values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
         """Return which configurations are on which chords, and where along these."""
         segments = self.segments
-        starts = self.nodes.values[:-1]
-        half = 0.5 * segments.chords[:, None] * segments.directions
-        rows, numbers, ways = [], [], []
-        for first in range(0, len(values), AT_ONCE):
-            some = np.asarray(values[first : first + AT_ONCE])
-            away = self.wrapped(some[:, None] - starts - half) + half
-            along = np.sum(away * segments.directions, axis=2)
-            beside = np.max(np.abs(away - along[..., None] * segments.directions), axis=2)
-            near = beside < BESIDE * segments.chords + NEAR
-            near &= np.abs(along / segments.chords - 0.5) < 0.51
-            which, chord = np.nonzero(near)
-            rows.append(first + which)
-            numbers.append(chord)
-            ways.append(away[which, chord])
-        if not rows:
-            return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp), np.zeros(0)
-        row, number = np.concatenate(rows), np.concatenate(numbers)
-        way = np.concatenate(ways)
-        along = np.sum(way * segments.directions[number], axis=1)
-        along = np.clip(along, 0.0, segments.chords[number])
+        row, number, way, along = segments.beside(values, self.periods)
+        starts = self.nodes.values
         miss = segments.on(number, along).values - starts[number] - way
         hits = np.max(np.abs(miss), axis=1) < NEAR
         return row[hits], number[hits], along[hits]

@@ -1,6 +1,6 @@
 """Following the configuration curve in its own arc length, step by safe step.
 
-The path is a `CurvePath` of `spherekit.motion.closure`. A step is predicted with exact
+A step is predicted with exact
 first and second derivatives and corrected in the hyperplane normal to the tangent. Two
 curves that pass each other closely have bordered Jacobians of opposite orientation there,
 so that the test of their change keeps them apart.
@@ -26,19 +26,17 @@ from spherekit.motion.arc_curve import (
     correct,
     curve_points,
 )
-from spherekit.motion.closure import (
+from spherekit.motion.closure import Closure, Rows, newton
+from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
+from spherekit.motion.steps import (
+    GOING,
     NEARLY_THERE,
     STEP_PARTS,
-    Closure,
-    CurvePath,
-    Rows,
+    Curves,
     Verification,
-    newton,
-    run_each,
+    follow_paths,
     taylor,
 )
-from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
-from spherekit.numeric.zeros import ArrayRows
 from spherekit.sphere.rotation import Floats
 
 LONGEST = 500.0
@@ -69,26 +67,34 @@ MOST_TEETH = 10_000
 """Lengths of rolling profiles have a ratio of whole numbers up to this, or none."""
 
 
+Margin = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
+"""How far (n,) the limit of a curve is, negative beyond, and the gradient (n, variables).
+
+Of variables (n, variables), with curvatures and their rates (n, pairs, 2) of profiles.
+"""
+
+
 @final
 @dataclass(frozen=True)
 class _Limit:
-    """Where a curve has to end: a bound of a variable, or equal curvatures of profiles.
-
-    `margin` says of variables (variables,), with `curvatures` and `rates` (pairs, 2) of the
-    profiles, how far the limit is, negative beyond it, and the gradient of that.
-    """
+    """Where a curve has to end: a bound of a variable, or equal curvatures of profiles."""
 
     status: Status
     words: str
-    margin: Callable[[Floats, Floats, Floats], tuple[float, Floats]]
+    margin: Margin
+
+    def of(self, nodes: "_Nodes") -> tuple[Floats, Floats]:
+        """Return the margins (n,) of nodes and the gradients."""
+        return self.margin(nodes.values, nodes.curvatures, nodes.curvature_rates)
 
 
 def _bound(variable: int, value: float, sense: float, status: Status) -> _Limit:
     """Return the limit of a variable from above (`sense` 1) or from below (-1)."""
 
-    def margin(values: Floats, _: Floats, __: Floats) -> tuple[float, Floats]:
-        gradient = sense * (np.arange(len(values)) == variable)
-        return sense * (float(values[variable]) - value), gradient
+    def margin(values: Floats, _: Floats, __: Floats) -> tuple[Floats, Floats]:
+        gradient = np.zeros_like(values)
+        gradient[:, variable] = sense
+        return sense * (values[:, variable] - value), gradient
 
     side = "lowest" if sense > 0.0 else "highest"
     words = f"the {side} value {value:.6g} rad of variable {variable}"
@@ -98,10 +104,11 @@ def _bound(variable: int, value: float, sense: float, status: Status) -> _Limit:
 def _equal_curvatures(pair: int, along: Sequence[int]) -> _Limit:
     """Return the limit of a contact pair, whose arc lengths are the variables `along`."""
 
-    def margin(values: Floats, bends: Floats, rates: Floats) -> tuple[float, Floats]:
-        gradient = np.zeros(len(values))
-        np.add.at(gradient, along, rates[pair] * [1.0, -1.0])
-        return float(bends[pair, 0] - bends[pair, 1]) - EQUAL_CURVATURE, gradient
+    def margin(values: Floats, bends: Floats, rates: Floats) -> tuple[Floats, Floats]:
+        gradient = np.zeros_like(values)
+        for variable, rate in zip(along, (rates[:, pair] * [1.0, -1.0]).T, strict=True):
+            gradient[:, variable] += rate
+        return bends[:, pair, 0] - bends[:, pair, 1] - EQUAL_CURVATURE, gradient
 
     words = f"equal curvatures of the profiles of pair {pair}"
     return _Limit(Status.CURVATURE, words, margin)
@@ -130,14 +137,13 @@ def _limits_of(
 
 @final
 @dataclass(frozen=True)
-class _Nodes(ArrayRows):
+class _Nodes(CurvePoints):
     """Points with their equations (n, 3 loops + 1, variables), bordered by the tangents.
 
     `inverse` and `reciprocal_condition` (n,) are those of the equations; `curvatures`,
-    `curvature_rates` (n, pairs, 2) those of profiles. A single one is a node of a path.
+    `curvature_rates` (n, pairs, 2) those of profiles.
     """
 
-    points: CurvePoints
     equations: Floats
     inverse: Floats
     reciprocal_condition: Floats
@@ -151,23 +157,14 @@ class _Nodes(ArrayRows):
         inverse = left_inverse(equations)
         condition = bordered_condition(equations, inverse)
         bends = at.states.curvatures, at.states.curvature_rates
-        return _Nodes(points, equations, inverse, condition, *bends)
-
-    @property
-    def values(self) -> Floats:
-        return np.asarray(self.points.values[0])
-
-    @property
-    def tangent(self) -> Floats:
-        return np.asarray(self.points.tangents[0])
-
-    @property
-    def bend(self) -> Floats:
-        return np.asarray(self.points.bends[0])
-
-    def margin(self, limit: _Limit) -> tuple[float, Floats]:
-        """Return how far the limit is, and the gradient (variables,) of that."""
-        return limit.margin(self.values, self.curvatures[0], self.curvature_rates[0])
+        return _Nodes(
+            **vars(points),
+            equations=equations,
+            inverse=inverse,
+            reciprocal_condition=condition,
+            curvatures=bends[0],
+            curvature_rates=bends[1],
+        )
 
 
 def follow_arc(
@@ -198,9 +195,9 @@ def follow_arc(
         If the configuration does not close, does not move, is beyond a limit, or is a
         singular one.
     """
-    paths = _begun(closure, values, stops or {}, longest, step)
-    _run_both([paths])
-    return _curve(*paths)
+    limits = _limits_of(closure, stops or {})
+    start = _started(closure, np.asarray(values, dtype=float), limits)
+    return _followed([closure], [start], limits, longest, step)[0]
 
 
 def follow_arcs(
@@ -210,63 +207,66 @@ def follow_arcs(
 
     Closures are alike but for their leads. None where `follow_arc` raises an error.
     """
-    begun: dict[int, tuple[_ArcPath, _ArcPath]] = {}
+    curves: list[ArcCurve | None] = [None] * len(starts)
+    limits, begun = _limits_of(closures[0], {}), dict[int, _Nodes]()
     for number, (closure, values) in enumerate(zip(closures, starts, strict=True)):
         with suppress(SolveError):
-            begun[number] = _begun(closure, values, {}, longest, LARGEST_STEP)
-    _run_both(list(begun.values()))
-    return [_curve(*begun[k]) if k in begun else None for k in range(len(starts))]
+            begun[number] = _started(closure, values, limits)
+    those = [closures[number] for number in begun]
+    made = _followed(those, list(begun.values()), limits, longest, LARGEST_STEP)
+    for number, curve in zip(begun, made, strict=True):
+        curves[number] = curve
+    return curves
 
 
-def _begun(
-    closure: Closure,
-    values: Floats,
-    stops: Mapping[int, tuple[float, float]],
+def _followed(
+    closures: Sequence[Closure],
+    starts: Sequence[_Nodes],
+    limits: tuple[_Limit, ...],
     longest: float,
     step: float,
-) -> "tuple[_ArcPath, _ArcPath]":
-    """Return the beginnings of a curve in both senses."""
-    start, at = _started(closure, np.asarray(values, dtype=float))
-    limits = _limits_of(closure, stops)
+) -> list[ArcCurve]:
+    """Return the curves through nodes, in both senses where they do not close."""
+    if not starts:
+        return []
+    closure, start = Closure.stacked(closures), _Nodes.joined(starts)
     periods = periods_of(closure)
-    for limit in limits:
-        margin, _ = start.margin(limit)
-        if margin < -CLOSURE_TOLERANCE:
-            raise SolveError(
-                f"the configuration to follow is {-margin:.3g} beyond {limit.words}; start "
-                "from one within its limits"
-            )
-    ahead, behind = (
-        _ArcPath(first, periods, longest, step, closure, limits)
-        for first in (start, _Nodes.of(at, start.points.reversed))
-    )
-    return ahead, behind
+    back = replace(start.plain, tangents=-start.tangents)
+    turned = _Nodes.of(closure.at(start.values), back)
+    ahead = _Arcs(start, periods, longest, step, closure, limits)
+    follow_paths(ahead, np.full(len(starts), FIRST_STEP))
+    left = np.flatnonzero(~ahead.closed)
+    given = periods, longest, step, closure.take(left), limits
+    behind = _Arcs(turned.rows(left), *given)
+    follow_paths(behind, np.full(len(left), FIRST_STEP))
+    place = {int(row): k for k, row in enumerate(left)}
+    return [
+        _curve(one, ahead, behind, row, place.get(row)) for row, one in enumerate(closures)
+    ]
 
 
-def _run_both(begun: "Sequence[tuple[_ArcPath, _ArcPath]]") -> None:
-    """Follow curves in one sense, and in the other where they do not close."""
-    run_each([ahead for ahead, _ in begun], FIRST_STEP)
-    run_each([behind for ahead, behind in begun if not ahead.closed], FIRST_STEP)
-
-
-def _curve(ahead: "_ArcPath", behind: "_ArcPath") -> ArcCurve:
-    """Return the curve that was followed in both senses."""
-    closure, periods = ahead.closure, ahead.periods
-    for path in (ahead, behind):
-        if path.closed:
-            segments = Segments(closure, path.points)
-            ends = (Status.OK, Status.OK)
-            return ArcCurve(segments, periods, True, path.winding, ends, 0)
-    count = len(behind.nodes)
-    if count == 0 and not ahead.nodes:
+def _curve(
+    closure: Closure, ahead: "_Arcs", behind: "_Arcs", row: int, other: int | None
+) -> ArcCurve:
+    """Return the curve of a row that was followed in both senses."""
+    periods, nodes = ahead.periods, ahead.nodes_of(row).plain
+    if other is None or behind.closed[other]:
+        if other is not None:
+            nodes = behind.nodes_of(other).plain
+        laps = (nodes.values[-1] - nodes.values[0]) / periods
+        winding = np.round(laps).astype(np.int64)
+        ends = Status.OK, Status.OK
+        return ArcCurve(Segments(nodes, closure), periods, True, winding, ends, 0)
+    back = behind.nodes_of(other).plain.reversed.rows(slice(-1))
+    count = len(back.values)
+    if count == 0 and len(nodes.values) == 1:
         raise SolveError(
             "the configuration to follow has its limits on both sides; widen the stops"
         )
-    back = behind.points.reversed.rows(slice(-1))
-    points = CurvePoints.joined([back, ahead.points])
+    points = CurvePoints.joined([back, nodes])
     winding = np.zeros(len(periods), dtype=np.int64)
-    ends = (behind.end or Status.OK, ahead.end or Status.OK)
-    return ArcCurve(Segments(closure, points), periods, False, winding, ends, count)
+    ends = Status(behind.end[other]), Status(ahead.end[row])
+    return ArcCurve(Segments(points, closure), periods, False, winding, ends, count)
 
 
 def periods_of(closure: Closure) -> Floats:
@@ -274,7 +274,7 @@ def periods_of(closure: Closure) -> Floats:
     return np.array([period for joint in closure.joints for period in joint.periods])
 
 
-def _started(closure: Closure, values: Floats) -> tuple[_Nodes, Linearisation]:
+def _started(closure: Closure, values: Floats, limits: tuple[_Limit, ...]) -> _Nodes:
     """Return the node of a configuration, after closing it exactly."""
     if not np.all(np.isfinite(values)):
         raise SolveError("the configuration to follow has to be finite, but is not")
@@ -291,7 +291,14 @@ def _started(closure: Closure, values: Floats) -> tuple[_Nodes, Linearisation]:
     node = _Nodes.of(at, points)
     if not node.reciprocal_condition[0] > SINGULAR:
         raise SolveError(SINGULAR_START)
-    return node, at
+    for limit in limits:
+        (margin,), _ = limit.of(node)
+        if margin < -CLOSURE_TOLERANCE:
+            raise SolveError(
+                f"the configuration to follow is {-margin:.3g} beyond {limit.words}; start "
+                "from one within its limits"
+            )
+    return node
 
 
 def _motion(closure: Closure, values: Floats) -> Floats:
@@ -310,10 +317,10 @@ def _motion(closure: Closure, values: Floats) -> Floats:
 
 @final
 @dataclass
-class _ArcPath(CurvePath[_Nodes]):
-    """One sense of a configuration curve."""
+class _Arcs(Curves[_Nodes]):
+    """Configuration curves in one sense each."""
 
-    verification = Verification()
+    tests = Verification()
     smallest_step = 1e-12
     same = SAME
     most_nodes = 100_000
@@ -321,147 +328,99 @@ class _ArcPath(CurvePath[_Nodes]):
     closure: Closure
     limits: tuple[_Limit, ...]
 
-    @property
-    def points(self) -> CurvePoints:
-        """All nodes, the start first."""
-        return CurvePoints.joined([node.points for node in (self.start, *self.nodes)])
+    def exhaust(self, rows: Rows) -> None:
+        """End curves at crossings."""
+        flat = self.at.reciprocal_condition[rows] < SINGULAR
+        self.end[rows[flat]] = Status.AT_SINGULARITY
 
-    def exhausted(self) -> Status | None:
-        """Return AT_SINGULARITY at a crossing of curves."""
-        return Status.AT_SINGULARITY if self.at.reciprocal_condition[0] < SINGULAR else None
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
+        """Return the steps (k,) that the curvature allows."""
+        bend = np.linalg.norm(self.at.bends[rows], axis=1)
+        largest = np.minimum(self.largest, LARGEST_TURN / (bend + 1e-300))
+        return np.asarray(np.minimum(step, largest))
 
-    @property
-    def allowed(self) -> float:
-        """The step that the curvature allows."""
-        bend = float(np.linalg.norm(self.at.bend))
-        return min(self.largest, LARGEST_TURN / (bend + 1e-300))
-
-    @staticmethod
     def steps_to(
-        paths: "Sequence[CurvePath[_Nodes]]", ats: Sequence[_Nodes], ways: Floats
-    ) -> list[tuple[_Nodes, float] | None]:
-        """Return the nodes at projections (n,) on the tangents that pass all tests."""
-        tests = _ArcPath.verification
-        closures = [path.closure for path in paths if isinstance(path, _ArcPath)]
-        closure = Closure.stacked(closures).take(np.repeat(np.arange(len(ats)), 2))
-        nodes = _Nodes.joined(ats)
-        here = nodes.points
+        self, rows: Rows, at: _Nodes, ways: Floats
+    ) -> tuple[_Nodes, NDArray[np.bool_], Floats]:
+        """See `Curves`, as the further methods."""
+        closure = self.closure.take(np.repeat(rows, 2))
         parts = ways[:, None] * STEP_PARTS
-        guess = taylor(here.values, here.tangents, here.bends, parts)
-        borders = np.repeat(here.tangents, 2, axis=0)
-        targets = np.sum(here.tangents * here.values, axis=1)[:, None] + parts
+        guess = taylor(at.values, at.tangents, at.bends, parts)
+        borders = np.repeat(at.tangents, 2, axis=0)
+        targets = np.sum(at.tangents * at.values, axis=1)[:, None] + parts
         values, steps = correct(closure, guess, borders, targets.ravel())
         good = np.all(np.isfinite(values), axis=1)
-        good &= tests.corrected(steps.first, steps.ratio, np.repeat(ways, 2))
-        values[~good] = np.repeat(here.values, 2, axis=0)[~good]
-        points, at = curve_points(closure, values, borders)
+        good &= self.tests.corrected(steps.first, steps.ratio, np.repeat(ways, 2))
+        values[~good] = np.repeat(at.values, 2, axis=0)[~good]
+        points, there = curve_points(closure, values, borders)
         good &= points.residual < CLOSURE_TOLERANCE
-        before = np.repeat(nodes.equations, 2, axis=0)
-        change = bordered(at.jacobian, borders) - before
-        inverse = np.repeat(nodes.inverse, 2, axis=0)
+        change = bordered(there.jacobian, borders) - np.repeat(at.equations, 2, axis=0)
+        inverse = np.repeat(at.inverse, 2, axis=0)
         moved = np.linalg.norm(inverse @ change, axis=(1, 2))
-        good &= tests.regular(moved, np.sum(points.tangents * borders, axis=1))
+        good &= self.tests.regular(moved, np.sum(points.tangents * borders, axis=1))
         ends = slice(1, None, 2)
-        last = _Nodes.of(at.take(ends), points.rows(ends))
-        middles, holds = values[::2], np.all(good.reshape(-1, 2), axis=1)
-        miss = _misses(closure, here, last.points, middles, holds)
-        holds &= tests.predicted(miss, ways, 8.0 * EPS / nodes.reciprocal_condition)
-        most = np.max(moved.reshape(-1, 2), axis=1).tolist()
-        return [
-            (last.rows(slice(row, row + 1)), most[row]) if held else None
-            for row, held in enumerate(holds.tolist())
-        ]
+        last = _Nodes.of(there.take(ends), points.rows(ends))
+        rounding = 8.0 * EPS / at.reciprocal_condition
+        holds = self.judged(at, last, values[::2], ways, good, rounding)
+        return last, holds, np.max(moved.reshape(-1, 2), axis=1)
 
-    def again(self, at: _Nodes, values: Floats) -> _Nodes:
-        """Return the start at values whole periods on."""
-        points = replace(self.start.points, values=values[None])
-        return replace(self.start, points=points)
-
-    def within(self, step: float, node: _Nodes | None) -> bool:
-        """Return whether a node is within all limits; land on one that a step passes."""
-        if node is not None and not self._passed(node):
-            return True
-        landed = self._landing(step)
-        if landed is not None:
-            end, limit = landed
-            self.nodes.append(end)
-            self.end = limit.status
-        return False
-
-    def _passed(self, node: _Nodes) -> bool:
-        """Return whether a node is beyond a limit."""
-        return any(node.margin(limit)[0] < 0.0 for limit in self.limits)
-
-    def _landing(self, step: float) -> tuple[_Nodes, _Limit] | None:
-        """Return the first limit within a step, and the node exactly on it."""
-        at = self.at
-        best: tuple[_Nodes, _Limit, float] | None = None
+    def within(
+        self, rows: Rows, step: Floats, new: _Nodes, holds: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Take steps that pass no limit, and land on one that another passes."""
+        taken = holds.copy()
         for limit in self.limits:
-            margin, gradient = at.margin(limit)
-            rate, bend = float(gradient @ at.tangent), float(gradient @ at.bend)
-            way = _first_root(margin, rate, 0.5 * bend)
+            taken &= ~(limit.of(new)[0] < 0.0)
+        landing = ~taken & (self.end[rows] == GOING)
+        for k in np.flatnonzero(landing) if self.limits else ():
+            row = rows[k : k + 1]
+            landed = self._landing(row, self.at.rows(row), float(step[k]))
+            if landed is not None:
+                self.reach(row, landed[0])
+                self.end[row] = landed[1].status
+        return taken
+
+    def _landing(self, row: Rows, at: _Nodes, step: float) -> tuple[_Nodes, _Limit] | None:
+        """Return the first limit within a step, and the node exactly on it."""
+        best: tuple[_Nodes, _Limit] | None = None
+        for limit in self.limits:
+            (margin,), (gradient,) = limit.of(at)
+            rate, bend = float(gradient @ at.tangents[0]), float(gradient @ at.bends[0])
+            way = _first_root(float(margin), rate, 0.5 * bend)
             if way <= self.smallest_step:
                 return None
             if not way <= 1.5 * step:
                 continue
-            on = self._onto(limit, at.values + way * at.tangent + 0.5 * way**2 * at.bend)
-            if on is None:
+            guess = taylor(at.values, at.tangents, at.bends, np.array([[way]]))
+            on = self._onto(self.closure.take(row), limit, guess)
+            way = float(at.tangents[0] @ (on - at.values)[0])
+            if not 0.0 < way <= step:
                 continue
-            way = float(at.tangent @ (on - at.values))
-            if not 0.0 < way <= step or (best is not None and best[2] <= way):
-                continue
-            made = self.step_to(at, way)
-            if made is not None and np.max(np.abs(made[0].values - on)) < SAME:
-                best = made[0], limit, way
-        return None if best is None else best[:2]
+            made, (holds,), _ = self.steps_to(row, at, np.array([way]))
+            if holds and np.max(np.abs(made.values - on)) < SAME:
+                best, step = (made, limit), way
+        return best
 
-    def _onto(self, limit: _Limit, start: Floats) -> Floats | None:
-        """Return the closed configuration (variables,) on a limit, by Newton's method."""
+    def _onto(self, closure: Closure, limit: _Limit, start: Floats) -> Floats:
+        """Return the closed configuration (1, variables) on a limit, by Newton's method."""
 
         def change(values: Floats, _: Rows) -> Floats:
-            at = self.closure.at(values)
-            margin, gradient = limit.margin(
-                values[0], at.states.curvatures[0], at.states.curvature_rates[0]
-            )
-            return bordered_step(at, gradient[None], np.array([-margin]))
+            at = closure.at(values)
+            bends = at.states.curvatures, at.states.curvature_rates
+            margin, gradient = limit.margin(values, *bends)
+            return bordered_step(at, gradient, -margin)
 
-        values, _ = newton(change, start[None], 12, 1e-14)
-        return values[0] if np.all(np.isfinite(values)) else None
+        values, _ = newton(change, start, 12, 1e-14)
+        return values
 
-    def beyond(self) -> Status:
-        """Return the status of what lies beyond the last node."""
-        at = self.at
-        for limit in self.limits:
-            margin, _ = at.margin(limit)
-            if margin < NEARLY_THERE:
-                return limit.status
-        return (
-            Status.AT_SINGULARITY
-            if at.reciprocal_condition[0] < NEARLY_FLAT
-            else Status.MODE_LOST
-        )
-
-
-def _misses(
-    closure: Closure,
-    start: CurvePoints,
-    stop: CurvePoints,
-    middles: Floats,
-    holds: NDArray[np.bool_],
-) -> Floats:
-    """Return by how much (n,) steps miss middles (n, variables), where they hold so far."""
-    miss = np.full(len(holds), np.inf)
-    (some,) = np.nonzero(holds)
-    count = len(some)
-    both = CurvePoints.joined([start.rows(some), stop.rows(some)])
-    order = np.arange(2 * count).reshape(2, count).T.ravel()
-    chord = Segments(closure, both.rows(order))
-    which = 2 * np.arange(count)
-    away = middles[some] - start.values[some]
-    along = np.sum(away * chord.directions[which], axis=1) / chord.chords[which]
-    wrong = chord.predict(which, along) - middles[some]
-    miss[some] = np.max(np.abs(wrong), axis=1, initial=0.0)
-    return miss
+    def stop(self, row: int) -> None:
+        """End a curve at its last node, by what lies beyond."""
+        at = self.at.rows(slice(row, row + 1))
+        flat = at.reciprocal_condition[0] < NEARLY_FLAT
+        self.end[row] = Status.AT_SINGULARITY if flat else Status.MODE_LOST
+        for limit in reversed(self.limits):
+            if limit.of(at)[0] < NEARLY_THERE:
+                self.end[row] = limit.status
 
 
 def _first_root(a: float, b: float, c: float) -> float:

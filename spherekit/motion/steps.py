@@ -1,23 +1,310 @@
-"""Verified steps from one closed configuration to another, many at once.
+"""Paths of configurations, followed by verified steps, many at once.
+
+Every path is followed in the same way, whatever its parameter: inputs on a straight way,
+the arc length of a curve, the angle of a rotation. A step is predicted from the last node
+by its derivatives, corrected by Newton's method, and accepted only if
+
+- the prediction was nearly right,
+- Newton's method contracted at once,
+- the equations changed by less than would make them singular on the way, or the
+  determinant kept its sign,
+- the tangent turned little,
+- the Hermite polynomial through both ends predicts the middle.
+
+Otherwise it is halved. After a step that holds, the next one may be longer. A path ends
+where it arrives, where its owner says so (a limit, a closed lap), or where no step holds.
 
 A small closure residual does not prove the mode: Newton's method may close the loops on
-a neighbouring one. A step is therefore verified as `spherekit.motion.closure` says,
+a neighbouring one. A step is therefore verified,
 with exact first and second derivatives, and the determinant of the closure Jacobian has to
 keep its sign.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import final
+from dataclasses import dataclass, replace
+from typing import ClassVar, Generic, Protocol, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.motion.closure import Closure, Rows, Verification, follow_paths
+from spherekit.motion.arc_curve import Chords, CurvePoints
+from spherekit.motion.closure import Closure, Rows
 from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
+from spherekit.motion.turns import whole_laps
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.sphere.rotation import Floats
+
+CONTRACTION = 0.1
+"""The second step of Newton's method may be this part of the first."""
+NEARLY_THERE = 1e-6
+"""How near (rad) a node is to the start of a lap, or to a limit, that it has reached."""
+AIMED = 0.6
+"""Part of the allowed change of the equations that the next step aims at."""
+STEP_PARTS = np.array([0.5, 1.0])
+"""Where a step is verified."""
+
+
+@final
+@dataclass(frozen=True)
+class Verification:
+    """How well steps have to be predicted and corrected; `size` is that of a step.
+
+    Attributes
+    ----------
+    correction, slack
+        A prediction may be wrong by this part of the step and so much (rad) besides.
+    settled
+        Newton's method need not contract after a first step smaller than this (rad).
+    change
+        Change of the equations, relative; at 1 they may be singular on the way.
+    turn
+        Least cosine of the angle by which the tangent turns.
+    middle
+        The prediction of the middle from both ends may be wrong by this part of the step.
+    """
+
+    correction: float = 0.05
+    slack: float = CLOSURE_TOLERANCE
+    settled: float = 1e-7
+    change: float = 0.6
+    turn: float = 0.9
+    middle: float = 1e-4
+
+    def corrected(
+        self, first: Floats, ratio: Floats, size: Floats | float
+    ) -> NDArray[np.bool_]:
+        """Return (n,) whether Newton's first steps (n,), and second by first, are fine."""
+        near = first <= self.correction * size + self.slack
+        return np.asarray(near & ((first <= self.settled) | (ratio <= CONTRACTION)))
+
+    def regular(self, change: Floats, cosine: Floats | float = 1.0) -> NDArray[np.bool_]:
+        """Return (n,) whether equations and tangents changed little enough."""
+        return np.asarray((change < self.change) & (np.asarray(cosine) > self.turn))
+
+    def predicted(
+        self, miss: Floats | float, size: Floats | float, rounding: Floats | float = 0.0
+    ) -> NDArray[np.bool_]:
+        """Return (n,) whether the middles of steps lie where both ends predict them."""
+        return np.asarray(miss <= self.middle * size + rounding)
+
+
+class Paths(Protocol):
+    """Paths that are followed side by side, each by steps of its own length."""
+
+    @property
+    def going(self) -> Rows:
+        """The paths that have not ended."""
+
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
+        """Return the steps (k,) to try on these paths, at most as long as `step`."""
+
+    def advance(self, rows: Rows, step: Floats) -> Floats:
+        """Go on by steps that hold; return how (k,) the next may grow, 0 if none holds."""
+
+    def smallest(self, rows: Rows) -> Floats:
+        """Return the steps (k,) at which these paths end if not even they hold."""
+
+    def stop(self, row: int) -> None:
+        """End a path that no step leaves."""
+
+
+def follow_paths(paths: Paths, step: Floats) -> None:
+    """Follow paths to their ends, the first steps `step` (n,)."""
+    step = step.copy()
+    while len(rows := paths.going):
+        step[rows] = paths.allowed(rows, step[rows])
+        growth = paths.advance(rows, step[rows])
+        held = growth > 0.0
+        failed = rows[~held]
+        for row in failed[~(step[failed] > paths.smallest(failed))]:
+            paths.stop(int(row))
+        step[rows] *= np.where(held, growth, 0.5)
+
+
+def taylor(values: Floats, tangents: Floats, bends: Floats, ways: Floats) -> Floats:
+    """Return curves at arc lengths (n, k) from points (n, variables), to second order.
+
+    Row after row, (n k, variables).
+    """
+    way = ways[:, :, None]
+    there = values[:, None] + way * tangents[:, None] + 0.5 * way**2 * bends[:, None]
+    return np.asarray(there.reshape(-1, values.shape[1]))
+
+
+GOING = -1
+"""Status of a curve that has not ended."""
+Node = TypeVar("Node", bound=CurvePoints)
+
+
+@dataclass
+class Curves(ABC, Generic[Node]):
+    """Curves in the space of the variables, followed side by side in one sense each.
+
+    Attributes
+    ----------
+    tests, smallest_step, same, most_nodes
+        The tests of a step, the step at which a curve ends if not even that holds, how
+        near (rad) to its start a lap ends, and the most nodes.
+    start, at
+        The first and the last nodes (n).
+    periods
+        (variables,) growth of each variable that changes nothing.
+    longest, largest
+        Length (rad) after which a curve is ended, and the longest step.
+    end, closed
+        (n,) the status of what lies beyond, and whether the last node is the start again,
+        whole periods on.
+    """
+
+    tests: ClassVar[Verification]
+    smallest_step: ClassVar[float]
+    same: ClassVar[float]
+    most_nodes: ClassVar[int]
+
+    start: Node
+    periods: Floats
+    longest: float
+    largest: float
+
+    def __post_init__(self) -> None:
+        n = len(self.start.values)
+        self.at = self.start.rows(np.arange(n))
+        self.end = np.full(n, GOING, dtype=np.int8)
+        self.closed, self.way = np.zeros(n, dtype=bool), np.zeros(n)
+        self._count, self._trail = np.zeros(n, dtype=np.intp), list[tuple[Rows, Node]]()
+
+    @abstractmethod
+    def steps_to(
+        self, rows: Rows, at: Node, ways: Floats
+    ) -> tuple[Node, NDArray[np.bool_], Floats]:
+        """Return the nodes at projections (k,) on the tangents at nodes of some curves.
+
+        And which of them pass all tests, and the relative changes of the equations.
+        """
+
+    @abstractmethod
+    def within(
+        self, rows: Rows, step: Floats, new: Node, holds: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Return which of the steps that hold are to be taken.
+
+        Where a limit is reached the end of a curve is set.
+        """
+
+    @abstractmethod
+    def exhaust(self, rows: Rows) -> None:
+        """End curves of which there is a reason not to go on from the last node."""
+
+    @abstractmethod
+    def stop(self, row: int) -> None:
+        """End a curve that no step leaves."""
+
+    def again(self, start: Node, at: Node, values: Floats) -> Node:
+        """Return starts at values whole periods on, not finite where it is another one."""
+        return replace(start, values=values)
+
+    @property
+    def going(self) -> Rows:
+        """The curves that have not ended."""
+        rows = np.flatnonzero(self.end == GOING)
+        self.exhaust(rows)
+        self.end[rows[self._count[rows] >= self.most_nodes]] = Status.MODE_LOST
+        self.end[rows[self.way[rows] >= self.longest]] = Status.OK
+        return np.flatnonzero(self.end == GOING)
+
+    def allowed(self, rows: Rows, step: Floats) -> Floats:
+        """Return the steps (k,), no longer than the longest."""
+        return np.minimum(step, self.largest)
+
+    def smallest(self, rows: Rows) -> Floats:
+        """Return the steps (k,) at which curves end."""
+        return np.full(len(rows), self.smallest_step)
+
+    def advance(self, rows: Rows, step: Floats) -> Floats:
+        """Go on by a step each."""
+        at = self.at.rows(rows)
+        new, holds, change = self.steps_to(rows, at, step)
+        ends, closes = self._closing(rows, at, new, step, holds)
+        self.reach(rows[closes], ends.rows(closes))
+        self.end[rows[closes]], self.closed[rows[closes]] = Status.OK, True
+        on = self.within(rows, step, new, holds & ~closes)
+        self.reach(rows[on], new.rows(on))
+        growth = np.clip(AIMED * self.tests.change / (change + 1e-300), 0.5, 2.0)
+        return np.where(on, growth, np.where(self.end[rows] == GOING, 0.0, 1.0))
+
+    def reach(self, rows: Rows, new: Node) -> None:
+        """Go on to nodes."""
+        if len(rows):
+            way = np.linalg.norm(new.values - self.at.values[rows], axis=1)
+            self.way[rows] += way
+            self._count[rows] += 1
+            self.at.put(rows, new)
+            self._trail.append((rows, new))
+
+    def _closing(
+        self, rows: Rows, at: Node, new: Node, step: Floats, holds: NDArray[np.bool_]
+    ) -> tuple[Node, NDArray[np.bool_]]:
+        """Return starts, whole periods on, and which of the steps run through them."""
+        start, tests = self.start.rows(rows), self.tests
+        middle = 0.5 * (at.values + new.values)
+        values = start.values + whole_laps(middle - start.values, self.periods)
+        ends = self.again(start, at, values)
+        closes = holds & np.all(np.isfinite(ends.values), axis=1)
+        way = np.sum(at.tangents * (values - at.values), axis=1)
+        there = taylor(at.values, at.tangents, at.bends, way[:, None])
+        miss = np.max(np.abs(values - there), axis=1)
+        closes &= self.way[rows] > 4.0 * NEARLY_THERE
+        closes &= (way > -NEARLY_THERE) & (way <= step) & (miss <= tests.correction * step)
+        closes &= np.sum(start.tangents * at.tangents, axis=1) >= 0.8
+        far = np.abs(way) > NEARLY_THERE
+        closes &= far | (miss <= self.same)
+        (some,) = np.nonzero(closes & far)
+        if len(some):
+            made, held, _ = self.steps_to(rows[some], at.rows(some), way[some])
+            away = np.max(np.abs(made.values - values[some]), axis=1)
+            closes[some] = held & (away <= self.same)
+        return ends, closes
+
+    def judged(
+        self,
+        at: CurvePoints,
+        last: CurvePoints,
+        middles: Floats,
+        ways: Floats,
+        good: NDArray[np.bool_],
+        rounding: Floats | float,
+    ) -> NDArray[np.bool_]:
+        """Return (k,) which steps hold whose halves are `good` (2 k,).
+
+        Those whose middles (k, variables) lie where nodes at both ends predict them.
+        """
+        holds = np.all(good.reshape(-1, 2), axis=1)
+        (some,) = np.nonzero(holds)
+        order = np.arange(2 * len(some)).reshape(2, -1).T.ravel()
+        parts = [part.plain.rows(some) for part in (at, last)]
+        chord = Chords(CurvePoints.joined(parts).rows(order))
+        which = 2 * np.arange(len(some))
+        away = middles[some] - at.values[some]
+        along = np.sum(away * chord.directions[which], axis=1) / chord.chords[which]
+        wrong = chord.predict(which, along) - middles[some]
+        miss = np.max(np.abs(wrong), axis=1, initial=0.0)
+        allowed = np.broadcast_to(rounding, len(ways))[some]
+        holds[some] = self.tests.predicted(miss, ways[some], allowed)
+        return np.asarray(holds)
+
+    def nodes_of(self, row: int) -> Node:
+        """Return the nodes of a curve in order, the start first."""
+        parts = [new.rows(rows == row) for rows, new in self._trail if row in rows]
+        nodes = self.start.joined([self.start.rows(slice(row, row + 1)), *parts])
+        count = len(nodes.values)
+        kept = np.ones(count, dtype=bool)
+        if self.closed[row]:
+            away = np.max(np.abs(nodes.values[-1] - nodes.values[-2]))
+            kept[-2] = away >= NEARLY_THERE
+        return nodes.rows(kept)
+
 
 LARGEST_STEP = 0.2
 """Longest step of the input (rad)."""
@@ -56,12 +343,6 @@ class Nodes(ArrayRows):
     bend: Floats
     sign: Floats
     reciprocal_condition: Floats
-
-    def put(self, rows: NDArray[np.intp], new: "Nodes") -> None:
-        """Replace some of the nodes."""
-        self.values[rows], self.slope[rows] = new.values, new.slope
-        self.bend[rows], self.sign[rows] = new.bend, new.sign
-        self.reciprocal_condition[rows] = new.reciprocal_condition
 
 
 def nodes_at(at: Linearisation, driven: Sequence[int], direction: Floats) -> Nodes:
@@ -197,7 +478,7 @@ class InputPaths:
         follow_paths(self, np.full(len(q), np.inf))
 
     def allowed(self, rows: Rows, step: Floats) -> Floats:
-        """See `spherekit.motion.closure`, as the further methods."""
+        """See `Paths`, as the further methods."""
         at = self.at.rows(rows)
         step = safe_step(at, step)
         for track in self._open:

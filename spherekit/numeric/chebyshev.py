@@ -96,7 +96,7 @@ class PiecewiseChebyshev:
 
     def at(self, x: ArrayLike) -> Floats:
         """Return the functions (n, m) at x (n,) between the first and the last edge."""
-        return self._sum(self.coefficients, np.asarray(x, dtype=float))
+        return np.ascontiguousarray(self.along(np.asarray(x, dtype=float)).T)
 
     def along(self, x: Floats) -> Floats:
         """Return the functions (m, n) at x (n,), most of which share a cell with the next.
@@ -140,13 +140,13 @@ class PiecewiseChebyshev:
 
     def derivative(self, x: ArrayLike) -> Floats:
         """Return the derivatives (n, m) of the interpolant at x (n,)."""
-        return self._sum(self._slopes, np.asarray(x, dtype=float))
+        return self._derivative.at(x)
 
     @cached_property
-    def _slopes(self) -> Floats:
+    def _derivative(self) -> "PiecewiseChebyshev":
         rates = 2.0 / np.diff(self.edges)
         slopes = chebyshev.chebder(self.coefficients, axis=1)
-        return np.asarray(slopes * rates[:, None, None], dtype=float)
+        return PiecewiseChebyshev(self.edges, slopes * rates[:, None, None])
 
     def largest(self) -> tuple[Floats, Floats]:
         """Return the places (m,) and values (m,) where functions are largest in size.
@@ -165,23 +165,6 @@ class PiecewiseChebyshev:
                     values[function] = y[top]
                     places[function] = low + 0.5 * (high - low) * (1.0 + x[top])
         return places, values
-
-    def _sum(self, series: Floats, x: Floats) -> Floats:
-        """Return the series of each x's own cell, by Clenshaw's recurrence.
-
-        Coefficients are fetched order by order: those of many places at once do not stay
-        in memory.
-        """
-        cell = np.searchsorted(self.edges, x, side="right") - 1
-        cell = np.clip(cell, 0, len(series) - 1)
-        low, high = self.edges[cell], self.edges[cell + 1]
-        place = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)[:, None]
-        after = np.zeros((len(x), series.shape[2]))
-        here = np.zeros_like(after)
-        for order in range(series.shape[1] - 1, 0, -1):
-            here, after = 2.0 * place * here - after + series[cell, order], here
-        return np.asarray(place * here - after + series[cell, 0])
-
 
 @cache
 def nodes(degree: int) -> Floats:

@@ -256,6 +256,15 @@ class ArrayRows:
             **{name: _taken(part, chosen) for name, part in _parts(self).items()}
         )
 
+    def put(self, rows: NDArray[np.intp], new: Self) -> None:
+        """Replace some rows of all arrays."""
+        others = _parts(new)
+        for name, part in _parts(self).items():
+            if isinstance(part, np.ndarray):
+                part[rows] = others[name]
+            elif isinstance(part, ArrayRows):
+                part.put(rows, others[name])
+
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Return the rows of all parts in order, with the rest of the first."""

@@ -8,7 +8,7 @@ met along curves.
 
 Following a curve of singular configurations, step by verified step.
 
-The path is a `spherekit.motion.closure.CurvePath`, its bend that of the last step.
+The bend of a node is that of the last step.
 
 A curve of singular configurations of a mechanism with two freedoms.
 """
@@ -26,15 +26,17 @@ from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError
 from spherekit.guarantee import Budget, Claim
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.arc_curve import NEAR, Chords, CurvePoints
 from spherekit.motion.arc_length import periods_of
-from spherekit.motion.closure import (
+from spherekit.motion.closure import Rows
+from spherekit.motion.steps import (
+    GOING,
     STEP_PARTS,
-    CurvePath,
+    Curves,
     Verification,
-    run_each,
+    follow_paths,
     taylor,
 )
-from spherekit.motion.turns import less_periods
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.zeros import cubic, cubic_slope
 from spherekit.singular.locus import Cut, Locus, LocusPoints, solver_of
@@ -49,10 +51,6 @@ from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import Floats
 
 GAUSS = np.polynomial.legendre.leggauss(8)
-NEAR = 1e-7
-"""Configurations (rad) nearer than this to the curve lie on it."""
-BESIDE = 0.3
-"""The curve is nowhere farther from the chord of two nodes than this part of it."""
 NOTHING = 1e-6
 """A function smaller than this at two nodes is taken to vanish between them."""
 
@@ -89,14 +87,9 @@ class SingularCurve:
     ends: tuple[Status, Status]
 
     @cached_property
-    def chords(self) -> Floats:
-        """Lengths (n - 1,) of the chords (rad)."""
-        return np.asarray(np.linalg.norm(np.diff(self.nodes.values, axis=0), axis=1))
-
-    @cached_property
-    def directions(self) -> Floats:
-        """Unit vectors (n - 1, V) of the chords."""
-        return np.diff(self.nodes.values, axis=0) / self.chords[:, None]
+    def chord(self) -> Chords:
+        """The chords between the nodes."""
+        return Chords(_plain(self.nodes))
 
     @cached_property
     def s(self) -> Floats:
@@ -104,10 +97,10 @@ class SingularCurve:
         places, weights = GAUSS
         x = 0.5 * (places + 1.0)[:, None]
         tangents = self.nodes.tangents[:, :, 0]
-        chords, values = self.chords[:, None, None], self.nodes.values[:, None]
+        chords, values = self.chord.chords[:, None, None], self.nodes.values[:, None]
         start, stop = (values[:-1], tangents[:-1, None]), (values[1:], tangents[1:, None])
         speed = cubic_slope(start, stop, chords, x)
-        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chords
+        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
     @property
@@ -117,12 +110,26 @@ class SingularCurve:
 
     def on(self, which: NDArray[np.intp], parts: Floats) -> LocusPoints:
         """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
-        direction, nodes = self.directions[which], self.nodes
-        values, motions = predict(nodes, which, parts)
-        targets = np.sum(direction * nodes.values[which], axis=1)
-        targets += parts * self.chords[which]
+        chord, nodes, ahead = self.chord, self.nodes, which + 1
+        direction, length = chord.directions[which], chord.chords[which]
+        slopes = [
+            nodes.turns[node, :, 0]
+            / np.sum(nodes.tangents[node, :, 0] * direction, axis=1, keepdims=True)
+            for node in (which, ahead)
+        ]
+        motions = cubic(
+            (nodes.motions[which], slopes[0]),
+            (nodes.motions[ahead], slopes[1]),
+            length[:, None],
+            parts[:, None],
+        )
+        targets = np.sum(direction * nodes.values[which], axis=1) + parts * length
         points = self.locus.correct(
-            values, motions, direction[:, None], targets[:, None], nodes.basis[which]
+            chord.predict(which, parts),
+            motions,
+            direction[:, None],
+            targets[:, None],
+            nodes.basis[which],
         )
         sense = np.sum(points.tangents[:, :, 0] * direction, axis=1)
         flip = np.where(sense < 0.0, -1.0, 1.0)[:, None, None]
@@ -136,15 +143,10 @@ class SingularCurve:
         Whole periods of the variables and signs of the motions do not matter.
         """
         on_curve = np.zeros(len(values), dtype=bool)
-        middles = self.nodes.values[:-1] + 0.5 * self.chords[:, None] * self.directions
-        away = less_periods(values[:, None] - middles, self.periods)
-        along = np.sum(away * self.directions, axis=2)
-        beside = np.max(np.abs(away - along[..., None] * self.directions), axis=2)
-        near = np.abs(along) < 0.51 * self.chords
-        row, which = np.nonzero(near & (beside < BESIDE * self.chords + NEAR))
-        parts = np.clip(along[row, which] / self.chords[which] + 0.5, 0.0, 1.0)
-        points = self.on(which, parts)
-        miss = np.max(np.abs(middles[which] + away[row, which] - points.values), axis=1)
+        row, which, away, along = self.chord.beside(values, self.periods)
+        points = self.on(which, along / self.chord.chords[which])
+        there = self.nodes.values[which] + away
+        miss = np.max(np.abs(there - points.values), axis=1)
         same = np.abs(np.sum(points.motions * motions[row], axis=1)) > 1.0 - 1e-6
         on_curve[row[(miss < NEAR) & same]] = True
         return on_curve
@@ -187,25 +189,11 @@ class SingularCurve:
         return self.zeros(side)
 
 
-def predict(
-    nodes: LocusPoints, which: NDArray[np.intp], parts: Floats
-) -> tuple[Floats, Floats]:
-    """Return Hermite values of the variables and motions, (n, V) each.
-
-    Their projections on the chords after nodes `which` (n,) are at `parts` (n,), 0 to 1.
-    """
-    ahead = which + 1
-    way = nodes.values[ahead] - nodes.values[which]
-    chord = np.linalg.norm(way, axis=1, keepdims=True)
-    x = parts[:, None]
-    guesses = []
-    for what, rates in ((nodes.values, nodes.tangents), (nodes.motions, nodes.turns)):
-        ends = []
-        for node in (which, ahead):
-            speed = np.sum(nodes.tangents[node, :, 0] * way, axis=1, keepdims=True)
-            ends.append((what[node], rates[node, :, 0] * (chord / speed)))
-        guesses.append(cubic(ends[0], ends[1], chord, x))
-    return guesses[0], guesses[1]
+def _plain(points: LocusPoints) -> CurvePoints:
+    """Return what chords are made of; bends are not known."""
+    tangents = points.tangents[:, :, 0]
+    unknown = np.full_like(tangents, np.nan)
+    return CurvePoints(points.values, tangents, unknown, points.residual)
 
 
 LARGEST_STEP = 0.3
@@ -252,67 +240,29 @@ def trace_curves(
         np.swapaxes(near.tangents, 1, 2),
         np.einsum("nvk,nv->nk", near.tangents, near.values),
     )
-    periods = periods_of(locus.closure)
-    budget = budget or Budget()
-    still = np.zeros(len(periods))
-    ahead, behind = (
-        [
-            _LocusPath(
-                _Node(_turned(starts.rows(slice(row, row + 1)), sense), still),
-                periods,
-                longest,
-                step,
-                locus,
-                budget,
-            )
-            for row in range(len(rows))
-        ]
-        for sense in (1.0, -1.0)
-    )
-    for one, other in zip(ahead, behind, strict=True):
-        other.twin = one
-    run_each([*ahead, *behind], FIRST_STEP)
+    count = len(rows)
+    both = LocusPoints.joined([starts, _turned(starts, -1.0)])
+    still, inside = np.zeros(both.values.shape), np.ones(2 * count, dtype=bool)
+    start = _Nodes(both.values, both.tangents[:, :, 0], still, both.residual, both, inside)
+    given = periods_of(locus.closure), longest, step, locus, budget or Budget()
+    paths = _LocusCurves(start, *given)
+    follow_paths(paths, np.full(2 * count, FIRST_STEP))
     curves: list[SingularCurve | None] = [None] * len(values)
-    for row, one, other in zip(rows.tolist(), ahead, behind, strict=True):
-        curves[row] = _curve(one, other)
+    for number, row in enumerate(rows.tolist()):
+        curves[row] = paths.curve(number, count + number)
     return curves
-
-
-def _curve(ahead: "_LocusPath", behind: "_LocusPath") -> SingularCurve | None:
-    """Return the curve that was followed in both senses; None where no step holds."""
-    locus, periods = ahead.locus, ahead.periods
-    for path in (ahead, behind):
-        if path.closed:
-            points = _points([path.start, *path.nodes])
-            return SingularCurve(locus, points, periods, True, (Status.OK, Status.OK))
-    back = [_turned(node.point, -1.0) for node in reversed(behind.nodes)]
-    points = LocusPoints.joined([*back, _points([ahead.start, *ahead.nodes])])
-    if len(points) < 2:
-        return None
-    ends = (behind.end or Status.OK, ahead.end or Status.OK)
-    return SingularCurve(locus, points, periods, False, ends)
 
 
 @final
 @dataclass(frozen=True)
-class _Node:
-    """A point, its tangent in the sense of the path, and the bend of the last step."""
+class _Nodes(CurvePoints):
+    """Points, tangents in the sense of the path, bends of the last step, or none.
+
+    `inside` (n,): whether they are on the profiles.
+    """
 
     point: LocusPoints
-    bend: Floats
-    inside: bool = True
-
-    @property
-    def values(self) -> Floats:
-        return np.asarray(self.point.values[0])
-
-    @property
-    def tangent(self) -> Floats:
-        return self.point.tangents[0, :, 0]
-
-
-def _points(nodes: Sequence[_Node]) -> LocusPoints:
-    return LocusPoints.joined([node.point for node in nodes])
+    inside: NDArray[np.bool_]
 
 
 def _turned(points: LocusPoints, sense: Floats | float) -> LocusPoints:
@@ -330,42 +280,37 @@ def _bordered(points: LocusPoints, tangents: Floats) -> Floats:
 
 @final
 @dataclass
-class _LocusPath(CurvePath[_Node]):
-    """One sense of a curve of a locus."""
+class _LocusCurves(Curves[_Nodes]):
+    """Curves of a locus: in one sense in the first half, in the other in the second."""
 
-    verification = Verification(slack=1e-9, settled=1e-6, middle=1e-3)
+    tests = Verification(slack=1e-9, settled=1e-6, middle=1e-3)
     smallest_step = 2e-6
     same = 1e-8
     most_nodes = 20_000
 
     locus: Locus
     budget: Budget
-    twin: "_LocusPath | None" = None
 
-    def exhausted(self) -> Status | None:
-        """Return MODE_LOST where the time is over, OK where the other sense has closed."""
-        if self.twin is not None and self.twin.closed:
-            return Status.OK
-        goes_on = self.budget.goes_on("the rest of a singular curve")
-        return None if goes_on else Status.MODE_LOST
+    def exhaust(self, rows: Rows) -> None:
+        """End curves that have closed in the other sense, and all when time is over."""
+        half = len(self.end) // 2
+        second = rows[rows >= half]
+        self.end[second[self.closed[second - half]]] = Status.OK
+        left = rows[self.end[rows] == GOING]
+        if len(left) and not self.budget.goes_on("the rest of a singular curve"):
+            self.end[left] = Status.MODE_LOST
 
-    @staticmethod
     def steps_to(
-        paths: "Sequence[CurvePath[_Node]]", ats: Sequence[_Node], ways: Floats
-    ) -> list[tuple[_Node, float] | None]:
-        """Return the nodes at projections (n,) on the tangents that pass all tests."""
-        tests = _LocusPath.verification
-        assert isinstance(paths[0], _LocusPath)
-        locus = paths[0].locus
-        here = _points(ats)
-        tangents = here.tangents[:, :, 0]
+        self, rows: Rows, at: _Nodes, ways: Floats
+    ) -> tuple[_Nodes, NDArray[np.bool_], Floats]:
+        """See `Curves`, as the further methods."""
+        here, tangents = at.point, at.tangents
         parts = ways[:, None] * STEP_PARTS
         borders = np.repeat(tangents, 2, axis=0)
-        bends = np.array([at.bend for at in ats])
         turns = here.turns[:, :, 0]
         targets = np.sum(tangents * here.values, axis=1)[:, None] + parts
-        points = locus.correct(
-            taylor(here.values, tangents, bends, parts),
+        points = self.locus.correct(
+            taylor(here.values, tangents, at.bends, parts),
             taylor(here.motions, turns, np.zeros_like(turns), parts),
             borders[:, None],
             targets.reshape(-1, 1),
@@ -373,7 +318,7 @@ class _LocusPath(CurvePath[_Node]):
         )
         # A step is one of the motion too, which turns fast where curves pass each other.
         sizes = ways * np.hypot(1.0, np.linalg.norm(turns, axis=1))
-        good = points.good & tests.corrected(
+        good = points.good & self.tests.corrected(
             points.first_step, points.ratio, np.repeat(sizes, 2)
         )
         along = np.sum(points.tangents[:, :, 0] * borders, axis=1)
@@ -381,54 +326,56 @@ class _LocusPath(CurvePath[_Node]):
         before = np.repeat(_bordered(here, tangents), 2, axis=0)
         change = np.linalg.pinv(before) @ (_bordered(points, borders) - before)
         moved = np.linalg.norm(change, axis=(1, 2))
-        good &= tests.regular(moved, np.abs(along))
-        holds = np.all(good.reshape(-1, 2), axis=1)
-        last, middles = points.rows(slice(1, None, 2)), points.values[::2]
-        (some,) = np.nonzero(holds)
-        both = LocusPoints.joined([here.rows(some), last.rows(some)])
-        order = np.arange(2 * len(some)).reshape(2, -1).T.ravel()
-        chord = last.values - here.values
-        length = np.linalg.norm(chord, axis=1)
-        part = np.sum((middles - here.values) * chord, axis=1) / length**2
-        guess, _ = predict(both.rows(order), 2 * np.arange(len(some)), part[some])
-        wrong = np.max(np.abs(guess - middles[some]), axis=1, initial=0.0)
-        holds[some] = tests.predicted(wrong, ways[some], tests.slack)
-        bends = (last.tangents[:, :, 0] - tangents) / length[:, None]
-        inside = np.all(locus.closure.at(last.values[holds]).states.inside, axis=1)
-        most = np.max(moved.reshape(-1, 2), axis=1)
-        steps: list[tuple[_Node, float] | None] = [None] * len(ats)
-        for row, within in zip(
-            np.flatnonzero(holds).tolist(), inside.tolist(), strict=True
-        ):
-            node = _Node(last.rows(slice(row, row + 1)), bends[row], within)
-            steps[row] = node, float(most[row])
-        return steps
+        good &= self.tests.regular(moved, np.abs(along))
+        last = points.rows(slice(1, None, 2))
+        ahead = last.tangents[:, :, 0]
+        middles, slack = points.values[::2], self.tests.slack
+        holds = self.judged(_plain(here), _plain(last), middles, ways, good, slack)
+        length = np.linalg.norm(last.values - here.values, axis=1, keepdims=True)
+        inside = np.zeros(len(rows), dtype=bool)
+        states = self.locus.closure.at(last.values[holds]).states
+        inside[holds] = np.all(states.inside, axis=1)
+        bends = (ahead - tangents) / length
+        new = _Nodes(last.values, ahead, bends, last.residual, last, inside)
+        return new, holds, np.max(moved.reshape(-1, 2), axis=1)
 
-    def again(self, at: _Node, values: Floats) -> _Node | None:
-        """Return the start at values whole periods on, with the same singular motion."""
-        start = self.start.point
-        cosine = float(start.motions[0] @ at.point.motions[0])
-        if abs(cosine) < SAME_MOTION:
-            return None
-        sense = np.sign(cosine)
+    def again(self, start: _Nodes, at: _Nodes, values: Floats) -> _Nodes:
+        """Return starts with the sense of the singular motion here, where it is that."""
+        cosine = np.sum(start.point.motions * at.point.motions, axis=1)[:, None]
+        sense = np.where(np.abs(cosine) < SAME_MOTION, np.nan, np.sign(cosine))
         point = replace(
-            start,
-            values=values[None],
-            motions=sense * start.motions,
-            turns=sense * start.turns,
+            start.point,
+            values=sense**2 * values,
+            motions=sense * start.point.motions,
+            turns=sense[:, None] * start.point.turns,
         )
-        return _Node(point, self.start.bend)
+        return replace(start, values=point.values, point=point)
 
-    def within(self, step: float, node: _Node | None) -> bool:
-        """Return whether there is a node, and on the profiles; end the curve where not."""
-        if node is not None and not node.inside:
-            self.end = Status.OFF_PROFILE
-        return node is not None and node.inside
+    def within(
+        self, rows: Rows, step: Floats, new: _Nodes, holds: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """End curves that leave a profile."""
+        self.end[rows[holds & ~new.inside]] = Status.OFF_PROFILE
+        return holds & new.inside
 
-    def beyond(self) -> Status:
-        """Return AT_SINGULARITY beside a crossing of curves of the locus."""
-        flat = self.at.point.reciprocal_condition[0] < NEARLY_FLAT
-        return Status.AT_SINGULARITY if flat else Status.MODE_LOST
+    def stop(self, row: int) -> None:
+        """End a curve at its last node: at a singularity beside a crossing of curves."""
+        flat = self.at.point.reciprocal_condition[row] < NEARLY_FLAT
+        self.end[row] = Status.AT_SINGULARITY if flat else Status.MODE_LOST
+
+    def curve(self, ahead: int, behind: int) -> SingularCurve | None:
+        """Return the curve that was followed in both senses; None where no step holds."""
+        for row in (ahead, behind):
+            if self.closed[row]:
+                points, ends = self.nodes_of(row).point, (Status.OK, Status.OK)
+                return SingularCurve(self.locus, points, self.periods, True, ends)
+        back = self.nodes_of(behind).point.rows(slice(None, 0, -1))
+        there = self.nodes_of(ahead).point
+        points = LocusPoints.joined([_turned(back, -1.0), there])
+        if len(points) < 2:
+            return None
+        ends = Status(self.end[behind]), Status(self.end[ahead])
+        return SingularCurve(self.locus, points, self.periods, False, ends)
 
 
 TOGETHER = 16
