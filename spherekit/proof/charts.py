@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from spherekit.proof.equations import Equations
 from spherekit.proof.harmonics import Complexes
-from spherekit.proof.roots import contracted
 from spherekit.proof.tubes import ROUNDING, UP
 from spherekit.sphere.rotation import Floats
 
@@ -267,8 +266,11 @@ def _along(
 def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     """Return what is proven: to second order along the axes of tubes, bounded beyond.
 
-    All derivatives by z in `reach`, or by 1, are at most `constant`, on the axis `axis`,
-    times powers of `steps`, those by what is given of `turned` (S. Bernstein).
+    With miss >= |Y P| on the axis, slack >= |1 - Y P'| there and bend r >= |Y| |P'(y) - P'|
+    within r of it, y - Y P(y) takes a ball of radius r into itself and contracts if miss +
+    (slack + bend r) r < r and slack + bend r < 1 (L. Kantorovich, 1948). All derivatives by
+    z in `reach`, or by 1, are at most `constant`, on the axis `axis`, times powers of
+    `steps`, those by what is given of `turned` (S. Bernstein).
     """
     count, half = roots.z.shape[1], given.half
     values, first, by_given = values_at(made, roots)
@@ -318,8 +320,10 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     slack = np.max(np.sum(part, axis=2), axis=1, initial=0.0) * UP
     bend = np.einsum("nij,nj->ni", size, np.sum(bent, axis=(2, 3)))
     bend = np.max(bend, axis=1, initial=0.0) * UP
-    unique, slope, good = contracted(miss, slack, bend, WIDEST)
-    good &= regular
+    unique = np.minimum(WIDEST, 0.5 * (1.0 - slack) / bend)
+    slope = (slack + bend * unique) * UP
+    good = regular & np.isfinite(miss) & np.isfinite(bend) & (slack < 1.0)
+    good &= (slope < 1.0) & (miss < unique * (1.0 - slope) / UP)
     radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)
     width = np.minimum(miss / (1.0 - slope) * UP, unique)
     reach = (moved + width[:, None]) * UP

@@ -238,7 +238,17 @@ class Equations:
 
         All derivatives of order k are at most that times the k-th power of `degrees`.
         """
-        return self.norms(np.ones(self.variables))[1]
+        factors: dict[int, float] = {}
+        products = []
+        for step in self.construction.steps:
+            factors[step.link] = 1.0
+            if isinstance(step, Onto):
+                _, *ways = self.ranks.apart(*step.parents)
+                one, other = (prod(factors[link] for link in way) for way in ways)
+                sums = (one + other + one * other) * (1 + 16 * UNIT)
+                factors[step.link] = sums / self.putting[step.link].sine
+                products.append(one * other)
+        return np.array(products) * (1 + 64 * UNIT)
 
     @cached_property
     def degrees(self) -> Floats:
@@ -252,28 +262,6 @@ class Equations:
             self.construction.degrees,
             lambda angles: [jet[()][0, 0].real for jet in self.at(angles, 0)],
         )
-
-    def norms(self, stretch: Floats) -> tuple[dict[int, float], Floats]:
-        """Return bounds of the links' orientations and of f of each equation (equations,).
-
-        For angles whose imaginary parts are at most the log of `stretch` (variables,), 1
-        for real angles. Orientations are those in the link that `ranks` say.
-        """
-        factors: dict[int, float] = {}
-        products = []
-        for step in self.construction.steps:
-            if isinstance(step, Across):
-                factors[step.link] = float(stretch[step.variable] ** abs(step.turns))
-                continue
-            one, other = (
-                prod(factors[link] for link in way)
-                for way in self.ranks.apart(*step.parents)[1:]
-            )
-            both = one * other
-            sums = (one + other + both) * (1 + 16 * UNIT)
-            factors[step.link] = sums / self.putting[step.link].sine
-            products.append(both)
-        return factors, np.array(products) * (1 + 64 * UNIT)
 
 
 def _turned(parts: Rotation, turn: tuple[Ball, Ball], step: Across, order: int) -> Jet:

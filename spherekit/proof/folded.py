@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ from spherekit.proof.balls import (
 from spherekit.proof.construction import Across, Onto
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
-from spherekit.proof.roots import maps_inside
+from spherekit.proof.roots import zero_within
 from spherekit.proof.saddles import Quadrant, Saddle, saddle_near
 from spherekit.proof.tubes import Piece
 from spherekit.sphere.rotation import Floats
@@ -141,15 +141,10 @@ class Foldings:
         around = list(balls)
         for j in free:
             around[j] = wide(balls[j], BALL)
-        values, here = self._part(balls, rows, free)
-        _, slopes = self._part(around, rows, free)
-        inside = maps_inside(here, slopes, values, [BALL] * len(free))
-        return around if inside else None
-
-    def _part(self, balls: Sequence[Ball], rows: Sequence[int], free: Sequence[int]) -> Any:
-        """Return some equations (k, 1) and their slopes (k, k) by some variables."""
-        values, slopes = self.equations.arrays(balls)
-        return matrix(values[rows][:, None]), matrix(slopes[np.ix_(rows, free)])
+        values, _ = self.equations.arrays(balls)
+        _, slopes = self.equations.arrays(around)
+        over = matrix(slopes[np.ix_(rows, free)])
+        return around if zero_within(matrix(values[rows][:, None]), over) < BALL else None
 
 
 def _folding(equations: Equations, number: int, step: Onto) -> Folding | None:

@@ -1,11 +1,10 @@
-"""A ball with exactly one solution of the equations in it, by the Newton-Kantorovich test.
+"""A ball with exactly one solution of the equations in it, by the way that leads there.
 
-With x the centre, Y near the inverse of F'(x), b >= |Y F(x)|, a >= |1 - Y F'(x)| and
-k r >= |Y (F'(y) - F'(x))| for all y at most r from x (largest components, row sums),
-y - Y F(y) maps that ball into itself and contracts if b + (a + k r) r < r and a + k r < 1.
-It then has exactly one fixed point there, at most b / (1 - a - k r) from x, and Y is
-regular, so that fixed points are the solutions (L. Kantorovich, 1948; it is R. Krawczyk's
-test with the derivative's change bounded by a constant).
+Where F' is regular in all of a ball, F has one zero in it at most, as the difference of two
+values is a mean of F' times that of the places. From the centre x there is a way on which F
+falls evenly to 0, z' = -F'(z)^-1 F(x) (M. Davidenko, 1953). If with balls of F' over the
+whole ball its solutions are shorter than the ball's radius, the way ends within, and so
+at a zero, at most as far from the centre.
 """
 
 from collections.abc import Sequence
@@ -13,27 +12,27 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import (
     Ball,
     BallMatrix,
     complex_ball,
-    exact,
     inverse_near,
     lower,
     matrix,
     middle_of,
     precision,
+    solved,
     upper,
     wide,
 )
 from spherekit.proof.equations import Equations
-from spherekit.sphere.rotation import Floats
 
 WIDEST = 0.0625
-"""Largest radius (rad) of a ball looked at: the bounds of the derivatives are for it."""
+"""Largest radius (rad) of a ball looked at."""
+TRIED, SHRINK = 2, 0.25
+"""Radii tried, and how much smaller each is than the one before."""
 MARGIN = 4.0
 """A solution is said to be in a ball so much wider than proven, so that others see it."""
 STEPS = 80
@@ -57,13 +56,7 @@ class Root:
 
     def balls(self) -> list[Ball]:
         """Return balls of the angles that contain the solution."""
-        if self.real:
-            return [wide(ball.real, self.radius) for ball in self.centre]
-        both = [(ball.real, ball.imag) for ball in self.centre]
-        return [
-            complex_ball(wide(x, self.radius)) + _i() * wide(y, self.radius)
-            for x, y in both
-        ]
+        return [_around(angle, self.radius, self.real) for angle in self.centre]
 
     def apart(self, other: "Root") -> bool:
         """Return whether two solutions are proven different, up to whole turns."""
@@ -100,12 +93,13 @@ def root_near(
     x = [complex_ball(complex(angle)) for angle in near]
     for _ in range(STEPS):
         values, first = _at(equations, x, driven)
-        change = _step(values, first)
-        if change is None:
+        inverse = inverse_near(first)
+        if inverse is None:
             return None
+        change = (inverse * values).entries()
         x = [(angle - d).mid() for angle, d in zip(x, change, strict=True)]
         size = max(upper(d) for d in change)
-        if size < _unit():
+        if size < 2.0 ** (-precision() / 2):
             break
         if not size < 10.0:
             return None
@@ -118,22 +112,12 @@ def root_near(
     return _certified(equations, driven, x, False)
 
 
-def _unit() -> float:
-    """Return the spacing of centres at the present precision, as a float64 number."""
-    return float(2.0 ** (-precision() / 2))
-
-
 def _at(
     equations: Equations, x: Sequence[Ball], driven: Sequence[Ball]
 ) -> tuple[BallMatrix, BallMatrix]:
     """Return F (k, 1) and F' (k, k) at balls of the unknowns."""
     values, slopes = equations.arrays([*x, *driven])
     return matrix(values[:, None]), matrix(slopes[:, : equations.unknowns])
-
-
-def _step(values: BallMatrix, first: BallMatrix) -> list[Ball] | None:
-    inverse = inverse_near(first)
-    return None if inverse is None else list((inverse * values).entries())
 
 
 def _certified(
@@ -143,63 +127,42 @@ def _certified(
     inverse = inverse_near(first)
     if inverse is None:
         return None
-    count = equations.unknowns
-    miss = np.array([upper(ball) for ball in (inverse * values).entries()])
-    rest = (inverse * first).tolist()
-    contraction = [
-        sum(
-            upper(entry - (1 if row == column else 0))
-            for column, entry in enumerate(entries)
-        )
-        for row, entries in enumerate(rest)
-    ]
-    away = np.array([upper(ball.imag) for ball in x])
-    stretch = np.ones(equations.variables)
-    stretch[:count] = np.exp(away + 2 * WIDEST)
-    _, constant = equations.norms(stretch)
-    sums = np.sum(equations.construction.degrees[:, :count], axis=1)
+    degrees = equations.degrees[:, : equations.unknowns]
+    growth = np.exp(degrees @ [upper(ball.imag) for ball in x])
+    second = equations.bound * growth * np.sum(degrees, axis=1) ** 2
     rows = [[upper(entry) for entry in entries] for entries in inverse.tolist()]
-    bend = np.array(rows) @ (constant * sums * sums)
-    off = np.max(miss)
-    steep, bent = np.array(max(contraction)), np.max(bend)
-    unique, slope, good = (item.item() for item in contracted(off, steep, bent, WIDEST))
-    if not good:
-        return None
-    radius = min(max(MARGIN * float(off) / (1.0 - slope), 1e-300), unique)
-    if not real and not any(lower(ball.imag) > radius for ball in x):
-        return None
-    return Root(tuple(x), radius, unique, real)
+    # where derivatives may have changed by half
+    unique = min(WIDEST, 0.5 / float(np.max(np.array(rows) @ second)))
+    for _ in range(TRIED):
+        around = [_around(angle, unique, False) for angle in x]
+        off = zero_within(values, _at(equations, around, driven)[1])
+        if off < unique:
+            radius = min(max(MARGIN * off, 1e-300), unique)
+            if not real and not any(lower(ball.imag) > radius for ball in x):
+                return None
+            return Root(tuple(x), radius, unique, real)
+        unique *= SHRINK
+    return None
 
 
-def contracted(
-    miss: Floats, contraction: Floats, bend: Floats, widest: float
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return within what a solution is the only one, a + k r there, and if that is proven.
+def _around(angle: Ball, radius: float, real: bool) -> Ball:
+    """Return the ball of an angle's solution, of real numbers where it is real."""
+    if real:
+        return wide(angle.real, radius)
+    return complex_ball(wide(angle.real, radius)) + _i() * wide(angle.imag, radius)
 
-    `miss` is b, `contraction` a and `bend` k of the test.
+
+def zero_within(values: BallMatrix, over: BallMatrix) -> float:
+    """Return how far from the centre of balls there is a zero of F, infinity if unproven.
+
+    `values` are F at the centre, `over` F' anywhere within the balls. There is just one
+    zero in them if they are wider than this.
     """
-    up = 1.0 + 1e-12
-    miss, contraction, bend = miss * up, contraction * up, bend * up
-    unique = np.minimum(widest, 0.5 * (1.0 - contraction) / bend)
-    slope = (contraction + bend * unique) * up
-    good = np.isfinite(miss) & np.isfinite(bend) & (contraction < 1.0)
-    return unique, slope, good & (slope < 1.0) & (miss < unique * (1.0 - slope) / up)
-
-
-def maps_inside(
-    near: BallMatrix, over: BallMatrix, value: BallMatrix, sides: Sequence[float]
-) -> bool:
-    """Return whether Newton's map with the inverse of `near` takes a box into itself.
-
-    `over` are the slopes anywhere in the box, `value` F at its centre; `sides` are half
-    widths. Then F has one zero in the box (R. Krawczyk, 1969).
-    """
-    inverse = inverse_near(near)
+    inverse = inverse_near(over)
     if inverse is None:
-        return False
-    one = matrix(
-        [[int(row == column) for column in range(len(sides))] for row in range(len(sides))]
-    )
-    box = matrix([[wide(exact(0.0), side)] for side in sides])
-    image = ((one - inverse * over) * box - inverse * value).entries()
-    return all(upper(entry.real) < side for entry, side in zip(image, sides, strict=True))
+        return np.inf
+    try:
+        way = solved(inverse * over, inverse * values)
+    except ZeroDivisionError:
+        return np.inf
+    return max(upper(entry) for entry in way.entries())
