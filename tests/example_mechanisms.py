@@ -187,3 +187,11 @@ def two_four_bars():
     """Return two four-bars that share link 1: two freedoms, one in each loop."""
     edges = [(1, 2), (2, 3), (3, 4), (1, 4), (1, 5), (5, 6), (6, 7), (1, 7)]
     return mechanism(edges, random_axes(np.random.default_rng(0), len(edges)))
+
+
+def crank_rocker(base=60.0, crank=20.0, coupler=70.0, rocker=40.0, zero=0.0, **more):
+    """Return the four-bar of `built` with these arcs and this zero of the hinge (deg)."""
+    arcs = {"base": base, "crank": crank, "coupler": coupler, "rocker": rocker}
+    links = {link: {**LINKS[link], "arcs": [arc]} for link, arc in arcs.items()}
+    hinge = {"links": ["base", "rocker"], "zero": zero}
+    return built(links=links, pairs={**PAIRS, "hinge": hinge}, **more)

@@ -36,6 +36,14 @@ def body(random, link):
     )
 
 
+def heavy(name):
+    """Return a shipped mechanism without its loads, five points of mass in each link."""
+    made = sk.load(name)
+    random = np.random.default_rng(sum(map(ord, name)))
+    masses = tuple(body(random, link) for link in made.links if link != made.ground)
+    return replace(made, masses=masses, loads=())
+
+
 def loaded(name, random):
     """Return a shipped mechanism with masses on all links and loads of many kinds."""
     mechanism = sk.load(name)

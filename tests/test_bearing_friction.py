@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from chains import mechanism
 from multibody import Bearing, Hinge, MultiBody
-from newton_euler import body
+from newton_euler import heavy
 
 import spherekit as sk
 from spherekit.model.gears import geometry_of
@@ -86,18 +86,14 @@ CASES = {
 }
 
 
-def heavy(name):
-    random = np.random.default_rng(sum(map(ord, name)))
-    made = replace(sk.load(name), loads=())
-    masses = tuple(body(random, link) for link in made.links if link != made.ground)
-    return replace(made, masses=masses).with_inputs(
-        *([item.pair for item in made.inputs] or ["21"])
-    )
+def moving(name):
+    made = heavy(name)
+    return made.with_inputs(*([item.pair for item in made.inputs] or ["21"]))
 
 
 def test_friction_recovers_the_torque_that_drove_it():
     """The inverse problem, which finds friction with the torques, along a simulation."""
-    made = heavy("four_bar")
+    made = moving("four_bar")
     rub = sk.Bearings("rub", "41", (0.4, 0.9), 0.1, 0.8, speed=0.05)
     run = sk.run(
         made.with_loads(rub),
@@ -118,7 +114,7 @@ def test_friction_recovers_the_torque_that_drove_it():
 )
 def test_free_bodies_with_all_reactions_and_friction_move_the_same_way(name):
     q, dq, rubbing, until = CASES[name]
-    made = heavy(name)
+    made = moving(name)
     inputs = [item.pair for item in made.inputs]
     driven = inputs[0]
     rub = [

@@ -7,14 +7,12 @@ from dataclasses import replace
 import networkx as nx
 import numpy as np
 import pytest
-from chains import dyads_on
 from rerun.chunk import RrdReader
 
 import spherekit as sk
 from spherekit.analysis.registry import create
 from spherekit.analysis.running import expected, recording
-from spherekit.analysis.running.cost import Timer, counts_of
-from spherekit.analysis.running.expected import csv_row
+from spherekit.analysis.running.cost import counts_of
 from spherekit.analysis.study import needs_of, requests_for
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
@@ -265,28 +263,6 @@ def test_frames_and_zeros_stay_where_sizes_are_given():
             assert np.array_equal(own[name].to_numpy(), same[name].to_numpy()), name
 
 
-def test_random_chains_of_dyads_lose_what_hangs_on_them():
-    random = np.random.default_rng(5)
-    for _ in range(20):
-        places = []
-        for k in range(5):
-            one, other = random.choice(4 + 2 * k, 2, replace=False) + 1
-            places.append((int(one), int(other)))
-        made = dyads_on(random, places)
-        link = int(random.integers(5, 15))
-        need, waiting = set(), {link}
-        while waiting:
-            own = waiting.pop()
-            if own > 4 and (own - 5) // 2 not in need:
-                need.add((own - 5) // 2)
-                waiting |= set(places[(own - 5) // 2])
-        part = part_for(made, [made.link_number[str(link)]])
-        kept = {1, 2, 3, 4} | {2 * k + d for k in need for d in (5, 6)}
-        assert {int(name) for name in part.links} <= kept
-        assert {2 * k + d for k in need for d in (5, 6)} <= {int(n) for n in part.links}
-        assert plan_assembly(part).has_closed_form
-
-
 def test_only_needed_refuses_what_looks_at_the_whole(twelve):
     with pytest.raises(AnalysisError, match="looks at the whole mechanism"):
         sk.run("four_bar", "reactions", only_needed=True)
@@ -379,25 +355,6 @@ def test_what_is_not_known_is_not_predicted(capsys):
     assert "not predicted: the number of assembly modes, analysis singularities" in out
     assert main(["explain", "four_bar", "--samples", "2"]) == 0
     assert "sizes: not predicted; a run of 2 samples" in capsys.readouterr().out
-
-
-def test_a_stage_within_a_stage_counts_once():
-    ticks = iter(range(100))
-    ledger = Timer(lambda: float(next(ticks)))
-    with ledger.stage("outer"), ledger.stage("inner"):
-        pass
-    list(ledger.each("items", [1, 2]))
-    assert ledger.seconds == {"outer": 2.0, "inner": 1.0, "items": 3.0}
-    assert sum(ledger.closed().values()) == 11.0
-
-
-def test_mean_row_of_csv():
-    data = {
-        "sample": np.array([0, 1]),
-        "x": np.array([0.5, np.nan]),
-        "status": np.array([0, 0], dtype=np.int8),
-    }
-    assert csv_row(data, 100) == pytest.approx(1.9 + 1.5 + 2.0 + 3.0)
 
 
 class Counted:

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from common import bare
 from multibody import Hinge, Mesh, MultiBody
-from newton_euler import body, loaded, newton_euler
+from newton_euler import heavy, loaded, newton_euler
 from refusals import text_of
 
 import spherekit as sk
@@ -35,13 +34,6 @@ def laws_of(made, name):
         item.pair: Polynomial((q, 0.2 * (-1) ** k, 0.15, 0.1 * k))
         for k, (item, q) in enumerate(zip(made.inputs, STARTS[name], strict=True))
     }
-
-
-def heavy(name):
-    """Return a shipped mechanism with five points of mass in each link."""
-    random = np.random.default_rng(sum(map(ord, name)))
-    made = bare(name)
-    return replace(made, masses=tuple(body(random, link) for link in made.links[1:]))
 
 
 @pytest.mark.parametrize("name", STARTS)

@@ -15,6 +15,7 @@ from closed_forms import (
     four_bar_poles,
 )
 from exact_four_bar import angle as exact_angle
+from newton_euler import body
 from scipy.integrate import solve_ivp
 
 from spherekit.dynamics.forward import simulate
@@ -72,15 +73,8 @@ def test_without_heyoka_the_error_says_what_to_do(monkeypatch):
 def with_masses(mechanism):
     """Return a mechanism whose links have arbitrary physical tensors."""
     random = np.random.default_rng(3)
-    masses = []
-    for link in mechanism.links[1:]:
-        points = random.normal(size=(5, 3))
-        square = np.einsum("ni,nj->ij", points, points)
-        tensor = np.trace(square) * np.eye(3) - square
-        masses.append(
-            Mass(link, tuple(map(tuple, tensor.tolist())), 5.0, tuple(points.mean(0)))
-        )
-    return replace(mechanism, masses=tuple(masses), loads=())
+    masses = tuple(body(random, link) for link in mechanism.links[1:])
+    return replace(mechanism, masses=masses, loads=())
 
 
 def reference(mechanism, motion):

@@ -16,7 +16,6 @@ from spherekit.errors import EngineError, SolveError, SpherekitError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry
 from spherekit.motion.motion import Tracer
-from spherekit.proof import rows
 from spherekit.proof.balls import Digits, exactly, floats
 from spherekit.proof.linkage import left_inverse
 from spherekit.proof.rows import (
@@ -87,22 +86,6 @@ def test_four_bars_against_the_closed_form(name):
             for offset in offsets[1:]:
                 apart = (offset - offsets[0]) / (2 * mp.pi)
                 assert abs(apart - mp.nint(apart)) < 1e-46
-
-
-def test_the_zero_of_an_angle_is_the_number_given():
-    """A zero of 180 deg is float64's pi: the angle is off the closed form by the rest."""
-    motion = traced("four_bar", 5)
-    chosen = motion.sample == 1
-    found = exact_rows(motion, chosen, 0, FIFTY)
-    with mp.workdps(60):
-        q = mp.mpf(float(motion.inputs[chosen][0, 0]))
-        expected = [
-            angle(arcs_of(motion.mechanism), q, mode) + mp.pi - mp.mpf(np.pi)
-            for mode in (0, 1)
-        ]
-        for row in range(2):
-            value = found.values[row, 3]
-            assert min(abs(mp.expj(value) - mp.expj(x)) for x in expected) < 1e-46
 
 
 CHAINS = ("stephenson", "double_butterfly", "two_dof_spm", "five_bar", "planetary_bevel")
@@ -442,11 +425,6 @@ def test_fields_and_motions_of_reference_values(name):
         assert np.max(better.residual) < 1e-18 or name == "two_dof_spm"
     lost = replace(pairs[-1], status=np.full(4, Status.MODE_LOST, dtype=np.int8))
     assert np.all(exact_field(lost, wanted, given).status == Status.MODE_LOST)
-
-
-def test_radius_and_contraction_are_those_told():
-    assert rows.RADIUS == 1e-6
-    assert rows.CONTRACTION == 0.125
 
 
 def test_inertia_and_its_derivative():

@@ -8,7 +8,7 @@ from example_mechanisms import serial, unlike_legs
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.conventions import EPS, Status
+from spherekit.conventions import Status
 from spherekit.errors import FileError, ModelError, PlanError, SolveError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
@@ -153,72 +153,6 @@ def input_frames(made):
     """Frames of all pairs in both links, by name."""
     joints = geometry_of(made).joints
     return {p.name: (j.first, j.second) for p, j in zip(made.pairs, joints, strict=True)}
-
-
-def platform_from_cranks(made, inputs, start, steps=8):
-    """The platform of a 3-RRR by Newton's method on b_i . R c_i = cos(arc_i)."""
-    frames = input_frames(made)
-    sizes = made.geometry.links
-    b, c, cosines = [], [], []
-    for leg in range(3):
-        first, second = frames[f"a{leg + 1}"]
-        angle = inputs[:, leg]
-        z = np.zeros((len(angle), 3, 3))
-        z[:, 0, 0] = z[:, 1, 1] = np.cos(angle)
-        z[:, 1, 0] = np.sin(angle)
-        z[:, 0, 1] = -z[:, 1, 0]
-        z[:, 2, 2] = 1.0
-        b.append(first @ z @ second.T @ frames[f"b{leg + 1}"][0][:, 2])
-        c.append(frames[f"c{leg + 1}"][1][:, 2])
-        cosines.append(np.cos(sizes[f"coupler{leg + 1}"].arcs[0]))
-    b = np.stack(b, axis=1)
-    rotation = start
-    for _ in range(steps):
-        ends = rotation @ np.array(c).T
-        ends = np.swapaxes(ends, 1, 2)
-        gap = np.sum(b * ends, axis=2) - cosines
-        rows = np.cross(ends, b)
-        turn = np.linalg.solve(rows, -gap[..., None])[..., 0]
-        turn *= 0.3 / np.maximum(0.3, np.linalg.norm(turn, axis=1))[:, None]
-        rotation = Rotation.from_rotvec(turn).as_matrix() @ rotation
-    return rotation
-
-
-@pytest.mark.parametrize("name", ["three_rrr", "agile_eye"])
-@pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.long)])
-def test_the_platform_returns_from_every_working_mode(name, count):
-    """Random orientations, all eight modes, forward by Newton's method on three arcs."""
-    made = sk.load(name)
-    poses = random_rotations(count, 4)
-    inverse = InverseKinematics(made).at(poses)
-    assert len(inverse.modes) == 8
-    reached = np.zeros(8, dtype=int)
-    for k in range(8):
-        good = (inverse.status[k] == Status.OK) & (inverse.type_2[k] > 0.02)
-        reached[k] = np.sum(good)
-        nudge = Rotation.random(reached[k], random_state=k).as_rotvec() * 1e-3
-        start = Rotation.from_rotvec(nudge).as_matrix() @ poses[good]
-        back = platform_from_cranks(made, inverse.inputs[k][good], start)
-        gap = np.max(np.abs(back - poses[good]), axis=(1, 2))
-        assert np.max(gap * inverse.type_2[k][good]) < 1e-14
-        assert np.max(gap[inverse.type_2[k][good] > 0.2]) < 1e-13 / 5
-    assert np.all(reached > 0.4 * count)
-
-
-@pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.long)])
-def test_the_pointing_direction_returns_from_every_working_mode(count):
-    """Random directions, all four modes of the five-bar, forward by its dyad."""
-    made = sk.load("five_bar")
-    poses = random_rotations(count, 6)[:, :, 2]
-    inverse = InverseKinematics(made).at(poses)
-    forward = ForwardKinematics(made)
-    assert len(inverse.modes) == 4
-    for k in range(4):
-        good = inverse.status[k] == Status.OK
-        assert np.mean(good) > 0.5
-        back = forward.at(inverse.inputs[k][good]).directions
-        gap = np.min(np.max(np.abs(back - poses[good]), axis=2), axis=0)
-        assert np.max(gap * np.minimum(inverse.type_2[k][good], 0.5)) < 1e-14
 
 
 def test_forward_of_inverse_and_inverse_of_forward_for_unlike_legs():
@@ -491,56 +425,6 @@ def mid_plane_pose(directions):
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
     return normal, mirror @ MIRRORED
-
-
-def mid_plane_direction(made, inputs):
-    """What the inputs make P point at: B2 and B5 span the mid-plane (eqs. 10, 11)."""
-    frames = input_frames(made)
-    first, second = frames["21"]
-    turn = Rotation.from_euler("z", -inputs[:, 0, None]).as_matrix()
-    b2 = second @ turn @ first.T @ frames["32"][0][:, 2]
-    first, second = frames["61"]
-    turn = Rotation.from_euler("z", inputs[:, 1, None]).as_matrix()
-    b5 = first @ turn @ second.T @ frames["65"][1][:, 2]
-    normal = np.cross(b2, b5)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal /= length
-    return Q - 2 * normal * (normal @ Q)[:, None], length[:, 0]
-
-
-@pytest.mark.parametrize("count", [3000, pytest.param(100_000, marks=pytest.mark.long)])
-def test_the_mid_plane_mechanism_returns_from_every_working_mode(count):
-    """Dyads and one bar, closed next to the pose, against the law of the mid-plane."""
-    made = sk.load("two_dof_spm")
-    kinematics = InverseKinematics(made)
-    assert not kinematics.has_closed_form
-    assert kinematics.legs[-1].startswith("bar of")
-    assert len(kinematics.modes) == 32
-    tilt = np.random.default_rng(14).uniform(0.2, 1.6, count)
-    around = np.random.default_rng(15).uniform(-np.pi, np.pi, count)
-    frame = np.stack([[1.0, 0, 0], np.cross(Q, [1.0, 0, 0]), Q], axis=1)
-    directions = pointing(np.stack([around, tilt], axis=1)) @ frame.T
-    _, known = mid_plane_pose(directions)
-    nudge = 1e-3 * np.random.default_rng(16).normal(size=count)[:, None] * directions
-    near = Rotation.from_rotvec(nudge).as_matrix() @ known
-    inverse = kinematics.at(directions, near=near, normals=True)
-    found, worst = set(), 0.0
-    for k, signs in enumerate(inverse.modes):
-        good = (inverse.status[k] == Status.OK) & (inverse.type_2[k] > 0.05)
-        good &= (inverse.type_1[k].min(axis=1) > 0.05) & (inverse.margin[k] > 0.02)
-        back, spread = mid_plane_direction(made, inverse.inputs[k][good])
-        gap = np.max(np.abs(back - directions[good]), axis=1)
-        mine = gap < 1e-6
-        if np.mean(mine[:200]) > 0.5:
-            found.add(signs[:2])
-        slope = np.minimum(np.abs(inverse.slope[k][good]), 1.0)
-        worst = max(worst, np.max((gap * spread * slope)[mine], initial=0.0))
-        failed = (inverse.status[k] != Status.OK) & (
-            inverse.status[k] != Status.AT_SINGULARITY
-        )
-        assert np.all(np.isnan(inverse.inputs[k][failed]))
-    assert len(found) == 4
-    assert worst < 2000 * EPS  # rounding, over measures of at least 0.05
 
 
 def test_every_turn_of_the_mid_plane_mechanism_is_found():

@@ -1,10 +1,8 @@
 """A locked pair makes one link of two: poses, inertia and loads as with it held."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from newton_euler import body
+from newton_euler import body, heavy
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -23,11 +21,9 @@ CASES = {
 }
 
 
-def heavy(name):
-    random = np.random.default_rng(sum(map(ord, name)))
-    made = sk.load(name)
-    masses = tuple(body(random, link) for link in made.links[1:])
-    return replace(made, masses=masses).with_loads(
+def pulled(name):
+    made = heavy(name)
+    return made.with_loads(
         sk.Gravity("weight", (1.0, -2.0, -9.0)),
         sk.PairTorque("pull", made.pairs[1].name, f"0.3 - theta_{CASES[name][0]}"),
     )
@@ -38,7 +34,7 @@ def heavy(name):
 )
 def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
     pair, value, others = CASES[name]
-    made = heavy(name)
+    made = pulled(name)
     locked = sk.lock(made, {pair: value}, angle_unit="rad")
     assert len(locked.links) == len(made.links) - 1
     assert len(locked.inputs) == len(made.inputs) - 1

@@ -167,24 +167,6 @@ def test_dead_centre_itself_closes_but_has_no_rates():
     assert last["velocity_coefficient"].isna().all()
 
 
-def test_the_same_motion_in_blocks_and_at_once():
-    for name in ("stephenson", "double_butterfly", "shaped_cam"):
-        tracer = Tracer(sk.load(name), search=False, samples=50)
-        count = len(tracer.assembly_modes)
-        whole = tracer.motion()
-        parts = list(tracer.blocks(size=7))
-        assert [len(part) for part in parts] == [7 * count] * 7 + [count]
-        shape = (count, 50, -1)
-        joined = np.concatenate(
-            [part.values.reshape(count, part.samples, -1) for part in parts], axis=1
-        )
-        turned = np.concatenate(
-            [part.rotations.reshape(count, part.samples, -1) for part in parts], axis=1
-        )
-        assert np.allclose(joined, whole.values.reshape(shape), rtol=0, atol=1e-13)
-        assert np.allclose(turned, whole.rotations.reshape(shape), rtol=0, atol=1e-13)
-
-
 def test_arcs_that_cannot_close_are_refused_with_the_group():
     with pytest.raises(SolveError, match="arcs cannot close: the dyad of pairs 32, 43, 41"):
         sk.trace(four_bar(np.radians([20.0, 30.0, 100.0, 20.0])))

@@ -187,26 +187,6 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
         assert abs(abs(field.velocity_coefficient[0, 2][1]) - 1.0) < 1e-13
 
 
-def test_pruned_request_gives_the_same_numbers():
-    made = sk.load("double_butterfly")
-    _, whole = field_of(made, samples=25, search=False)
-    for pole in ((0, 3), (2, 6)):
-        _, small = field_of(made, samples=25, search=False, wanted=[pole])
-        assert np.allclose(small.direction[pole], whole.direction[pole], rtol=0, atol=1e-11)
-        assert np.allclose(
-            small.velocity_coefficient[pole],
-            whole.velocity_coefficient[pole],
-            rtol=0,
-            atol=1e-11,
-        )
-        assert np.allclose(
-            small.acceleration_coefficient[pole],
-            whole.acceleration_coefficient[pole],
-            rtol=0,
-            atol=1e-9,
-        )
-
-
 def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
     """Many passes over random axes multiply rounding; the equations do not."""
     random = np.random.default_rng(5)

@@ -50,13 +50,6 @@ def test_annulus_and_its_hole():
     assert {boundary.gap for boundary in region.boundaries} == {0, 1}
 
 
-def test_thin_annulus():
-    exact = cap_area(0.3) - cap_area(0.297)
-    region = find_region(caps([[1, 2, 3]] * 2, [0.3, 0.297], [True, False]), 1e-6)
-    assert abs(region.area - exact) <= region.error < 1e-6
-    assert len(region.holes) == 1
-
-
 @pytest.mark.parametrize("angle", [0.05, 1.0, 3.0])
 def test_lune(angle):
     normals = [[1, 0, 0], [-np.cos(angle), np.sin(angle), 0]]

@@ -15,7 +15,6 @@ from spherekit.planning.poles import all_poles
 from spherekit.rates.field import evaluate
 from spherekit.rates.request import (
     ROUTES,
-    SignMemory,
     request,
 )
 
@@ -85,20 +84,6 @@ def test_all_routes_agree_where_all_are_sharp(name):
                 ):
                     gap = (ours[pole][rows][known]) - side * theirs[pole][rows][known]
                     assert np.max(np.abs(gap), initial=0.0) < 1e-9 * scale, (route, pole)
-
-
-@pytest.mark.parametrize("route", ROUTES)
-def test_blocks_of_samples_give_what_the_whole_gives(route):
-    tracer = Tracer(sk.load("four_bar"), samples=41)
-    wanted = asked(tracer, "21")
-    whole = evaluate(tracer.motion(), wanted, route=route)
-    memory = SignMemory()
-    parts = [evaluate(motion, wanted, memory, route) for motion in tracer.blocks(size=20)]
-    for pole in wanted.poles:
-        for k in range(2):
-            rows = [part.velocity_coefficient[pole].reshape(2, -1)[k] for part in parts]
-            mine = whole.velocity_coefficient[pole].reshape(2, -1)[k]
-            np.testing.assert_allclose(np.concatenate(rows), mine, rtol=1e-11)
 
 
 @pytest.mark.parametrize("route", ["first", "conditioned"])

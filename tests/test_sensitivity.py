@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from example_mechanisms import crank_rocker
 from refusals import text_of
 
 import spherekit as sk
@@ -179,35 +180,6 @@ def test_transmission_angles_are_the_same_from_variables_and_in_closed_form():
                 assert np.radians(row[f"low_{k}"]) == pytest.approx(near, abs=1e-10)
 
 
-def test_derivatives_by_profiles_of_a_cam_are_those_of_differences():
-    mechanism = sk.load("roller_cam")
-    keys = ["pairs.contact.profiles.cam.radius", "links.frame.arc"]
-    quantities = ["theta_follower_pivot", "rate_follower_pivot"]
-    sensitivity = Sensitivity(mechanism, keys, quantities)
-    motion = sk.trace(mechanism, samples=5)
-    _, gradients = sensitivity.at(samples_of(motion), motion.values)
-    _, by_arc = Sensitivity(mechanism, keys[1:], quantities).at(
-        samples_of(motion), motion.values
-    )
-    assert gradients[1] == pytest.approx(by_arc[0], rel=1e-9, abs=1e-9)
-    document, h = document_of("roller_cam"), 1e-3
-    ends = []
-    for step in (h, -h):
-        made = read(with_numbers(document, {number_path(document, keys[0]): 25.0 + step}))
-        here = sk.evaluate(made, motion.q[:5])
-        pair = "follower_pivot"
-        ends.append(np.stack([here.variable(pair), here.variable_coefficient(pair)]))
-    slope = (ends[0] - ends[1]) / (2.0 * np.radians(h))
-    assert gradients[0] == pytest.approx(slope, rel=1e-6, abs=1e-7)
-    drawn = sensitivity.scattered(
-        samples_of(motion), motion.values, np.radians([[1e-4, -1e-4], [0.0, 0.0]])
-    )
-    first_order = gradients[0] * 2.0 * np.radians(1e-4)
-    assert drawn[:, :, 0] - drawn[:, :, 1] == pytest.approx(
-        first_order, rel=1e-5, abs=1e-12
-    )
-
-
 def test_defaults_and_mistakes():
     assert sizes_of(sk.load("stephenson"))[:2] == ("links.1.arcs.14", "links.1.arcs.16")
     assert len(sizes_of(sk.load("double_butterfly"))) == 20
@@ -375,23 +347,7 @@ BESIDE_A_DEAD_CENTRE = {"base": 179.9, "crank": 30.0, "coupler": 100.0, "rocker"
 
 def stretched():
     """Return a four-bar that reaches 1e-3 rad beyond a quarter of a turn."""
-    return sk.build(
-        "stretched",
-        angle_unit="deg",
-        ground="base",
-        links={
-            "base": {"axes": ["drive", "hinge"], "arcs": [179.9]},
-            "crank": {"axes": ["drive", "tip"], "arcs": [30]},
-            "coupler": {"axes": ["tip", "joint"], "arcs": [100]},
-            "rocker": {"axes": ["hinge", "joint"], "arcs": [110]},
-        },
-        pairs={
-            "drive": ["base", "crank"],
-            "tip": ["crank", "coupler"],
-            "joint": ["coupler", "rocker"],
-            "hinge": ["base", "rocker"],
-        },
-    )
+    return crank_rocker(**BESIDE_A_DEAD_CENTRE)
 
 
 def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
@@ -489,31 +445,15 @@ def test_a_pose_has_the_sizes_of_its_links(name):
 
 def acted_on(stiffness=3.0, rest=40.0, tensor=0.4):
     """Return a four-bar with a coil and inertia."""
-    made = stretched().with_sizes(angle_unit="deg", arcs={"base": 60.0, "crank": 25.0})
-    return sk.build(
-        "acted_on",
-        angle_unit="deg",
-        ground="base",
-        links={
-            link: {"axes": list(sizes.axes), "arcs": np.degrees(sizes.arcs).tolist()}
-            for link, sizes in made.geometry.links.items()
-        },
-        pairs={pair.name: list(pair.links) for pair in made.pairs},
+    coil = {"kind": "spring", "pair": "hinge", "stiffness": stiffness, "rest": rest}
+    return crank_rocker(
+        **{**BESIDE_A_DEAD_CENTRE, "base": 60.0, "crank": 25.0},
         inputs={"drive": (0, 360)},
         mass={
-            "rocker": {"tensor": [[1.0, 0.0, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, tensor]]},
-            "coupler": {
-                "tensor": [[0.5, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.0, 0.3]],
-            },
+            "rocker": {"tensor": np.diag([1.0, 0.9, tensor]).tolist()},
+            "coupler": {"tensor": np.diag([0.5, 0.4, 0.3]).tolist()},
         },
-        loads={
-            "coil": {
-                "kind": "spring",
-                "pair": "hinge",
-                "stiffness": stiffness,
-                "rest": rest,
-            },
-        },
+        loads={"coil": coil},
         outputs={"out": {"link": "rocker"}},
     )
 

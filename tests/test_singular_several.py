@@ -327,27 +327,6 @@ def test_derivatives_of_measures_are_exact():
         assert 50.0 < misses[0] / misses[1] < 200.0
 
 
-def test_locked_pairs_hold_their_value():
-    made = sk.load("three_rrr")
-    tracer = Tracer(made, samples=3)
-    motion = tracer.motion()
-    values = motion.values[~motion.failed][0]
-    closure = tracer.solver.closure
-    one, two, _ = tracer.solver.driven
-    once = lock(closure, {one: values[one]})
-    twice = lock(once.closure, {once.kept.index(two): values[two]})
-    left = once.whole(
-        twice.whole(values[None][:, [once.kept[k] for k in twice.kept]])[
-            :, list(range(len(once.kept)))
-        ]
-    )
-    assert np.array_equal(left[0], values)
-    at = twice.closure.at(values[None][:, [once.kept[k] for k in twice.kept]])
-    assert np.max(at.gap) < 1e-13
-    assert at.jacobian.shape[1:] == (6, 7)
-    assert np.linalg.matrix_rank(at.jacobian[0]) == 6
-
-
 SIZES = (80.0, (70.0, 45.0), (60.0, 55.0))
 """Base arc, and crank and coupler of both legs (deg), of a five-bar."""
 

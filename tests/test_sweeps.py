@@ -14,6 +14,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from common import bare
+from example_mechanisms import crank_rocker
 from refusals import text_of
 
 import spherekit as sk
@@ -721,25 +722,13 @@ def test_a_mechanism_that_states_no_input_is_driven_as_in_runs():
 
 def wound_up(pair, zero=0.0, range_=(0.0, 360.0), crank=20):
     """Return a four-bar with a coil whose rest is not where its angle begins anew."""
-    return sk.build(
-        "wound_up",
-        angle_unit="deg",
-        ground="base",
-        links={
-            "base": {"axes": ["drive", "hinge"], "arcs": [60]},
-            "crank": {"axes": ["drive", "tip"], "arcs": [crank]},
-            "coupler": {"axes": ["tip", "joint"], "arcs": [70]},
-            "rocker": {"axes": ["hinge", "joint"], "arcs": [40]},
-        },
-        pairs={
-            "drive": ["base", "crank"],
-            "tip": ["crank", "coupler"],
-            "joint": ["coupler", "rocker"],
-            "hinge": {"links": ["base", "rocker"], "zero": zero},
-        },
+    coil = {"kind": "spring", "pair": pair, "stiffness": 2.0, "rest": 30.0}
+    return crank_rocker(
+        crank=crank,
+        zero=zero,
         inputs={"drive": range_},
         mass={"rocker": {"tensor": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 0.5]]}},
-        loads={"coil": {"kind": "spring", "pair": pair, "stiffness": 2.0, "rest": 30.0}},
+        loads={"coil": coil},
     )
 
 
