@@ -26,6 +26,7 @@ from spherekit.design.all_solutions import (
     settled,
     tracked,
 )
+from spherekit.design.profile_numbers import followed
 from spherekit.engine.design_kernel import (
     Numbers,
     PathKernel,
@@ -361,7 +362,13 @@ class _Following:
         taken: Flags,
     ) -> None:
         """Set in which rows of a sample real ways of rows end; each is taken once."""
-        values, reached = self._walked(at, rows, *ends)
+        start, stop = ends
+        sizes = self.sizes[:, rows]
+        turned = dict(zip(self.kernel.driven, stop - start, strict=True))
+        begun = np.ascontiguousarray(at.values[:, rows].real)
+        values, reached = followed(
+            self.kernel, begun, sizes, np.zeros_like(sizes), turned=turned
+        )
         for row, end in zip(rows[reached], values[:, reached].T, strict=True):
             other = self._at(sample, row // self.m, end)
             if other < 0 or taken[other]:
@@ -379,45 +386,6 @@ class _Following:
         gaps = apart(sample.values[:, of_design].real, end[:, None])
         best = int(np.argmin(gaps))
         return int(of_design[best]) if gaps[best] < STAYS else -1
-
-    def _walked(
-        self, at: _Sample, rows: NDArray[np.intp], start: Floats, stop: Floats
-    ) -> tuple[Floats, Flags]:
-        """Return where real ways (variables, n) of rows lead to, and which of them hold."""
-        kernel, n = self.kernel, len(rows)
-        now = np.ascontiguousarray(at.values[:, rows].real)
-        way = stop - start
-        rates = np.ascontiguousarray(at.along(way)[:, rows].real)
-        sign = np.sign(at.determinant[rows].real)
-        t, step = np.zeros(n), np.full(n, 0.5)
-        prepared = np.ascontiguousarray(self.prepared[:, rows])
-        active = np.arange(n)
-        with np.errstate(all="ignore"):
-            while len(active):
-                there = np.minimum(t[active] + step[active], 1.0)
-                h = there - t[active]
-                of_active = np.ascontiguousarray(prepared[:, active])
-                guess = now[:, active] + rates[:, active] * h
-                guess[kernel.driven] = start[:, None] + there * way[:, None]
-                made, first, second = corrected(kernel, guess, of_active)
-                here = kernel.at(made, of_active)
-                made = made + here.step
-                moved = np.max(np.abs(made - now[:, active]), axis=0)
-                onto = _onward(way, here.rates)
-                turn = _cosine(onto, rates[:, active])
-                good = (
-                    (first <= RIGHT * moved + TINY)
-                    & (second <= CONTRACTS * first + TINY)
-                    & (np.sign(here.determinant) == sign[active])
-                    & (turn > TURN)
-                )
-                onward = active[good]
-                now[:, onward], rates[:, onward] = made[:, good], onto[:, good]
-                t[onward] = there[good]
-                step[active[~good]] *= 0.5
-                step[onward] *= 1.5
-                active = active[(t[active] < 1.0) & (step[active] >= SMALLEST)]
-        return now, t >= 1.0
 
 
 def _smooth(

@@ -11,7 +11,7 @@ from spherekit.design.all_solutions import SAME, apart
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.profile_numbers import followed
 from spherekit.design.sensitivity import DesignAt
-from spherekit.engine.design_kernel import NewtonKernel, newton_kernel
+from spherekit.engine.design_kernel import PathKernel, path_kernel
 from spherekit.errors import SpherekitError
 from spherekit.sphere.rotation import Floats
 
@@ -48,7 +48,7 @@ class FollowedMode:
     """
 
     label: str
-    newton: NewtonKernel
+    newton: PathKernel
     design: DesignAt
     configurations: Floats
 
@@ -101,8 +101,8 @@ class HeldModes:
         self._evaluator = evaluator
 
     @cached_property
-    def _newton(self) -> NewtonKernel:
-        return newton_kernel(self._evaluator.varied.terms())
+    def _newton(self) -> PathKernel:
+        return path_kernel(self._evaluator.varied.terms(), alone=True)
 
     @property
     def are_followed(self) -> bool:

@@ -6,13 +6,14 @@ Configurations that follow from one design to another, in steps that do not leap
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
+from types import MappingProxyType
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.design.variables import ACTIONS, DesignVariable, designed, slope_by
-from spherekit.engine.design_kernel import NewtonKernel
+from spherekit.engine.design_kernel import At, PathKernel
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.gears import TOUCHING, geometry_of
@@ -66,12 +67,13 @@ NaN where there is no design."""
 
 
 def followed(
-    newton: NewtonKernel,
+    newton: PathKernel,
     start: Floats,
     sizes: Floats,
     away: Floats,
     profiles: Profiles | None = None,
     short: bool = False,
+    turned: Mapping[int, float] = MappingProxyType({}),
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the variables (v, m) that follow to sizes (k, m), and which get there.
 
@@ -89,6 +91,8 @@ def followed(
         Whether ways are those of small deviations. They end at a fold that is foreseen
         twice: there the square of the determinant falls to zero linearly. Others are
         followed up to it, in steps that shrink more.
+    turned
+        By how much inputs turn along the way (rad), by their variables.
 
     Notes
     -----
@@ -96,7 +100,7 @@ def followed(
     determinant of the closure equations changes its sign, so that none leaps to another
     assembly mode.
     """
-    ways = _Ways(newton, start, sizes, away, profiles, short)
+    ways = _Ways(newton, start, sizes, away, profiles, short, turned)
     while len(left := np.flatnonzero((ways.gone < 1.0) & (ways.part >= SHORTEST))):
         for some in _blocks(left):
             ways.advance(some)
@@ -120,12 +124,13 @@ class _Ways:
 
     def __init__(
         self,
-        newton: NewtonKernel,
+        newton: PathKernel,
         start: Floats,
         sizes: Floats,
         away: Floats,
         profiles: Profiles | None,
         short: bool,
+        turned: Mapping[int, float],
     ) -> None:
         self.newton, self.profiles, self.short = newton, profiles, short
         self.start, self.sizes, self.away = start, sizes, away
@@ -135,10 +140,15 @@ class _Ways:
         self.slope, self.side, self.squares = np.zeros_like(start), np.zeros(m), np.zeros(m)
         for some in _blocks(np.arange(m)):
             soon = np.full(len(some), SOON)
-            begun = self._step(start[:, some], self._prepared(some, soon), some, soon)
-            finite = np.all(np.isfinite(begun), axis=0)
-            self.slope[:, some] = np.where(finite, begun[:-2] / SOON, 0.0)
-            self.side[some], self.squares[some] = np.sign(begun[-2]), begun[-2] ** 2
+            onward = start[:, some].copy()
+            for variable, turn in turned.items():
+                onward[variable] += SOON * turn
+            begun = self._step(onward, self._prepared(some, soon), some, soon)
+            moved = onward - start[:, some] + begun.step
+            finite = np.all(np.isfinite([*moved, begun.determinant]), axis=0)
+            self.slope[:, some] = np.where(finite, moved / SOON, 0.0)
+            self.side[some] = np.sign(begun.determinant)
+            self.squares[some] = begun.determinant**2
 
     def advance(self, some: NDArray[np.intp]) -> None:
         """Try the next parts of some ways; they become shorter where these do not hold."""
@@ -194,14 +204,13 @@ class _Ways:
 
     def _step(
         self, now: Floats, prepared: Floats, rows: NDArray[np.intp], ahead: Floats
-    ) -> Floats:
-        """Return Newton's step at variables (v, k), determinant, square of the misfit."""
-        placed = [now]
+    ) -> At:
+        """Return the equations at variables (v, k)."""
+        rest = prepared
         if self.profiles is not None:
-            placed.append(self.profiles(now, rows, ahead))
+            rest = np.concatenate([self.profiles(now, rows, ahead), prepared])
         with np.errstate(all="ignore"):
-            given = np.ascontiguousarray(np.concatenate([*placed, prepared]))
-            return np.asarray(self.newton.step(given))
+            return self.newton.at(now, rest)
 
     def _corrected(
         self, rows: NDArray[np.intp], ahead: Floats
@@ -223,19 +232,19 @@ class _Ways:
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):
                 now = made if len(left) == len(rows) else made[:, left]
-                result = self._step(now, prepared, rows[left], ahead[left])
-                step, off = result[:-2], result[-1]
+                here = self._step(now, prepared, rows[left], ahead[left])
+                step = here.step
                 length = np.sqrt(np.einsum("vk,vk->k", step, step))
                 shrinks = goes_on & (length <= np.maximum(self.shrinking * before, STILL))
                 shrunk = np.where(goes_on & (length > STILL), length / before, 0.0)
                 shrank[left] = np.maximum(shrank[left], shrunk)
                 still = length * (length / before) ** 2 < enough[left]
-                still &= off <= (MISSED * length) ** 2
-                ends = shrinks & (still | (off < CLOSED**2))
-                same_side = np.sign(result[-2]) == self.side[rows[left]]
+                still &= here.open <= (MISSED * length) ** 2
+                ends = shrinks & (still | (here.open < CLOSED**2))
+                same_side = np.sign(here.determinant) == self.side[rows[left]]
                 holds[left[ends & same_side]] = True
                 made[:, left[shrinks]] += step[:, shrinks]
-                determinant[left[goes_on]] = result[-2, goes_on]
+                determinant[left[goes_on]] = here.determinant[goes_on]
                 goes_on, before = shrinks & ~ends, length
                 if not np.any(goes_on):
                     break

@@ -35,9 +35,9 @@ from spherekit.design.variables import (
 )
 from spherekit.engine.design_kernel import (
     DesignKernel,
-    NewtonKernel,
+    PathKernel,
     design_kernel,
-    newton_kernel,
+    path_kernel,
 )
 from spherekit.engine.hinges import Hinged, hinged
 from spherekit.engine.row_quantities import (
@@ -410,8 +410,8 @@ class Sensitivity:
         return design_kernel(self._terms, self.quantities, compiled=False)
 
     @cached_property
-    def _newton(self) -> NewtonKernel:
-        return newton_kernel(self._terms, compiled=False)
+    def _newton(self) -> PathKernel:
+        return path_kernel(self._terms, compiled=False, alone=True)
 
     def _placed(self, values: Floats) -> Floats:
         """Return the variables (n, v) that the kernel has, from those of a motion."""

@@ -29,7 +29,6 @@ from spherekit.engine.expression_graph import (
     symbols,
 )
 from spherekit.engine.kinematics import (
-    answers,
     misfits,
     newton_step,
     openness,
@@ -221,36 +220,6 @@ def _made(
     return make
 
 
-@final
-@dataclass(frozen=True)
-class NewtonKernel:
-    """Newton's step towards closed loops, for designs in rows.
-
-    `prepare` as in `DesignKernel`; `step` takes the variables of all pairs and what is
-    prepared to the changes of the variables, the input at rest, then to the determinant
-    of the closure equations, and to the square of the misfit (rad2).
-    """
-
-    prepare: CompiledFunction | ArrayFunction
-    step: CompiledFunction | ArrayFunction
-
-
-def newton_kernel(terms: DesignTerms, compiled: bool = True) -> NewtonKernel:
-    """Return the kernel of Newton's step; `terms` are of variables, not of signs."""
-    off = misfits(terms.structure, terms.links, terms.variables)
-    change, determinant = newton_step(terms.structure, terms.links, off)
-    square: Expr = 0.0
-    for misfit in off.values():
-        square = square + dot(misfit, misfit)
-    moving = [*terms.places, *terms.handed_in]
-    row_terms, fixed = hoisted([*change, determinant, square], moving, "design_")
-    make = _made(compiled)
-    return NewtonKernel(
-        make(list(fixed.values()), terms.sizes),
-        make(row_terms, [*moving, *fixed]),
-    )
-
-
 def arc_function(
     mechanism: Mechanism,
     variables: Sequence[str],
@@ -301,15 +270,16 @@ class PathKernel:
     """Newton's step and the rates of a topology whose sizes are inputs.
 
     `prepare` takes the sizes (sizes, n) to what is the same at all samples of a design,
-    `real` and `complex` variables and these to `At`; `turning` to the triple products that
-    dyads are named by, `groups` has ``+`` for each of them and ``~`` for other groups.
+    `real` and `complex` variables, the columns of profiles that are handed in, and these to
+    `At`; `turning` to the triple products that dyads are named by, `groups` has ``+`` for
+    each of them and ``~`` for other groups. `driven` are the inputs that rates are by.
     """
 
     variables: int
     driven: list[int]
-    prepare: ArrayFunction
+    prepare: ArrayFunction | CompiledFunction
     real: ArrayFunction | CompiledFunction
-    complex: Callable[[Numbers, Floats], Numbers]
+    complex: Callable[[Numbers, Floats], Numbers] | None
     groups: str
     turning: ArrayFunction
 
@@ -326,12 +296,13 @@ class PathKernel:
 
     def at(self, values: Numbers, prepared: Floats) -> At:
         """Return what the equations are at values (variables, n) and prepared (k, n)."""
-        if np.iscomplexobj(values):
+        if np.iscomplexobj(values) and self.complex is not None:
             columns = self.complex(values, prepared)
         else:
-            columns = self.real(np.concatenate([values, prepared]))
+            rows = np.concatenate([values, prepared])
+            columns = self.real(np.ascontiguousarray(rows))
         v, k = self.variables, len(self.driven)
-        rates = columns[v : (k + 1) * v].reshape(k, v, -1)
+        rates = columns[v : (k + 1) * v].reshape(k, v, values.shape[1])
         return At(columns[:v], rates, columns[-2], columns[-1])
 
 
@@ -348,17 +319,25 @@ def _on_arrays(
     return at
 
 
-def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
-    """Return the kernel; `terms` are of variables, not of signs."""
+def path_kernel(
+    terms: DesignTerms, compiled: bool = True, alone: bool = False
+) -> PathKernel:
+    """Return the kernel; `terms` are of variables, not of signs.
+
+    Newton's step `alone` is real, and without rates.
+    """
     structure, links, places = terms.structure, terms.links, terms.places
-    change = answers(structure, links, misfits(structure, links, terms.variables))
+    off = misfits(structure, links, terms.variables)
+    change, determinant = newton_step(structure, links, off)
     for variable, angle in enumerate(terms.variables):
         if angle is not places[variable]:
             change[variable] = angle - places[variable]
-    rates, determinant = rates_by_inputs(structure, links)
+    rates: list[list[Expr]] = []
+    if not alone:
+        rates, determinant = rates_by_inputs(structure, links)
     outputs = [*change, *(rate for row in rates for rate in row), determinant]
     outputs.append(openness(structure, links, terms.variables))
-    dyads = [group for group in structure.assembly.groups if group.is_dyad]
+    dyads = [group for group in structure.assembly.groups if group.is_dyad and not alone]
     turning = []
     for group in dyads:
         axes = []
@@ -367,18 +346,18 @@ def path_kernel(terms: DesignTerms, compiled: bool = True) -> PathKernel:
             (spin,) = spin_vectors(structure.pairs, links, variable)
             axes.append(spin.axis)
         turning.append(dot(axes[0], cross(axes[1], axes[2])))
-    rows, fixed = hoisted([*outputs, *turning], places, "design_")
+    given = [*places, *terms.handed_in]
+    rows, fixed = hoisted([*outputs, *turning], given, "design_")
     rows, turning = rows[: len(outputs)], rows[len(outputs) :]
-    inputs = [*places, *fixed]
-    compiles = compiled and available()
-    make = compile_function if compiles else array_function
-    off_axis = compile_complex if compiles else _on_arrays
+    inputs = [*given, *fixed]
+    make = _made(compiled)
+    off_axis = compile_complex if compiled and available() else _on_arrays
     return PathKernel(
         len(places),
-        list(structure.inputs),
-        array_function(list(fixed.values()), terms.sizes),
+        [] if alone else list(structure.inputs),
+        make(list(fixed.values()), terms.sizes),
         make(rows, inputs),
-        off_axis(rows, places, list(fixed)),
+        None if alone else off_axis(rows, places, inputs[len(places) :]),
         "".join("+" if group.is_dyad else "~" for group in structure.assembly.groups),
         array_function(turning, inputs),
     )
