@@ -14,11 +14,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 711_051,
-    "code lines": 57_880,
+    "nodes": 710_550,
+    "code lines": 57_847,
     "files": 332,
-    "classes": 728,
-    "dataclasses": 519,
+    "classes": 727,
+    "dataclasses": 518,
     "functions of 60 lines": 35,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
