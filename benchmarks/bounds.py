@@ -11,6 +11,7 @@ from benchmarks.harness import Cell, Section, own_mechanisms
 from benchmarks.samples import random_mechanism
 from benchmarks.special import special_mechanism
 from spherekit.conventions import Status
+from spherekit.engine.fields import evaluate
 from spherekit.errors import SpherekitError
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
@@ -19,7 +20,6 @@ from spherekit.planning.poles import all_poles
 from spherekit.proof.balls import FEWEST, Digits, exactly, floats
 from spherekit.proof.gears import Written
 from spherekit.proof.rows import exact_direction, exact_field, exact_rows_by_input
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import PoleField, Request, request
 from spherekit.sphere.rotation import Floats
 

@@ -11,13 +11,13 @@ from spherekit.dynamics.start import prepare
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.dyads import COMPILED
 from spherekit.engine.equation import compiled_equation
+from spherekit.engine.fields import evaluate
 from spherekit.engine.integration import Integration
 from spherekit.engine.kernels import MOST_DERIVATIVES, Engine, Source, kernel
 from spherekit.files.read import load
 from spherekit.model.study import Start
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
@@ -60,7 +60,7 @@ def _batch(quick: bool) -> Section:
         f"Every pole axis and coefficient, with B where the mechanism has masses, at "
         f"{count} configurations on one thread, the kernel compiled and on NumPy arrays. "
         "From all pair variables, or from the input and the signs of the dyads, positions "
-        "included. The plan: `rates.field.evaluate`, the same without B, with one "
+        "included. The plan: `engine.fields.evaluate`, the same without B, with one "
         f"derivative, in blocks of {BLOCK}.",
         (
             "mechanism",

@@ -13,11 +13,11 @@ from spherekit.analysis.run import run as run_analyses
 from spherekit.analysis.running.cost import counts_of
 from spherekit.analysis.running.summary import needed_part
 from spherekit.analysis.study import needs_of, requests_for
+from spherekit.engine.fields import evaluate
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion, Tracer
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import Request
 
 SAMPLES = 361

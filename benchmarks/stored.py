@@ -11,13 +11,13 @@ from benchmarks.harness import Cell, Section
 from spherekit.dynamics.coordinates import by_variables, inertia
 from spherekit.dynamics.tabulate import grid_model, online_model
 from spherekit.dynamics.tabulated import StoredModel
+from spherekit.engine.fields import evaluate
 from spherekit.files.read import load
 from spherekit.model.dynamics import Bearings, Damper
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.cells import TensorChebyshev
 from spherekit.planning.poles import parse_pole
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 CALLS = 20

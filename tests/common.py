@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import spherekit as sk
+from spherekit.engine.fields import evaluate
 from spherekit.motion import assembly_modes as assembly_modes
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 

@@ -9,12 +9,12 @@ from oracles import link_rates
 from random_mechanisms import random_mechanism
 
 from spherekit.conventions import EPS, Status
+from spherekit.engine.fields import evaluate
 from spherekit.errors import CountError, PlanError, SpherekitError
 from spherekit.model.joints import revolute
 from spherekit.motion.motion import Tracer
 from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 SAMPLES = 3
@@ -131,12 +131,13 @@ def judge(motion, found, moved, tally):
 
 
 def _spread(motion, row, moved):
-    """Return how much w and dw change while links turn as little as pairs miss.
+    """Return how much w and dw change while links turn as little as variables are off.
 
-    The configuration is known no better than that, whatever is computed from it.
+    The configuration is known no better than that, whatever is computed from it: rows in
+    more digits close the loops first.
     """
     random = np.random.default_rng(0)
-    size = max(EPS, float(motion.residual[row]))
+    size = max(EPS, float(motion.residual[row]), float(motion.configuration_error[row]))
     exact = motion.rotations[row][None]
     noise = size * random.normal(size=(8, *exact.shape[1:2], 3))
     noise[0] = noise[:, 0] = 0.0

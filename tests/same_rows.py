@@ -8,10 +8,10 @@ import numpy as np
 from spherekit.analysis.running import rows_at_once
 from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
+from spherekit.engine.fields import evaluate
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import PoleField, SignMemory, request
 
 TURN = 2.0 * np.pi

@@ -23,6 +23,7 @@ from spherekit.dynamics.start import PoseStart, prepare
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.dyads import Cache
 from spherekit.engine.equation import compiled_equation
+from spherekit.engine.fields import evaluate
 from spherekit.engine.integration import Integration
 from spherekit.engine.kernels import kernel
 from spherekit.engine.system import BLOCK
@@ -44,7 +45,6 @@ from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
 from spherekit.model.study import Start
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 compiled = pytest.mark.skipif(

@@ -20,6 +20,7 @@ from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.conventions import Status
+from spherekit.engine.fields import evaluate
 from spherekit.errors import ModelError, SolveError
 from spherekit.guidance.follow import follow_rotation, follow_to
 from spherekit.guidance.loci import mid_plane_form
@@ -31,7 +32,6 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 from spherekit.sphere.rotation import (
     LogRate,

@@ -12,6 +12,7 @@ from random_mechanisms import random_mechanism
 import spherekit as sk
 from benchmarks.bounds import KINDS, stated
 from spherekit.conventions import EPS, Status
+from spherekit.engine.fields import evaluate
 from spherekit.errors import EngineError, SolveError, SpherekitError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry
@@ -26,7 +27,6 @@ from spherekit.proof.rows import (
     exact_rows_by_input,
 )
 from spherekit.proof.simulation import exact_inertia
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 FIFTY = Digits(50)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.conventions import Status
+from spherekit.engine.fields import evaluate
 from spherekit.errors import PlanError, SpherekitError
 from spherekit.model.parts import Input
 from spherekit.motion.closure import Closure
@@ -26,7 +27,6 @@ from spherekit.planning.poles import (
     as_dict,
     as_text,
 )
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()

@@ -7,10 +7,10 @@ from oracles import link_rates, locked_rates
 from random_mechanisms import FAMILIES, random_mechanism
 
 from spherekit.conventions import Status
+from spherekit.engine.fields import evaluate
 from spherekit.errors import CountError, PlanError
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 

@@ -8,10 +8,10 @@ from chains import EIGHT_BARS, mechanism, random_axes
 from oracles import off_axis
 
 import spherekit as sk
+from spherekit.engine.fields import evaluate
 from spherekit.model.parts import PoseGeometry
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 CHAIN = EIGHT_BARS[4]

@@ -17,9 +17,9 @@ from oracles import null_space, off_axis
 from scipy.optimize import brentq
 
 import spherekit as sk
+from spherekit.engine.fields import evaluate
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 

@@ -14,6 +14,7 @@ from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.tabulate import online_model
 from spherekit.dynamics.tabulated import load_reduced
+from spherekit.engine.fields import evaluate
 from spherekit.errors import FileError, ModelError, PlanError, SolveError
 from spherekit.exchange.bodies import rigid_bodies
 from spherekit.files.read import load
@@ -32,7 +33,6 @@ from spherekit.model.load import TorqueTable
 from spherekit.model.study import Polynomial
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import parse_pole
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 TURN = 2.0 * np.pi

@@ -8,11 +8,11 @@ from chains import FOUR_BAR, mechanism, random_axes
 
 import spherekit as sk
 from spherekit.conventions import Status
+from spherekit.engine.fields import evaluate
 from spherekit.errors import SolveError
 from spherekit.model.parts import Input
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import (
     ROUTES,
     request,

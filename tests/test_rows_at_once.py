@@ -15,11 +15,11 @@ from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
+from spherekit.engine.fields import evaluate
 from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
 from spherekit.numeric.unread import Unread
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import _flips, request, signs_at_stops
 
 LONG_SEARCHES = {7, 15}
@@ -208,7 +208,6 @@ def test_blocks_go_on(monkeypatch):
     monkeypatch.setattr(rows_at_once, "FEWEST", 1 << 60)
     careful = sk.run("stephenson", samples=2900, assembly_mode=0)
     assert whole.summary["errors_reached"]["fraction_by_kernel"] > 0.99
-    assert careful.summary["errors_reached"]["fraction_by_kernel"] == 0.0
     one, two, three = (r.results["poles"].data["poles"] for r in (whole, parts, careful))
     for name in one:
         if one[name].dtype.kind != "f":

@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 import spherekit as sk
 from spherekit.conventions import Status
+from spherekit.engine.fields import evaluate
 from spherekit.model.parts import Input
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.loops import rank_mobility
@@ -17,7 +18,6 @@ from spherekit.motion.motion import Tracer
 from spherekit.planning.inputs import graph_mobility
 from spherekit.planning.plan import plans
 from spherekit.planning.poles import CoaxialPole, all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 SHIPPED = {

@@ -14,12 +14,12 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 710_550,
-    "code lines": 57_847,
+    "nodes": 707_390,
+    "code lines": 57_608,
     "files": 332,
-    "classes": 727,
-    "dataclasses": 518,
-    "functions of 60 lines": 35,
+    "classes": 726,
+    "dataclasses": 516,
+    "functions of 60 lines": 33,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
 LONGEST = 60

@@ -14,6 +14,7 @@ from spherekit.conventions import Status
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.tabulate import online_model
+from spherekit.engine.fields import evaluate
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Guarantee
 from spherekit.model.dynamics import Gravity, Mass
@@ -21,7 +22,6 @@ from spherekit.model.parts import Input, Output
 from spherekit.model.study import ConstantSpeed, Start
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 OPEN = {

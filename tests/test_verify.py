@@ -21,10 +21,10 @@ from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
+from spherekit.engine.fields import evaluate
 from spherekit.errors import EngineError, FileError
 from spherekit.model.study import Start
 from spherekit.motion.motion import AngleMemory, Tracer
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 
@@ -110,7 +110,7 @@ def test_the_same_rows_whatever_the_blocks():
 
 
 def test_a_wrong_rate_is_found(monkeypatch, capsys):
-    def perturbed(motion, wanted, memory=None, route="best"):
+    def perturbed(motion, wanted, memory=None, *rest):
         field = evaluate(motion, wanted, memory)
         field.velocity_coefficient[(0, 3)][:] += 1e-9
         return field
@@ -129,7 +129,7 @@ def test_a_wrong_rate_is_found(monkeypatch, capsys):
 
 
 def test_a_wrong_direction_is_outside_its_bound(monkeypatch):
-    def perturbed(motion, wanted, memory=None, route="best"):
+    def perturbed(motion, wanted, memory=None, *rest):
         field = evaluate(motion, wanted, memory)
         turned = field.direction[(1, 3)] + 1e-10 * np.array([0.0, 1.0, 0.0])
         field.direction[(1, 3)][:] = turned
@@ -275,7 +275,7 @@ def test_a_wrong_variable_of_a_whole_motion_is_found(monkeypatch):
 def test_a_wrong_inertia_is_found(monkeypatch):
     """The torque of the source's four-bar is that of the Batch, so its errors show."""
 
-    def perturbed(motion, wanted, memory=None, route="best"):
+    def perturbed(motion, wanted, memory=None, *rest):
         field = evaluate(motion, wanted, memory)
         field.w[3][:] *= 1.0 + 1e-8
         return field

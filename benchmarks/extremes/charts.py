@@ -7,10 +7,10 @@ import numpy as np
 from benchmarks.extremes.parallel import at_pose
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.samples import mechanism, random_axes
+from spherekit.engine.fields import evaluate
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import request
 
 FAMILY = "charts of the sphere"

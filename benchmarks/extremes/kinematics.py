@@ -20,9 +20,9 @@ from benchmarks.extremes.reference import (
 )
 from benchmarks.extremes.registry import ROUNDOFF, Row
 from spherekit.conventions import Status
+from spherekit.engine.fields import evaluate
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import (
     PoleField,
     Route,

@@ -293,9 +293,7 @@ class Batch:
 
         NaN where the velocity coefficient is too small to know it.
         """
-        self._declared(i, j, "direction_dq")
-        with np.errstate(invalid="ignore"):
-            return _sealed(self._found(moved).turned(self.plans[moved], pole_of(i, j)))
+        return self._pole(i, j, "direction_dq", self._found(moved).direction_dq)
 
     def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of `rate`."""

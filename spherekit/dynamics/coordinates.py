@@ -25,7 +25,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import Linearisation, left_inverse, penetrates
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.rates.core import null_motion
+from spherekit.rates.sequence import null_motion
 from spherekit.sphere.rotation import Floats, cross
 
 Order = Literal[1, 2]

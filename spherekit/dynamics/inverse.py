@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import SINGULAR_RATIO, Status, counted, listing
+from spherekit.conventions import Status, counted, listing
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
     Inertia,
@@ -22,6 +22,7 @@ from spherekit.dynamics.coordinates import (
 from spherekit.dynamics.forces import Driven, Loads
 from spherekit.dynamics.start import at_inputs
 from spherekit.dynamics.state import rubbed
+from spherekit.engine.fields import found
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.rotation import Schedule
@@ -31,7 +32,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion, Timing, Tracer, by_laws, going_on
 from spherekit.planning.inputs import driven_at
-from spherekit.rates.core import driven_rates
+from spherekit.rates.request import request
 from spherekit.sphere.rotation import Floats
 
 DEAD_CENTRE = 1e-6
@@ -333,8 +334,9 @@ def needed_torques(motion: Motion) -> InverseSolution:
     # Where assembly modes nearly cross, rounding of the configuration decides the
     # derivatives.
     for pair in motion.assembly.inputs:
-        kept = driven_rates(motion, held, pair).reciprocal_condition
-        flat[held] |= ~(kept >= SINGULAR_RATIO)
+        name = mechanism.pairs[pair].name
+        field = found(motion.rows(held), request(mechanism, name, (), by_rank=True))
+        flat[held] |= field.status != Status.OK
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     with np.errstate(over="ignore", invalid="ignore"):

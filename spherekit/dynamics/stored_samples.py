@@ -41,7 +41,7 @@ from spherekit.planning.poles import (
     Pole,
     PrimaryPole,
 )
-from spherekit.rates.field import PlannedPoles
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
 
@@ -269,7 +269,7 @@ class AlongCurve(Sampler):
         w = motion.w[:, 0]
         size = np.max(np.linalg.norm(w, axis=2), axis=1)
         for pole in self.poles:
-            unit = planned.unit[pole][0].T.copy()
+            unit = planned.unit[pole].T.copy()
             error = np.nan_to_num(planned.error[pole], nan=np.inf)
             apart = w[:, pole[1]] - w[:, pole[0]]
             length = np.linalg.norm(apart, axis=1)

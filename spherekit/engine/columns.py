@@ -1,9 +1,10 @@
 """Everything that a run reads of a row, as terms of the pair variables.
 
 The closure of the loops, the rates and their derivatives, all poles and how they turn,
-and what each of them may be off by: bounds of norms as in
-`spherekit.rates.core.rough_errors`, with what the numbers given leave over in the
-equations.
+and what each of them may be off by. A configuration closes its loops up to their residual
+and the rounding of the numbers they are made of. Whichever way they stay open, the links
+lie elsewhere, their axes with them, and so the velocity equations have other coefficients;
+the bounds are of norms, with what the numbers given leave over in the equations.
 
 Loop equations solved as terms, three variables of a loop at a time.
 
@@ -21,7 +22,7 @@ from typing import Any, final
 
 import numpy as np
 
-from spherekit.conventions import EPS
+from spherekit.conventions import EPS, EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector, vector_sum
 from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.engine.pose import (
@@ -279,16 +280,24 @@ class Terms:
     outputs: Outputs
 
     @staticmethod
-    def of(
-        motion: Motion, requests: Sequence[Request], pivots: Sequence[Pivot]
-    ) -> "Terms | None":
-        """Return them, None where links that have a pole rest."""
+    def of(motion: Motion, requests: Sequence[Request], pivots: Sequence[Pivot]) -> "Terms":
+        """Return them, with variables eliminated in this order."""
         variables = symbols(motion.mechanism.variable_names)
         rows = _Rows(motion.mechanism, variables, pivots, motion.assembly.inputs)
         moving = [_Moving(rows, item) for item in requests]
-        if any(item.rests for item in moving):
-            return None
         return Terms(variables, rows, moving, Outputs())
+
+    @property
+    def aside(self) -> list[Expr]:
+        """What else decides about a row, see `Aside`."""
+        rows, chords = self.rows, range(len(self.rows.tree.chords))
+        zero = vector([0.0, 0.0, 0.0])
+        made: list[Expr] = [rows.flatness, rows.bend, sum_of(curved(rows)), *rows.turns]
+        for row in (rows.inverse.rows.get(v, {}) for v in rows.free):
+            made += [x for loop in chords for x in row.get(loop, zero)]
+        for item in self.moving:
+            made += [item.part, item.over, item.over_bent, item.fast, item.swings]
+        return made
 
     @property
     def given(self) -> list[ExpressionNode]:
@@ -372,7 +381,7 @@ class _Rows:
         sensitivity = root(sum_of(squares.values()))
         turns = self.paths({v: self.moved.get(v, 0.0) for v in range(len(self.vectors))})
         paths = np.count_nonzero(tree.paths, axis=1)
-        longest = int(np.max(np.count_nonzero(tree.signs, axis=1)))
+        longest = int(np.max(np.count_nonzero(tree.signs, axis=1), initial=0))
         rounding = EPS * (2.0 + longest)
         gap = self.residual + rounding
         # Two axes of a frame are each off by as much.
@@ -394,8 +403,8 @@ class _Rows:
         )
         self.flatness = sensitivity * root(entries)
         turn = bounded(item.size * item.size for item in self.carried)
-        bend = float(longest) * turn * (sensitivity * sensitivity) * gap
-        left = root(1.0 - 2.0 * bend)
+        self.bend = float(longest) * turn * (sensitivity * sensitivity) * gap
+        left = root(1.0 - 2.0 * self.bend)
         self.moved_by = sensitivity * gap * 2.0 / (1.0 + left) + 2.0 * EPS
 
     def paths(self, parts: Mapping[int, Expr]) -> list[Expr]:
@@ -500,9 +509,12 @@ class _Moving:
         self._off_rates = {v: off_rates.get(v, 0.0) + slip for v, slip in slips.items()}
         self._off_change = {v: off_change.get(v, 0.0) + slip for v, slip in again.items()}
         self._swings = rows.added(spread)
+        self.over, self.over_bent = over, over_bent
+        self.fast = sum_of(speeds[v] * x.size for v, x in enumerate(rows.carried))
+        self.swings = sum_of(spread.values())
         bent = sum_of(dot(rate, rate) for rate in self._dw)
-        part = sum_of(off_dw) / root(1.0 + bent)
-        self.worst = part * (LARGEST_ERROR / LARGEST_PART)
+        self.part = sum_of(off_dw) / root(1.0 + bent)
+        self.worst = self.part * (LARGEST_ERROR / LARGEST_PART)
 
     def _off(
         self, slips: Mapping[int, Expr], over: Expr
@@ -599,20 +611,29 @@ class _Moving:
         """Return the columns with a sign of a pole, and what else there is of it."""
         v, dv = self._w[j] - self._w[i], self._dw[j] - self._dw[i]
         length = _norm(v)
+        e_rate = self._off_w[i] + self._off_w[j]
+        swing = self._swings[i] + self._swings[j]
+        if isinstance(length, float) and length == 0.0:
+            errors = _errors(1.0, e_rate, self._off_dw[i] + self._off_dw[j] + e_rate)
+            return [*[np.nan] * 6, 0.0, 0.0], {"angle": [0.0], **errors}
         share = 1.0 / length
         unit = v * share
         change = dot(dv, unit)
         turn = (dv - change * unit) * share
         sizes = _norm(self._w[i]), _norm(self._w[j])
         angle = length / (sizes[0] + sizes[1]) if all(sizes) else 1.0
-        e_rate = self._off_w[i] + self._off_w[j]
         direction = e_rate * share
-        swing = self._swings[i] + self._swings[j]
         e_change = self._off_dw[i] + self._off_dw[j] + e_rate + direction * swing
         doubt = e_change * share * (2.0 * LARGEST_ERROR / TURN_KNOWN)
         self.worst = self.worst + direction + doubt
         errors = _errors(direction, e_rate, e_change)
         return [*unit, *turn, length, change], {"angle": [angle], **errors}
+
+
+def curved(rows: _Rows) -> list[Expr]:
+    """Return what is above 1 where the first profile of a contact curves too little."""
+    # Roots are no numbers where the other profile curves more.
+    return [2.0 * EQUAL_CURVATURE / (root(x) * root(x)) for x in rows.curved]
 
 
 def _errors(*bounds: Expr) -> dict[str, Sequence[Expr]]:

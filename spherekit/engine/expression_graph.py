@@ -15,7 +15,7 @@ from spherekit.model.expression import Expression, fold
 Expr = Any
 """A number, a term, or a `spherekit.engine.algebra.Series` of these."""
 
-WITHOUT_EXPRESSIONS = 'use NumPy\'s simulate(engine="numpy") or rates.field.evaluate'
+WITHOUT_EXPRESSIONS = 'use NumPy\'s simulate(engine="numpy") or engine.fields.evaluate'
 """What to ask for where a mechanism cannot be written in terms."""
 
 

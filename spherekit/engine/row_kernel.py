@@ -1,9 +1,16 @@
-"""The functions that give a run its rows: what decides about them, then all columns."""
+"""The functions that give a run its rows: what decides about them, then all columns.
+
+Rows in quad precision: the same terms, Newton's method included.
+
+Where float64 leaves too little of a row, its loops are closed to 33 digits and all columns
+computed again. What they may be off by is then what the numbers of the file are rounded by,
+which is measured: every way in which loops can stay open is gone by a small step.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal, final
+from functools import cache, cached_property
+from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +25,7 @@ from spherekit.engine.columns import (
     Place,
     RatePlaces,
     Terms,
+    curved,
     pivots_of,
 )
 from spherekit.engine.compiler import CompiledFunction, compile_function
@@ -27,21 +35,137 @@ from spherekit.engine.dyads import (
     lost_by,
 )
 from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted
-from spherekit.engine.pose import largest, root
+from spherekit.engine.pose import largest
 from spherekit.engine.system import ArrayFunction, array_function
-from spherekit.engine.turns import ProfileColumns, with_columns
+from spherekit.engine.turns import PARTS, ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
-from spherekit.rates.core import NEARLY_FLAT
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
 
+NEARLY_FLAT = 1e-3
+"""Rows whose equations are flatter than this are not vouched for."""
 REFERENCES = 32
 """Configurations at most that say in which order variables are eliminated."""
 
 Engine = Literal["numpy", "compiled"]
 _Function = CompiledFunction | ArrayFunction
 _Maker = Callable[[Sequence[Expr], Sequence[ExpressionNode]], _Function]
+
+
+STEPS = 8
+"""Of Newton's method at most."""
+NEAR = 1e-4
+"""A solution farther away (rad) is not the one meant."""
+CLOSED = 1e-25
+"""A last step that is smaller (rad) has closed the loops."""
+SMALL = 1e-12
+"""Change of variables (rad) by which columns are compared."""
+WIDE_PIECE = 256
+"""Rows computed at once."""
+
+
+@cache
+def quad() -> Any:
+    """Return the number type; it is loaded with the first row that needs it."""
+    from numpy_quaddtype import QuadPrecDType
+
+    return QuadPrecDType()
+
+
+@final
+@dataclass(frozen=True)
+class WideRows:
+    """Columns of rows, rounded: `columns` (columns, n) and `aside`, see `Terms`.
+
+    `spread` (columns, n) is by how much columns change as loops open by one radian, all
+    ways added up; `closed` (n,) where Newton's method closed them.
+    """
+
+    columns: Floats
+    aside: Floats
+    spread: Floats
+    closed: NDArray[np.bool_]
+
+
+@final
+@dataclass(frozen=True)
+class WideFunctions:
+    """A step of Newton's method, all columns and what else decides, of pair variables.
+
+    `free` are the numbers of the variables that a step gives, with `ways` in which loops
+    open; the `profiles` of contacts are those of float64, with what they change by.
+    """
+
+    closer: ArrayFunction
+    whole: ArrayFunction
+    aside: ArrayFunction
+    profiles: Sequence[ProfileColumns]
+    free: Sequence[int]
+    ways: int
+    inverse: slice
+
+    def at(self, values: Floats) -> WideRows:
+        """Return the rows of variables (variables, n) that are nearly closed."""
+        starts = range(0, max(values.shape[1], 1), WIDE_PIECE)
+        parts = [self._at(values[:, k : k + WIDE_PIECE]) for k in starts]
+        return WideRows(
+            *(
+                np.concatenate([getattr(part, name) for part in parts], axis=-1)
+                for name in WideRows.__annotations__
+            )
+        )
+
+    def _at(self, values: Floats) -> WideRows:
+        free = list(self.free)
+        start = values.astype(quad())
+        x, step = start.copy(), np.full(values.shape[1], np.inf if free else 0.0)
+        for _ in range(STEPS if free else 0):
+            after = self.closer(self._given(x, values))
+            step = np.max(np.abs(after - x[free]).astype(float), axis=0)
+            x[free] = after
+            if not np.any(step > CLOSED):
+                break
+        moved = np.max(np.abs((x - start).astype(float)), axis=0)
+        closed = (step <= CLOSED) & (moved < NEAR)
+        x[:, ~closed] = start[:, ~closed]
+        columns = self.whole(self._given(x, values))
+        aside = self.aside(self._given(x, values))
+        return WideRows(
+            columns.astype(float),
+            aside.astype(float),
+            self._spread(x, values, columns, aside[self.inverse]),
+            closed,
+        )
+
+    def _spread(
+        self, x: NDArray[Any], base: Floats, columns: NDArray[Any], inverse: NDArray[Any]
+    ) -> Floats:
+        """Return what columns change by as loops open, all ways added up."""
+        spread, free = np.zeros(columns.shape), list(self.free)
+        ways = inverse.reshape(len(free), self.ways, x.shape[1])
+        for way in np.moveaxis(ways, 1, 0):
+            size = np.maximum(np.max(np.abs(way), axis=0), quad().type(1.0))
+            h = quad().type(SMALL) / size
+            other = x.copy()
+            other[free] += h * way
+            change = self.whole(self._given(other, base)) - columns
+            spread += np.abs((change / h).astype(float))
+        return spread
+
+    def _given(self, x: NDArray[Any], base: Floats) -> NDArray[Any]:
+        """Return variables with the columns of profiles, by their derivatives at `base`."""
+        if not self.profiles:
+            return x
+        made = with_columns(base, self.profiles).astype(quad())
+        count, width = len(x), len(PARTS)
+        made[:count] = x
+        for k, profile in enumerate(self.profiles):
+            rows = slice(count + width * k, count + width * (k + 1))
+            at = profile.variable
+            slopes = profile.series.slopes(base[at] + profile.start)
+            made[rows] += slopes.astype(quad()) * (x[at] - base[at].astype(quad()))
+        return made
 
 
 @final
@@ -131,8 +255,8 @@ class RowFunction:
         Of these the numbers are as good as those that are found with care.
         """
         good = self.flatness.of(columns)[0] <= 1.0 / NEARLY_FLAT
-        for curved in self.curved:
-            good &= curved.of(columns)[0] >= 2.0 * EQUAL_CURVATURE
+        for bent in self.curved:
+            good &= bent.of(columns)[0] >= 2.0 * EQUAL_CURVATURE
         for places in self.inputs:
             good &= places.worst.of(columns)[0] <= LARGEST_ERROR
         return np.asarray(good)
@@ -184,13 +308,14 @@ class RowKernel:
     """What gives the rows of a run, see `row_kernel`; functions are made when asked for.
 
     `rates` say where the columns of each input are, `free` are the variables that are no
-    inputs.
+    inputs; `rests` says that links which have a pole never move relative to each other.
     """
 
     def __init__(self, terms: Terms, motion: Motion, engine: Engine) -> None:
         self.engine, self.free, self._terms = engine, motion.free, terms
         self._columns = terms.outputs.columns
         self.rates = tuple(moving.placed(terms.outputs) for moving in terms.moving)
+        self.rests = any(moving.rests for moving in terms.moving)
         profiled = terms.rows.pairs.columns
         self._form = None if profiled else closed_form(motion.mechanism, motion.assembly)
 
@@ -210,7 +335,7 @@ class RowKernel:
         return self._form is not None
 
     def _made(self, outputs: Sequence[Expr], interpreted: bool = False) -> ColumnFunction:
-        compiled = self.engine == "compiled" and not interpreted
+        compiled = self.engine == "compiled" and not interpreted and bool(outputs)
         by: _Maker = compile_function if compiled else array_function
         profiles = self._terms.rows.pairs.columns
         return ColumnFunction(by(outputs, self._terms.given), profiles, len(outputs))
@@ -248,6 +373,26 @@ class RowKernel:
         return self._made(self._terms.rows.closer(self._terms.variables))
 
     @cached_property
+    def aside(self) -> ColumnFunction:
+        """What else decides about rows, see `Terms`."""
+        return self._made(self._terms.aside, interpreted=True)
+
+    @cached_property
+    def wide(self) -> WideFunctions:
+        """The same in quad precision."""
+        terms, kind = self._terms, quad()
+        before, ways = 3 + terms.rows.tree.count, 3 * len(terms.rows.tree.chords)
+        return WideFunctions(
+            array_function(terms.rows.closer(terms.variables), terms.given, kind),
+            array_function(self._columns, terms.given, kind),
+            array_function(terms.aside, terms.given, kind),
+            terms.rows.pairs.columns,
+            self.free,
+            ways,
+            slice(before, before + ways * len(self.free)),
+        )
+
+    @cached_property
     def _signed(self) -> ColumnFunction:
         blocks = (self._columns[places.signs] for places in self.rates)
         return self._made([x for block in blocks for x in block], interpreted=True)
@@ -264,17 +409,15 @@ def row_kernel(
 ) -> RowKernel | None:
     """Return the kernel of what `requests` want of a mechanism's rows.
 
-    The closed configurations of a motion say in which order variables are eliminated.
-    None where the terms do not hold: without loops, where axes of pairs coincide but for
-    rounding, and where links that have a pole rest.
+    The closed configurations of a motion say in which order variables are eliminated;
+    None where no order is regular.
     """
     pivots = _pivots(motion, requests)
     if pivots is None:
         return None
 
-    def make() -> RowKernel | None:
-        terms = Terms.of(motion, requests, pivots)
-        return None if terms is None else RowKernel(terms, motion, engine)
+    def make() -> RowKernel:
+        return RowKernel(Terms.of(motion, requests, pivots), motion, engine)
 
     wanted = tuple(
         (item.plan.input, item.poles, item.derivatives, tuple(sorted(item.links)))
@@ -293,8 +436,7 @@ def _deciding(
     doubts = [
         rows.flatness * NEARLY_FLAT,
         *(moving.worst / LARGEST_ERROR for moving in terms.moving),
-        # Roots are no numbers where the other profile curves more.
-        *(2.0 * EQUAL_CURVATURE / (root(x) * root(x)) for x in rows.curved),
+        *curved(rows),
     ]
     outputs.columns += [sum_of(doubts), rows.residual, rows.moved_by]
     inputs = []
@@ -315,8 +457,8 @@ def _deciding(
             )
         )
     flatness = outputs.place(rows.flatness)
-    curved = tuple(outputs.place(item) for item in rows.curved)
-    return outputs.columns[variables:], (flatness, curved, tuple(inputs))
+    bent = tuple(outputs.place(item) for item in rows.curved)
+    return outputs.columns[variables:], (flatness, bent, tuple(inputs))
 
 
 def _ends(poles: Sequence[Pole]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -327,10 +469,12 @@ def _ends(poles: Sequence[Pole]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def _pivots(motion: Motion, requests: Sequence[Request]) -> tuple[Pivot, ...] | None:
     """Return the order in which variables are eliminated, None where terms do not hold."""
     free = motion.free
+    if not free:
+        return ()
     good = np.flatnonzero(~motion.failed & (motion.configuration_error < 1e-6))
-    if not free or not motion.linearisation.tree.chords or not len(good):
-        return None
-    if any(item.plan.rounded_axes for item in requests):
+    if not len(good):
+        good = np.flatnonzero(~motion.failed)
+    if not len(good):
         return None
     chosen = good[np.unique(np.linspace(0, len(good) - 1, REFERENCES).astype(int))]
     pivots = pivots_of(motion.free_jacobian[chosen])

@@ -23,13 +23,13 @@ from spherekit.analysis.tables import (
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing, nearest
 from spherekit.dynamics.start import into_range, reaching, traced
+from spherekit.engine.fields import evaluate as evaluate_poles
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, all_poles, parse_pole
-from spherekit.rates.field import evaluate as evaluate_poles
 from spherekit.sphere.rotation import Floats
 
 TABLE = Table(

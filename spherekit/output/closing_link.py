@@ -28,7 +28,7 @@ from spherekit.numeric.crossings import bracketed_zeros, wrap
 from spherekit.output.dyads import Dyads, Signs
 from spherekit.output.virtual_output import VirtualOutputChain
 from spherekit.planning.inputs import Assembly, merged, split
-from spherekit.rates.core import cross, dot
+from spherekit.rates.request import cross, dot
 from spherekit.sphere.dyad import middle_axis, triple_square
 from spherekit.sphere.rotation import Floats, frame_from, frame_toward, perpendicular
 

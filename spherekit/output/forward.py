@@ -42,7 +42,6 @@ from spherekit.motion.motion import Motion
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.wheels import SAME_LENGTH
-from spherekit.rates.core import driven_rates
 from spherekit.sphere.rotation import Floats, transpose
 
 
@@ -314,7 +313,14 @@ def output_rates(motion: Motion, output: Output) -> Floats:
     good = motion.status == Status.OK
     rates = np.full((len(motion), 3, motion.inputs.shape[1]), np.nan)
     inverse = transpose(motion.rotations[good, base])
+    part = motion.rows(good)
+    at, free = part.linearisation, list(part.free)
     for column, pair in enumerate(motion.assembly.inputs):
-        w = driven_rates(motion, good, pair).w
+        (moved,) = mechanism.variables_of(pair)
+        speeds = np.zeros_like(part.values)
+        speeds[:, moved] = 1.0
+        along = at.jacobian[:, :, moved, None]
+        speeds[:, free] = -(part.closure_inverse @ along)[..., 0]
+        w = at.body_rates(speeds)
         rates[good, :, column] = np.einsum("nij,nj->ni", inverse, w[:, link] - w[:, base])
     return rates

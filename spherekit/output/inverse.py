@@ -34,7 +34,7 @@ from spherekit.output.forward import PoseSolutions, solved
 from spherekit.output.posed_mode import PosedMode, reach_of
 from spherekit.output.virtual_output import VirtualOutputChain, with_wrist
 from spherekit.planning.inputs import plan_assembly
-from spherekit.rates.core import cross, dot
+from spherekit.rates.request import cross, dot
 from spherekit.rates.transmission import Transmission
 from spherekit.sphere.rotation import Floats, azimuth_tilt, euler_zyz
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spherekit.conventions import REACH_SLACK, Status
 from spherekit.output.closing_link import Fraction, Placed
 from spherekit.output.dyads import Signs
-from spherekit.rates.core import dot, norm
+from spherekit.rates.request import dot, norm
 from spherekit.sphere.rotation import Floats
 
 

@@ -355,7 +355,7 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     """
     if exact.dw is None:
         raise ValueError("a field needs rows of order 2 or 3")
-    made: dict[str, Any] = {"direction": {}}
+    made: dict[str, Any] = {"direction": {}, "direction_dq": {}}
     for name in (
         *("angle", "planes", "error"),
         *("velocity_coefficient_error", "acceleration_coefficient_error"),
@@ -375,6 +375,9 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
                 along = np.where(blind, _lengths(v), np.sum(v * unit, axis=1))
                 along = np.where(np.isnan(given), np.nan, floats(along))
                 made.setdefault(name, {})[pole] = along
+            made["direction_dq"][pole] = np.where(
+                np.isnan(field.direction_dq[pole]), np.nan, _turn(exact, pole, unit)
+            )
     for name, w in (("w", exact.w), ("dw", exact.dw)):
         made[name] = {
             link: np.where(np.isnan(given), np.nan, floats(w[:, link]))
@@ -386,6 +389,18 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     )
     made["pole_status"] = dict(zip(wanted.poles, codes, strict=True))
     return replace(field, status=status, **made)
+
+
+def _turn(exact: ExactRows, pole: Pole, unit: Balls) -> Floats:
+    """Return (n, 3) how a direction turns: carried by a link, or from v = r u."""
+    assert exact.dw is not None
+    pairs, joined = exact.mechanism.pairs, exact.mechanism.pole_pairs.get(pole)
+    if joined is not None and pairs[joined].kind.has_axis:
+        return np.cross(floats(exact.w[:, exact.mechanism.ends[joined][0]]), floats(unit))
+    v, dv = _relative(exact.w, pole), _relative(exact.dw, pole)
+    across = dv - np.sum(dv * unit, axis=1)[:, None] * unit
+    with np.errstate(all="ignore"):
+        return np.asarray(floats(across) / floats(np.sum(v * unit, axis=1))[:, None])
 
 
 def _relative(w: Balls, pole: Pole) -> Balls:

@@ -28,18 +28,43 @@ from spherekit.planning.poles import (
     PrimaryPole,
     pole_of,
 )
-from spherekit.rates.core import dot
 from spherekit.sphere.rotation import Floats
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """Return a x b for arrays (..., 3, n)."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    a0, a1, a2 = a[..., 0, :], a[..., 1, :], a[..., 2, :]
+    b0, b1, b2 = b[..., 0, :], b[..., 1, :], b[..., 2, :]
+    out[..., 0, :] = a1 * b2 - a2 * b1
+    out[..., 1, :] = a2 * b0 - a0 * b2
+    out[..., 2, :] = a0 * b1 - a1 * b0
+    return out
+
+
+def dot(a: Floats, b: Floats) -> Floats:
+    """Return a . b (..., n) for arrays (..., 3, n)."""
+    return np.asarray(
+        a[..., 0, :] * b[..., 0, :]
+        + a[..., 1, :] * b[..., 1, :]
+        + a[..., 2, :] * b[..., 2, :]
+    )
+
+
+def norm(a: Floats) -> Floats:
+    """Return |a| (..., n) for arrays (..., 3, n)."""
+    return np.sqrt(dot(a, a))
+
 
 Route = Literal["best", "first", "conditioned", "equations"]
 
 ROUTES: dict[Route, str] = {
-    "best": "two best great circles, velocity equations where these are doubtful",
+    "best": "velocity equations of the whole mechanism, in more digits where doubtful",
     "first": "first two great circles of the plan",
     "conditioned": "two best great circles",
     "equations": "velocity equations of the whole mechanism",
 }
-"""Only ``best`` changes over to another source; the others give a status instead."""
+"""Those of the sequence give a status where it is ill-conditioned."""
 
 
 @final
@@ -156,40 +181,6 @@ def axis_pairs(plan: Plan) -> dict[Pole, int]:
     }
 
 
-def carrier(plan: Plan, pole: Pole) -> int | None:
-    """Return the link that carries a pole's axis, None if none does."""
-    body_pole = plan.pole(*pole)
-    pair = None if body_pole is None else axis_pairs(plan).get(body_pole)
-    if pair is None or not plan.mechanism.pairs[pair].kind.has_axis:
-        return None
-    return plan.mechanism.ends[pair][0]
-
-
-def carried_turn(unit: Floats, w: Floats) -> Floats:
-    """Return (n, 3) the derivative of an axis (n, 3) that a link at w (n, 3) carries."""
-    return np.cross(w, unit)
-
-
-def turn_along(
-    unit: Floats,
-    dv: Floats,
-    coefficients: tuple[Floats, Floats],
-    errors: tuple[Floats, Floats],
-) -> Floats:
-    """Return (n, 3) the derivative of a direction (n, 3), from v = r u.
-
-    `dv` (n, 3) is the derivative of v, `coefficients` (n,) are r and its derivative, with
-    the bounds of their `errors`. NaN where r is too small to know it to `TURN_KNOWN`.
-    """
-    rate, change = coefficients
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turns = np.asarray((dv - change[:, None] * unit) / rate[:, None])
-        size = np.maximum(1.0, np.sqrt(np.sum(turns * turns, axis=1)))
-        sure = size * errors[0] + errors[1] < TURN_KNOWN * size * np.abs(rate)
-    turns[~sure] = np.nan
-    return turns
-
-
 @final
 @dataclass(frozen=True, kw_only=True)
 class PoleField(ArrayRows):
@@ -209,8 +200,8 @@ class PoleField(ArrayRows):
     rounding, and of what the configuration is off by. `planes[pole]` (n, 2, 3) unit
     normals of those planes, for the poles asked for. `w[link]`, `dw[link]` (n, 3):
     rates of links relative to the ground, per unit rate of the input, and their
-    derivatives. `direction_dq[pole]` (n, 3) is how directions turn, of the poles of
-    which a kernel says it. `loss` (n,): the part of the largest of them, or of 1, that
+    derivatives. `direction_dq[pole]` (n, 3) is how directions
+    turn by the input, 1/rad. `loss` (n,): the part of the largest of them, or of 1, that
     may be wrong. `status` (n,): the motion's, with AT_SINGULARITY where the rates are
     not finite. `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED
     where only this pole cannot be given. `by_equations` (n,): samples solved from the
@@ -240,29 +231,6 @@ class PoleField(ArrayRows):
     def made(self) -> "PoleField":
         """All of it, as arrays: itself."""
         return self
-
-    def turned(self, plan: Plan, pole: Pole) -> Floats:
-        """Return (n, 3) how the direction of a pole of links turns by the input, 1/rad.
-
-        From w_j - w_i = r u and its derivative, so NaN where r is too small to know it; of
-        the axis of a pair, which its links carry, u' = w x u also where these stand still
-        relative to each other.
-        """
-        if pole in self.direction_dq:
-            return self.direction_dq[pole]
-        i, j = pole
-        unit, link = self.direction[pole], carrier(plan, pole)
-        if link is not None and link in self.w:
-            return carried_turn(unit, self.w[link])
-        return turn_along(
-            unit,
-            self.dw[j] - self.dw[i],
-            (self.velocity_coefficient[pole], self.acceleration_coefficient[pole]),
-            (
-                self.velocity_coefficient_error[pole],
-                self.acceleration_coefficient_error[pole],
-            ),
-        )
 
 
 Path = Floats
@@ -307,20 +275,56 @@ class SignMemory:
 def signed(
     field: PoleField, motion: Motion, wanted: Request, memory: SignMemory
 ) -> PoleField:
-    """Give directions, and coefficients along them, the signs that continue; in place."""
-    pairs = axis_pairs(wanted.plan)
-    for pole in wanted.poles:
-        body_pole = wanted.plan.pole(*pole)
-        if body_pole is None or body_pole in pairs:
-            continue
+    """Give directions, and coefficients along them, the signs that continue; in place.
+
+    A direction follows the relative angular velocity along it, so its coefficient keeps
+    its sign until that passes through zero; where it does is read off the Hermite path
+    between two samples. At the first sample it points to the side where the sum of all
+    axes and contacts lies. Over a grid of inputs it points to that side throughout.
+
+    At a dead centre of the input the angular velocity, which is per unit rate of the input,
+    reverses through infinity, and only its product with the sense of the input is
+    continuous. Where it is not finite the direction follows its neighbour.
+    """
+    pairs, n = axis_pairs(wanted.plan), len(motion)
+    bodies = {pole: wanted.plan.pole(*pole) for pole in wanted.poles}
+    poles = [pole for pole, at in bodies.items() if at is not None and at not in pairs]
+    sense = np.ones(n) if motion.sense is None else motion.sense
+    paths, along = [], []
+    for pole in poles:
         i, j = pole
         unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
-        has_rates = i in field.w and j in field.w
-        v = (field.w[j] - field.w[i]).T if has_rates else None
-        dv = (field.dw[j] - field.dw[i]).T if has_rates else None
-        signs = continuous_signs(motion, unit, rate, v, dv, pole, memory)
-        for values in (unit, rate, field.acceleration_coefficient[pole]):
-            values *= signs
+        v, dv = (field.w[j] - field.w[i]).T, (field.dw[j] - field.dw[i]).T
+        # Which way links turn that rest throughout is rounding: the axis itself goes on.
+        rests = norm(v) <= field.velocity_coefficient_error[pole]
+        rests &= norm(dv) <= field.acceleration_coefficient_error[pole]
+        along.append(np.where((rate * sense < 0.0) & ~rests, -1.0, 1.0))
+        v, dv = np.where(rests, unit, sense * v), np.where(rests, 0.0, sense * dv)
+        paths.append((along[-1] * unit, v, dv))
+    if not (poles and motion.assembly_modes and n):
+        return field
+    held = ~motion.failed.reshape(-1, motion.samples)
+    if motion.is_path:
+        every = np.moveaxis(np.array(paths), 0, 2)
+        starts = [number * motion.samples for number in range(len(held))]
+        rows = [np.flatnonzero(row) + at for at, row in zip(starts, held, strict=True)]
+        stops = {
+            number: Stops(some, np.ones(len(some) - 1, dtype=bool))
+            for number, some in enumerate(rows)
+            if len(some)
+        }
+        turned = signs_at_stops(motion, poles, stops, lambda some: every[..., some], memory)
+    else:
+        turned = sides_of(motion, held, memory)
+    number = np.arange(n)
+    for k, (pole, ahead) in enumerate(zip(poles, along, strict=True)):
+        unit = field.direction[pole]
+        signs = turned.signs(k, ahead[:, None] * unit, number, number // motion.samples)
+        signs *= ahead
+        unit *= signs[:, None]
+        field.direction_dq[pole] *= signs[:, None]
+        field.velocity_coefficient[pole] *= signs
+        field.acceleration_coefficient[pole] *= signs
     return field
 
 
@@ -388,15 +392,14 @@ def signs_at_stops(
     motion: Motion,
     signed: Sequence[Pole],
     stops: Mapping[int, Stops],
-    at: Callable[[NDArray[np.intp]], tuple[Floats, Floats, Floats]],
+    at: Callable[[NDArray[np.intp]], Iterable[Floats]],
     memory: SignMemory,
 ) -> TurnedRows:
     """Return which directions are turned round to go on along each assembly mode.
 
     Of the poles `signed`, whose rates are not negative before. `stops` are those of modes
     by their place; `at` gives directions, relative angular velocities and their
-    derivatives (3, poles, k) at rows by their numbers. Signs are those of
-    `continuous_signs`.
+    derivatives (3, poles, k) at rows by their numbers, times the sense of the input.
     """
     ranges: list[tuple[int, int, int]] = []
     if not signed or not stops:
@@ -408,6 +411,7 @@ def signs_at_stops(
     is_moved = np.all(np.isfinite(vectors), axis=0) & np.any(vectors != 0.0, axis=0)
     is_moved &= is_good
     first = 0
+    sense = np.ones(len(motion)) if motion.sense is None else motion.sense
     for number, item in stops.items():
         mode, rows, here = motion.assembly_modes[number], item.rows, first
         first += len(rows)
@@ -422,7 +426,7 @@ def signs_at_stops(
             if key not in memory.last:
                 home = _home(motion, mode.number, int(rows[good[0]]), memory)
                 side = -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0
-            parts = [way], np.ones((1, len(rows))), vectors[:, j, some], changes[:, j, some]
+            parts = [way], sense[None, rows], vectors[:, j, some], changes[:, j, some]
             path = np.concatenate(parts)[:, good]
             linked = since[good[1:]] > since[good[:-1]]
             chain = _chain(memory, key, side, path, linked)
@@ -446,9 +450,9 @@ def sides_of(motion: Motion, held: NDArray[np.bool_], memory: SignMemory) -> Tur
     `held` (modes, samples) says which rows have a configuration.
     """
     sides = np.zeros((len(motion.assembly_modes), 3))
-    for number, mode in enumerate(motion.assembly_modes):
-        if np.any(held[number]):
-            first = number * motion.samples + int(np.argmax(held[number]))
+    for number, (mode, some) in enumerate(zip(motion.assembly_modes, held, strict=False)):
+        if np.any(some):
+            first = number * motion.samples + int(np.argmax(some))
             sides[number] = _home(motion, mode.number, first, memory)
     return TurnedRows.of([], sides)
 
@@ -470,86 +474,19 @@ def _home(motion: Motion, mode: int, row: int, memory: SignMemory) -> Floats:
 SUBSTEPS = 8
 
 
-def continuous_signs(
-    motion: Motion,
-    unit: Floats,
-    rate: Floats,
-    w: Floats | None,
-    dw: Floats | None,
-    pole: Pole,
-    memory: SignMemory,
-) -> Floats:
-    """Return the signs that make a direction continuous along each assembly mode.
-
-    `w` (3, n) is the relative angular velocity along it, if known, and `dw` its
-    derivative. The direction follows w, so its coefficient keeps its sign until w passes
-    through zero; where it does is read off the Hermite path between two samples. At the
-    first sample it points to the side where the sum of all axes and contacts lies. Over a
-    grid of inputs it points to that side throughout.
-
-    At a dead centre of the input w, which is per unit rate of the input, reverses through
-    infinity, and only w times the sense of the input is continuous. Where w is not finite
-    the direction follows its neighbour.
-    """
-    single = motion.inputs.shape[1] == 1
-    way = motion.q if single else motion.sample.astype(float)
-    sense = np.ones(unit.shape[1]) if motion.sense is None else motion.sense
-    signs = np.ones(unit.shape[1])
-    for number, assembly_mode in enumerate(motion.assembly_modes):
-        rows = slice(number * motion.samples, (number + 1) * motion.samples)
-        finite = np.all(np.isfinite(unit[:, rows]), axis=0)
-        moved = finite if w is None else finite & np.all(np.isfinite(w[:, rows]), axis=0)
-        good = np.flatnonzero(moved)
-        if not len(good):
-            continue
-        chosen = slice(None) if len(good) == len(moved) else good
-        t = way[rows][chosen]
-        u = unit[:, rows][:, chosen]
-        if w is not None and dw is not None:
-            here = sense[rows][chosen]
-            along = np.where(rate[rows][chosen] * here < 0.0, -1.0, 1.0)
-            v, dv = w[:, rows][:, chosen], dw[:, rows][:, chosen]
-            if motion.sense is not None:
-                v, dv = here * v, here * dv
-        else:
-            here = np.ones(len(t))
-            along, v, dv = np.ones(len(t)), u, np.zeros_like(u)
-        if not single:
-            dv = np.zeros_like(u)  # by the way of all inputs together it is not known
-        home = _home(motion, assembly_mode.number, rows.start + int(good[0]), memory)
-        if not motion.is_path:
-            signs[rows.start + good] = np.where(home @ u < 0.0, -1.0, 1.0)
-            continue
-        side = -1.0 if u[:, 0] @ home * along[0] < 0.0 else 1.0
-        path = np.concatenate([[t], [here], v, dv])
-        chain = _chain(memory, (assembly_mode.number, pole), side, path)
-        signs[rows.start + good] = chain * along
-        if len(good) == len(moved):
-            continue
-        for row in np.flatnonzero(finite & ~moved):
-            near = rows.start + good[np.argmin(np.abs(good - row))]
-            beside = signs[near] * unit[:, near] @ unit[:, rows.start + row]
-            signs[rows.start + row] = -1.0 if beside < 0.0 else 1.0
-    return signs
-
-
 def _chain(
     memory: SignMemory,
     key: tuple[int, Pole],
     side: float,
     path: Path,
-    linked: NDArray[np.bool_] | None = None,
+    linked: NDArray[np.bool_],
 ) -> Floats:
     """Return the signs (k,) that go on along a path, and keep where it ends.
 
     From the last sign in memory, or the `side` that it starts on. It may reverse only
-    where it is `linked` (k - 1,), unless that is left out.
+    where it is `linked` (k - 1,).
     """
-    flips = np.ones(path.shape[1] - 1)
-    if linked is None or np.any(linked):
-        flips = _flips(path)
-        if linked is not None:
-            flips[~linked] = 1.0
+    flips = np.where(linked, _flips(path) if np.any(linked) else 1.0, 1.0)
     if key in memory.last:
         last, side = memory.last[key]
         if last[2:5, 0] @ path[2:5, 0] < 0.0:

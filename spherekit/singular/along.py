@@ -19,8 +19,7 @@ from spherekit.motion.motion import Motion, Tracer, motion_of
 from spherekit.numeric.zeros import ArrayRows, Zeros, zeros
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import Plan, Pole, pole_of
-from spherekit.rates.core import LinkRates
-from spherekit.rates.field import PlannedPoles
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.sphere.rotation import Floats
 
 NEAR_REST = 1e-6
@@ -102,6 +101,25 @@ class _Seen(ArrayRows):
 
 
 @final
+@dataclass(frozen=True)
+class LinkRates:
+    """First and second derivatives by the motion's parameter of a set of bodies.
+
+    `w`, `dw`: (n, bodies, 3) angular velocity relative to body 0 and its derivative;
+    `reciprocal_condition`: (n,) reciprocal condition of the equations, 0 where what loops
+    stay open by leaves nothing of the rates or of their derivatives.
+    """
+
+    w: Floats
+    dw: Floats
+    reciprocal_condition: Floats
+
+    def relative(self, i: int, j: int) -> tuple[Floats, Floats]:
+        """Return w and dw (n, 3) of body j relative to body i."""
+        return self.w[:, j] - self.w[:, i], self.dw[:, j] - self.dw[:, i]
+
+
+@final
 class AlongCurve:
     """Rates and axes of the links of a mechanism along one of its configuration curves.
 
@@ -167,7 +185,7 @@ class AlongCurve:
                 sequence = PlannedPoles(planned, motion)
                 for pole, axis in out.items():
                     error = np.minimum(np.nan_to_num(sequence.error[pole], nan=1.0), 1.0)
-                    out[pole] = Axis(sequence.unit[pole][0].T, error).or_better(axis)
+                    out[pole] = Axis(sequence.unit[pole].T, error).or_better(axis)
         return out
 
     def _plan(self, poles: tuple[Pole, ...]) -> Plan | None:

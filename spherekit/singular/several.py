@@ -19,14 +19,15 @@ from typing import Literal, Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.engine.fields import evaluate
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, motion_of
 from spherekit.motion.turns import in_range, into_range
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.poles import Pole, pole_of
-from spherekit.rates.field import TRUSTED_ERROR, PlannedPoles, evaluate
 from spherekit.rates.request import Request, request
+from spherekit.rates.sequence import TRUSTED_ERROR, PlannedPoles
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import Locus, LocusPoints, adjugate
@@ -126,7 +127,7 @@ class OutputCoefficients(MotionMeasures):
         axes; NaN where that is infinite or undetermined.
     u
         (n, g, 3) unit vectors along the pole axes of the output, with the signs that
-        `spherekit.rates.field` gives them; finite on singularities too.
+        `spherekit.engine.fields` gives them; finite on singularities too.
     c, d
         (n, g) of c w_i = d q_i', from the pole axes, at most 1 in size.
     """
@@ -194,7 +195,7 @@ def relations(
             directions[pole] = np.full((len(motion), 3), np.nan)
             if at is not None:
                 sure = planned.error[at] < TRUSTED_ERROR
-                directions[pole][sure] = planned.unit[at][0][:, sure].T
+                directions[pole][sure] = planned.unit[at][:, sure].T
         made.append(_relation(four, directions.__getitem__))
     return _with_motions(motion, output, made)
 

@@ -25,8 +25,7 @@ from spherekit.motion.arc_length import SINGULAR
 from spherekit.motion.crossing import Crossing, crossing_near
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import Pole, parse_pole, pole_of
-from spherekit.rates.core import LinkRates
-from spherekit.singular.along import AlongCurve, Axis, Plans, rounding_of
+from spherekit.singular.along import AlongCurve, Axis, LinkRates, Plans, rounding_of
 from spherekit.singular.record import (
     AlongOutput,
     CrossingPoint,

@@ -63,6 +63,10 @@ class ProfileSeries:
         values[:, ~((s >= 0.0) & (s <= self.length))] = np.nan
         return values
 
+    def slopes(self, s: Floats) -> Floats:
+        """Return the derivatives (8, n) of `at` by the arc length."""
+        return self.series.derivative(np.mod(s, self.length) if self.closed else s).T
+
 
 def _columns(curve: Curve, s: Floats) -> Floats:
     there = curve.at(s)

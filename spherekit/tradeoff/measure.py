@@ -30,6 +30,7 @@ from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.reference import refined
 from spherekit.dynamics.simulation import Simulation
 from spherekit.engine.compiler import available
+from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError, EngineError, SpherekitError
 from spherekit.model.study import Start, Study
 from spherekit.motion.motion import AngleMemory, Motion, Timing
@@ -37,7 +38,6 @@ from spherekit.numeric.crossings import wrap
 from spherekit.progress import Working
 from spherekit.proof.balls import FEWEST, Balls, exactly, floats, pi
 from spherekit.proof.rows import exact_field, exact_motion, exact_rows
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import (
     ROUTES,
     PoleField,

@@ -22,11 +22,11 @@ from spherekit.analysis.study import Subject, requests_for, study_of, takes
 from spherekit.analysis.tables import TableArrays
 from spherekit.checked import checked
 from spherekit.conventions import EPS
+from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.motion.motion import Tracer
 from spherekit.proof.balls import FEWEST as DIGITS
-from spherekit.rates.field import evaluate
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import Floats
 from spherekit.tradeoff.measure import (

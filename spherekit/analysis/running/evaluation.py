@@ -5,7 +5,6 @@ How a run's numbers are computed: the choices that trade speed for accuracy.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal, final
 
 import numpy as np
@@ -16,12 +15,10 @@ from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.rows_at_once import RowsAtOnce
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.checked import checked_class
-from spherekit.conventions import Status
-from spherekit.engine.kernels import Kernel, kernel
+from spherekit.engine.compiler import heyoka
+from spherekit.engine.fields import RowEngine, evaluate
 from spherekit.errors import AnalysisError
 from spherekit.motion.motion import AngleMemory, Motion
-from spherekit.rates.core import LinkRates
-from spherekit.rates.field import evaluate, field_of_rates
 from spherekit.rates.request import (
     ROUTES,
     PoleField,
@@ -31,13 +28,12 @@ from spherekit.rates.request import (
 )
 from spherekit.sphere.rotation import Floats
 
-RateEngine = Literal["numpy", "compiled", "extended"]
 Integrator = Literal["auto", "numpy", "compiled"]
 
-ENGINES: dict[RateEngine, str] = {
-    "numpy": "the plan's great circles or equations, by NumPy",
-    "compiled": "expressions in homogeneous rates, compiled by heyoka",
-    "extended": "the same expressions in NumPy's longdouble",
+ENGINES: dict[RowEngine, str] = {
+    "numpy": "terms of the velocity equations, on NumPy's arrays",
+    "compiled": "the same terms, compiled by heyoka",
+    "extended": "the same terms in quad precision, 33 digits",
 }
 
 
@@ -47,12 +43,12 @@ ENGINES: dict[RateEngine, str] = {
 class Setting:
     """One way to compute what analyses read.
 
-    `engine` finds rates: by NumPy along a `route`, or by a kernel that knows no routes.
+    `engine` runs the terms of rates; NumPy takes a `route` too.
     `integrator` and `tolerance` (rad) are those of a simulation; None leaves the tolerance
     to the run.
     """
 
-    engine: RateEngine = "numpy"
+    engine: RowEngine = "numpy"
     route: Route = "best"
     integrator: Integrator = "auto"
     tolerance: float | None = None
@@ -117,35 +113,13 @@ class Evaluation:
         self.setting, self.course = setting, course
         self.requests = tuple(item for item in requests if item.poles)
         self.needs = needs
-        if setting.engine != "numpy":
-            _ = self._kernel
+        if setting.engine == "compiled":
+            heyoka()
         self.at_once: RowsAtOnce | None = None
         if (setting.engine, setting.route) == ORDINARY_WAY:
             ahead = not needs.tracer
             timed = needs.time or all_links or course.timed
             self.at_once = RowsAtOnce.of(course, self.requests, all_links, ahead, timed)
-
-    @cached_property
-    def _kernel(self) -> Kernel:
-        """The kernel of rates of all links."""
-        mechanism = self.course.tracer.mechanism
-        if len(mechanism.inputs) > 1:
-            raise AnalysisError(
-                f"{mechanism.name}: a kernel finds rates by one input, and there are "
-                f"{len(mechanism.inputs)}"
-            )
-        extended = self.setting.engine == "extended"
-        derivatives = any(item.derivatives for item in self.requests)
-        return kernel(
-            mechanism,
-            self.course.tracer.inputs[0],
-            [],
-            links=range(1, len(mechanism.links)),
-            derivatives=int(derivatives),
-            with_tangent=True,
-            engine="numpy" if extended else "compiled",
-            number=np.longdouble if extended else float,
-        )
 
     @property
     def block(self) -> int:
@@ -180,34 +154,12 @@ class Evaluation:
         """Return the poles of a block of `blocks` for each input that moves."""
         if self.at_once is not None and self.at_once.has_found(motion):
             return self.at_once.fields(motion, memories)
-        pairs = zip(self.requests, memories, strict=False)
-        if self.setting.engine == "numpy":
-            return tuple(
-                evaluate(motion, item, memory, self.setting.route) for item, memory in pairs
-            )
-        rates = self._link_rates(motion)
-        return tuple(field_of_rates(motion, item, rates, memory) for item, memory in pairs)
+        setting = self.setting
+        return tuple(
+            evaluate(motion, item, memory, setting.route, setting.engine)
+            for item, memory in zip(self.requests, memories, strict=False)
+        )
 
     def angles(self, motion: Motion, memory: AngleMemory) -> Mapping[str, Floats]:
         """Return the variables that go on, by pair, at a block of `blocks`."""
         return self.course.angles(motion, sorted(self.needs.continued_values), memory)
-
-    def _link_rates(self, motion: Motion) -> LinkRates:
-        """Return the rates that the kernel finds, in float64.
-
-        `reciprocal_condition` is the reciprocal size of all variables' rates per unit rate
-        of the input: 0 at its dead centres.
-        """
-        made = self._kernel
-        number = np.longdouble if self.setting.engine == "extended" else float
-        rates = made.values(motion.values.T.astype(number))
-        n, links = len(motion), len(motion.mechanism.links)
-        w, dw = np.zeros((n, links, 3)), np.zeros((n, links, 3))
-        for link in rates.w:
-            w[:, link] = rates.w[link]
-            dw[:, link] = rates.dw.get(link, np.nan)
-        assert rates.tangent is not None
-        size = np.sqrt(np.sum(rates.tangent**2, axis=1)).astype(float)
-        ok = motion.status == Status.OK
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return LinkRates(w, dw, np.where(ok, 1.0 / size, np.nan))

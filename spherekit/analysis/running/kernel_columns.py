@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from spherekit.analysis.running.in_turn import each_at_once
 from spherekit.conventions import Status
 from spherekit.engine.columns import ERRORS, SIGNED
+from spherekit.engine.fields import add_locked, found
 from spherekit.engine.row_kernel import RowKernel
 from spherekit.motion.motion import Motion
 from spherekit.numeric.unread import LentMemory, Reader, Unread
 from spherekit.planning.poles import Pole
-from spherekit.rates.field import PlannedPoles, add_locked, by_sequence
 from spherekit.rates.request import PoleField, Request, TurnedRows
+from spherekit.rates.sequence import PlannedPoles
 from spherekit.sphere.rotation import Floats
 
 SLICE = 8184
@@ -171,11 +172,8 @@ class KernelColumns:
 
 
 def _careful(rows: Motion, wanted: Request, signed: Sequence[Pole]) -> PoleField:
-    """Return the poles of rows by `evaluate`'s ``best``; rates `signed` not negative."""
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        field = by_sequence(rows, replace(wanted, planes=frozenset()), "best")
-        turned = {pole: field.turned(wanted.plan, pole) for pole in field.direction}
-    field = replace(field, direction_dq=turned)
+    """Return the poles of rows by themselves; rates `signed` not negative."""
+    field = found(rows, replace(wanted, planes=frozenset()))
     for pole in signed:
         _turn(field, pole, np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0))
     return field
@@ -247,7 +245,6 @@ class UnreadField:
         for pole in wanted.poles:
             if pole not in alike:
                 add_locked(self._field, motion, pole)
-                self._field.direction_dq[pole] = self._field.direction[pole]
         self.largest = dict(zip(ERRORS, errors, strict=True))
         if late is not None:
             well = late.status == Status.OK

@@ -460,7 +460,8 @@ class RowsAtOnce:
         engine: Literal["numpy", "compiled"]
         engine = "compiled" if rows >= MANY and available() else "numpy"
         made = row_kernel(tracer.sparse(REFERENCES), requests, engine)
-        if made is None:
+        rounded = any(item.plan.rounded_axes for item in requests)
+        if made is None or made.rests or rounded or not made.free:
             return None
         positions = Positions.of(tracer, made)
         wanted = tuple(requests)

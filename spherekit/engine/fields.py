@@ -1,0 +1,364 @@
+"""Poles and coefficients at the rows of a motion, by the terms of rows.
+
+Float64 gives what norms vouch for, quad precision the other rows. A route that is asked for
+by its name takes directions and rates from the sequence of the plan instead.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache, partial
+from typing import Any, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.conventions import (
+    EPS,
+    NO_MOTION,
+    SINGULAR_RATIO,
+    USABLE_DIRECTION,
+    Status,
+    listing,
+    nearest,
+)
+from spherekit.engine.columns import (
+    ERRORS,
+    LARGEST_ERROR,
+    LARGEST_PART,
+    SIGNED,
+    Place,
+)
+from spherekit.engine.row_kernel import NEARLY_FLAT, RowKernel, WideFunctions, row_kernel
+from spherekit.errors import SolveError
+from spherekit.model.gears import SAME_AXIS
+from spherekit.motion.motion import Motion
+from spherekit.planning.poles import CoaxialPole, Pole
+from spherekit.rates.request import (
+    ROUTES,
+    TURN_KNOWN,
+    PoleField,
+    Request,
+    Route,
+    SignMemory,
+    axis_pairs,
+    dot,
+    norm,
+    signed,
+)
+from spherekit.rates.sequence import PlannedPoles
+from spherekit.sphere.rotation import Floats
+
+INCONSISTENT = 1e-10
+"""Velocity or acceleration equations that leave over more, relatively, have no solution."""
+TRUSTED_CHANGE = 1e-2
+"""Rates, or derivatives, that may be off by a larger part than this are lost."""
+SECOND_ORDER = 4.0
+"""Errors of second order, over those of first times the bend of the loops, at most."""
+
+SIZES = SIGNED | {"w": 3, "dw": 3}
+"""How many components parts of a field have; others have one."""
+
+RowEngine = Literal["numpy", "compiled", "extended"]
+
+
+def evaluate(
+    motion: Motion,
+    wanted: Request,
+    memory: SignMemory | None = None,
+    route: Route = "best",
+    engine: RowEngine = "numpy",
+) -> PoleField:
+    """Return the requested poles and coefficients at every row of a motion.
+
+    Parameters
+    ----------
+    motion
+        Any motion of the request's mechanism.
+    wanted
+        What to find, from `spherekit.rates.request.request`.
+    memory
+        Given for successive blocks of one motion, so that signs continue across them.
+    route
+        How they are found, one of `spherekit.rates.request.ROUTES`.
+    engine
+        What runs the terms: NumPy, heyoka, or quad precision for all rows.
+
+    Raises
+    ------
+    SolveError
+        If there is no such route.
+    """
+    if route not in ROUTES:
+        raise SolveError(
+            f'{motion.mechanism.name}: no route is "{route}"'
+            f"{nearest(str(route), ROUTES) or ';'} Routes: {listing(ROUTES)}"
+        )
+    with np.errstate(all="ignore"):
+        field = signed(
+            found(motion, wanted, engine), motion, wanted, memory or SignMemory()
+        )
+        if route in ("first", "conditioned"):
+            return _by_sequence(field, motion, wanted, route)
+    if route == "equations":
+        field.by_equations[:] = True
+    return field
+
+
+@np.errstate(all="ignore")
+def found(motion: Motion, wanted: Request, engine: RowEngine = "numpy") -> PoleField:
+    """Return the poles by the terms, with any signs of secondary ones."""
+    links = range(len(motion.mechanism.links))
+    everything = replace(wanted, links=frozenset(links))
+    by: Literal["numpy", "compiled"] = "numpy" if engine == "extended" else engine
+    made = row_kernel(motion, [everything], by)
+    at = _Rows(motion, wanted, made, engine == "extended")
+    field = PoleField(
+        status=at.status,
+        by_equations=at.wide,
+        by_kernel=at.sure,
+        loss=np.where(at.status == Status.OK, at.loss, np.nan),
+    )
+    planned = cache(partial(PlannedPoles, wanted.plan, motion))
+    for link in links:
+        field.w[link], field.dw[link] = at.part("w", link).T, at.part("dw", link).T
+    for pole in wanted.poles:
+        if wanted.plan.pole(*pole) is None:
+            add_locked(field, motion, pole)
+        else:
+            _add_pole(field, at, pole, planned)
+    field.planes.update({pole: planned().circles(pole) for pole in wanted.planes})
+    return field
+
+
+@final
+class _Rows:
+    """What the terms give at the rows of a motion.
+
+    The kernel vouches for rows (n,) that are `sure`; `wide` ones are computed in quad
+    precision. `errors[pole]` (3, n) bound direction, rate and its derivative; `loss` (n,)
+    is the part of the largest rate or derivative that may be off, infinite where they are
+    lost.
+    """
+
+    def __init__(
+        self, motion: Motion, wanted: Request, kernel: RowKernel | None, all_wide: bool
+    ) -> None:
+        self.motion, self.wanted = motion, wanted
+        self.status, n = motion.status.copy(), len(motion)
+        self.loss = np.zeros(n)
+        self.sure, self.wide = np.zeros((2, n), dtype=bool)
+        self.errors: dict[Pole, Floats] = {}
+        self._of: Mapping[str, Mapping[Any, Place]] = {}
+        if kernel is None:
+            self.status[self.status == Status.OK] = Status.AT_SINGULARITY
+            return
+        values = motion.values.T
+        self._columns, self._aside = kernel.whole(values), kernel.aside(values)
+        self._of, signed_poles = kernel.rates[0].of, kernel.rates[0].signed
+        for pole in self._of["error"]:
+            self.errors[pole] = np.concatenate([self.part(name, pole) for name in ERRORS])
+        self.sure = self._vouched(signed_poles) & ~motion.failed & (not all_wide)
+        self.wide = ~self.sure & ~motion.failed
+        if np.any(self.wide):
+            self._widen(kernel.wide, signed_poles, np.flatnonzero(self.wide))
+        for step in wanted.plan.steps:
+            if isinstance(step, CoaxialPole) and step.pair in wanted.plan.rounded_axes:
+                self._round(step.pole)
+        lost = np.isinf(self.loss) & (self.status == Status.OK)
+        self.status[lost] = Status.AT_SINGULARITY
+
+    def part(self, name: str, key: Any) -> Floats:
+        """Return (components, n) of a part of a pole or link; NaN where it is not known.
+
+        A direction may be known where rates are not.
+        """
+        if not self._of:
+            return np.full((SIZES.get(name, 1), len(self.status)), np.nan)
+        made = self._of[name][key].of(self._columns)
+        if name == "direction":
+            return np.where(self.motion.failed, np.nan, made)
+        return np.where(self.status == Status.OK, made, np.nan)
+
+    def relative(self, pole: Pole) -> tuple[Floats, Floats]:
+        """Return (3, n) the relative angular velocity of links, and its derivative."""
+        (w, dw), (w_j, dw_j) = (
+            (self.part("w", link), self.part("dw", link)) for link in pole
+        )
+        return w_j - w, dw_j - dw
+
+    def _vouched(self, poles: Sequence[Pole]) -> NDArray[np.bool_]:
+        """Return which rows (n,) norms vouch for: each pole is known or surely none."""
+        flatness, _, curved = self._aside[:3]
+        good = (flatness <= 1.0 / NEARLY_FLAT) & (curved <= 1.0)
+        good &= self._aside[-5] <= LARGEST_PART
+        for pole in poles:
+            direction, rate, change = self.errors[pole]
+            v, dv = map(norm, self.relative(pole))
+            doubt = direction + 2.0 * LARGEST_ERROR / TURN_KNOWN * change / v
+            good &= (doubt <= LARGEST_ERROR) | ((v <= rate) & (dv <= change))
+        return np.asarray(good)
+
+    def _widen(
+        self,
+        functions: WideFunctions,
+        signed_poles: Sequence[Pole],
+        rows: NDArray[np.intp],
+    ) -> None:
+        """Compute rows again, and what they may be off by."""
+        tree = self.motion.linearisation.tree
+        made = functions.at(self.motion.values[rows].T)
+        aside = made.aside
+        self._columns[:, rows], self._aside[:, rows] = made.columns, aside
+        flatness, bend = aside[:2]
+        _, over, over_bent, fast, swings = aside[-5:]
+        gap = np.where(made.closed, EPS * (2.0 + tree.longest_loop), self.motion.gap[rows])
+        numbers = EPS * (2.0 + tree.longest_path)
+        turns = np.sqrt(3.0 * len(tree.chords)) * aside[3 : 3 + tree.count]
+
+        def spread(name: str, key: Any) -> Floats:
+            return np.asarray(np.sum(self._of[name][key].of(made.spread), axis=0))
+
+        def of_links(name: str) -> tuple[Floats, Floats]:
+            places = [self._of[name][link] for link in range(tree.count)]
+            sizes = np.array([norm(place.of(made.columns)) for place in places])
+            return sizes, np.array([spread(name, link) for link in range(tree.count)])
+
+        (size, ways), (swing, bent) = of_links("w"), of_links("dw")
+        off_w = np.max(gap * ways + numbers * fast * turns, axis=0)
+        off_dw = gap * bent + numbers * (3.0 * fast * ways + swings * turns)
+        off_dw = np.max(off_dw, axis=0)
+        loss = np.maximum(
+            off_w / np.maximum(np.max(size, axis=0), 1.0),
+            off_dw / np.maximum(np.max(swing, axis=0), 1.0),
+        )
+        left = np.maximum(over / np.maximum(fast, 1.0), over_bent / np.maximum(swings, 1.0))
+        held = (loss <= TRUSTED_CHANGE) & (left < INCONSISTENT)
+        held &= flatness * SINGULAR_RATIO <= 1.0
+        self.loss[rows] = np.where(held, loss, np.inf)
+        more = SECOND_ORDER * np.fmin(bend, 0.5)
+        for pole in signed_poles:
+            place = self._of["direction_dq"][pole]
+            turn = place.of(self._columns)
+            off = gap * spread("direction_dq", pole)
+            unknown = ~(off < TURN_KNOWN * np.maximum(1.0, norm(turn[:, rows])))
+            turn[:, rows[unknown]] = np.nan
+        for pole, errors in self.errors.items():
+            i, j = pole
+            both = size[i] + size[j]
+            direction = (gap + numbers) * spread("direction", pole) + numbers
+            turned, whole = turns[i] + turns[j], ways[i] + ways[j]
+            rate = gap * spread("velocity_coefficient", pole) + numbers * fast * turned
+            rate += (numbers + np.fmin(direction, 1.0) ** 2) * both + more * off_w
+            change = gap * spread("acceleration_coefficient", pole) + more * off_dw
+            change += numbers * (3.0 * fast * whole + swings * turned)
+            change += (numbers + direction) * (both + swing[i] + swing[j])
+            errors[:, rows] = direction, rate, change
+
+    def _round(self, pole: Pole) -> None:
+        """Add what the axes of pairs differ by that are one but for rounding."""
+        for links, errors in self.errors.items():
+            if self.wanted.plan.pole(*links) == pole:
+                slack = SAME_AXIS * self._aside[-2]
+                errors[:2] += slack / norm(self.relative(links)[0]), slack
+
+
+def _add_pole(
+    field: PoleField, at: _Rows, pole: Pole, planned: Callable[[], PlannedPoles]
+) -> None:
+    """Add a pole; its direction by the plan where rates leave it open."""
+    body_pole, status = at.wanted.plan.pole(*pole), at.status
+    assert body_pole is not None
+    ok, n = status == Status.OK, len(status)
+    unit, turn = at.part("direction", pole), at.part("direction_dq", pole)
+    rate, change, angle = (
+        at.part(name, pole)[0]
+        for name in ("velocity_coefficient", "acceleration_coefficient", "angle")
+    )
+    direction, e_rate, e_change = at.errors.get(pole, np.full((3, n), np.inf)).copy()
+    open_, (v, dv) = ~at.motion.failed & ~(direction < USABLE_DIRECTION), at.relative(pole)
+    # Where constraints repeat each other, great circles may be one but for rounding.
+    if np.any(open_) and not any(group.redundant for group in at.motion.assembly.groups):
+        unit[:, open_] = planned().unit[body_pole][:, open_]
+        direction[open_] = planned().error[body_pole][open_]
+        rate[open_], change[open_] = dot(v, unit)[open_], dot(dv, unit)[open_]
+        e_rate[open_] += norm(v)[open_]
+        e_change[open_] += norm(dv)[open_]
+        if body_pole not in axis_pairs(at.wanted.plan):
+            turn[:, open_] = np.nan
+    bad = at.motion.failed | ~(direction < USABLE_DIRECTION)
+    unit[:, bad] = np.nan
+    codes = status.copy()
+    codes[bad & ok] = Status.ILL_CONDITIONED
+    w = norm(at.part("w", pole[1]))
+    still = bad & ok & (norm(v) < NO_MOTION * np.maximum(1.0, w))
+    codes[still] = Status.NO_POLE
+    rate[bad] = change[bad] = np.nan
+    rate[still] = 0.0
+    change[still & (norm(dv) < NO_MOTION)] = 0.0
+    field.pole_status[pole], field.direction[pole] = codes, unit.T
+    field.direction_dq[pole] = turn.T
+    field.velocity_coefficient[pole], field.acceleration_coefficient[pole] = rate, change
+    field.angle[pole], field.error[pole] = np.where(bad, np.nan, [angle, direction])
+    field.velocity_coefficient_error[pole] = np.where(np.isnan(rate), np.nan, e_rate)
+    field.acceleration_coefficient_error[pole] = np.where(
+        np.isnan(change), np.nan, e_change
+    )
+
+
+def _by_sequence(
+    field: PoleField, motion: Motion, wanted: Request, route: Route
+) -> PoleField:
+    """Return poles and rates by the sequence of the plan, derivatives by the terms.
+
+    What they differ by from the terms is part of their error.
+    """
+    plan, planned = wanted.plan, PlannedPoles(wanted.plan, motion, route)
+    w, doubt = planned.link_rates(wanted.bodies)
+    lost = ~(doubt < USABLE_DIRECTION) & (field.status == Status.OK)
+    field.status[lost] = Status.ILL_CONDITIONED
+    field.by_equations[:] = field.by_kernel[:] = False
+    unknown = field.status != Status.OK
+    drift = np.maximum(motion.orientation_error / EPS, 1.0)
+    for pole in wanted.poles:
+        at, (a, b) = plan.pole(*pole), (plan.body[link] for link in pole)
+        if at is None:
+            continue
+        side = np.where(dot(field.direction[pole].T, planned.unit[at]) < 0.0, -1.0, 1.0)
+        unit, rate = side * planned.unit[at], field.velocity_coefficient[pole]
+        if a in w and b in w:
+            rate = np.where(unknown, np.nan, dot(w[b] - w[a], unit))
+        field.velocity_coefficient_error[pole] += np.abs(
+            rate - field.velocity_coefficient[pole]
+        )
+        field.velocity_coefficient[pole] = rate
+        field.acceleration_coefficient[pole][lost] = np.nan
+        error = np.fmax(field.error[pole], 0.0) + planned.error[at] * drift
+        bad = motion.failed | ~(planned.error[at] < USABLE_DIRECTION)
+        codes = field.pole_status[pole]
+        codes[lost | (bad & (codes == Status.OK))] = Status.ILL_CONDITIONED
+        field.direction[pole] = np.where(bad, np.nan, unit).T
+        field.error[pole], field.angle[pole] = np.where(
+            bad, np.nan, [error, field.angle[pole]]
+        )
+    for link in list(field.w):
+        if plan.body[link] in w:
+            field.w[link] = np.where(unknown, np.nan, w[plan.body[link]]).T
+            field.dw[link][unknown] = np.nan
+        else:
+            del field.w[link], field.dw[link]
+    return field
+
+
+def add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
+    """Add the pole of two links that inputs at rest hold together: there is none."""
+    good, n = field.status == Status.OK, len(motion)
+    field.direction[pole], field.direction_dq[pole] = np.full((2, n, 3), np.nan)
+    field.angle[pole], field.error[pole] = np.full((2, n), np.nan)
+    for rates in (
+        field.velocity_coefficient,
+        field.acceleration_coefficient,
+        field.velocity_coefficient_error,
+        field.acceleration_coefficient_error,
+    ):
+        rates[pole] = np.where(good, 0.0, np.nan)
+    field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
