@@ -5,6 +5,7 @@ import pytest
 
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.crossings import bracketed_zeros
+from spherekit.numeric.descent import descent
 from spherekit.numeric.local import LocalPolynomials
 from spherekit.numeric.zeros import zeros
 
@@ -164,3 +165,18 @@ def test_chebyshev_cells_in_runs():
         found = fitted.along(x)
         assert np.max(np.abs(found[0] - np.sin(3.0 * x))) < 2e-13
         assert np.max(np.abs(found[1] - np.abs(x - 0.31))) < 2e-13
+
+
+def test_least_squares_keep_to_limits_and_leave_them_for_less():
+    """x + y = 3 and x - y = 2 meet at (2.5, 0.5); with x at most 1 the best y is 0.5."""
+
+    def residuals(values, _):
+        x, y = values.T
+        slope = np.array([[1.0, 1.0], [1.0, -1.0]])
+        return np.stack([x + y - 3.0, x - y - 2.0], axis=1), np.tile(slope, (len(x), 1, 1))
+
+    for high, wanted in ((1.0, (1.0, 0.5)), (9.0, (2.5, 0.5))):
+        start = np.array([[high, 0.0], [-4.0, 7.0]])
+        values, squares = descent(residuals, start, high=np.array([high, np.inf]))
+        assert values == pytest.approx(np.tile(wanted, (2, 1)), abs=1e-7)
+        assert squares == pytest.approx(np.full(2, 2.0 * (2.5 - wanted[0]) ** 2), abs=1e-9)

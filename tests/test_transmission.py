@@ -181,6 +181,15 @@ def test_near_zero_the_measure_has_its_digits():
         assert own.at(given)[0] == pytest.approx(float(least), rel=1e-3, abs=3e-15)
 
 
+def test_what_the_inputs_do_not_hold_has_no_transmission():
+    """A five-bar with one crank locked: its pointer still moves."""
+    made = sk.load("five_bar")
+    motion = sk.trace(made, samples=3)
+    measure = Transmission.of(made.with_inputs("21"), made.outputs[0])
+    closure = Tracer(made, samples=3).solver.closure
+    assert np.all(measure.of_values(closure, motion.values[~motion.failed]) == 0.0)
+
+
 @pytest.mark.parametrize("name", ["bevel_differential", "three_rrr", "two_dof_spm"])
 def test_neither_frame_nor_ground_nor_order_matters(name):
     made = sk.load(name)
