@@ -20,6 +20,8 @@ REACHED = {
     "classes": 726,
     "dataclasses": 516,
     "functions of 60 lines": 33,
+    "lines of tests": 42_289,
+    "lines of benchmarks": 5_162,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
 LONGEST = 60
@@ -66,7 +68,11 @@ def counts(tree):
 @pytest.mark.many
 @pytest.mark.parametrize("what", REACHED)
 def test_nothing_grows(what):
-    reached = sum((counts(tree) for _, tree in trees().values()), Counter())[what]
+    if what.startswith("lines of "):
+        files = (ROOT / what.removeprefix("lines of ")).rglob("*.py")
+        reached = sum(len(path.read_text().splitlines()) for path in files)
+    else:
+        reached = sum((counts(tree) for _, tree in trees().values()), Counter())[what]
     assert reached <= REACHED[what], f"{reached - REACHED[what]} {what} more than before"
 
 
