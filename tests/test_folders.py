@@ -1,7 +1,6 @@
 """Folders of results: only what runs have made there is replaced or removed."""
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
@@ -25,77 +24,71 @@ def everything(folder):
     }
 
 
-def linked_work(base, out):
-    (base / "kept").mkdir()
-    (base / "kept" / "journal.json").write_text("{}")
-    (out / ".spherekit-run").symlink_to(base / "kept")
+def put(base, things):
+    """Put things into a folder: `x -> y` is a link, `x/` a folder, `x: text` a file."""
+    for thing in things:
+        place, link, target = thing.partition(" -> ")
+        name, _, text = thing.partition(": ")
+        path = base / (place if link else name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if link:
+            path.symlink_to(base / target)
+        elif name.endswith("/"):
+            path.mkdir()
+        else:
+            text = text.replace("BASE", str(base)).replace("VERSION", sk.__version__)
+            path.write_text(text)
 
 
-def linked_file_in_work(base, out):
-    (base / "kept").write_text("mine")
-    (out / ".spherekit-run").mkdir()
-    (out / ".spherekit-run" / "poles.poles.0.rows").symlink_to(base / "kept")
+WORK = "out/.spherekit-run"
+OF_NO_RUN = {
+    "linked work": ("kept/journal.json: {}", f"{WORK} -> kept"),
+    "linked file in work": ("kept: mine", f"{WORK}/poles.poles.0.rows -> kept"),
+    "linked lock": ("kept: mine", f"{WORK}/lock -> kept"),
+    "work of another": (f"{WORK}/notes: mine",),
+    "work that is a file": (f"{WORK}: mine",),
+    "summary of another": (
+        'out/summary.json: {"files": ["data.csv"]}',
+        "out/data.csv: 1,2",
+    ),
+    "forged summary": (
+        'out/summary.json: {"spherekit": "VERSION", "files": ["data.csv"], "signature": "'
+        + "0" * 64
+        + '"}',
+        "out/data.csv: 1,2",
+    ),
+    "linked summary": ('kept: {"files": []}', "out/summary.json -> kept"),
+    "table of another": ("out/poles.parquet: mine",),
+    "units of another": ("out/columns.csv: mine",),
+}
+OF_NO_RUN_EITHER = {
+    "forged record": (
+        "kept: mine",
+        "out/notes.txt: mine",
+        f'{WORK}/published.json: ["../kept", "BASE/kept", "notes.txt"]',
+        "out/poles.csv: mine",
+    ),
+    "things in what is made": (f"{WORK}/made/mine/poles.csv: mine",),
+    "folder for a journal": (f"{WORK}/journal.json/mine: mine",),
+}
+OF_NO_SWEEP = {
+    "linked lock": ("kept: mine", "out/.sweep.lock -> kept"),
+    "sweep of another": ('out/_sweep.json: {"mine": 1}',),
+    "broken definition": ("out/_sweep.json: {",),
+    "linked definition": ("kept: {}", "out/_sweep.json -> kept"),
+    "linked designs": ("kept/", "out/designs -> kept"),
+    "linked work": ("kept/part-000000.parquet: mine", "out/.sweep-work -> kept"),
+    "work of another": ("out/.sweep-work/notes: mine",),
+    "linked part": ("out/part-000000.parquet -> nowhere",),
+}
 
 
-def linked_lock(base, out):
-    (base / "kept").write_text("mine")
-    (out / ".spherekit-run").mkdir()
-    (out / ".spherekit-run" / "lock").symlink_to(base / "kept")
-
-
-def work_of_another(base, out):
-    (out / ".spherekit-run").mkdir()
-    (out / ".spherekit-run" / "notes").write_text("mine")
-
-
-def work_that_is_a_file(base, out):
-    (out / ".spherekit-run").write_text("mine")
-
-
-def summary_of_another(base, out):
-    (out / "summary.json").write_text('{"files": ["data.csv"]}')
-    (out / "data.csv").write_text("1,2")
-
-
-def forged_summary(base, out):
-    forged = {"spherekit": sk.__version__, "files": ["data.csv"], "signature": "0" * 64}
-    (out / "summary.json").write_text(json.dumps(forged))
-    (out / "data.csv").write_text("1,2")
-
-
-def linked_summary(base, out):
-    (base / "kept").write_text('{"files": []}')
-    (out / "summary.json").symlink_to(base / "kept")
-
-
-def table_of_another(base, out):
-    (out / "poles.parquet").write_text("mine")
-
-
-def units_of_another(base, out):
-    (out / "columns.csv").write_text("mine")
-
-
-@pytest.mark.parametrize(
-    "prepare",
-    [
-        linked_work,
-        linked_file_in_work,
-        linked_lock,
-        work_of_another,
-        work_that_is_a_file,
-        summary_of_another,
-        forged_summary,
-        linked_summary,
-        table_of_another,
-        units_of_another,
-    ],
-)
+@pytest.mark.parametrize("prepare", OF_NO_RUN)
 @pytest.mark.parametrize("option", [[], ["--restart"], ["--resume"]])
 def test_a_run_leaves_what_no_run_has_made(prepare, option, tmp_path, capsys):
+    (tmp_path / "out").mkdir()
+    put(tmp_path, OF_NO_RUN[prepare])
     out = tmp_path / "out"
-    out.mkdir()
-    prepare(tmp_path, out)
     before = everything(tmp_path)
     assert main([*RUN, "-o", str(out), *option]) == 1
     assert "choose another folder" in capsys.readouterr().err
@@ -155,41 +148,20 @@ def changed_summary(base, out):
     (out / "summary.json").write_text(text.replace('"samples": 5', '"samples": 6'))
 
 
-def forged_record(base, out):
-    (base / "kept").write_text("mine")
-    (out / ".spherekit-run").mkdir()
-    names = ["../kept", str(base / "kept"), "notes.txt"]
-    (out / "notes.txt").write_text("mine")
-    (out / ".spherekit-run" / "published.json").write_text(json.dumps(names))
-    (out / "poles.csv").write_text("mine")
+CHANGED = {
+    each.__name__: each
+    for each in (edited, in_place_of_a_table, copied_summary, changed_summary)
+}
 
 
-def things_in_what_is_made(base, out):
-    (out / ".spherekit-run" / "made" / "mine").mkdir(parents=True)
-    (out / ".spherekit-run" / "made" / "mine" / "poles.csv").write_text("mine")
-
-
-def folder_for_a_journal(base, out):
-    (out / ".spherekit-run" / "journal.json").mkdir(parents=True)
-    (out / ".spherekit-run" / "journal.json" / "mine").write_text("mine")
-
-
-@pytest.mark.parametrize(
-    "prepare",
-    [
-        edited,
-        in_place_of_a_table,
-        copied_summary,
-        changed_summary,
-        forged_record,
-        things_in_what_is_made,
-        folder_for_a_journal,
-    ],
-)
+@pytest.mark.parametrize("prepare", [*CHANGED, *OF_NO_RUN_EITHER])
 def test_results_that_are_no_longer_those_of_a_run_stay(prepare, tmp_path, capsys):
     out = tmp_path / "out"
     assert main([*RUN, "-o", str(out)]) == 0
-    prepare(tmp_path, out)
+    if prepare in CHANGED:
+        CHANGED[prepare](tmp_path, out)
+    else:
+        put(tmp_path, OF_NO_RUN_EITHER[prepare])
     before = everything(tmp_path)
     assert main([*RUN, "-o", str(out), "--restart"]) == 1
     assert "choose another folder" in capsys.readouterr().err
@@ -236,66 +208,16 @@ def test_names_that_a_command_chooses(words, name, link, tmp_path, monkeypatch, 
     assert place.read_text() == "mine" and place.is_symlink() == link
 
 
-def linked_sweep_lock(base, out):
-    (base / "kept").write_text("mine")
-    (out / ".sweep.lock").symlink_to(base / "kept")
-
-
-def sweep_of_another(base, out):
-    (out / "_sweep.json").write_text('{"mine": 1}')
-
-
-def broken_definition(base, out):
-    (out / "_sweep.json").write_text("{")
-
-
-def linked_definition(base, out):
-    (base / "kept").write_text("{}")
-    (out / "_sweep.json").symlink_to(base / "kept")
-
-
-def linked_work_of_a_sweep(base, out):
-    (base / "kept").mkdir()
-    (base / "kept" / "part-000000.parquet").write_text("mine")
-    (out / ".sweep-work").symlink_to(base / "kept")
-
-
-def work_of_another_sweep(base, out):
-    (out / ".sweep-work").mkdir()
-    (out / ".sweep-work" / "notes").write_text("mine")
-
-
-def linked_part(base, out):
-    (out / "part-000000.parquet").symlink_to(base / "nowhere")
-
-
-def linked_designs(base, out):
-    (base / "kept").mkdir()
-    (out / "designs").symlink_to(base / "kept")
-
-
-@pytest.mark.parametrize(
-    "prepare",
-    [
-        linked_sweep_lock,
-        sweep_of_another,
-        broken_definition,
-        linked_definition,
-        linked_designs,
-        linked_work_of_a_sweep,
-        work_of_another_sweep,
-        linked_part,
-    ],
-)
+@pytest.mark.parametrize("prepare", OF_NO_SWEEP)
 def test_a_sweep_leaves_what_no_sweep_has_made(prepare, tmp_path, capsys):
+    (tmp_path / "out").mkdir()
+    put(tmp_path, OF_NO_SWEEP[prepare])
     out = tmp_path / "out"
-    out.mkdir()
-    prepare(tmp_path, out)
     before = everything(tmp_path)
     assert main([*SWEEP, "-o", str(out)]) == 1
     assert "choose another folder" in capsys.readouterr().err
     after = everything(tmp_path)
-    after.pop("out/.sweep.lock", None) if prepare is not linked_sweep_lock else None
+    after.pop("out/.sweep.lock", None) if prepare != "linked lock" else None
     assert after == before
 
 
