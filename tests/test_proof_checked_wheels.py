@@ -82,99 +82,31 @@ def part_of_laps():
     return whole
 
 
-def other_teeth(changed):
-    changed["mechanism"] = changed["mechanism"].replace("[20, 40]", "[20, 41]")
-
-
-def other_teeth_told_too(changed):
-    """3 turns of a wheel for 2 of the input, of the file too, but not of the pieces."""
-    changed["mechanism"] = changed["mechanism"].replace("[20, 40]", "[60, 40]")
-    changed["wheels"][0]["turns"] = -3
-    changed["wheels"][0]["at_zero_rad"] *= 5.0 / 3.0
-    changed["wheels"][0]["off"] = 9e-15
-
-
-def within(changed):
-    changed["mechanism"] += 'contact = "internal"\n'
-
-
-def other_turns(changed):
-    changed["wheels"][0]["turns"] = 1
-
-
-def other_laps(changed):
-    changed["input_turns_of_its_variable"] = 4
-    changed["wheels"][0]["turns"] = -2
-
-
-def no_laps(changed):
-    changed["input_turns_of_its_variable"] = 1
-
-
-def other_offset(changed):
-    changed["wheels"][0]["at_zero_rad"] += 1e-12
-
-
-def vague_offset(changed):
-    changed["wheels"][0]["off"] = 7.0
-
-
-def other_pair(changed):
-    changed["wheels"][0]["pair"] = "54"
-
-
-def no_wheels(changed):
-    changed["wheels"] = []
-
-
-def nothing_follows(changed):
-    changed["construction"]["follow"] = []
-
-
-def missing_chain(changed):
-    del changed["curves"][1]
-
-
-def moved_piece(changed):
-    changed["curves"][0]["pieces"][5]["centre"][0] += 1e-6
-
-
-def other_range(changed):
-    changed["inputs"]["left"] = ["300", "700.5"]
-
-
-def more_than_all_laps(changed):
-    changed["inputs"]["left"] = ["400", "1121"]
-
-
-def a_crossing(changed):
-    crossing = {"centre": [0.0, 0.0], "limits": [0.1, 0.1], "is": "curves cross"}
-    changed["crossings"] = [crossing]
-
-
-def at_one_input(changed):
-    changed["curves"][0]["at_one_input"] = True
-
-
-CHANGES = [
-    a_crossing,
-    at_one_input,
-    other_teeth,
-    other_teeth_told_too,
-    within,
-    other_turns,
-    other_laps,
-    no_laps,
-    other_offset,
-    vague_offset,
-    other_pair,
-    no_wheels,
-    nothing_follows,
-    missing_chain,
-    moved_piece,
-    other_range,
-    more_than_all_laps,
-]
+CROSSING = {"centre": [0.0, 0.0], "limits": [0.1, 0.1], "is": "curves cross"}
+CHANGES = {
+    "a crossing": 'c["crossings"] = [CROSSING]',
+    "at one input": 'c["curves"][0]["at_one_input"] = True',
+    "other teeth": 'c["mechanism"] = c["mechanism"].replace("[20, 40]", "[20, 41]")',
+    # 3 turns of a wheel for 2 of the input, of the file too, but not of the pieces
+    "other teeth told too": (
+        'c["mechanism"] = c["mechanism"].replace("[20, 40]", "[60, 40]")\n'
+        'wheel["turns"], wheel["off"] = -3, 9e-15\n'
+        'wheel["at_zero_rad"] *= 5.0 / 3.0'
+    ),
+    "within": 'c["mechanism"] += \'contact = "internal"\\n\'',
+    "other turns": 'wheel["turns"] = 1',
+    "other laps": 'c["input_turns_of_its_variable"] = 4; wheel["turns"] = -2',
+    "no laps": 'c["input_turns_of_its_variable"] = 1',
+    "other offset": 'wheel["at_zero_rad"] += 1e-12',
+    "vague offset": 'wheel["off"] = 7.0',
+    "other pair": 'wheel["pair"] = "54"',
+    "no wheels": 'c["wheels"] = []',
+    "nothing follows": 'c["construction"]["follow"] = []',
+    "missing chain": 'del c["curves"][1]',
+    "moved piece": 'c["curves"][0]["pieces"][5]["centre"][0] += 1e-6',
+    "other range": 'c["inputs"]["left"] = ["300", "700.5"]',
+    "more than all laps": 'c["inputs"]["left"] = ["400", "1121"]',
+}
 
 
 @pytest.mark.slow
@@ -182,7 +114,8 @@ CHANGES = [
 @pytest.mark.parametrize("change", CHANGES)
 def test_tampered_certificates_of_wheels_are_refused(part_of_laps, change):
     changed = copy.deepcopy(part_of_laps)
-    change(changed)
+    wheel = changed["wheels"][0]
+    exec(CHANGES[change], {"c": changed, "wheel": wheel, "CROSSING": CROSSING})
     assert changed != part_of_laps
     with pytest.raises(Refused):
         check(changed)
