@@ -30,7 +30,6 @@ from spherekit.plugin.designs import Merit, middle_pairs
 from spherekit.plugin.singularities import (
     NearMiss,
     RelationAt,
-    RelationMeasures,
     SampledSingularities,
     SingularPoint,
     Type,
@@ -279,47 +278,36 @@ class OneInput:
         sigma, reciprocal_condition = sampled.singular_values()
         names = self._names(batch)
 
-        def ratio(measures: RelationMeasures) -> Floats:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                return measures.output_rate / measures.input_rate
-
         status = np.where(batch.status == Status.OK, sampled.status, batch.status)
-
-        def kinds(measures: RelationMeasures) -> NDArray[Any]:
-            finite = np.isfinite(measures.input_rate)
-            rest = [np.abs(r) < RESTS for r in (measures.output_rate, measures.input_rate)]
-            return np.select(
+        rows: list[Row] = []
+        for (output, form), columns in sampled.measures().items():
+            rates = columns["output_rate"], columns["input_rate"]
+            finite, rest = np.isfinite(rates[1]), [np.abs(rate) < RESTS for rate in rates]
+            kinds = np.select(
                 [sampled.crossed, ~finite, rest[0] & rest[1], *rest],
                 ["III", "", SELF_MOTION, "I", "II"],
                 "regular",
             )
-
-        return [
-            {
-                "sample": batch.sample,
-                "assembly_mode": batch.assembly_mode,
-                "q": batch.q,
-                "output": names[measures.output],
-                "form": str(measures.form),
-                "c": measures.c,
-                "d": measures.d,
-                "velocity_coefficient": ratio(measures),
-                "output_rate": measures.output_rate,
-                "input_rate": measures.input_rate,
-                "angle_I": measures.type_i,
-                "angle_II": measures.type_ii,
-                "transmission": measures.transmission,
-                "to_I": measures.to_i,
-                "to_II": measures.to_ii,
-                "sigma": sigma,
-                "reciprocal_condition": reciprocal_condition,
-                "status": status,
-                "moving": batch.moving_inputs[0],
-                "type": kinds(measures),
-                "group": np.isin(kinds(measures), ("I", "II", "III")).astype(np.int64),
-            }
-            for measures in sampled.measures()
-        ]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = rates[0] / rates[1]
+            rows.append(
+                {
+                    **columns,
+                    "sample": batch.sample,
+                    "assembly_mode": batch.assembly_mode,
+                    "q": batch.q,
+                    "output": names[output],
+                    "form": str(form),
+                    "velocity_coefficient": ratio,
+                    "sigma": sigma,
+                    "reciprocal_condition": reciprocal_condition,
+                    "status": status,
+                    "moving": batch.moving_inputs[0],
+                    "type": kinds,
+                    "group": np.isin(kinds, ("I", "II", "III")).astype(np.int64),
+                }
+            )
+        return rows
 
 
 def _missed(miss: NearMiss, names: Sequence[str]) -> Row:

@@ -14,14 +14,14 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 707_390,
-    "code lines": 57_608,
+    "nodes": 706_658,
+    "code lines": 57_524,
     "files": 332,
-    "classes": 726,
-    "dataclasses": 516,
+    "classes": 723,
+    "dataclasses": 514,
     "functions of 60 lines": 33,
-    "lines of tests": 42_289,
-    "lines of benchmarks": 5_162,
+    "lines of tests": 0,
+    "lines of benchmarks": 0,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
 LONGEST = 60

@@ -26,10 +26,12 @@ from spherekit.guidance.rotation_path import (
     Optimality,
     Target,
     corrected,
+    least_about,
 )
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import chosen_output
 from spherekit.motion.closure import Closure
+from spherekit.motion.loops import condition
 from spherekit.numeric.zeros import hermite
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
@@ -46,10 +48,6 @@ AROUND, POINTS = 0.08, 14
 interpolated, through how many points."""
 MARKS = 257
 """Angles on a rotation among which the inputs may let go of the output."""
-ZOOM = 16
-"""Parts into which an interval is cut that holds such a place."""
-CROSSING_WIDTH = 1e-14
-"""How narrow (rad) it becomes."""
 CLOSED_START = 1e-6
 """A configuration to start from may be as far from closed as this (rad)."""
 
@@ -147,14 +145,8 @@ class FollowedRotation:
         held = np.nan_to_num(self._held(marks), nan=np.inf)
         beside = np.pad(held, 1, constant_values=np.inf)
         low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
-        width, places = marks[1], marks[low]
-        while len(places) and width > CROSSING_WIDTH:
-            grid = places[:, None] + width * np.linspace(-1.0, 1.0, ZOOM + 1)
-            grid = np.clip(grid, 0.0, self.reached)
-            measures = np.nan_to_num(self._held(grid.ravel()), nan=np.inf)
-            best = np.argmin(measures.reshape(grid.shape), axis=1)
-            places = grid[np.arange(len(grid)), best]
-            width *= 2.0 / ZOOM
+        span = 0.0, self.reached
+        places = least_about(self._held, marks[low], float(marks[1]), span)
         lost = places[~(self._held(places) > SINGULAR_RATIO)]
         apart = np.abs(lost[:, None] - np.array(self.leaps)) > LEAPS[-1]
         places = np.concatenate([self.leaps, lost[np.all(apart, axis=1)]])
@@ -196,7 +188,7 @@ class FollowedRotation:
         predicted, allowed = self._predict(np.minimum(theta, self.reached))
         near, _ = corrected(self.target, predicted, wanted, self.exact)
         beyond = theta > self.reached
-        hold = _conditions(near.system)
+        hold = np.nan_to_num(1.0 / condition(near.system))
         if not self.exact:
             hold = np.minimum(near.least_eigenvalue, near.loop_conditioning)
         unfixed = (status == Status.OK) & ~(hold > UNFIXED)
@@ -397,14 +389,6 @@ def follow_to(
         raise SolveError("the orientation has to be a rotation matrix (3, 3)")
     axis, angle = turn_to(placed[0, made.link_number[end.link]], wanted)
     return follow_rotation(mechanism, values, axis, angle, output)
-
-
-def _conditions(matrices: Floats) -> Floats:
-    """Return reciprocal conditions (n,) of matrices (n, m, k), m >= k; 0 if not finite."""
-    finite = np.all(np.isfinite(matrices), axis=(1, 2))
-    sizes = np.linalg.svd(np.where(finite[:, None, None], matrices, 0.0), compute_uv=False)
-    with np.errstate(invalid="ignore"):
-        return np.nan_to_num(sizes[:, -1] / sizes[:, 0])
 
 
 def _configuration(values: ArrayLike, count: int, name: str) -> Floats:

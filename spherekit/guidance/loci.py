@@ -19,7 +19,7 @@ freedoms. The poses that the closed form reaches are then all there are near eac
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import final
 
@@ -44,9 +44,9 @@ from spherekit.model.mechanism import Mechanism, chosen_output
 from spherekit.model.parts import Output
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.region.mesh import edges_of, hemisphere
-from spherekit.singular.curves import SingularCurves
+from spherekit.singular.curves import CurveSeen, SingularCurves
 from spherekit.singular.locus import solver_of
-from spherekit.singular.several import LocusName, SingularPoints, View
+from spherekit.singular.several import LocusName, View
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import Floats, arc, cross, perpendicular
 
@@ -259,32 +259,6 @@ ALONG = 1e-6
 """Elbows with a smaller sine lie along one line."""
 
 
-@final
-@dataclass(frozen=True)
-class MidPlaneCurve:
-    """Singular mid-planes in order, in one mode of the legs.
-
-    `s` (n,) is the length of their way on the sphere of normals (rad). What is of both
-    types is not singled out. `why` says in words what is singular.
-    """
-
-    points: SingularPoints
-    modes: tuple[int, ...]
-    s: Floats
-    closed: bool
-    why: str
-
-    @property
-    def both(self) -> SingularPoints:
-        """No points."""
-        return self.points.rows(np.zeros(0, dtype=np.intp))
-
-    def dense(self, parts: int) -> SingularPoints:
-        """Return the points, which are dense already."""
-        del parts
-        return self.points
-
-
 def mid_plane_loci(
     mechanism: Mechanism,
     kind: LocusName,
@@ -336,7 +310,7 @@ class _Modes:
             v for v in range(len(mechanism.variable_owners)) if v not in solver.driven
         ]
 
-    def borders(self) -> Iterator[MidPlaneCurve]:
+    def borders(self) -> Iterator[CurveSeen]:
         """Yield the circles on which a driven leg is at its limit, where others reach."""
         plane = self.form.plane
         count = round(2.0 * np.pi / SIDE)
@@ -357,7 +331,7 @@ class _Modes:
                 for rows, closed in _runs(reached):
                     yield self._curve(normals[rows], modes, closed, why)
 
-    def contours(self, budget: Budget) -> Iterator[MidPlaneCurve]:
+    def contours(self, budget: Budget) -> Iterator[CurveSeen]:
         """Yield the lines on which the determinant of the locked mechanism changes sign."""
         nodes, triangles = hemisphere(SIDE)
         edges, sides = edges_of(triangles)
@@ -420,7 +394,7 @@ class _Modes:
 
     def _curve(
         self, normals: Floats, modes: NDArray[np.int64], closed: bool, why: str
-    ) -> MidPlaneCurve:
+    ) -> CurveSeen:
         """Return a curve; points that do not close, at a limit, are left out.
 
         The residual is the least singular value of the loops' velocity equations together
@@ -439,7 +413,8 @@ class _Modes:
         ways = np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1.0, 1.0))
         s = np.concatenate([[0.0], np.cumsum(ways)])
         whole = closed and len(kept) == len(normals)
-        return MidPlaneCurve(points.rows(kept), tuple(modes.tolist()), s[kept], whole, why)
+        none, signs = points.rows(slice(0)), tuple(modes.tolist())
+        return CurveSeen(points.rows(kept), none, s[kept], whole, why, signs)
 
 
 def _lines(sides: NDArray[np.intp], count: int) -> Iterator[tuple[list[int], bool]]:

@@ -17,6 +17,7 @@ orientation has, or where the mechanism can follow, d and m are 0. Differentiate
 twice by the angle turned through, the condition gives exact rates.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import final
@@ -25,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.motion.closure import Closure, NewtonSteps, Rows
-from spherekit.motion.loops import Linearisation
+from spherekit.motion.closure import Closure, NewtonSteps, Rows, newton
+from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.steps import Verification, follow_paths
 from spherekit.numeric.zeros import hermite
 from spherekit.sphere.rotation import (
@@ -213,7 +214,7 @@ class Optimality:
         plain = np.swapaxes(self.swing, 1, 2) @ self.swing
         convex = self.least_eigenvalue > 1e-6 * self.output_singular_value**2
         used = np.where(convex[:, None, None], self.stiffness, plain)
-        along = np.einsum("nij,nj->ni", _inverse(used), pull)
+        along = np.einsum("nij,nj->ni", left_inverse(used), pull)
         return np.asarray(np.einsum("nvj,nj->nv", free, along) + closing)
 
     def exact_step(self) -> Floats:
@@ -279,7 +280,7 @@ class Optimality:
         log, backward = LogRate(self.left), LogRate(self.left, -1.0)
         tree, reach = self.target.closure.tree, self.target.reach
         about = np.broadcast_to(axis, self.left.shape)
-        soft = _inverse(self.stiffness)
+        soft = left_inverse(self.stiffness)
 
         def along(gradient: Floats) -> Floats:
             motion = np.einsum("nij,nj->ni", soft, gradient)
@@ -310,16 +311,6 @@ class Optimality:
         left_bias -= backward.of(w_bias)
         second = held + along(np.einsum("nvj,nv->nj", free, force) + seen(left_bias))
         return first, second
-
-
-def _inverse(matrices: Floats) -> Floats:
-    """Return inverses of square matrices (n, k, k); NaN where singular."""
-    out = np.full_like(matrices, np.nan)
-    finite = np.all(np.isfinite(matrices), axis=(1, 2))
-    regular = np.zeros(len(matrices), dtype=bool)
-    regular[finite] = np.abs(np.linalg.det(matrices[finite])) > 0.0
-    out[regular] = np.linalg.inv(matrices[regular])
-    return out
 
 
 LARGEST_STEP = 0.2
@@ -353,6 +344,31 @@ UNFIXED = 1e-7
 """Equations of this reciprocal condition do not fix the links."""
 STRETCHED = 1e-3
 """How near the last node is to a limit of the output's reach, to name it as the reason."""
+
+
+ZOOM = 16
+"""Parts into which an interval is cut that holds a minimum."""
+NARROW = 1e-14
+"""How narrow (rad) it becomes."""
+
+
+def least_about(
+    function: Callable[[Floats], Floats],
+    places: Floats,
+    width: float,
+    span: tuple[float, float],
+) -> Floats:
+    """Return where a function is least about places (n,), in intervals cut again and again.
+
+    `width` (rad) is half that of the first, `span` what none leaves.
+    """
+    while len(places) and width > NARROW:
+        grid = places[:, None] + width * np.linspace(-1.0, 1.0, ZOOM + 1)
+        grid = np.clip(grid, *span)
+        values = np.nan_to_num(function(grid.ravel()), nan=np.inf).reshape(grid.shape)
+        places = grid[np.arange(len(grid)), np.argmin(values, axis=1)]
+        width *= 2.0 / ZOOM
+    return places
 
 
 @final
@@ -497,7 +513,8 @@ class March:
                 > UNFIXED
             ):
                 return None
-        off = np.max(np.abs(self._between(at, node, middle.theta) - middle.values))
+        there = self._between(at, node, np.array([middle.theta]))
+        off = np.max(np.abs(there - middle.values))
         return node if VERIFIED.predicted(off, moved, CLOSURE_TOLERANCE) else None
 
     def _holds(self, node: Node) -> bool:
@@ -505,11 +522,11 @@ class March:
         return bool(finite and node.near.miss(self.exact)[0] < STATIONARY)
 
     @staticmethod
-    def _between(at: Node, node: Node, theta: float) -> Floats:
+    def _between(at: Node, node: Node, theta: Floats) -> Floats:
+        """Return the variables (n, variables) at angles (n,) between two nodes."""
         h = node.theta - at.theta
         ends = [(n.values[None], n.first[None], n.second[None]) for n in (at, node)]
-        part = np.array([(theta - at.theta) / h])
-        return np.asarray(hermite(ends[0], ends[1], np.array([h]), part)[0])
+        return hermite(ends[0], ends[1], np.array([h]), (theta - at.theta) / h)
 
     def _leap(self, at: Node) -> tuple[Node, float] | None:
         """Return a node beyond a singular configuration, and the angle of that.
@@ -527,7 +544,7 @@ class March:
             if not node.condition > LEAP_FROM * way:
                 continue
             places = at.theta + way * np.array([0.2, 0.4, 0.6, 0.8])
-            guess = np.stack([self._between(at, node, place) for place in places])
+            guess = self._between(at, node, places)
             inner, _ = self._nodes(places, guess)
             off = [
                 np.max(np.abs(inner_node.values - one))
@@ -536,30 +553,18 @@ class March:
             ]
             if len(off) < 2 or max(off) > SMOOTH or not all(map(self._holds, inner)):
                 continue
-            place, hold = self._loosest(at, node)
-            if hold < SINGULAR * min(self._hold(at, at, 0.0), self._hold(at, node, goal)):
-                return node, place
+
+            def hold(theta: Floats, node: Node = node) -> Floats:
+                """Return how firmly (n,) the equations fix the links on the way."""
+                values = self._between(at, node, theta)
+                system = self.target.at(values, np.eye(3)[None]).system
+                return np.asarray(np.linalg.svd(system, compute_uv=False)[:, -1])
+
+            span = at.theta, goal
+            place = least_about(hold, np.array([at.theta + 0.5 * way]), 0.5 * way, span)
+            if hold(place)[0] < SINGULAR * np.min(hold(np.array(span))):
+                return node, float(place[0])
         return None
-
-    def _hold(self, at: Node, node: Node, theta: float) -> float:
-        """Return how firmly the equations fix the links between two nodes."""
-        values = at.values if node is at else self._between(at, node, theta)
-        near = self.target.at(values[None], np.eye(3)[None])
-        return float(np.linalg.svd(near.system[0], compute_uv=False)[-1])
-
-    def _loosest(self, at: Node, node: Node) -> tuple[float, float]:
-        """Return the angle between two nodes where the links are fixed least, and how."""
-        low, high = at.theta, node.theta
-        golden = 0.5 * (np.sqrt(5.0) - 1.0)
-        for _ in range(60):
-            inner = [high - golden * (high - low), low + golden * (high - low)]
-            left, right = (self._hold(at, node, x) for x in inner)
-            if left < right:
-                high = inner[1]
-            else:
-                low = inner[0]
-        place = float(0.5 * (low + high))
-        return place, self._hold(at, node, place)
 
     def _why(self, at: Node) -> Status:
         """Return the status of what lies beyond a node that no step leaves."""
@@ -575,12 +580,11 @@ def corrected(
 
     `exact` says that the output link can follow.
     """
-    steps = NewtonSteps(len(values), LARGEST_CHANGE)
+
+    def change(some: Floats, rows: Rows) -> Floats:
+        near = target.at(some, wanted[rows])
+        return np.nan_to_num(near.exact_step() if exact else near.step())
+
+    values, steps = newton(change, values, CORRECTIONS, SETTLED, LARGEST_CHANGE)
     near = target.at(values, wanted)
-    for _ in range(CORRECTIONS):
-        change = np.nan_to_num(near.exact_step() if exact else near.step())
-        length = np.max(np.abs(change), axis=1)
-        near = target.at(near.values + change * steps.part(length), wanted)
-        if not np.any(length > SETTLED):
-            break
     return near, steps

@@ -29,8 +29,8 @@ MISSED = 1e-9
 """Configurations that miss closing and rank loss by more (rad) are not crossings."""
 DEGENERATE = 1e-7
 """Second-order terms below this, relative, do not decide how many curves cross."""
-ON_BOTH = 1e-7
-"""Unit vectors that miss two conics by less lie on both, and are one if that near."""
+ON_ALL = 1e-7
+"""Unit vectors that miss all forms by less lie on them, and are one if that near."""
 MOST_FLAT = 1e4
 """Where the inverse of their equations is larger, two common points may be one."""
 RADIUS = 0.02
@@ -236,30 +236,16 @@ def _directions(forms: Floats) -> Floats | None:
     kept = np.zeros((size - 1, size, size))
     kept[:, *upper] = right[: size - 1]
     kept[:, upper[1], upper[0]] = kept[:, *upper]
-    return _lines(kept[0]) if size == 2 else _conics(kept[0], kept[1])
+    return _common(kept)
 
 
-def _lines(form: Floats) -> Floats | None:
-    """Return the lines (0 or 2, 2) where a form m + r cos(2 a - b) of the angle is zero."""
-    mean, half = 0.5 * (form[0, 0] + form[1, 1]), 0.5 * (form[0, 0] - form[1, 1])
-    reach = float(np.hypot(half, form[0, 1]))
-    if abs(abs(mean) - reach) < DEGENERATE:
-        return None
-    if abs(mean) > reach:
-        return np.zeros((0, 2))
-    middle, swing = np.arctan2(form[0, 1], half), np.arccos(-mean / reach)
-    angles = 0.5 * np.array([middle - swing, middle + swing])
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
-
-
-def _conics(first: Floats, second: Floats) -> Floats | None:
-    """Return the common points of two conics, unit vectors (0 to 4, 3).
+def _common(forms: Floats) -> Floats | None:
+    """Return the common points of k - 1 forms (k - 1, k, k), unit vectors (n, k).
 
     Newton's method leads to each from vectors spread over the sphere. None where two points
     are one, or nearly.
     """
-    forms = np.stack([first, second])
-    y = _spread(3)
+    y = _spread(forms.shape[1])
     for _ in range(MOST_STEPS):
         slopes = np.einsum("fij,nj->nfi", forms, y)
         rest = np.append(np.sum(slopes * y[:, None], axis=2), np.zeros((len(y), 1)), axis=1)
@@ -270,8 +256,8 @@ def _conics(first: Floats, second: Floats) -> Floats | None:
     for point, off, flat in zip(
         y, np.max(np.abs(rest), axis=1), np.linalg.norm(inverse, axis=(1, 2)), strict=True
     ):
-        if off < ON_BOTH and not flat < MOST_FLAT:
+        if off < ON_ALL and not flat < MOST_FLAT:
             return None
-        if off < ON_BOTH and all(abs(point @ other) < 1.0 - ON_BOTH for other in points):
+        if off < ON_ALL and all(abs(point @ other) < 1.0 - ON_ALL for other in points):
             points.append(point)
-    return np.array(points).reshape(-1, 3)
+    return np.array(points).reshape(-1, len(y[0]))

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from spherekit.motion.elimination import group_signs as group_signs
     from spherekit.singular.aspects import Aspects as Aspects
     from spherekit.singular.aspects import aspects as aspects
+    from spherekit.singular.curves import CurveSeen as CurveSeen
     from spherekit.singular.curves import SingularCurves as SingularCurves
     from spherekit.singular.curves import locus_key as locus_key
     from spherekit.singular.curves import singular_curves as singular_curves
@@ -27,9 +28,7 @@ if TYPE_CHECKING:
     from spherekit.singular.record import SingularPoint as SingularPoint
     from spherekit.singular.relation import SixPoles as SixPoles
     from spherekit.singular.relation import Type as Type
-    from spherekit.singular.sampled import RelationMeasures as RelationMeasures
     from spherekit.singular.sampled import SampledSingularities as SampledSingularities
-    from spherekit.singular.several import CurveSeen as CurveSeen
     from spherekit.singular.several import LocusName as LocusName
     from spherekit.singular.several import OutputCoefficients as OutputCoefficients
     from spherekit.singular.several import RowType as RowType

@@ -41,7 +41,6 @@ from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.zeros import cubic, cubic_slope
 from spherekit.singular.locus import Cut, Locus, LocusPoints, solver_of
 from spherekit.singular.several import (
-    CurveSeen,
     LocusName,
     SingularPoints,
     View,
@@ -384,38 +383,41 @@ TOGETHER = 16
 
 @final
 @dataclass(frozen=True)
-class FoundCurve:
-    """A curve of singular configurations of one type: its nodes, cusps, type III points.
+class CurveSeen:
+    """A curve of singular configurations of one type: its points, and those of type III.
 
-    It is what a traced `curve` has between two changes of type. `cusps` are where it turns
-    back in the plane of the inputs (type II) or at the output (type I); `both` where it is
-    singular of the other type too.
+    `s` (n,) is the place of the points on it (rad), `both` where it is singular of the
+    other type too; the last point of one that is `closed` is its first. `why` says what is
+    singular, where that is known of the curve, `modes` in which mode of a mid-plane
+    architecture. Of a traced `curve` it is what lies between two changes of
+    type, in a `view`.
     """
 
-    curve: SingularCurve
     points: SingularPoints
-    cusps: SingularPoints
     both: SingularPoints
-    view: View
+    s: Floats
+    closed: bool
     why: str = ""
+    modes: tuple[int, ...] = ()
+    curve: SingularCurve | None = None
+    view: View | None = None
+
+    @cached_property
+    def cusps(self) -> SingularPoints:
+        """Where it turns back in the plane of the inputs (type II) or at the output (I)."""
+        if self.curve is None or self.view is None:
+            return self.points.rows(slice(0))
+        return self.view.points(self.curve.cusps())
 
     def dense(self, parts: int) -> SingularPoints:
-        """Return the whole curve, each way between two nodes divided into parts."""
+        """Return the curve, each way between two traced nodes divided into parts."""
+        if self.curve is None or self.view is None:
+            return self.points
         count = len(self.curve.nodes.values) - 1
         which = np.repeat(np.arange(count), parts)
         along = np.tile(np.arange(parts) / parts, count)
         made = self.curve.on(np.append(which, count - 1), np.append(along, 1.0))
         return self.view.points(made)
-
-    @property
-    def s(self) -> Floats:
-        """Arc lengths (n,) of the points in the variables (rad)."""
-        return self.curve.s
-
-    @property
-    def closed(self) -> bool:
-        """Whether the curve closes; its last point is then its first."""
-        return self.curve.closed
 
 
 @final
@@ -549,7 +551,7 @@ def _followed(
     return stray
 
 
-def _parts(curve: SingularCurve, view: View) -> Iterator[FoundCurve]:
+def _parts(curve: SingularCurve, view: View) -> Iterator[CurveSeen]:
     """Yield the parts of a traced curve that are of the type looked for."""
     of_type = view.is_own(view.types(curve.nodes.values))
     if np.all(of_type):
@@ -563,14 +565,9 @@ def _parts(curve: SingularCurve, view: View) -> Iterator[FoundCurve]:
             yield _found(replace(curve, nodes=nodes, closed=False), view)
 
 
-def _found(curve: SingularCurve, view: View) -> FoundCurve:
+def _found(curve: SingularCurve, view: View) -> CurveSeen:
     def measured(nodes: LocusPoints) -> Floats:
         return view.other.measure(view.other.space(nodes.values)).value
 
-    return FoundCurve(
-        curve,
-        view.points(curve.nodes),
-        view.points(curve.cusps()),
-        view.points(curve.zeros(measured)),
-        view,
-    )
+    points, both = view.points(curve.nodes), view.points(curve.zeros(measured))
+    return CurveSeen(points, both, curve.s, curve.closed, curve=curve, view=view)

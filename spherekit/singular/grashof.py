@@ -137,7 +137,7 @@ class NearMiss:
     """A local least of the angle to a type of singularity of an output.
 
     `output` is its position; `curve` and `s` say where, `q` at which input of the range, in
-    `assembly_modes`. `angle` (rad) is as in `RelationMeasures`, `velocity_coefficient` the
+    `assembly_modes`. `angle` (rad) is that of the samples, `velocity_coefficient` the
     size of y'/q' there.
     """
 

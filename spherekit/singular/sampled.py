@@ -122,42 +122,6 @@ TOUCHES = 1e-6
 
 
 @final
-@dataclass(frozen=True)
-class RelationMeasures:
-    """The relation c y' = d q' of one output in one form at n rows; NaN where unknown.
-
-    Attributes
-    ----------
-    output, form
-        Position of the output, and which relation.
-    c, d
-        (n,) its coefficients.
-    input_rate, output_rate
-        (n,) of q and y by the arc length of all variables.
-    type_i, type_ii
-        (n,) rad, see `SampledSingularities.angle`.
-    transmission
-        (n,) rad, the transmission angle of the dyad that places the output: in [0, pi/2],
-        between the great circles of its arcs at the pair in its middle. NaN where another
-        group places it.
-    to_i, to_ii
-        (n,) rad: change of the input along the curve to the nearest singularity.
-    """
-
-    output: int
-    form: Form
-    c: Floats
-    d: Floats
-    input_rate: Floats
-    output_rate: Floats
-    type_i: Floats
-    type_ii: Floats
-    transmission: Floats
-    to_i: Floats
-    to_ii: Floats
-
-
-@final
 class SampledSingularities:
     """The singularities on all configuration curves, and measures at given rows.
 
@@ -354,8 +318,14 @@ class SampledSingularities:
         measure = Transmission(along.closure.tree, (self._driven,), *links)
         return np.arcsin(measure.at(along.vectors(s)))
 
-    def measures(self) -> list[RelationMeasures]:
-        """Return the measures of every output in each form."""
+    def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
+        """Return the columns (n,) of each output, by its position, in each form; or NaN.
+
+        ``c`` and ``d`` of c y' = d q'; ``output_rate`` and ``input_rate`` by the arc length
+        of all variables; ``angle_I`` and ``angle_II`` (rad), see `angle`; ``transmission``
+        (rad), see `transmission_angles`; ``to_I``, ``to_II`` (rad), by how much the input
+        changes along the curve to the nearest singularity.
+        """
         measured: dict[tuple[int, Form], dict[str, Floats]] = {}
         for number in np.unique(self._curve[self._curve >= 0]).tolist():
             (rows,) = np.nonzero(self._curve == number)
@@ -363,30 +333,31 @@ class SampledSingularities:
             angles = self.transmission_angles(self.curves[number].at(s).values)
             for output, transmission in enumerate(angles):
                 at = self.at(number, s, output)
-                rates = {
+                here = {
                     "input_rate": at.input_rate,
                     "output_rate": at.output_rate,
-                    "type_i": self.angle(Type.I, number, s, output),
-                    "type_ii": self.angle(Type.II, number, s, output),
                     "transmission": transmission,
-                    "to_i": self._to_nearest(number, output, Type.I, s),
-                    "to_ii": self._to_nearest(number, output, Type.II, s),
                 }
+                for kind in (Type.I, Type.II):
+                    here[f"angle_{kind}"] = self.angle(kind, number, s, output)
+                    here[f"to_{kind}"] = self._to_nearest(number, output, kind, s)
                 for relation in at.relations:
                     columns = measured.setdefault((output, relation.form), {})
-                    here = {**rates, "c": relation.c, "d": relation.d}
+                    here |= {"c": relation.c, "d": relation.d}
                     for name, part in here.items():
                         whole = columns.setdefault(name, np.full(len(self._s), np.nan))
                         whole[rows] = part
-        return [
-            RelationMeasures(
-                output, form, **{name: part[self._row] for name, part in columns.items()}
-            )
-            for (output, form), columns in sorted(measured.items())
-        ]
+        return {
+            key: {name: part[self._row] for name, part in measured[key].items()}
+            for key in sorted(measured)
+        }
 
     def transmission_angles(self, values: Floats) -> list[Floats]:
-        """Return the transmission angle (n,) of each output at configurations (n, V)."""
+        """Return the transmission angle (n,) of each output at configurations (n, V).
+
+        In [0, pi/2], between the great circles of the arcs of the dyad that places it, at
+        the pair in its middle. NaN where another group does.
+        """
         axes = self.tracer.solver.closure.at(values).axes
         angles = []
         for output in self.report.outputs:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
 from itertools import combinations
-from typing import Literal, Protocol, final
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -493,36 +493,6 @@ class SingularPoints(ArrayRows):
     input_rate: Floats
     output_rate: Floats
     residual: Floats
-
-
-class CurveSeen(Protocol):
-    """A curve of singular configurations: its points, and those of type III.
-
-    `s` (n,) rad is the place of the points on it.
-    """
-
-    @property
-    def points(self) -> SingularPoints:
-        """The points in order."""
-
-    @property
-    def both(self) -> SingularPoints:
-        """Those that are singular of the other type too."""
-
-    @property
-    def s(self) -> Floats:
-        """The places (n,) of the points on the curve (rad)."""
-
-    @property
-    def closed(self) -> bool:
-        """Whether it closes; its last point is then its first."""
-
-    @property
-    def why(self) -> str:
-        """What is singular, in words, where that is known of the curve; else nothing."""
-
-    def dense(self, parts: int) -> SingularPoints:
-        """Return the curve, each way between two points divided into parts."""
 
 
 @final
