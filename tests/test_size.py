@@ -14,12 +14,12 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 706_658,
-    "code lines": 57_524,
+    "nodes": 706_343,
+    "code lines": 57_504,
     "files": 332,
     "classes": 723,
     "dataclasses": 514,
-    "functions of 60 lines": 33,
+    "functions of 60 lines": 32,
     "lines of tests": 0,
     "lines of benchmarks": 0,
 }

@@ -20,7 +20,7 @@ from spherekit.errors import SolveError
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Crossings
-from spherekit.proof.tubes import LONGEST, UP, Piece, corrected, frame_at, local, piece_at
+from spherekit.proof.tubes import LONGEST, UP, Piece, corrected, piece_at
 from spherekit.sphere.rotation import Floats
 
 FORWARD = 0.9
@@ -205,7 +205,7 @@ SHORTEST_STILL = 0.02
 MOST_PARTS = 4000
 PARTS_EACH = 40
 """Parts of a chain, and more for each piece, beyond which no short ones are made."""
-NEAREST = 1e-9
+NEAREST = 6e-10
 """Length (rad) of the part of a curve in which a zero is shown, about."""
 STEPS = 60
 
@@ -418,7 +418,7 @@ def _middle(equations: Equations, piece: Piece, goal: Floats, part: float) -> Pi
         return None
     reach = float(piece.coordinates(goal)[0])
     there = float(piece.coordinates(place)[0])
-    halfway = piece_at(equations, place, piece.tangent, 2.0 * reach)
+    halfway = piece_at(equations, place, piece.tangent, max(2.0 * reach, SHORTEST_PART))
     if halfway is None or not 0.0 < there < reach or not piece.holds(place, halfway.miss):
         return None
     forward = halfway.coordinates(goal)[0] > 0.0
@@ -429,45 +429,31 @@ def _place(
     equations: Equations, piece: Piece, goal: Floats, variable: int, before: int
 ) -> Stop:
     """Return the only zero of a rate from a piece's centre to a goal, near its place."""
-    start = piece.centre
-    ends = [start, start + wrap(goal - start)]
-    rate = [_rate(equations, piece, end, variable) for end in ends]
-    wide = float(np.max(np.abs(ends[1] - start)))
+    beyond = 0.0
     for step in range(STEPS):
-        length = float(np.max(np.abs(ends[1] - ends[0])))
+        length = float(np.max(np.abs(wrap(goal - piece.centre))))
         if length < NEAREST:
             break
-        part = 0.5
-        if step % 3 < 2 and rate[0] * rate[1] < 0.0:
-            part = rate[0] / (rate[0] - rate[1])
+        rate, part = float(piece.tangent[variable]), 0.5
+        if step % 3 < 2 and rate * beyond < 0.0:
             # a little to the farther side, so that both ends move
-            part = float(
-                np.clip(part + (0.25 * NEAREST / length) * (1 - 2 * (step % 2)), 0, 1)
-            )
-        place = corrected(equations, ends[0] + part * (ends[1] - ends[0]))
-        if place is None:
+            aside = 0.4 * NEAREST / length
+            part = rate / (rate - beyond) + aside * (1 - 2 * (step % 2))
+            part = float(np.clip(part, aside, 1.0 - aside))
+        middle = _middle(equations, piece, goal, part)
+        sign = 0 if middle is None else rates(middle, 0.0).sign(variable)
+        if middle is not None and sign == -before:
+            goal, beyond = middle.centre, float(middle.tangent[variable])
+        elif middle is not None and sign and middle.holds(goal, 1e-10):
+            piece = middle
+        elif part == 0.5:
             break
-        small = piece_at(equations, place, piece.tangent, 1e-3, 1e-12)
-        if small is None or not piece.holds(place, small.miss):
-            break
-        sign = rates(small, 0.0).sign(variable)
-        if sign == 0:
-            break
-        side = int(sign != before)
-        ends[side], rate[side] = place, float(small.tangent[variable])
-    middle = corrected(equations, 0.5 * (ends[0] + ends[1]))
-    if middle is None:
-        return Stop(start, 2.0 * wide + piece.tight, before)
-    length = float(np.max(np.abs(ends[1] - ends[0])))
-    around = piece_at(equations, middle, piece.tangent, max(4.0 * length, 1e-8), 1e-12)
-    inside = around is not None and all(around.holds(end, 1e-10) for end in ends)
-    if around is None or not inside or not piece.holds(middle, around.miss):
-        return Stop(start, 2.0 * wide + piece.tight, before)
-    reach = max(float(np.max(np.abs(around.coordinates(end)))) for end in ends)
-    return Stop(middle, 2.0 * (reach + around.tight) + 1e-10, before)
-
-
-def _rate(equations: Equations, piece: Piece, place: Floats, variable: int) -> float:
-    """Return a rate at a configuration in the sense of a piece, in float64."""
-    frame = frame_at(local(equations, place).slopes, piece.tangent)
-    return 0.0 if frame is None else float(frame[variable, 0])
+        else:
+            beyond = 0.0
+    apart = wrap(goal - piece.centre)
+    longest = max(4.0 * float(np.max(np.abs(apart))), 1e-8)
+    around = piece_at(equations, piece.centre, piece.tangent, longest, 1e-12)
+    if around is None or not around.holds(goal, 1e-10):
+        around = piece
+    reach = float(np.max(np.abs(around.coordinates(goal))))
+    return Stop(piece.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10, before)

@@ -266,11 +266,8 @@ def _along(
 def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     """Return what is proven: to second order along the axes of tubes, bounded beyond.
 
-    With miss >= |Y P| on the axis, slack >= |1 - Y P'| there and bend r >= |Y| |P'(y) - P'|
-    within r of it, y - Y P(y) takes a ball of radius r into itself and contracts if miss +
-    (slack + bend r) r < r and slack + bend r < 1 (L. Kantorovich, 1948). All derivatives by
-    z in `reach`, or by 1, are at most `constant`, on the axis `axis`, times powers of
-    `steps`, those by what is given of `turned` (S. Bernstein).
+    All derivatives by z in `reach`, or by 1, are at most `constant`, on the axis `axis`,
+    times powers of `steps`, those by what is given of `turned` (S. Bernstein).
     """
     count, half = roots.z.shape[1], given.half
     values, first, by_given = values_at(made, roots)
@@ -320,14 +317,25 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     slack = np.max(np.sum(part, axis=2), axis=1, initial=0.0) * UP
     bend = np.einsum("nij,nj->ni", size, np.sum(bent, axis=(2, 3)))
     bend = np.max(bend, axis=1, initial=0.0) * UP
-    unique = np.minimum(WIDEST, 0.5 * (1.0 - slack) / bend)
-    slope = (slack + bend * unique) * UP
-    good = regular & np.isfinite(miss) & np.isfinite(bend) & (slack < 1.0)
-    good &= (slope < 1.0) & (miss < unique * (1.0 - slope) / UP)
+    unique, slope, good = _contracted(miss, slack, bend)
+    good &= regular
     radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)
     width = np.minimum(miss / (1.0 - slope) * UP, unique)
     reach = (moved + width[:, None]) * UP
     return Tubes(good, np.minimum(radius, unique), unique, width, reach, rates)
+
+
+def _contracted(miss: Floats, slack: Floats, bend: Floats) -> tuple[Floats, Floats, Bools]:
+    """Return within what a root is alone, the slope of Newton's map, and if it is proven.
+
+    With miss >= |Y P| on the axis, slack >= |1 - Y P'| there and bend r >= |Y| |P'(y) - P'|
+    within r of it, y - Y P(y) takes a ball of radius r into itself and contracts if miss +
+    (slack + bend r) r < r and slack + bend r < 1 (L. Kantorovich, 1948).
+    """
+    unique = np.minimum(WIDEST, 0.5 * (1.0 - slack) / bend)
+    slope = (slack + bend * unique) * UP
+    good = np.isfinite(miss) & np.isfinite(bend) & (slack < 1.0) & (slope < 1.0)
+    return unique, slope, good & (miss < unique * (1.0 - slope) / UP)
 
 
 def roots_of_one(made: Polynomials) -> ChartRoots:

@@ -31,7 +31,7 @@ from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.progress import Working
-from spherekit.proof.balls import Ball, bits, circle, exact, middle, upper
+from spherekit.proof.balls import UNIT, Ball, bits, circle, middle, upper
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
@@ -115,38 +115,24 @@ class Axis:
     def __init__(self, low: Ball, width: Ball) -> None:
         self.low, self.width = low, width
         self.start, self.extent = middle(low), middle(width)
-        self._known: dict[int, tuple[NDArray[np.int64], Floats]] = {}
+        self._known: dict[float, Floats] = {}
 
     def radii(self, levels: NDArray[np.int64]) -> Floats:
-        """Return half widths after so many halvings, rounded up."""
-        return np.asarray(upper(self.width) * UP * np.exp2(-1.0 - levels))
+        """Return half widths after so many halvings, about the centres, rounded up."""
+        off = 8.0 * UNIT * (abs(self.start) + abs(self.extent)) if self.extent else 0.0
+        return np.asarray(upper(self.width) * UP * np.exp2(-1.0 - levels) + off)
 
     def centres(self, levels: NDArray[np.int64], places: NDArray[np.int64]) -> Floats:
-        """Return float64 numbers next to the centres."""
+        """Return float64 numbers next to the centres, or to the angle if it is only one."""
         return np.asarray(self.start + self.extent * (places + 0.5) * np.exp2(-levels))
 
     def turns(self, levels: NDArray[np.int64], places: NDArray[np.int64]) -> Floats:
-        """Return cosines and sines (n, 2) of the centres, each rounded once."""
-        out = np.empty((len(levels), 2))
-        for level in np.unique(levels):
-            rows = levels == level
-            wanted = np.unique(places[rows])
-            numbers, values = self._known.get(
-                int(level), (np.empty(0, dtype=np.int64), np.empty((0, 2)))
-            )
-            fresh = np.setdiff1d(wanted, numbers, assume_unique=True)
-            if len(fresh):
-                step = self.width * exact(2.0 ** -(int(level) + 1))
-                made = circle([self.low + step * (2 * int(place) + 1) for place in fresh])
-                numbers, values = (
-                    np.concatenate([numbers, fresh]),
-                    np.concatenate([values, made]),
-                )
-                order = np.argsort(numbers)
-                numbers, values = numbers[order], values[order]
-                self._known[int(level)] = numbers, values
-            out[rows] = values[np.searchsorted(numbers, places[rows])]
-        return out
+        """Return cosines and sines (n, 2) of these numbers, each rounded once."""
+        centres, back = np.unique(self.centres(levels, places), return_inverse=True)
+        fresh = [centre for centre in centres.tolist() if centre not in self._known]
+        angles = fresh if self.extent else [self.low] * len(fresh)
+        self._known.update(zip(fresh, circle(angles), strict=True))
+        return np.array([self._known[centre] for centre in centres.tolist()])[back]
 
 
 @final
