@@ -32,7 +32,14 @@ from spherekit.sphere.rotation import (
     transpose,
 )
 from spherekit.workspace.inverse import closed_kinematics
-from spherekit.workspace.rows import AxesLimit, Constraints, PairLimit, bounds_of
+from spherekit.workspace.rows import (
+    AngleLimit,
+    AxesLimit,
+    Constraints,
+    PairLimit,
+    bounds_of,
+    left_of,
+)
 from spherekit.workspace.workspace import (
     direction_workspaces,
     judge,
@@ -468,3 +475,14 @@ def test_pages_show_map_border_and_areas(five_bar):
         assert "Bounded by" in words and "type II at least 15 deg away" in words
     singular = next(p for p in watcher.pages["Singularity"] if isinstance(p, SphereMap))
     assert singular.values[np.unique(singular.triangles)].min() > np.radians(14.999)
+
+
+def test_on_a_limit_nothing_is_missing():
+    """Where the arc cosine rounds to beyond the limit, its cosine says that it is on it."""
+    rounded = []
+    for limit in np.random.default_rng(1).uniform(0.1, 3.0, 50):
+        bound = AngleLimit("a", limit, True, lambda _, x=limit: np.array([np.cos(x)]))
+        left, _ = left_of([bound], None)
+        assert 0.0 <= left[0] < 1e-15
+        rounded.append(bound.left(None)[0] < 0.0)
+    assert any(rounded)
