@@ -17,7 +17,6 @@ NAMES = (
     "inverse",
     "singularities",
     "proof",
-    "startup",
     "bounds",
     "engine",
     "stored",
@@ -28,7 +27,6 @@ NAMES = (
     "pruning",
     "road",
     "extremes",
-    "defaults",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""
 

@@ -5,7 +5,6 @@ import os
 import platform
 import statistics
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -103,16 +102,6 @@ def ratio(times: Times, name: str, unit: str) -> float:
     """Return the median over the rounds of one job's time over another's."""
     pairs = zip(times[name], times[unit], strict=True)
     return statistics.median(one / other for one, other in pairs)
-
-
-def process(*arguments: str) -> Callable[[], object]:
-    """Return a job: a fresh Python process with these arguments, to its end."""
-    return lambda: subprocess.run(
-        [sys.executable, *arguments],
-        check=True,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    )
 
 
 def own_mechanisms() -> tuple[str, ...]:
