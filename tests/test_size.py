@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 706_343,
-    "code lines": 57_504,
+    "nodes": 706_033,
+    "code lines": 57_474,
     "files": 332,
     "classes": 723,
     "dataclasses": 514,

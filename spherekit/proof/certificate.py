@@ -18,7 +18,7 @@ import numpy as np
 
 from spherekit.guarantee import Guarantee
 from spherekit.numeric.crossings import wrap
-from spherekit.proof.along import Stop
+from spherekit.proof.along import Doubt, Stop
 from spherekit.proof.balls import (
     Ball,
     bits,
@@ -68,47 +68,42 @@ class CertifiedSingularities:
     """All singularities of types I and II of outputs along certified curves.
 
     `undecided` counts the parts in which one may be; `skipped` are outputs that no variable
-    of the construction is the rate of, of which only type II is known. `low` to `high`
-    (rad) is the range of the input, a whole turn if `whole`; `complete` says that all
-    curves are known. At `dead_centres` the input stops, at the inputs `crossed` (rad)
-    curves cross or nearly do, and at those of `still` there are whole curves of modes.
-    An output of `resting` is at rest all along the curve of that number. Inputs are `laps`
-    times the variables of places.
+    of the construction is the rate of, of which only type II is known. An output of
+    `resting` is at rest all along the curve of that number.
     """
 
+    curves: CertifiedCurves
     points: tuple[CertifiedSingularity, ...]
     undecided: int
     skipped: tuple[str, ...]
-    low: float
-    high: float
-    whole: bool
-    complete: bool
-    dead_centres: tuple[Stop, ...]
-    crossed: tuple[tuple[float, float], ...] = ()
-    still: tuple[float, ...] = ()
-    resting: tuple[tuple[str, int], ...] = ()
-    laps: int = 1
+    resting: tuple[tuple[str, int], ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all curves are known."""
+        return self.curves.claim.guarantee is Guarantee.CERTIFIED
 
     def clearance(self, q: float) -> float:
         """Return how far (rad) the input may go from q before a singularity, at least.
 
         In all modes, both ways, and not beyond the range; 0 where not all is proven.
         """
+        curves = self.curves
         if not self.complete or self.undecided:
             return 0.0
-        ends = [] if self.whole else [q - self.low, self.high - q]
-        stops = (*self.dead_centres, *(point.stop for point in self.points))
-        places = [
-            *((self.laps * float(s.place[-1]), self.laps * s.off) for s in stops),
-            *self.crossed,
-            *((place, 0.0) for place in self.still),
-        ]
-        half = np.pi * self.laps
+        ends = [] if curves.whole else [q - curves.low, curves.high - q]
+        stops = [stop for stopped, _ in curves.stopping for stop in stopped]
+        stops += [point.stop for point in self.points]
+        places = [(curves.input_at(s.place), curves.laps * s.off) for s in stops]
+        at = curves.input_at
+        places += [(at(saddle.centre), at(saddle.zone)) for saddle in curves.saddles]
+        places += [(place, 0.0) for place in curves.still_at]
+        half = np.pi * curves.laps
         gaps = [
             abs(float(np.remainder(place - q + half, 2.0 * half)) - half) - off
             for place, off in places
         ]
-        return max(min([*gaps, *ends, half]) - self.laps * ROUNDING, 0.0)
+        return max(min([*gaps, *ends, half]) - curves.laps * ROUNDING, 0.0)
 
 
 def pair_of_output(written: Written, name: str) -> int | None:
@@ -140,17 +135,17 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
         pair = pair_of_output(curves.written, output.name)
         if pair == made.pairs[curves.driven] or pair in curves.equations.offsets:
             continue
-        has_angle = pair is not None and pair in made.pairs
-        variable = made.pairs.index(pair) if pair is not None and has_angle else None
-        stops = None if variable is None else curves.stops_of(variable)
-        if variable is not None:
+        variable = next((v for v, p in enumerate(made.pairs) if p == pair), None)
+        stops: Sequence[tuple[list[Stop], list[Doubt]]] = [([], [])] * len(curves.chains)
+        if variable is None:
+            skipped.append(output.name)
+        else:
+            stops = curves.stops_of(variable)
             undecided += curves.open_arms(variable)
             still = enumerate(curves.still_in(variable))
             resting += [(output.name, curve) for curve, rests in still if rests]
-        if stops is None:
-            skipped.append(output.name)
         for curve, (driven, _) in enumerate(curves.stopping):
-            rests, doubts = stops[curve] if stops is not None else ([], [])
+            rests, doubts = stops[curve]
             undecided += len(doubts)
             for kind, one, others in (("I", rests, driven), ("II", driven, rests)):
                 for stop in one:
@@ -164,23 +159,8 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
                         )
                     )
     points.sort(key=lambda point: (point.output, point.kind, point.q))
-    complete = curves.claim.guarantee is Guarantee.CERTIFIED
     return CertifiedSingularities(
-        tuple(points),
-        undecided,
-        tuple(skipped),
-        curves.low,
-        curves.high,
-        curves.whole,
-        complete,
-        tuple(stop for found_on, _ in curves.stopping for stop in found_on),
-        tuple(
-            (curves.input_at(saddle.centre), curves.input_at(saddle.zone))
-            for saddle in curves.crossings.saddles
-        ),
-        tuple(curves.still_at),
-        tuple(resting),
-        curves.laps,
+        curves, tuple(points), undecided, tuple(skipped), tuple(resting)
     )
 
 

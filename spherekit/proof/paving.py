@@ -324,15 +324,6 @@ class InputMap:
         edge = float(min(np.min(q - low), np.min(high - q)))
         return max(min(nearest, edge) - 1e-12, 0.0)
 
-    def at(self, q: Floats) -> NDArray[np.intp]:
-        """Return the kind (m,) of the box that inputs (m, inputs) are in, -1 outside."""
-        out = np.full(len(q), -1, dtype=np.intp)
-        for row, place in enumerate(q):
-            inside = np.all(np.abs(self.centres - place) <= self.radii * (1 + 1e-9), axis=1)
-            if np.any(inside):
-                out[row] = np.max(self.kind[inside])
-        return out
-
     @property
     def claim(self) -> Claim:
         """What is guaranteed, and what that rests on."""

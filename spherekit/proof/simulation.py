@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, final
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from spherekit.conventions import Status
@@ -281,7 +282,7 @@ class _Legendre:
         rows = [arb.legendre_p_root(count, k, weight=True) for k in reversed(range(count))]
         self.nodes, weights = middles(np.array(rows)).T
         odd = np.arange(count) + 0.5
-        polynomials = _polynomials(self.nodes, count)
+        polynomials = legvander(self.nodes, count - 1)
         self.from_values = middles((polynomials * weights[:, None] * odd).T)
         self.to_integrals = middles(self.integrals(self.nodes) @ self.from_values)
 
@@ -290,24 +291,14 @@ class _Legendre:
 
         From (2 k + 1) P_k = (P_{k+1} - P_{k-1})'.
         """
-        every = _polynomials(x, self.count + 1)
+        every = legvander(x, self.count)
         odd = 2 * np.arange(1, self.count) + 1
         inner = (every[:, 2:] - every[:, :-2]) / odd
         return np.concatenate([(x + 1)[:, None], inner], axis=1)
 
     def value(self, coefficients: Balls, x: Ball) -> Ball:
         """Return the series with coefficients (count,) at x."""
-        return (_polynomials(np.array([x]), self.count) @ coefficients)[0]
-
-
-def _polynomials(x: Balls, count: int) -> Balls:
-    """Return the first `count` Legendre polynomials at x (n,), as (n, count)."""
-    polynomials = [x * 0 + 1, x][:count]
-    for k in range(1, count - 1):
-        polynomials.append(
-            ((2 * k + 1) * x * polynomials[k] - k * polynomials[k - 1]) / (k + 1)
-        )
-    return np.stack(polynomials, axis=-1)
+        return (legvander(np.array([x]), self.count - 1) @ coefficients)[0]
 
 
 @final
