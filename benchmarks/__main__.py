@@ -17,7 +17,6 @@ NAMES = (
     "inverse",
     "singularities",
     "proof",
-    "bounds",
     "engine",
     "stored",
     "designs",
@@ -45,20 +44,11 @@ hold from machine to machine and under load, single times do not."""
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmarks asked for."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="python -m benchmarks")
-    parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="NAME",
-        help=", ".join(NAMES),
-    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(NAMES))
     parser.add_argument("--quick", action="store_true", help="fewer sizes and rounds")
     parser.add_argument(
-        "--count",
-        type=int,
-        metavar="N",
-        help="so many mechanisms of each kind in proof",
+        "--count", type=int, metavar="N", help="mechanisms of a kind in proof"
     )
     parser.add_argument(
         "--first",
@@ -75,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="of extremes this case, in full; of proof this group or mechanism",
     )
     parser.add_argument("--json", metavar="FILE", help="write the figures here too")
-    options = parser.parse_args(words)
+    options = parser.parse_args(arguments)
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
         parser.error(f"no benchmark is named {unknown[0]}; choose from {NAMES}")

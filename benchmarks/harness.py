@@ -125,33 +125,19 @@ def describe() -> dict[str, str]:
 
 def processor() -> str:
     """Return the model of the processor, as far as the system tells."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    for line in lines:
-        key, _, value = line.partition(":")
-        if key.strip() == "model name":
-            return value.strip()
-    return platform.processor() or "unknown"
+    told = Path("/proc/cpuinfo")
+    lines = told.read_text(encoding="utf-8").splitlines() if told.exists() else []
+    models = (line.partition(":")[2].strip() for line in lines if "model name" in line)
+    return next(models, platform.processor() or "unknown")
 
 
 def commit() -> str | None:
     """Return the commit of the working tree, with a plus if files were changed."""
-    found = []
-    for words in (
-        ("rev-parse", "--short=12", "HEAD"),
-        ("status", "--porcelain", "--untracked-files=no"),
-    ):
-        try:
-            done = subprocess.run(
-                ["git", *words],
-                cwd=Path(__file__).parent,
-                check=True,
-                capture_output=True,
-                text=True,
-            )
-        except (OSError, subprocess.CalledProcessError):
-            return None
-        found.append(done.stdout.strip())
-    return found[0] + ("+" if found[1] else "")
+    words = ["git", "describe", "--always", "--exclude=*", "--abbrev=12", "--dirty=+"]
+    try:
+        done = subprocess.run(
+            words, cwd=Path(__file__).parent, check=True, capture_output=True, text=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()

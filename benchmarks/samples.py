@@ -11,14 +11,10 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import chains
 import mode_counts
-import random_mechanisms
 from mode_judge import Structure as Structure
 
 EIGHT_BARS: Sequence[Sequence[tuple[int, int]]] = chains.EIGHT_BARS
 mechanism: Callable[..., Mechanism] = chains.mechanism
 random_axes: Callable[..., Floats] = chains.random_axes
 grown: Callable[..., Mechanism] = chains.grown
-random_mechanism: Callable[[int], tuple[str, Mechanism]] = (
-    random_mechanisms.random_mechanism
-)
 ten_bar: Callable[[int], Mechanism] = mode_counts.ten_bar

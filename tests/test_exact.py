@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from exact_four_bar import angle, arcs_of
 from random_mechanisms import random_mechanism
+from stated_errors import KINDS, stated
 
 import spherekit as sk
-from benchmarks.bounds import KINDS, stated
 from spherekit.conventions import EPS, Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import EngineError, SolveError, SpherekitError

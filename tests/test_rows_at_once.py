@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from random_mechanisms import random_mechanism, shaped_mechanism
 from same_rows import both_ways, differences
+from special_mechanisms import special_mechanism
 
 import spherekit as sk
 from benchmarks.harness import own_mechanisms
-from benchmarks.special import special_mechanism
 from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.sampling import course_of

@@ -1,20 +1,15 @@
 """How far the errors that spherekit states for its rows hold, and how wide they are."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+from special_mechanisms import special_mechanism
 
-from benchmarks.harness import Cell, Section, own_mechanisms
-from benchmarks.samples import random_mechanism
-from benchmarks.special import special_mechanism
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import SpherekitError
-from spherekit.files.read import load
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.proof.balls import FEWEST, Digits, exactly, floats
@@ -24,8 +19,6 @@ from spherekit.rates.request import PoleField, Request, request
 from spherekit.sphere.rotation import Floats
 
 TINY = 1e-300
-
-QUICK = ("four_bar", "universal_joint", "roller_cam", "stephenson")
 
 
 KINDS = ("configurations", "directions", "rates", "derivatives")
@@ -72,99 +65,7 @@ class Stated:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
 
-def run(quick: bool) -> list[Section]:
-    """Return the share of errors within what is stated, and how much of it they take."""
-    names: tuple[str, ...] = QUICK
-    if not quick:
-        names = own_mechanisms()
-    rows = [_row(name, [load(name)], 13) for name in names]
-    families: dict[str, list[Mechanism]] = {}
-    for seed in range(30 if quick else 1000):
-        family, made = random_mechanism(seed)
-        families.setdefault(family, []).append(made)
-    rows += [_row(f"{name}, random", made, 3) for name, made in families.items()]
-    return [
-        Section(
-            "Stated errors",
-            "The shipped mechanisms and random ones, all modes of the former: what "
-            "configurations, pole directions, rates and their derivatives are off by, "
-            f"against the closure equations in {FEWEST} digits (50 digits where that says "
-            "no), over what is stated for each. Above 1 it would be wrong; the median says "
-            "how wide it is.",
-            ("mechanism", *HEADINGS),
-            [row for row in rows if row[1]],
-        ),
-        special_geometry(range(40 if quick else 2000)),
-    ]
-
-
-HEADINGS = (
-    "configurations",
-    "numbers of each kind",
-    *(f"{kind}, {which} part" for kind in KINDS for which in ("largest", "median")),
-)
-
 RATIOS = tuple(f"{kind}, largest part" for kind in KINDS)
-
-
-def _figures(found: Stated) -> tuple[Cell, ...]:
-    parts = [found.parts(kind) for kind in KINDS]
-    told = [f for part in parts for f in (_largest(part), _median(part))]
-    return (found.rows, len(parts[1]), *told)
-
-
-def _largest(values: Floats) -> float | None:
-    return float(np.max(values)) if len(values) else None
-
-
-def _median(values: Floats) -> float | None:
-    return float(np.median(values)) if len(values) else None
-
-
-def _row(name: str, several: list[Mechanism], samples: int) -> tuple[Cell, ...]:
-    found = Stated()
-    for tracer in _tracers(several, samples):
-        found.add(stated(tracer))
-    return (name, *_figures(found))
-
-
-def special_geometry(seeds: Iterable[int]) -> Section:
-    """Return how mechanisms of special geometry keep to what is stated."""
-    families: dict[str, Stated] = {}
-    for seed in seeds:
-        family, found = judged_special(seed)
-        families.setdefault(family, Stated()).add(found)
-    rows = []
-    for name, found in sorted(families.items()):
-        beyond = sum(int(np.sum(found.parts(kind) > 1.0)) for kind in KINDS)
-        rows.append(
-            (
-                name,
-                *_figures(found),
-                found.marked,
-                found.many,
-                beyond,
-                found.unknown + found.silent,
-            )
-        )
-    return Section(
-        "Stated errors in special geometry",
-        "Right angles, equal arcs, kites, rhombi, parallelograms, four-bars that fold "
-        "flat, exactly or off by 1e-3 to 1e-12 degrees, alone and with dyads, at inputs 1 "
-        "to 1e-9 degrees beside multiples of 90, at multiples of 15, and anywhere. Each "
-        "row is judged twice: by the float64 numbers of the geometry, and by the decimal "
-        f"degrees that the file states; in {FEWEST} digits, and in 50 where an error is "
-        "above half its bound and in one row of fifty.",
-        (
-            "family",
-            *HEADINGS,
-            "rows with another status",
-            "rows in 50 digits",
-            "beyond their bound",
-            "lost without a status",
-        ),
-        rows,
-    )
 
 
 def judged_special(seed: int) -> tuple[str, Stated]:
@@ -178,16 +79,6 @@ def judged_special(seed: int) -> tuple[str, Stated]:
     with np.errstate(all="ignore"):
         found.add(stated(tracer, as_written=True, every=50))
     return family, found
-
-
-def _tracers(several: list[Mechanism], samples: int) -> Iterator[Tracer]:
-    for made in several:
-        grid = samples if len(made.inputs) == 1 else [3] * len(made.inputs)
-        assembly_mode = None if len(several) == 1 else 0
-        try:
-            yield Tracer(made, search=False, samples=grid, assembly_mode=assembly_mode)
-        except SpherekitError:
-            continue
 
 
 def stated(tracer: Tracer, as_written: bool = False, every: int = 0) -> Stated:
