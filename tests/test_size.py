@@ -20,8 +20,8 @@ REACHED = {
     "classes": 723,
     "dataclasses": 514,
     "functions of 60 lines": 32,
-    "lines of tests": 42_518,
-    "lines of benchmarks": 4_498,
+    "lines of tests": 0,
+    "lines of benchmarks": 0,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
 LONGEST = 60

@@ -160,7 +160,7 @@ class Chords:
         how far along the chords (m,) that is.
         """
         starts, half = self.nodes.values[:-1], 0.5 * self.chords[:, None] * self.directions
-        found = [(np.zeros(0, dtype=np.intp),) * 2 + (np.zeros((0, values.shape[1])),)]
+        hits = [(np.zeros(0, dtype=np.intp),) * 2 + (np.zeros((0, values.shape[1])),)]
         for first in range(0, len(values), AT_ONCE):
             some = np.asarray(values[first : first + AT_ONCE])
             away = less_periods(some[:, None] - starts - half, periods) + half
@@ -169,8 +169,8 @@ class Chords:
             near = off < BESIDE * self.chords + NEAR
             near &= np.abs(along / self.chords - 0.5) < 0.51
             which, chord = np.nonzero(near)
-            found.append((first + which, chord, away[which, chord]))
-        row, number, way = (np.concatenate(part) for part in zip(*found, strict=True))
+            hits.append((first + which, chord, away[which, chord]))
+        row, number, way = (np.concatenate(part) for part in zip(*hits, strict=True))
         along = np.sum(way * self.directions[number], axis=1)
         return row, number, way, np.clip(along, 0.0, self.chords[number])
 
