@@ -14,11 +14,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 706_033,
-    "code lines": 57_474,
+    "nodes": 705_831,
+    "code lines": 57_446,
     "files": 332,
-    "classes": 723,
-    "dataclasses": 514,
+    "classes": 722,
+    "dataclasses": 513,
     "functions of 60 lines": 32,
     "lines of tests": 0,
     "lines of benchmarks": 0,

@@ -293,28 +293,21 @@ def given_at(written: Written, inputs: Sequence[str]) -> list[Ball]:
 
 def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     """Return the hulls, centres and half widths, of boxes (n, k) that touch each other."""
-    left = list(range(len(centres)))
+    # SciPy's graphs take long to import, and only a few modes need them.
+    from scipy.sparse.csgraph import connected_components
+
+    low, high = centres - radii, centres + radii
+    touch = np.ones((len(low), len(low)), dtype=bool)
+    if len(low) <= MOST_APART:
+        touch = np.all(low[:, None] <= high + 1e-12, axis=2)
+    count, label = connected_components(touch & touch.T)
     hulls = []
-    if len(left) > MOST_APART:
-        low, high = np.min(centres - radii, axis=0), np.max(centres + radii, axis=0)
-        return [(0.5 * (low + high), 0.5 * (high - low))]
-    while left:
-        low = centres[left[0]] - radii[left[0]]
-        high = centres[left[0]] + radii[left[0]]
-        while True:
-            near = [
-                row
-                for row in left
-                if np.all(centres[row] - radii[row] <= high + 1e-12)
-                and np.all(centres[row] + radii[row] >= low - 1e-12)
-            ]
-            if not near:
-                break
-            left = [row for row in left if row not in set(near)]
-            low = np.minimum(low, np.min(centres[near] - radii[near], axis=0))
-            high = np.maximum(high, np.max(centres[near] + radii[near], axis=0))
-        hulls.append((0.5 * (low + high), 0.5 * (high - low)))
-    return hulls
+    for mine in (label == part for part in range(count)):
+        least, most = np.min(low[mine], axis=0), np.max(high[mine], axis=0)
+        hulls.append((0.5 * (least + most), 0.5 * (most - least)))
+    # hulls may touch where their boxes do not
+    apart = len(hulls) in (0, len(centres))
+    return hulls if apart else clusters(*map(np.array, zip(*hulls, strict=True)))
 
 
 @final
@@ -359,9 +352,8 @@ class _Search:
         none = np.zeros_like(place)
         hard = np.zeros(1, dtype=bool)
         systems = Systems(self.equations)
-        counted = systems.counted(place, self.turns[None], none, [{}], hard)
-        solved = systems.solved(counted.guides[0])
-        return int(counted.modes[0]) if counted.good[0] else -1, solved
+        good, modes, (guide,) = systems.counted(place, self.turns[None], none, [{}], hard)
+        return int(modes[0]) if good[0] else -1, systems.solved(guide)
 
     @property
     def doubtful(self) -> bool:

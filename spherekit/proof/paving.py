@@ -413,7 +413,13 @@ class _Map:
                 waiting.append((boxes.take(slice(most, None)), guides[most:]))
                 boxes, guides = boxes.take(slice(0, most)), guides[:most]
             working.tell(lambda: f"{sum(len(d[0]) for d in self.done)} boxes")
-            good, modes, guides = self._tried(boxes, guides)
+            good, modes, guides = self.systems.counted(
+                boxes.centres(self.axes),
+                boxes.turns(self.axes),
+                boxes.radii(self.axes),
+                guides,
+                np.all(boxes.levels >= self.finest - 1, axis=1),
+            )
             small = np.all(boxes.levels >= self.cell, axis=1)
             inside = np.any(boxes.levels > self.cell, axis=1) & small
             last = np.all(boxes.levels >= self.finest, axis=1)
@@ -461,17 +467,3 @@ class _Map:
         halves = taken.halved(np.argmax(radii, axis=1))
         kept = [guides[row] for row in left]
         return halves, kept + kept
-
-    def _tried(
-        self, boxes: Boxes, guides: list[Guide]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.intp], list[Guide]]:
-        """Return which boxes are proven regular, their modes, and the roots they have."""
-        hard = np.all(boxes.levels >= self.finest - 1, axis=1)
-        counted = self.systems.counted(
-            boxes.centres(self.axes),
-            boxes.turns(self.axes),
-            boxes.radii(self.axes),
-            guides,
-            hard,
-        )
-        return counted.good, counted.modes, counted.guides

@@ -211,16 +211,6 @@ Guide = dict[Path, KnownRoots]
 
 @final
 @dataclass(frozen=True)
-class Counted:
-    """What is proven over boxes: `good` (m,), and then the numbers of real modes."""
-
-    good: NDArray[np.bool_]
-    modes: NDArray[np.intp]
-    guides: list[Guide]
-
-
-@final
-@dataclass(frozen=True)
 class _Mode:
     """A mode of the systems so far over the box of a number.
 
@@ -319,8 +309,10 @@ class Systems:
         half: Floats,
         guides: Sequence[Guide],
         hard: NDArray[np.bool_],
-    ) -> Counted:
-        """Return the numbers of modes over boxes of the inputs (m, inputs).
+    ) -> tuple[NDArray[np.bool_], NDArray[np.intp], list[Guide]]:
+        """Return over which boxes of the inputs (m, inputs) all is proven, and the modes.
+
+        Those are the numbers of real ones; with them the roots of each box.
 
         `turns` (m, inputs, 2) are the cosines and sines of the exact centres, next to
         which `centres` are. Roots are followed from the `guides` of each box; where they
@@ -366,11 +358,10 @@ class Systems:
                     where = place * bound + int(root)
                     turned = circle(angle[where])
                     solution = angle[where], turned, slopes[where], reach[where]
-                    successor = mode.with_root(int(root), unknowns, solution)
+                    waiting.append(mode.with_root(int(root), unknowns, solution))
                     good[row] &= bool(np.all(proven.reach[where] < WIDEST_ANGLE))
-                    waiting.append(successor)
             waiting = self._joined(number + 1, waiting, half)
-        return Counted(good, modes, following)
+        return good, modes, following
 
     def _given(
         self,

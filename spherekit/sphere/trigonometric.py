@@ -62,8 +62,7 @@ STILL = 1e-9
 class AngleSolutions:
     """What the elimination of all angles but the first found.
 
-    `angles` (k, t) complex, rad: solutions whose first angle is near the real axis, or
-    as far from it as was asked for.
+    `angles` (k, t) complex, rad: solutions whose first angle is near the real axis.
     `roots` (2 degree,) complex: all values of e^(ix) of the first angle x. `excess`: the
     coefficients beyond the degree, relative. `problem` says why real solutions may be
     missing; empty if none can be.
@@ -99,9 +98,7 @@ def _power(involves: Bools) -> int:
     return 2 * int(np.sum(involves[1:, 1])) if len(involves) == 3 else 0
 
 
-def common_angles(
-    equations: Numbers, involves: Bools, farthest: float = POLISHED
-) -> AngleSolutions:
+def common_angles(equations: Numbers, involves: Bools) -> AngleSolutions:
     """Return the solutions of a system of two or three equations in as many angles.
 
     Parameters
@@ -110,8 +107,6 @@ def common_angles(
         (t, 3, ..., 3): equation, then the places of the points of the angles.
     involves
         (t, t) as in `eliminated_degree`, whose result must not be 0.
-    farthest
-        Largest imaginary part (rad) of a root that is made solutions.
     """
     with np.errstate(all="ignore"):
         sampled = _Sampled.at(equations[None], involves)
@@ -120,7 +115,7 @@ def common_angles(
             nothing = np.empty((0, len(equations)), dtype=complex)
             return AngleSolutions(nothing, nothing[:, 0], np.inf, problem)
         roots, excess = (part[0] for part in sampled.roots())
-        angles, unmatched = _solutions(equations, roots, farthest)
+        angles, unmatched = _solutions(equations, roots)
     if not excess < EXCESS:
         degree = eliminated_degree(involves)
         problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
@@ -314,12 +309,10 @@ def _starts(equations: Numbers, first: Complexes) -> Complexes:
     return np.stack(every, axis=-1).reshape(len(first), -1, len(every))
 
 
-def _solutions(
-    equations: Numbers, roots: Complexes, farthest: float
-) -> tuple[Complexes, int]:
+def _solutions(equations: Numbers, roots: Complexes) -> tuple[Complexes, int]:
     """Return solutions (k, t) that roots (n,) lead to, and how many roots lost some."""
     first = -1j * np.log(roots[np.isfinite(roots) & (roots != 0.0)])
-    first = first[np.abs(first.imag) < farthest]
+    first = first[np.abs(first.imag) < POLISHED]
     start = _starts(equations[None], first[None])
     start = start[:, _residual(equations[None], start)[0] < STARTED]
     polished = _polished(equations[None], start)
