@@ -20,10 +20,10 @@ REACHED = {
     "classes": 722,
     "dataclasses": 513,
     "functions of 60 lines": 32,
-    "lines of tests": 0,
-    "lines of benchmarks": 0,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
+LINES = {"tests": 42_524, "benchmarks": 4_500}
+"""Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 
 
@@ -68,12 +68,15 @@ def counts(tree):
 @pytest.mark.many
 @pytest.mark.parametrize("what", REACHED)
 def test_nothing_grows(what):
-    if what.startswith("lines of "):
-        files = (ROOT / what.removeprefix("lines of ")).rglob("*.py")
-        reached = sum(len(path.read_text().splitlines()) for path in files)
-    else:
-        reached = sum((counts(tree) for _, tree in trees().values()), Counter())[what]
+    reached = sum((counts(tree) for _, tree in trees().values()), Counter())[what]
     assert reached <= REACHED[what], f"{reached - REACHED[what]} {what} more than before"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", LINES)
+def test_no_folder_grows(folder):
+    files = (ROOT / folder).rglob("*.py")
+    assert sum(len(path.read_text().splitlines()) for path in files) <= LINES[folder]
 
 
 def test_files_import_each_other_in_no_circle():
