@@ -297,12 +297,12 @@ def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     from scipy.sparse.csgraph import connected_components
 
     low, high = centres - radii, centres + radii
-    touch = np.ones((len(low), len(low)), dtype=bool)
+    label = np.zeros(len(low), dtype=np.int32)
     if len(low) <= MOST_APART:
         touch = np.all(low[:, None] <= high + 1e-12, axis=2)
-    count, label = connected_components(touch & touch.T)
+        label = connected_components(touch & touch.T)[1]
     hulls = []
-    for mine in (label == part for part in range(count)):
+    for mine in (label == part for part in range(np.max(label, initial=-1) + 1)):
         least, most = np.min(low[mine], axis=0), np.max(high[mine], axis=0)
         hulls.append((0.5 * (least + most), 0.5 * (most - least)))
     # hulls may touch where their boxes do not
