@@ -22,7 +22,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
 from typing import Any, final
 
 import numpy as np
@@ -98,11 +97,6 @@ class Structure:
     def bodies(self) -> int:
         """The number of links that are no couplers."""
         return len(self.links) - len(self.couplers)
-
-    @cached_property
-    def pair_number(self) -> Mapping[str, int]:
-        """Position of each pair in `pairs`, by name."""
-        return {name: number for number, name in enumerate(self.pairs)}
 
 
 def structure_of(mechanism: Mechanism) -> Structure:
