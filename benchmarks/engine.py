@@ -6,6 +6,7 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section, median, ratio, rounds
 from spherekit.dynamics.forward import simulate
+from spherekit.dynamics.path import through_runs
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import prepare
 from spherekit.engine.compiler import available, heyoka
@@ -168,8 +169,9 @@ def _exact(times: Floats) -> tuple[Floats, str]:
         1.0,
         equation.closed,
     ).run([10.0])
-    states, _, turns = found.at(times)
-    values = states[:, : turns.shape[1]] + 2.0 * np.pi * turns
+    traced = through_runs([found], [(1.0, found.equation.rates)]).at(times)
+    count = traced.turns.shape[1]
+    values = traced.states[:, :count] + 2.0 * np.pi * traced.turns
     return values[:, problem.driven[0]], "in quadruple precision"
 
 

@@ -1,7 +1,7 @@
 """The direct problem by Taylor series of the compiled equation of motion."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, combinations
 
 import numpy as np
@@ -13,7 +13,7 @@ from spherekit.dynamics.coordinates import (
     reciprocal_condition,
 )
 from spherekit.dynamics.forces import rates_by_time
-from spherekit.dynamics.path import CoordinateLeg, CurveLeg, TaylorPath
+from spherekit.dynamics.path import Frames, StatePath, through_runs
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
@@ -99,11 +99,11 @@ def by_taylor_series(
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise cannot_leave(problem, STATUS_MEANING[status])
-    path = solve(problem, motion, compiled)
+    runs, frames = solve(problem, motion, compiled)
+    path, run = through_runs(runs, frames), runs[-1]
     seconds = time.perf_counter() - started - compiling
-    run = path.last
     if run.end == "singularity":
-        _need_crossing(problem, path)
+        _need_crossing(problem, run)
     report = EngineReport(
         "compiled", reason, compiling, seconds, len(path.starts), forecast
     )
@@ -111,8 +111,8 @@ def by_taylor_series(
         problem.equation,
         problem.driven,
         path,
-        _events(problem, path),
-        _end(problem, path),
+        _events(problem, path, runs),
+        _end(problem, path, run),
         report,
         tolerance=tolerance,
     )
@@ -124,8 +124,8 @@ Compiled = Callable[[Coordinates | None, float], CompiledEquation]
 
 def _along_curve(
     problem: Problem, motion: CoordinateMotion, compiled: Compiled
-) -> TaylorPath:
-    """Return the path of one freedom."""
+) -> tuple[list[Run], list[Frames]]:
+    """Return the run of one freedom, and its frames."""
     mechanism = problem.equation.mechanism
     made = compiled(None, LOOSEST)
     unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
@@ -141,16 +141,17 @@ def _along_curve(
         problem.equation.closed,
     ).run((*problem.switches, problem.until))
     _need_stretches(problem, run)
-    return TaylorPath((CurveLeg(run, sense),))
+    return [run], [(sense, made.rates)]
 
 
 def _by_coordinates(
     problem: Problem, motion: CoordinateMotion, compiled: Compiled
-) -> TaylorPath:
-    """Return the path of several freedoms, by other pair variables where it has to be."""
+) -> tuple[list[Run], list[Frames]]:
+    """Return runs of several freedoms, by other pair variables where it has to be."""
     equation = problem.equation
     root = float(np.sqrt(mass_size(equation.mechanism)))
-    legs: list[CoordinateLeg] = []
+    runs: list[Run] = []
+    framed: list[Frames] = []
     values, turns = problem.values, problem.turns
     rates = rates_by_time(motion, problem.speed[None])[0]
     before: Run | None = None
@@ -171,21 +172,22 @@ def _by_coordinates(
             before,
             gap,
         ).run((*targets, problem.until))
-        if not run.stretches and legs:
+        if not run.stretches and runs:
             break
         _need_stretches(problem, run)
-        legs.append(CoordinateLeg(equation, run, places))
+        frame = np.eye(equation.variables)[list(places)]
+        runs.append(run)
+        framed.append((1.0, frame))
         if run.end == "singularity" and not fine:
             most = LOOSEST
         elif run.end != "coordinates":
             break
-        states, _, whole = run.at(np.array([run.time]))
-        turns = whole[0]
-        values, gap = equation.closed(states[0, : equation.variables])
-        along = equation.motion(values[None], legs[-1].frame)
-        rates = rates_by_time(along, states[:, equation.momenta] / root)[0]
+        state, turns = run.last, run.stretches[-1].turns
+        values, gap = equation.closed(state[: equation.variables])
+        along = equation.motion(values[None], frame)
+        rates = rates_by_time(along, state[None, equation.momenta] / root)[0]
         before = run
-    return TaylorPath(tuple(legs))
+    return runs, framed
 
 
 def first_of(problem: Problem) -> Coordinates | None:
@@ -249,34 +251,33 @@ def _need_stretches(problem: Problem, run: Run) -> None:
     raise cannot_leave(problem, JUMPS)
 
 
-def _need_crossing(problem: Problem, path: TaylorPath) -> None:
-    """Raise `EngineError` where no curves cross at the end of a path.
+def _need_crossing(problem: Problem, run: Run) -> None:
+    """Raise `EngineError` where no curves cross at the end of a run.
 
     Of redundant equations those that are independent where they were chosen are compiled;
     elsewhere they may depend on each other though the others hold the mechanism.
     """
-    state = path.at(np.array([path.last.time])).states[0]
     equation = problem.equation
-    values, freedoms = state[: equation.variables], equation.freedoms
+    values, freedoms = run.last[: equation.variables], equation.freedoms
     if reciprocal_condition(equation.closure, values, freedoms) > NO_CROSSING:
         raise EngineError(
             f"{equation.mechanism.name}: of its redundant equations those that were chosen "
-            f"depend on each other at t = {path.last.time:.6g} s",
+            f"depend on each other at t = {run.time:.6g} s",
             BY_NUMPY,
         )
 
 
-def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
+def _events(problem: Problem, path: StatePath, runs: Sequence[Run]) -> tuple[Event, ...]:
     mechanism = problem.equation.mechanism
     names = [pair.name for pair in mechanism.pairs]
     passages = [
         (t, kind, names[mechanism.variable_owners[place]] if place >= 0 else "")
-        for leg in path.legs
-        for t, kind, place in leg.run.passages
+        for run in runs
+        for t, kind, place in run.passages
         if kind not in ("singularity", "coordinates")
         and (t > 0.0 or kind in ("switch", "stop"))
     ]
-    passages += [(t, "switch", "") for t in problem.switches if t < path.last.time]
+    passages += [(t, "switch", "") for t in problem.switches if t < runs[-1].time]
     passages.sort(key=lambda item: item[0])
     if not passages:
         return ()
@@ -290,8 +291,7 @@ def _events(problem: Problem, path: TaylorPath) -> tuple[Event, ...]:
     )
 
 
-def _end(problem: Problem, path: TaylorPath) -> SimulationEnd:
-    run = path.last
+def _end(problem: Problem, path: StatePath, run: Run) -> SimulationEnd:
     if run.end == "time":
         return SimulationEnd("time", problem.until, "the time asked for is over")
     if run.end == "stop":

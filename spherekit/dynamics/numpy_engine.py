@@ -13,12 +13,13 @@ from spherekit.dynamics.coordinates import inertia_matrix, reciprocal_condition
 from spherekit.dynamics.path import (
     NODES,
     Attempt,
-    CollocationPath,
+    StatePath,
     Step,
     StepEvents,
     attempt,
     gauss,
     next_length,
+    through_steps,
 )
 from spherekit.dynamics.simulation import (
     CROSSING,
@@ -267,7 +268,7 @@ class Collocation:
         problem = self.problem
         dynamics = self.equation.at(np.zeros(1), state[None], self.frame, problem.whole)
         pace = float(np.linalg.norm(dynamics.speed[0])) / FIRST_ARC
-        push = float(np.linalg.norm(dynamics.roots.solved(dynamics.push)[0]))
+        push = float(np.linalg.norm(dynamics.push[0]) / dynamics.root[0])
         pace = max(pace, np.sqrt(push / FIRST_ARC))
         until = problem.until
         length = min(until, 1.0 / max(pace, 1e-300), 1.0)
@@ -377,5 +378,5 @@ class Collocation:
             return SimulationEnd("too_fast", t, why)
         return given_up(self.equation, self._travelled(), t, why)
 
-    def _travelled(self) -> CollocationPath:
-        return CollocationPath(tuple(self.path), self.problem.turns, self.drift)
+    def _travelled(self) -> StatePath:
+        return through_steps(self.path, self.problem.turns, self.drift)

@@ -12,18 +12,15 @@ What happens within a step are zeros of functions known at its nodes or as polyn
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Protocol, final
+from functools import cached_property, lru_cache, partial
+from typing import final
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from spherekit.conventions import EPS
-from spherekit.dynamics.coordinates import inertia
 from spherekit.dynamics.start import variable_of
-from spherekit.dynamics.state import EquationOfMotion, Roots
-from spherekit.engine.integration import Run
-from spherekit.engine.system import mass_size
+from spherekit.engine.integration import Run, Stretch
 from spherekit.model.dynamics import Stop
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
@@ -372,149 +369,88 @@ class Traced(ArrayRows):
     turns: Floats
 
 
-class StatePath(Protocol):
-    """The states of a simulation over time."""
-
-    @property
-    def starts(self) -> Floats:
-        """(steps,) times at which steps start (s)."""
-
-    @property
-    def lengths(self) -> Floats:
-        """(steps,) their lengths (s)."""
-
-    @property
-    def drift(self) -> float:
-        """Largest closure residual (rad) that was taken out."""
-
-    def at(self, t: Floats) -> Traced:
-        """Return the states at times (n,) within the path."""
+BLOCK = 1024
+"""Times at which states are evaluated together."""
 
 
 @final
 @dataclass(frozen=True)
-class CollocationPath:
-    """Steps whose states are polynomials, in order of time.
+class StatePath:
+    """The states of a simulation over time, whichever engine found them.
+
+    `parts` give them at times (n,), each from its time among `firsts` (s) on; `starts`,
+    `lengths` (steps,) s are those of the steps, `drift` is the largest closure residual
+    (rad) that was taken out.
+    """
+
+    firsts: Floats
+    parts: tuple[Callable[[Floats], Traced], ...]
+    starts: Floats
+    lengths: Floats
+    drift: float
+
+    def at(self, t: Floats) -> Traced:
+        """Return the states at times (n,) within the path."""
+        owner = np.maximum(np.searchsorted(self.firsts, t, side="right") - 1, 0)
+        order = np.argsort(owner, kind="stable")
+        alike = np.split(order, np.flatnonzero(np.diff(owner[order])) + 1)
+        rows = [
+            block
+            for some in alike
+            for block in np.split(some, range(BLOCK, len(some), BLOCK))
+        ]
+        parts = [self.parts[owner[some[0]] if len(some) else 0](t[some]) for some in rows]
+        return Traced.joined(parts).rows(np.argsort(order))
+
+
+def through_steps(
+    items: Sequence[tuple[Step, Floats]], turns: Floats, drift: float
+) -> StatePath:
+    """Return the path of steps whose states are polynomials, in order of time.
 
     Each with the frames (k, m, variables) of its momenta, evenly along it: of one freedom
     tangents of the curve, of several one frame for all of it. The variables in them are
     less `turns` (variables,) whole turns.
     """
-
-    items: tuple[tuple[Step, Floats], ...]
-    turns: Floats
-    drift: float
-
-    @cached_property
-    def starts(self) -> Floats:
-        """(steps,) times at which steps start (s)."""
-        return np.array([step.start for step, _ in self.items])
-
-    @cached_property
-    def lengths(self) -> Floats:
-        """(steps,) their lengths (s)."""
-        return np.array([step.length for step, _ in self.items])
-
-    def at(self, t: Floats) -> Traced:
-        """Return the states at times (n,) within the path."""
-
-        def within(number: int, t: Floats) -> Traced:
-            step, frames = self.items[number]
-            place = (t - step.start) / step.length * len(frames)
-            nearest = np.clip(place.astype(int), 0, len(frames) - 1)
-            turns = np.broadcast_to(self.turns, (len(t), len(self.turns)))
-            return Traced(step.at(t), step.rate(t), frames[nearest], turns)
-
-        return _in_parts(self.starts, t, within)
+    starts = np.array([step.start for step, _ in items])
+    parts = tuple(partial(_in_step, step, frames, turns) for step, frames in items)
+    lengths = np.array([step.length for step, _ in items])
+    return StatePath(starts, parts, starts, lengths, drift)
 
 
-def _in_parts(starts: Floats, t: Floats, at: Callable[[int, Floats], Traced]) -> Traced:
-    """Return the states at times (n,), each by the last part that starts before it."""
-    owner = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
-    rows = [np.flatnonzero(owner == number) for number in np.unique(owner)]
-    if len(rows) < 2:
-        return at(int(owner[0]) if len(t) else 0, t)
-    parts = [at(int(owner[some[0]]), t[some]) for some in rows]
-    return Traced.joined(parts).rows(np.argsort(np.concatenate(rows)))
+def _in_step(step: Step, frames: Floats, turns: Floats, t: Floats) -> Traced:
+    place = (t - step.start) / step.length * len(frames)
+    nearest = np.clip(place.astype(int), 0, len(frames) - 1)
+    whole = np.broadcast_to(turns, (len(t), len(turns)))
+    return Traced(step.at(t), step.rate(t), frames[nearest], whole)
 
 
-@final
-@dataclass(frozen=True)
-class CurveLeg:
-    """A compiled run of one freedom; `sense` is that of the homogeneous rates."""
-
-    run: Run
-    sense: float
-
-    def at(self, t: Floats) -> Traced:
-        """Return the states at times (n,) within the run."""
-        states, rates, turns = self.run.at(t)
-        count = turns.shape[1]
-        states[:, count] *= self.sense
-        rates[:, count] *= self.sense
-        frames = self.sense * self.run.equation.rates(states[:, :count])
-        return Traced(states, rates, frames, turns)
+Frames = tuple[float, Floats | Callable[[Floats], Floats]]
+"""The sense of momenta, and frames (m, variables), or (n, m, variables) of variables."""
 
 
-@final
-@dataclass(frozen=True)
-class CoordinateLeg:
-    """A compiled run of several freedoms by pair variables, whose numbers are `places`."""
+def through_runs(runs: Sequence[Run], framed: Sequence[Frames]) -> StatePath:
+    """Return the path of compiled runs, one after the other, with their frames.
 
-    equation: EquationOfMotion
-    run: Run
-    places: tuple[int, ...]
-
-    @property
-    def frame(self) -> Floats:
-        """(m, variables) the coordinates as sums of the pair variables."""
-        return np.eye(self.equation.variables)[list(self.places)]
-
-    def at(self, t: Floats) -> Traced:
-        """Return the states at times (n,) within the run."""
-        states, rates, turns = self.run.at(t)
-        root = np.sqrt(mass_size(self.equation.mechanism))
-        momenta = self.equation.momenta
-        u, change = states[:, momenta] / root, rates[:, momenta] / root
-        motion = self.equation.motion(
-            states[:, : self.equation.variables], self.frame, order=2
-        )
-        masses = inertia(self.equation.mechanism, motion)
-        roots = Roots.of(masses.M)
-        states[:, momenta] = roots.times(u)
-        rates[:, momenta] = roots.changing(masses.dM, u) + roots.times(change)
-        frames = np.broadcast_to(self.frame, (len(t), *self.frame.shape))
-        return Traced(states, rates, frames, turns)
+    `framed` gives the sense of momenta in them as well.
+    """
+    every = [
+        (x, frames) for run, frames in zip(runs, framed, strict=True) for x in run.stretches
+    ]
+    return StatePath(
+        np.array([stretch.starts[0] for stretch, _ in every]),
+        tuple(partial(_in_stretch, stretch, frames) for stretch, frames in every),
+        np.concatenate([stretch.starts for stretch, _ in every]),
+        np.concatenate([stretch.lengths for stretch, _ in every]),
+        max(run.drift for run in runs),
+    )
 
 
-@final
-@dataclass(frozen=True)
-class TaylorPath:
-    """Compiled runs, one after the other."""
-
-    legs: tuple[CurveLeg | CoordinateLeg, ...]
-
-    @cached_property
-    def starts(self) -> Floats:
-        """(steps,) times at which steps start (s)."""
-        return np.concatenate([leg.run.starts for leg in self.legs])
-
-    @cached_property
-    def lengths(self) -> Floats:
-        """(steps,) their lengths (s)."""
-        return np.concatenate([leg.run.lengths for leg in self.legs])
-
-    @property
-    def drift(self) -> float:
-        """Largest closure residual (rad) that was taken out."""
-        return max(leg.run.drift for leg in self.legs)
-
-    @property
-    def last(self) -> Run:
-        """The run that the path ends with."""
-        return self.legs[-1].run
-
-    def at(self, t: Floats) -> Traced:
-        """Return the states at times (n,) within the path."""
-        firsts = np.array([leg.run.starts[0] for leg in self.legs])
-        return _in_parts(firsts, t, lambda number, some: self.legs[number].at(some))
+def _in_stretch(stretch: Stretch, frames: Frames, t: Floats) -> Traced:
+    states, rates = stretch.at(t)
+    count, (sense, framed) = len(stretch.turns), frames
+    for array in (states, rates):
+        array[:, stretch.layout.momenta] *= sense
+    frame = framed if isinstance(framed, np.ndarray) else framed(states[:, :count]) * sense
+    whole = np.broadcast_to(stretch.turns, (len(t), count))
+    return Traced(states, rates, np.broadcast_to(frame, (len(t), *frame.shape[-2:])), whole)

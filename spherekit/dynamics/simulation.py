@@ -28,7 +28,7 @@ from spherekit.dynamics.coordinates import (
     single,
 )
 from spherekit.dynamics.forces import Driven, Transmitted, rates_by_time, transmitted
-from spherekit.dynamics.path import CollocationPath, StatePath, Step, Traced
+from spherekit.dynamics.path import StatePath, Step, Traced, through_steps
 from spherekit.dynamics.start import STANDSTILL, Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
 from spherekit.errors import SolveError
@@ -329,7 +329,7 @@ class Simulation:
             speed=speed,
             M=masses.M_parts,
             Q=dynamics.forces,
-            kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
+            kinetic=dynamics.kinetic,
             power=dynamics.power,
             work=states[:, equation.works],
             residual=equation.closure.at(values).gap,
@@ -377,7 +377,7 @@ class Simulation:
         equation = self.equation
         gap = equation.closure.at(states[:, : equation.variables]).residual
         momenta = states[:, equation.momenta]
-        kinetic = 0.5 * np.sum(momenta**2, axis=1)
+        kinetic = dynamics.kinetic
         work = np.sum(states[:, equation.works], axis=1)
         missed = rates[:, equation.momenta] - dynamics.push
         missed[t >= self.end.t] = 0.0
@@ -388,7 +388,7 @@ class Simulation:
         return Checks(
             energy=float(np.max(np.abs(kinetic - work - (kinetic[0] - work[0])))),
             energy_scale=float(max(np.max(kinetic), np.max(np.abs(work)))),
-            power=float(np.max(np.abs(np.sum(momenta * missed, axis=1)))),
+            power=float(np.max(np.abs(dynamics.working(missed)))),
             momentum=float(np.max(push * steps)) / size,
             closure=max(path.drift, float(np.max(np.abs(gap), initial=0.0))),
             error=self.error,
@@ -464,9 +464,8 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     if not path:
         raise cannot_leave(problem, end.message)
     gap = closure.at(np.array(states)[:, :variables]).residual
-    traced = CollocationPath(
-        tuple(path), problem.turns, float(np.max(np.abs(gap), initial=0.0))
-    )
+    drift = float(np.max(np.abs(gap), initial=0.0))
+    traced = through_steps(path, problem.turns, drift)
     seconds = time.perf_counter() - started
     report = EngineReport("numpy", REASON, 0.0, seconds, len(path))
     return Simulation(equation, problem.driven, traced, (), end, report)

@@ -16,7 +16,6 @@ turns, which are found on the dense output.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal, final
 
 import numpy as np
@@ -157,9 +156,6 @@ MISSED = 100.0
 SHRUNK, GROWN = 0.03, 4.0
 """Parts by which a step that missed is shortened at most, and lengthened after it."""
 
-BLOCK = 1024
-"""Times at which the series are evaluated together."""
-
 _FULL_TURN_REST = 2.4492935982947064e-16
 """2 pi less its nearest float64."""
 
@@ -187,12 +183,28 @@ class Stretch:
     `turns` (variables,), `unit` of momentum and `work` (loads,) J set aside.
     """
 
+    layout: ParameterLayout
     starts: Floats
     lengths: Floats
     series: Floats
     turns: Floats
     unit: float
     work: Floats
+
+    def at(self, t: Floats) -> tuple[Floats, Floats]:
+        """Return states and their rates (n, states) at times t (n,).
+
+        The variables less the whole turns, the momenta and the work of each load, in units
+        of the SI.
+        """
+        step = np.searchsorted(self.starts, t, side="right") - 1
+        step = np.clip(step, 0, len(self.starts) - 1)
+        value, rate = _powers(self.series[step], t - self.starts[step])
+        for array in (value, rate):
+            array[:, self.layout.momenta] *= self.unit
+            array[:, self.layout.works] *= self.unit**2
+        value[:, self.layout.works] += self.work
+        return value, rate
 
 
 @final
@@ -213,53 +225,10 @@ class Run:
     drift: float
     largest: float
 
-    @cached_property
-    def starts(self) -> Floats:
-        """(steps,) times at which steps start (s)."""
-        return np.concatenate([stretch.starts for stretch in self.stretches])
-
-    @cached_property
-    def lengths(self) -> Floats:
-        """(steps,) their lengths (s)."""
-        return np.concatenate([stretch.lengths for stretch in self.stretches])
-
-    @cached_property
-    def _firsts(self) -> Floats:
-        return np.array([stretch.starts[0] for stretch in self.stretches])
-
-    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return states, their rates (n, states) and whole turns (n, variables).
-
-        The states at times t (n,) are the variables less the whole turns, the momenta
-        and the work of each load, in units of the SI.
-        """
-        layout = self.equation.layout
-        width = self.stretches[0].series.shape[1]
-        states, rates = np.empty((len(t), width)), np.empty((len(t), width))
-        turns = np.empty((len(t), layout.variables))
-        owner = np.searchsorted(self._firsts, t, side="right") - 1
-        for number in np.unique(np.maximum(owner, 0)):
-            stretch = self.stretches[number]
-            every = np.flatnonzero(np.maximum(owner, 0) == number)
-            turns[every] = stretch.turns
-            for rows in np.split(every, range(BLOCK, len(every), BLOCK)):
-                states[rows], rates[rows] = _evaluate(stretch, t[rows], layout)
-        return states, rates, turns
-
-
-def _evaluate(
-    stretch: Stretch, t: Floats, layout: ParameterLayout
-) -> tuple[Floats, Floats]:
-    step = np.searchsorted(stretch.starts, t, side="right") - 1
-    step = np.clip(step, 0, len(stretch.starts) - 1)
-    series = stretch.series[step]
-    h = t - stretch.starts[step]
-    value, rate = _powers(series, h)
-    for array in (value, rate):
-        array[:, layout.momenta] *= stretch.unit
-        array[:, layout.works] *= stretch.unit**2
-    value[:, layout.works] += stretch.work
-    return value, rate
+    @property
+    def last(self) -> Floats:
+        """The state (states,) at its end, less the turns of the last stretch."""
+        return np.asarray(self.stretches[-1].at(np.array([self.time]))[0][0])
 
 
 def _powers(series: Floats, h: Floats) -> tuple[Floats, Floats]:
@@ -320,7 +289,7 @@ class Integration:
             self.time, self.drift = before.time, max(before.drift, gap)
             last = before.equation
             self.largest *= before.largest / float(last.measure(values[None])[0])
-            self.work = before.at(np.array([before.time]))[0][0, last.layout.works]
+            self.work = before.last[last.layout.works]
         self.unit = max(unit, float(np.linalg.norm(momenta)))
         self.period = np.zeros(len(mechanism.variable_owners))
         self.period[list(mechanism.angles.values())] = 1.0
@@ -425,7 +394,8 @@ class Integration:
                 self.longest = GROWN * length
         if starts:
             kept = np.array(starts), np.array(lengths), np.array(series)
-            self.stretches.append(Stretch(*kept, self.turns, self.unit, self.work))
+            made = self.equation.layout, *kept, self.turns, self.unit, self.work
+            self.stretches.append(Stretch(*made))
             first = self.equation.measure(kept[2][:, : self.count, 0])
             self.largest = max(self.largest, float(np.max(first)))
         return tried, end
