@@ -14,11 +14,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 705_802,
-    "code lines": 57_443,
+    "nodes": 704_485,
+    "code lines": 57_332,
     "files": 332,
-    "classes": 722,
-    "dataclasses": 513,
+    "classes": 716,
+    "dataclasses": 508,
     "functions of 60 lines": 32,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""

@@ -1,6 +1,7 @@
 """The direct problem: the motion of a mechanism from its start and its loads."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, final
@@ -50,8 +51,8 @@ class Solved:
         return self.made()
 
 
-Solving = Generator[Solved, None, Solved]
-"""Gives piece after piece, each longer or of another run, and returns the whole."""
+Solving = Iterator[Solved]
+"""Piece after piece, each longer or of another run, the whole last."""
 
 
 def whole(run: object, motion: Simulation) -> Solved:
@@ -59,18 +60,9 @@ def whole(run: object, motion: Simulation) -> Solved:
     return Solved(run, lambda: motion)
 
 
-def with_whole(pieces: Solving) -> Iterator[Solved]:
-    """Yield the pieces of a simulation, the whole last."""
-    yield (yield from pieces)
-
-
 def last(pieces: Solving) -> Solved:
     """Return the whole of a simulation."""
-    while True:
-        try:
-            next(pieces)
-        except StopIteration as done:
-            return done.value  # type: ignore[no-any-return]
+    return deque(pieces, maxlen=1).pop()
 
 
 LEAST = {"numpy": 1e-13, "compiled": 1e-15}
@@ -245,8 +237,8 @@ def _checking(
 
     Where the tolerance is missed, the tighter one takes its place, as long as there is one.
     """
-    piece = yield from pieces
-    yield piece
+    for piece in pieces:
+        yield piece
     run, simulation = piece.run, piece.motion
     engine = simulation.engine.name
     made_for = min(tolerance, LOOSEST) if engine == "compiled" else tolerance
@@ -257,7 +249,8 @@ def _checking(
         error = _difference(simulation, tight.motion)
         simulation = replace(simulation, error=error, tolerance=tolerance)
         if simulation.missed is None or tighter <= least:
-            return whole(run, simulation)
+            yield whole(run, simulation)
+            return
         why = (
             f"{simulation.engine.reason}; off by {error:.1e} rad with steps for "
             f"{made_for:g} rad, so in shorter ones"
@@ -293,7 +286,7 @@ def _solving(problem: Problem, tolerance: float, engine: Engine, compact: bool) 
 def _lifting_off(pieces: Solving) -> Solving:
     """Return a simulation that ends where a contact lifts off; what presses is yielded."""
     run, pressed, unseen = None, 0.0, 0
-    for piece in with_whole(pieces):
+    for piece in pieces:
         if piece.run is not run:
             run, pressed, unseen = piece.run, 0.0, 0
         unseen += 1
@@ -301,10 +294,10 @@ def _lifting_off(pieces: Solving) -> Solving:
             continue
         motion = until_lift_off(piece.motion, pressed)
         if motion.end.kind == "lift_off" or not np.isfinite(piece.until):
-            return whole(piece.run, motion)
+            yield whole(piece.run, motion)
+            return
         pressed, unseen = piece.until, 0
         yield piece
-    raise AssertionError("a simulation has a whole")
 
 
 def _stepping(
@@ -313,8 +306,7 @@ def _stepping(
     """Return what NumPy finds step by step."""
     while solver.end is None and solver.advance():
         yield Solved(solver, lambda: solver.simulation(reason), solver.reached)
-    simulation = solver.simulation(reason, forecast)
-    return whole(solver, simulation)
+    yield whole(solver, solver.simulation(reason, forecast))
 
 
 def _compiled(
@@ -324,9 +316,8 @@ def _compiled(
     reason: str,
     forecast: Forecast | None = None,
 ) -> Solving:
-    yield from ()
     simulation = by_taylor_series(problem, tolerance, compact, reason, forecast)
-    return whole(simulation.path, simulation)
+    yield whole(simulation.path, simulation)
 
 
 def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
@@ -360,7 +351,8 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
             tell(f"compiling the equation of motion, about {compiling:.0f} s", compiling)
             simulation = by_taylor_series(problem, tolerance, compact, why, forecast)
             if simulation.end.message != NO_SERIES:
-                return whole(simulation.path, simulation)
+                yield whole(simulation.path, simulation)
+                return
             why = NO_SERIES
     except (EngineError, PlanError) as refused:
         why = refused.fault
@@ -369,7 +361,7 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
         why = str(forecast)
     else:
         forecast = None
-    return (yield from _stepping(solver, why, forecast))
+    yield from _stepping(solver, why, forecast)
 
 
 PLACES = 8

@@ -355,22 +355,18 @@ def _rubbed(
     """Return what bearings that rub carry, the rows they lock, and rounds of iteration."""
     assert motion.timing is not None
     mechanism, timing, loads = motion.mechanism, motion.timing, Loads(motion.mechanism)
-    locked = np.zeros(len(motion), dtype=bool)
     if not loads.rubbing:
-        return None, locked, 0
+        return None, np.zeros(len(motion), dtype=bool), 0
     still = loads.parts(coordinates, timing.dq, timing.t)
     torques = _torques(inertia(mechanism, coordinates), still, timing)
     good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
-    if not np.any(good):
-        return None, locked, 0
     at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
     every = Driven(mechanism, motion.joints, at.frames, coordinates, timing, torques)
-    driven = every.rows(good)
-    drives = -loads.rubbing_velocities(driven.motion)
-    rub = rubbed(driven, loads, np.zeros_like(drives), drives)
-    carried = np.zeros((len(motion), len(loads.rubbing)))
-    carried[good], locked[good] = rub.carried, ~rub.settled
-    return carried, locked, rub.rounds
+    carried, locked, rounds = rubbed(
+        every, loads, good, lambda velocities: (np.zeros_like(velocities), -velocities)
+    )
+    carried[~good] = 0.0
+    return carried, locked, rounds
 
 
 def _torques(masses: Inertia, forces: Floats, timing: Timing) -> Floats:

@@ -24,7 +24,7 @@ from spherekit.engine.integration import Run, Stretch
 from spherekit.model.dynamics import Stop
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
-from spherekit.numeric.zeros import ArrayRows
+from spherekit.numeric.zeros import ArrayRows, Function, zeros
 from spherekit.sphere.rotation import Floats
 
 NODES = 24
@@ -252,11 +252,12 @@ class StepEvents:
 
         A single one turns back on the curve there.
         """
-        return self._zeros_of_samples(np.linalg.det(self.rates[:, :, list(variables)]))
+        samples = np.linalg.det(self.rates[:, :, list(variables)])
+        return self._passed(self._through(samples))
 
     def rests(self, column: int) -> list[float]:
         """Return the times at which a column of the state is zero."""
-        return self._zeros(self._column(column, 0.0), self.states[:, column])
+        return self._passed(self._column(column, 0.0))
 
     def stop(self, mechanism: Mechanism) -> tuple[float, Stop] | None:
         """Return the first time at which a pair passes a stop, and that stop."""
@@ -264,13 +265,11 @@ class StepEvents:
         for stop in mechanism.stops:
             column = variable_of(mechanism, stop.pair)
             for limit, sense in ((stop.low, -1.0), (stop.high, 1.0)):
-                level = limit - self.whole[column]
-                beyond = sense * (self.states[:, column] - level)
-                beyond[0] = min(beyond[0], 0.0)
-                value = self._column(column, level)
-                t, beyond = self._with_turns(value, sense, beyond)
-                for k in np.flatnonzero((beyond[1:] > 0.0) & (beyond[:-1] <= 0.0))[:1]:
-                    reached.append((_root(value, t[k], t[k + 1]), stop))
+                beyond = self._column(column, limit - self.whole[column])
+                t = zeros(beyond, self.t).places
+                outward = t[sense * beyond(t)[1] > 0.0]
+                if len(outward) or sense * beyond(self.t[-1:])[0][0] > 0.0:
+                    reached.append((float([*outward, self.t[0]][0]), stop))
         return min(reached, key=lambda item: item[0], default=None)
 
     def orientation(self, closure: Closure) -> Floats:
@@ -295,62 +294,32 @@ class StepEvents:
         near = np.abs(orientation) < least * abs(largest)
         if not np.any(turned | near):
             return None
-        zeros = self._zeros_of_samples(orientation) if np.any(turned) else []
+        passed = self._passed(self._through(orientation)) if np.any(turned) else []
         first = int(np.argmax(turned | near))
-        return min([*zeros, float(self.t[1 + first])])
+        return min([*passed, float(self.t[1 + first])])
 
-    def _with_turns(
-        self, value: Callable[[float], float], sense: float, samples: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return times and samples, and the highest place where samples rise and fall.
+    def _column(self, column: int, level: float) -> Function:
+        """Return a column of the state over a level, with its rate."""
+        step = self.step
+        return lambda t: (step.at(t)[:, column] - level, step.rate(t)[:, column])
 
-        Only where it is not beyond zero already, so that a short visit there is seen.
-        """
-        from scipy.optimize import minimize_scalar
-
-        rising, inside = np.diff(samples) > 0.0, samples[1:-1] <= 0.0
-        steep = np.abs(np.diff(samples))
-        within = -samples[1:-1] <= np.maximum(steep[1:], steep[:-1])
-        t, values = self.t, samples
-        for k in np.flatnonzero(rising[:-1] & ~rising[1:] & inside & within)[::-1] + 1:
-            low, high = self.t[k - 1], self.t[k + 1]
-            best = minimize_scalar(
-                lambda t: -sense * value(t),
-                bounds=(low, high),
-                method="bounded",
-                options={"xatol": 1e-9 * (high - low)},
-            )
-            place = int(np.searchsorted(t, best.x))
-            t, values = np.insert(t, place, best.x), np.insert(values, place, -best.fun)
-        return t, values
-
-    def _column(self, column: int, level: float) -> Callable[[float], float]:
-        return lambda t: float(self.step.at(np.array([t]))[0, column]) - level
-
-    def _zeros_of_samples(self, samples: Floats) -> list[float]:
-        """Return the zeros of the polynomial through samples (N,) at the nodes."""
+    def _through(self, samples: Floats) -> Function:
+        """Return the polynomial through samples (N,) at the nodes, with its slope."""
         series = gauss(NODES).to_series @ samples
+        slope = legendre.legder(series) * (2.0 / self.step.length)
 
-        def value(t: float) -> float:
+        def through(t: Floats) -> tuple[Floats, Floats]:
             x = 2.0 * (t - self.step.start) / self.step.length - 1.0
-            return float(legendre.legval(x, series))
+            value, rate = (legendre.legval(x, each) for each in (series, slope))
+            return np.asarray(value), np.asarray(rate)
 
-        ends = value(self.t[0]), value(self.t[-1])
-        return self._zeros(value, np.array([ends[0], *samples, ends[1]]))
+        return through
 
-    def _zeros(self, value: Callable[[float], float], samples: Floats) -> list[float]:
-        changes = (samples[:-1] != 0.0) & (samples[:-1] * samples[1:] <= 0.0)
-        return [_root(value, self.t[k], self.t[k + 1]) for k in np.flatnonzero(changes)]
-
-
-def _root(value: Callable[[float], float], low: float, high: float) -> float:
-    """Return where a function that changes sign between two times is zero."""
-    from scipy.optimize import brentq
-
-    one, other = value(low), value(high)
-    if one * other >= 0.0:
-        return float(low if abs(one) <= abs(other) else high)
-    return float(brentq(value, low, high, xtol=1e-15, rtol=1e-15))
+    def _passed(self, function: Function) -> list[float]:
+        """Return the times after the start at which a function changes its sign."""
+        found = zeros(function, self.t)
+        later = found.places > self.step.start
+        return [float(t) for t in found.places[later & ~found.double]]
 
 
 @final

@@ -30,8 +30,9 @@ friction, and iteration leads to it. From 1 on there may be several or none, as 
 that lock. Newton's step is taken where it leaves less than iteration does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -153,37 +154,39 @@ SETTLED = 1e-14
 MOST_ROUNDS = 100
 
 
-@final
-@dataclass(frozen=True)
-class Rubbed:
-    """What each load that rubs carries (n, k), N on bearings and N m of contacts, in sum.
-
-    `settled` (n,) says whether the feedback, what comes back of a change of the friction,
-    is below 1 and the friction known, found in `rounds` of iteration.
-    """
-
-    carried: Floats
-    settled: NDArray[np.bool_]
-    rounds: int
+Answers = Callable[[Floats], tuple[Floats, Floats]]
+"""Changes of the coordinates' accelerations (n, k, m), and of the torques at the inputs
+(n, k, inputs), by unit friction at each pair that rubs, from its velocities (n, k, m)."""
 
 
-def rubbed(driven: Driven, loads: Loads, faster: Floats, drives: Floats) -> Rubbed:
-    """Return what the pairs of a mechanism that rub carry, given how it moves without.
+def rubbed(
+    every: Driven, loads: Loads, good: NDArray[np.bool_], answers: Answers
+) -> tuple[Floats, NDArray[np.bool_], int]:
+    """Return what pairs that rub carry, given how a mechanism moves without.
+
+    In rows that are `good`, (n, k) N on bearings and N m of contacts, in sum, else NaN;
+    where (n,) that is not known, since the feedback, what comes back of a change of the
+    friction, is not below 1; and in how many rounds of iteration it is found.
 
     Parameters
     ----------
-    driven
-        Finite rows in which nothing rubs.
-    faster, drives
-        (n, k, m), (n, k, inputs): changes of the coordinates' accelerations and of the
-        torques at the inputs by unit friction at each pair that rubs.
+    every
+        Rows in which nothing rubs.
+    good
+        Which of them are finite.
 
     Raises
     ------
     SolveError
         If a reaction is open that friction follows from.
     """
+    carried = np.full((len(good), len(loads.rubbing)), np.nan)
+    locked = np.zeros(len(good), dtype=bool)
+    if not np.any(good):
+        return carried, locked, 0
+    driven = every.rows(good)
     mechanism, motion = driven.mechanism, driven.motion
+    faster, drives = answers(loads.rubbing_velocities(motion))
     parts = [loads.components[k] for k in loads.rubbing]
     bearings = [part.rubs for part in parts if part.rubs is not None]
     whole = any(one.asks_forces for one in bearings)
@@ -192,17 +195,7 @@ def rubbed(driven: Driven, loads: Loads, faster: Floats, drives: Floats) -> Rubb
     pairs = [mechanism.pair_number[one.pair] for one in bearings]
     _need_determined(driven, solved, bearings)
     n, count = len(motion.values), len(pairs)
-
-    def on_bearings(left: Floats) -> Floats:
-        """Return what is carried (n, k, 2, 3); 0 at a second place where there is none."""
-        wrenches = balance.on_pairs(balance.held(left)[0])
-        forces = np.zeros((n, count, 2, 3))
-        for k, (one, pair) in enumerate(zip(bearings, pairs, strict=True)):
-            through = wrenches[:, pair, 3:] if one.asks_forces else None
-            on_each = one.carried(wrenches[:, pair, :3], through)
-            forces[:, k, : on_each.shape[1]] = on_each
-        return forces
-
+    on_bearings = partial(_on_bearings, balance, bearings, pairs)
     still = on_bearings(solved.left)
     change = np.empty((n, count, 2, 3, count))
     inputs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
@@ -214,7 +207,22 @@ def rubbed(driven: Driven, loads: Loads, faster: Floats, drives: Floats) -> Rubb
         change[..., k] = on_bearings(balance.left_by(needed, about))
     rates = rates_by_time(motion, driven.timing.dq)
     factors = loads.friction(motion.values, rates, driven.timing.t)
-    return _solved(still, change, factors)
+    carried[good], settled, rounds = _solved(still, change, factors)
+    locked[good] = ~settled
+    return carried, locked, rounds
+
+
+def _on_bearings(
+    balance: Balance, bearings: Sequence[Rubbing], pairs: Sequence[int], left: Floats
+) -> Floats:
+    """Return what is carried (n, k, 2, 3); 0 at a second place where there is none."""
+    wrenches = balance.on_pairs(balance.held(left)[0])
+    forces = np.zeros((len(left), len(pairs), 2, 3))
+    for k, (one, pair) in enumerate(zip(bearings, pairs, strict=True)):
+        through = wrenches[:, pair, 3:] if one.asks_forces else None
+        on_each = one.carried(wrenches[:, pair, :3], through)
+        forces[:, k, : on_each.shape[1]] = on_each
+    return forces
 
 
 def _need_determined(driven: Driven, solved: Balanced, rubbing: Sequence[Rubbing]) -> None:
@@ -238,7 +246,9 @@ def _need_determined(driven: Driven, solved: Balanced, rubbing: Sequence[Rubbing
             )
 
 
-def _solved(still: Floats, change: Floats, factors: Floats) -> Rubbed:
+def _solved(
+    still: Floats, change: Floats, factors: Floats
+) -> tuple[Floats, NDArray[np.bool_], int]:
     """Return what is carried, given a, b and r of the module."""
     sizes = np.sum(np.linalg.norm(change, axis=3), axis=2)
     feedback = np.max(np.abs(np.linalg.eigvals(np.abs(factors)[..., None] * sizes)), axis=1)
@@ -276,7 +286,7 @@ def _solved(still: Floats, change: Floats, factors: Floats) -> Rubbed:
         moved = regular & ~(gap <= SETTLED * np.max(carried, axis=1))
         if not np.any(moved):
             break
-    return Rubbed(carried, regular & ~moved, rounds)
+    return carried, regular & ~moved, rounds
 
 
 PROJECTIONS = 3
@@ -468,23 +478,18 @@ class EquationOfMotion:
         `drive` (n, m) is what accelerates the coordinates while nothing rubs; rows that are
         not finite are NaN.
         """
-        n, joints = len(t), self.closure.joints
-        carried = np.full((n, len(self.loads.rubbing)), np.nan)
-        locked = np.zeros(n, dtype=bool)
         change = divided(drive, M)
         good = np.all(np.isfinite(change), axis=1)
-        if not np.any(good):
-            return carried, locked
-        none = np.zeros((n, len(self.mechanism.inputs)))
-        timing = Timing(t, speed, change)
-        frames = self.closure.at(values).frames
-        driven = Driven(self.mechanism, joints, frames, seen, timing, none).rows(good)
-        turned = np.moveaxis(self.loads.rubbing_velocities(driven.motion), 1, 0)
-        faster = np.stack([divided(column, M[good]) for column in turned], axis=1)
-        drives = np.zeros((*faster.shape[:2], none.shape[1]))
-        rub = rubbed(driven, self.loads, faster, drives)
-        carried[good], locked[good] = rub.carried, ~rub.settled
-        return carried, locked
+        none = np.zeros((len(t), len(self.mechanism.inputs)))
+        at = self.closure.at(values)
+        given = self.closure.joints, at.frames, seen, Timing(t, speed, change), none
+
+        def answers(velocities: Floats) -> tuple[Floats, Floats]:
+            turned = np.moveaxis(velocities, 1, 0)
+            faster = np.stack([divided(column, M[good]) for column in turned], axis=1)
+            return faster, np.zeros((*faster.shape[:2], none.shape[1]))
+
+        return rubbed(Driven(self.mechanism, *given), self.loads, good, answers)[:2]
 
     def arguments(self, dynamics: Dynamics, whole: Floats, t: Floats) -> Floats:
         """Return the steep arguments (n, arguments) of the loads, `whole` as in `at`."""

@@ -27,6 +27,7 @@ from spherekit.engine.equation import CompiledEquation
 from spherekit.engine.system import EventKind, ParameterLayout
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
+from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
@@ -102,19 +103,13 @@ def _turns(look: Look, even: Floats, shaped: Floats) -> tuple[NDArray[np.intp], 
 def _zeros(look: Look, even: Floats, shaped: Floats) -> tuple[NDArray[np.intp], Floats]:
     """Return steps and places at which arguments (steps, even, arguments) are zero."""
     step, place, argument = np.nonzero(shaped[:, :-1] * shaped[:, 1:] < 0.0)
-    sense = np.sign(shaped[step, place, argument])
-    low, width = even[place], even[place + 1] - even[place]
-    rows = np.arange(len(step))
-    before, after = np.ones(len(step)), -np.ones(len(step))
-    for _ in range(ROUNDS if len(step) else 0):
-        values = sense[:, None] * _finer(look, step, low, width, argument)
-        last = np.argmax(~(values[:, 1:] > 0.0), axis=1)
-        width = width / (FINER - 1.0)
-        low = low + last * width
-        before, after = values[rows, last], values[rows, last + 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = before / (before - after)
-    return step, low + width * np.where(np.isfinite(part), np.clip(part, 0.0, 1.0), 0.5)
+
+    def value(x: Floats, which: NDArray[np.intp]) -> Floats:
+        arguments = look(step[which], x)[1]
+        return np.asarray(arguments[np.arange(len(x)), argument[which]])
+
+    ends = (shaped[step, place + k, argument] for k in (0, 1))
+    return step, bracketed_zeros(value, even[place], even[place + 1], *ends)[0]
 
 
 def _finer(

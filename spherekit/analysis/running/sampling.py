@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
 from spherekit.conventions import TURN, Status
-from spherekit.dynamics.forward import Solving, need_allowed, solving, with_whole
+from spherekit.dynamics.forward import Solving, need_allowed, solving
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import drives
 from spherekit.engine.kernels import Engine
@@ -294,7 +294,7 @@ def _simulated_courses(
     """
     most = max(FEWEST_AT_ONCE, len(t) // PORTIONS)
     course: Sampling | None = None
-    for piece in with_whole(pieces):
+    for piece in pieces:
         if course is None or piece.run is not course.run:
             course = None
         done = 0 if course is None else len(course)
