@@ -1,5 +1,6 @@
 """Making a coupling table: computed on a grid, measured between its nodes."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
@@ -181,15 +182,13 @@ def _table(
     low, high = [p[0] for p in poles], [p[1] for p in poles]
     turning = spread(np.moveaxis(parts.w[:, :, high] - parts.w[:, :, low], 2, 1))
     bent = spread(np.moveaxis(parts.dw[:, :, :, high] - parts.dw[:, :, :, low], 3, 1))
-    usable = np.all(np.isfinite(first), axis=(2, 3))
-    usable &= np.all(np.isfinite(second), axis=(2, 3, 4))
+    usable = np.isfinite(first).all((2, 3)) & np.isfinite(second).all((2, 3, 4))
     angles = np.where(usable[..., None], spread(parts.values[:, columns]), np.nan)
     owned = [period for joint in motion.joints for period in joint.periods]
     periods, q = np.array(owned)[columns], tracer.input_grid.q
-    steps = tuple(slice(None, None, PARTS) for _ in fine)
-    even = np.arange(motion.samples).reshape(fine)[steps].ravel()
-    count = np.array(counts)
-    cells = len(modes), int(np.prod(count - 1))
+    thirds = (slice(None, None, PARTS),) * len(fine)
+    even = np.arange(motion.samples).reshape(fine)[thirds].ravel()
+    count, cells = np.array(counts), (len(modes), math.prod(n - 1 for n in counts))
     made = CouplingTable(
         mechanism=mechanism.name,
         mechanism_sha256=mechanism_hash(mechanism),
@@ -213,8 +212,9 @@ def _table(
         sure=np.ones(cells, dtype=bool),
         coefficient_error=0.0,
     )
-    made = _measured(made, Coupled(angles, first, second, turning), fine)
-    return _periodic(made, periods)
+    return _periodic(
+        _measured(made, Coupled(angles, first, second, turning), fine), periods
+    )
 
 
 def _measured(table: CouplingTable, exact: Coupled, fine: tuple[int, ...]) -> CouplingTable:
