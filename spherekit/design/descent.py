@@ -195,13 +195,9 @@ class FigureGradients:
         """
         kernel, samples = self._kernel, self.evaluator.figures.rows
         places = mode.places(design, len(samples))
-        parts = [samples.T, places]
-        if design.profiles is not None:
-            parts.append(design.profiles.columns(places.T))
-        prepared = kernel.prepare(design.sizes[:, None])
-        parts += [self._turns(design, places), np.repeat(prepared, len(samples), axis=1)]
-        with np.errstate(all="ignore"):
-            outputs = kernel.evaluate(np.concatenate(parts))
+        columns = None if design.profiles is None else design.profiles.columns(places.T)
+        turns, sizes = self._turns(design, places), design.sizes[:, None]
+        outputs = kernel.at(samples.T, places, sizes, columns, turns)
         whole = np.all(np.isfinite(places), axis=0)
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0) & whole
         first, width = len(self.evaluator.figures.sample), len(kernel.columns)

@@ -35,7 +35,6 @@ from spherekit.design.variables import (
     OK,
     UNLIKE,
     DesignVariable,
-    design_geometry,
     design_variable,
     designed,
     sizes_of,
@@ -370,12 +369,8 @@ class Evaluator:
         places = four_bar_links(self.mechanism)
         if places is None or self.kernel is None:
             return None
-        names = [variable.name for variable in self.variables]
-        links, arcs = arc_function(
-            self.mechanism, names, lambda numbers: design_geometry(self.variables, numbers)
-        )
-        radians = values * self.varied.scale[:, None]
-        lengths = dict(zip(links, arcs(radians), strict=True))
+        links, arcs = arc_function(self.varied.terms())
+        lengths = dict(zip(links, arcs(self.varied.sizes(values)[0]), strict=True))
         return class_of(*(lengths[k] for k in places))
 
     def at(self, values: Floats) -> Evaluated:

@@ -438,25 +438,10 @@ class Sensitivity:
             need_tabulated(self.mechanism, samples[:, -1])
         kernel, design = self._gradient, self._design
         columns = None if design.profiles is None else design.profiles.columns(values)
-        sizes = np.repeat(design.sizes[:, None], len(samples), axis=1)
-        made = self._evaluated(kernel, samples.T, self._placed(values).T, columns, sizes)
+        places, sizes = self._placed(values).T, design.sizes[:, None]
+        made = kernel.at(samples.T, places, sizes, columns)
         made = made.reshape(-1, len(self.quantities), len(samples))
         return made[0], design.by_values(made[1:], values)
-
-    @staticmethod
-    def _evaluated(
-        kernel: DesignKernel,
-        samples: Floats,
-        values: Floats,
-        columns: Floats | None,
-        sizes: Floats,
-    ) -> Floats:
-        """Return what a kernel gives at samples, variables, profiles and sizes (k, n)."""
-        handed_in = [] if columns is None else [columns]
-        turned = np.zeros((len(kernel.turning), samples.shape[1]))  # values count turns
-        prepared = kernel.prepare(np.ascontiguousarray(sizes))
-        rows = np.concatenate([samples, values, *handed_in, turned, prepared])
-        return np.asarray(kernel.evaluate(rows))
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
         """Return the quantities (c, n, draws) of deviating mechanisms.
@@ -502,7 +487,7 @@ class Sensitivity:
             columns = None
             if profiles is not None:
                 columns = profiles(now, np.arange(n * draws), np.ones(n * draws))
-            result = self._evaluated(self._plain, there, now, columns, sizes)
+            result = self._plain.at(there, now, sizes, columns)
         return np.where(closed, result, np.nan).reshape(-1, n, draws)
 
 

@@ -18,7 +18,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.engine.algebra import DesignGeometry, Exprs, constants, cross, dot
+from spherekit.engine.algebra import Exprs, constants, cross, dot
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
 from spherekit.engine.expression_graph import (
     Expr,
@@ -37,8 +37,6 @@ from spherekit.engine.kinematics import (
 from spherekit.engine.pose import spin_vectors
 from spherekit.engine.row_quantities import DesignTerms, RowQuantities
 from spherekit.engine.system import ArrayFunction, array_function
-from spherekit.engine.turns import turning_pairs
-from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats
 
 Parts = tuple[Expr, Expr]
@@ -158,6 +156,26 @@ class DesignKernel:
         """How many outputs come before the columns."""
         return len(self.places) if self.closed_form else 0
 
+    def at(
+        self,
+        samples: Floats,
+        places: Floats,
+        sizes: Floats,
+        columns: Floats | None = None,
+        turns: Floats | None = None,
+    ) -> Floats:
+        """Return what `evaluate` gives at samples (k, n) and places, of sizes (s, n or 1).
+
+        With the columns of profiles that are handed in, and turns (pairs, n) rad, if any.
+        """
+        n = samples.shape[1]
+        prepared = self.prepare(np.ascontiguousarray(sizes))
+        parts = [samples, places, *([] if columns is None else [columns])]
+        parts.append(np.zeros((len(self.turning), n)) if turns is None else turns)
+        parts.append(np.broadcast_to(prepared, (len(prepared), n)))
+        with np.errstate(all="ignore"):
+            return np.asarray(self.evaluate(np.concatenate(parts)))
+
 
 def design_kernel(
     terms: DesignTerms,
@@ -220,17 +238,12 @@ def _made(
     return make
 
 
-def arc_function(
-    mechanism: Mechanism,
-    variables: Sequence[str],
-    geometry: Callable[[Mapping[str, Expr]], DesignGeometry],
-) -> tuple[tuple[int, ...], ArrayFunction]:
+def arc_function(terms: DesignTerms) -> tuple[tuple[int, ...], ArrayFunction]:
     """Return the links with two axes, and the function of sizes that gives their arcs.
 
     The arcs (links, n) are in [0, pi] rad.
     """
-    terms = symbols(variables)
-    pairs = turning_pairs(mechanism, geometry(dict(zip(variables, terms, strict=True))))
+    mechanism, pairs = terms.structure.mechanism, terms.structure.pairs
     axes: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
     for variable, (spin, *rest) in enumerate(pairs.spins):
         if not rest and variable in pairs.twin:
@@ -242,7 +255,7 @@ def arc_function(
         one, other = axes[link]
         normal = cross(one, other)
         arcs.append(function("atan2", np.sqrt(dot(normal, normal)), dot(one, other)))
-    return links, array_function(arcs, terms)
+    return links, array_function(arcs, terms.sizes)
 
 
 Numbers = NDArray[Any]

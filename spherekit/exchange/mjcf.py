@@ -15,7 +15,14 @@ import numpy as np
 from spherekit.analysis.link_scenes import Shape, link_shapes
 from spherekit.checked import checked
 from spherekit.conventions import listing
-from spherekit.errors import ModelError
+from spherekit.engine.expression_graph import (
+    derivatives,
+    expression_terms,
+    symbols,
+    varies,
+)
+from spherekit.engine.system import array_function
+from spherekit.errors import EngineError, ModelError
 from spherekit.exchange.bodies import (
     SMALL,
     BodyInertia,
@@ -34,7 +41,7 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
 )
-from spherekit.model.expression import ON_ARRAYS, Expression, fold
+from spherekit.model.expression import Expression
 from spherekit.model.load import Called, Component, Load, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import Floats, quaternion
@@ -169,32 +176,17 @@ def _affine(expression: Expression, names: Sequence[str]) -> Floats | None:
 
     None where it is no such sum.
     """
-    unit = np.eye(1 + len(names))
-
-    def applied(function: str, parts: list[Floats | None]) -> Floats | None:
-        terms = [part for part in parts if part is not None]
-        varying = [bool(np.any(term[1:])) for term in terms]
-        if len(terms) < len(parts):
-            return None
-        if not any(varying):
-            with np.errstate(all="ignore"):
-                value = float(ON_ARRAYS[function](*(term[0] for term in terms)))
-            return np.asarray(value * unit[0]) if np.isfinite(value) else None
-        if function in ("+", "-", "negative"):
-            return np.asarray(ON_ARRAYS[function](*terms))
-        if function == "*" and not all(varying):
-            return np.asarray(
-                terms[0] * terms[1][0] if varying[0] else terms[0][0] * terms[1]
-            )
-        if function == "/" and not varying[1] and terms[1][0]:
-            return np.asarray(terms[0] / terms[1][0])
+    terms = symbols(names)
+    try:
+        named = {name: (x, x) for name, x in zip(names, terms, strict=True)}
+        item = expression_terms(expression, named)
+    except EngineError:
         return None
-
-    def constant(value: float) -> Floats | None:
-        return np.asarray(value * unit[0])
-
-    places = {name: unit[k] for k, name in enumerate(names, 1)}
-    return fold(expression.root, constant, places.get, applied)
+    slopes = [derivatives([item], term)[0] for term in terms]
+    with np.errstate(all="ignore"):
+        made = array_function([item, *slopes], terms)(np.zeros((len(names), 1)))[:, 0]
+    constant = np.all(np.isfinite(made)) and not any(map(varies, slopes))
+    return np.asarray(made) if constant else None
 
 
 Element = ElementTree.Element
