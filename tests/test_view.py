@@ -38,11 +38,12 @@ from spherekit.analysis.scene import (
 )
 from spherekit.errors import OutputError
 from spherekit.motion.motion import Tracer
+from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
 from spherekit.view.blueprint import input_scale, input_timeline
 from spherekit.view.names import Names
 from spherekit.view.pictures import screenshot
 from spherekit.view.rerun_view import RerunRecorder
-from spherekit.view.shapes import path_on_sphere, quaternions_to
+from spherekit.view.shapes import path_on_sphere
 from spherekit.view.sight import Sight
 
 SAMPLES = np.arange(361)
@@ -361,7 +362,7 @@ def test_input_timeline_uses_the_coarsest_whole_unit() -> None:
 
 def test_shapes() -> None:
     normals = np.array([[0, 0, 1.0], [0, 0, -1.0], [0.6, 0, -0.8], [0, 1.0, 0]])
-    x, y, z, w = quaternions_to(normals).T
+    x, y, z, w = quaternion(frame_from(normals, perpendicular(normals))).T
     turned = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
     np.testing.assert_allclose(turned.T, normals, atol=1e-15)
     angle = np.radians(np.arange(0.0, 100.0, 10.0))

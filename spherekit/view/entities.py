@@ -32,6 +32,7 @@ from spherekit.analysis.scene import (
     titled,
 )
 from spherekit.region.mesh import sphere_mesh
+from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
 from spherekit.view import charts, colours, diagrams, shapes
 from spherekit.view.names import Name
 from spherekit.view.sdk import rr
@@ -168,7 +169,8 @@ def moving(
                     yield "trail", _points(1.004 * arrows, count)
         case GreatCircle(normals=normals):
             good = present(normals)
-            yield "", _turned(shapes.quaternions_to(normals), good)
+            upright = frame_from(normals, perpendicular(normals))
+            yield "", _turned(quaternion(upright), good)
         case Portrait():
             points = charts.in_frame(primitive.placed())
             good = present(points)

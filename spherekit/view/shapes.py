@@ -24,16 +24,6 @@ def unit_circle() -> Floats:
     return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
 
 
-def quaternions_to(normals: Floats) -> Floats:
-    """Return (n, 4) xyzw, each a rotation that takes z to the unit vector `normals`."""
-    x, y, z = normals.T
-    quaternion = np.stack([-y, x, np.zeros_like(x), 1.0 + z], axis=-1)
-    length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    half_turn = np.array([1.0, 0.0, 0.0, 0.0])
-    safe = np.where(length > 1e-9, length, 1.0)
-    return np.where(length > 1e-9, quaternion / safe, half_turn)
-
-
 def box(low: Floats, high: Floats) -> list[Floats]:
     """Return the twelve edges (2, 3) of a box between two corners."""
     corners = [np.array(corner) for corner in product(*zip(low, high, strict=True))]

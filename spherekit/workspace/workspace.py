@@ -7,10 +7,10 @@ other groups there is one for each configuration that was found.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,9 +245,13 @@ class OrientationWorkspace:
     same_as: Signs | None
 
 
+Margins = Callable[[Floats], Floats]
+"""Margins (n, bounds) at places (n, ...)."""
+
+
 def margins_of(
     kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs
-) -> Callable[[Floats], Floats]:
+) -> Margins:
     """Return the margins (n, bounds) of a mode, of directions or quaternions xyzw."""
 
     def margins(places: Floats) -> Floats:
@@ -298,22 +302,41 @@ def direction_workspaces(
     -----
     Modes whose margins are the same at all vertices of a region share it.
     """
-    workspaces: list[DirectionWorkspace] = []
+
+    def find(margins: Margins) -> tuple[Floats, Floats, Region]:
+        region = _region(margins, tolerance)
+        return region.points, region.values, region
+
+    found = _found_once(kinematics, bounds, modes, find)
+    return tuple(DirectionWorkspace(*item) for item in found)
+
+
+Found = TypeVar("Found")
+
+
+def _found_once(
+    kinematics: ClosedKinematics,
+    bounds: Sequence[AngleLimit],
+    modes: Sequence[Signs],
+    find: Callable[[Margins], tuple[Floats, Floats, Found]],
+) -> Iterator[tuple[Signs, Found, Signs | None]]:
+    """Yield modes with what is found of them, and the earlier one that it is the same as.
+
+    `find` gives places, the margins there, which tell modes apart, and what is found.
+    """
+    kept: list[tuple[Floats, Floats, Found, Signs]] = []
     for signs in modes:
         margins = margins_of(kinematics, bounds, signs)
-        for earlier in workspaces:
-            region = earlier.region
-            if earlier.same_as is None and np.array_equal(
-                margins(region.points), region.values, equal_nan=True
-            ):
-                workspaces.append(DirectionWorkspace(signs, region, earlier.signs))
+        for places, values, found, first in kept:
+            if np.array_equal(margins(places), values, equal_nan=True):
+                yield signs, found, first
                 break
         else:
-            workspaces.append(DirectionWorkspace(signs, _region(margins, tolerance), None))
-    return tuple(workspaces)
+            kept.append((*find(margins), signs))
+            yield signs, kept[-1][2], None
 
 
-def _region(margins: Callable[[Floats], Floats], tolerance: float) -> Region:
+def _region(margins: Margins, tolerance: float) -> Region:
     """Return a region with an error relative to its area, or as near as it gets."""
     with np.errstate(invalid="ignore"):
         inside = np.all(margins(spread(FIRST_LOOK)) >= 0.0, axis=1)
@@ -335,25 +358,13 @@ def orientation_workspaces(
 
     Modes whose margins are the same at all samples share what was found.
     """
-    workspaces: list[OrientationWorkspace] = []
-    sampled: list[tuple[Floats, OrientationWorkspace]] = []
     samples = orientation_samples()
-    for signs in modes:
-        margins = margins_of(kinematics, bounds, signs)
-        here = margins(samples)
-        for values, item in sampled:
-            if np.array_equal(here, values, equal_nan=True):
-                workspaces.append(
-                    OrientationWorkspace(signs, item.orientations, item.signs)
-                )
-                break
-        else:
-            workspace = OrientationWorkspace(
-                signs, find_orientations(margins, tolerance), None
-            )
-            workspaces.append(workspace)
-            sampled.append((here, workspace))
-    return tuple(workspaces)
+
+    def find(margins: Margins) -> tuple[Floats, Floats, Orientations]:
+        return samples, margins(samples), find_orientations(margins, tolerance)
+
+    found = _found_once(kinematics, bounds, modes, find)
+    return tuple(OrientationWorkspace(*item) for item in found)
 
 
 def orientation_samples(count: int = SAMPLES) -> Floats:
