@@ -22,7 +22,7 @@ REACHED = {
     "functions of 60 lines": 32,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 42_516, "benchmarks": 4_502}
+LINES = {"tests": 42_516, "benchmarks": 4_500}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 
