@@ -307,8 +307,8 @@ def direction_workspaces(
         region = _region(margins, tolerance)
         return region.points, region.values, region
 
-    found = _found_once(kinematics, bounds, modes, find)
-    return tuple(DirectionWorkspace(*item) for item in found)
+    shared = _found_once(kinematics, bounds, modes, find)
+    return tuple(DirectionWorkspace(*item) for item in shared)
 
 
 Found = TypeVar("Found")
@@ -327,9 +327,9 @@ def _found_once(
     kept: list[tuple[Floats, Floats, Found, Signs]] = []
     for signs in modes:
         margins = margins_of(kinematics, bounds, signs)
-        for places, values, found, first in kept:
+        for places, values, reached, first in kept:
             if np.array_equal(margins(places), values, equal_nan=True):
-                yield signs, found, first
+                yield signs, reached, first
                 break
         else:
             kept.append((*find(margins), signs))
@@ -363,8 +363,8 @@ def orientation_workspaces(
     def find(margins: Margins) -> tuple[Floats, Floats, Orientations]:
         return samples, margins(samples), find_orientations(margins, tolerance)
 
-    found = _found_once(kinematics, bounds, modes, find)
-    return tuple(OrientationWorkspace(*item) for item in found)
+    shared = _found_once(kinematics, bounds, modes, find)
+    return tuple(OrientationWorkspace(*item) for item in shared)
 
 
 def orientation_samples(count: int = SAMPLES) -> Floats:
