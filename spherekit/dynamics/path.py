@@ -310,16 +310,16 @@ class StepEvents:
 
         def through(t: Floats) -> tuple[Floats, Floats]:
             x = 2.0 * (t - self.step.start) / self.step.length - 1.0
-            value, rate = (legendre.legval(x, each) for each in (series, slope))
+            value, rate = (legendre.legval(x, part) for part in (series, slope))
             return np.asarray(value), np.asarray(rate)
 
         return through
 
     def _passed(self, function: Function) -> list[float]:
         """Return the times after the start at which a function changes its sign."""
-        found = zeros(function, self.t)
-        later = found.places > self.step.start
-        return [float(t) for t in found.places[later & ~found.double]]
+        crossed = zeros(function, self.t)
+        later = crossed.places > self.step.start
+        return [float(t) for t in crossed.places[later & ~crossed.double]]
 
 
 @final
