@@ -389,11 +389,15 @@ class Poles(AbstractAnalysis):
         def named(names: Sequence[str]) -> Any:
             return per_pole([np.broadcast_to(np.array(name), n) for name in names])
 
-        column = batch.of_poles(wanted)
-
-        def of(quantity: str, component: int | None = None) -> Any:
-            return column(quantity, component)
-
+        of = batch.of_poles(wanted)
+        numbers = (
+            "velocity_coefficient",
+            "acceleration_coefficient",
+            "conditioning",
+            "error_bound",
+            "velocity_coefficient_error_bound",
+            "acceleration_coefficient_error_bound",
+        )
         links, pairs = mechanism.links, batch.moving_inputs
         return {
             "poles": {
@@ -404,16 +408,9 @@ class Poles(AbstractAnalysis):
                 "relative_to": named([links[i] for i, *_ in wanted]),
                 **{f"u{axis}": of("direction", c) for c, axis in enumerate("xyz")},
                 **{f"du{axis}_dq": of("direction_dq", c) for c, axis in enumerate("xyz")},
-                "velocity_coefficient": of("velocity_coefficient"),
-                "acceleration_coefficient": of("acceleration_coefficient"),
-                "conditioning": of("conditioning"),
-                "error_bound": of("error_bound"),
-                "velocity_coefficient_error_bound": of("velocity_coefficient_error_bound"),
-                "acceleration_coefficient_error_bound": of(
-                    "acceleration_coefficient_error_bound"
-                ),
+                **{name: of(name, None) for name in numbers},
                 "residual": per_row(batch.residual),
-                "status": of("pole_status"),
+                "status": of("pole_status", None),
                 "moving": named([pairs[moved] for *_, moved in wanted]),
             }
         }

@@ -1,12 +1,9 @@
 """Arguments of public functions against the types that their signatures state."""
 
-import ast
 import contextlib
 import functools
-import importlib
 import inspect
 import os
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from types import NoneType, UnionType
 from typing import (
@@ -25,7 +22,7 @@ from typing import (
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import choices, listing
 from spherekit.errors import SpherekitError
 
 P = ParamSpec("P")
@@ -123,8 +120,7 @@ def _unbound(signature: inspect.Signature, named: Iterable[str], fault: TypeErro
     parameters = [name for name in signature.parameters if name != "self"]
     for name in named:
         if name not in parameters and inspect.Parameter.VAR_KEYWORD not in kinds:
-            hint = nearest(name, parameters) or "."
-            return f'no argument is "{name}"{hint} Arguments: {listing(parameters, 30)}'
+            return f'no argument is "{name}"{choices(name, parameters, "Arguments", 30)}'
     return f"{fault}. Arguments: {listing(parameters, 30)}"
 
 
@@ -150,23 +146,7 @@ def _resolved(function: Callable[..., Any], hint: Any) -> Any:
     names = inspect.unwrap(function).__globals__
     with contextlib.suppress(NameError):
         return get_type_hints(holder, names)["hint"]
-    with contextlib.suppress(NameError, OSError):
-        return get_type_hints(holder, names, _for_type_checkers(names["__name__"]))["hint"]
     return Any
-
-
-@functools.cache
-def _for_type_checkers(module: str) -> dict[str, Any]:
-    """Return what a module imports for type checkers only; by now it can be imported."""
-    imported = {}
-    for block in ast.parse(inspect.getsource(sys.modules[module])).body:
-        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING":
-            for line in block.body:
-                if isinstance(line, ast.ImportFrom) and line.module:
-                    home = importlib.import_module(line.module)
-                    for alias in line.names:
-                        imported[alias.asname or alias.name] = getattr(home, alias.name)
-    return imported
 
 
 def _fault(name: str, value: Any, hint: Any) -> str:
@@ -175,9 +155,7 @@ def _fault(name: str, value: Any, hint: Any) -> str:
         return ""
     allowed = _choices(hint)
     if allowed and isinstance(value, str):
-        hint_of = nearest(value, allowed) or ";"
-        words = listing(f'"{word}"' for word in allowed)
-        return f'{name} "{value}" is not known{hint_of} allowed: {words}'
+        return f'{name} "{value}" is not known{choices(value, allowed, "allowed")}'
     shown = repr(value)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
     words = in_words(hint)

@@ -3,7 +3,7 @@
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from enum import IntEnum
 
 TURN = 2.0 * math.pi
@@ -96,6 +96,12 @@ def nearest(word: str, allowed: Iterable[str]) -> str:
     close = close or [candidate for candidate in words if sorted(candidate) == sorted(word)]
     close = close or difflib.get_close_matches(word, words, n=1, cutoff=0.5)
     return f'; did you mean "{close[0]}"?' if close else ""
+
+
+def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -> str:
+    """Return how a message about an unknown word ends: the nearest, and what is allowed."""
+    hint = nearest(str(word), allowed) or ";"
+    return f"{hint} {what}: {listing(allowed, most) or 'none'}"
 
 
 def counted(number: object, noun: str) -> str:

@@ -257,36 +257,33 @@ class Batch:
 
     def direction(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return the pole axis of two links: unit vectors (n, 3) in ground axes."""
-        return self._pole(i, j, "direction", self._found(moved).direction)
+        return self._pole(i, j, "direction", moved)
 
     def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) how far the links' angular velocities are from cancelling.
 
         ``|w_j - w_i|`` over ``|w_i| + |w_j|``; 1 for the axis of a pair.
         """
-        return self._pole(i, j, "conditioning", self._found(moved).angle)
+        return self._pole(i, j, "conditioning", moved)
 
     def error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of the pole's direction, rad.
 
         Of rounding, and of what the configuration is off by.
         """
-        return self._pole(i, j, "error_bound", self._found(moved).error)
+        return self._pole(i, j, "error_bound", moved)
 
     def pole_status(self, i: int, j: int, moved: int = 0) -> NDArray[np.int8]:
         """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
-        return self._pole(i, j, "pole_status", self._found(moved).pole_status)
+        return self._pole(i, j, "pole_status", moved)
 
     def velocity_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the coefficient of link max(i, j) relative to the other."""
-        return self._pole(
-            i, j, "velocity_coefficient", self._found(moved).velocity_coefficient
-        )
+        return self._pole(i, j, "velocity_coefficient", moved)
 
     def acceleration_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) the derivative of the coefficient by the input, 1/rad."""
-        values = self._found(moved).acceleration_coefficient
-        return self._pole(i, j, "acceleration_coefficient", values)
+        return self._pole(i, j, "acceleration_coefficient", moved)
 
     def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 3) the derivative of the pole axis by the input, 1/rad.
@@ -297,15 +294,13 @@ class Batch:
 
     def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of `rate`."""
-        values = self._found(moved).velocity_coefficient_error
-        return self._pole(i, j, "velocity_coefficient_error_bound", values)
+        return self._pole(i, j, "velocity_coefficient_error_bound", moved)
 
     def acceleration_coefficient_error_bound(
         self, i: int, j: int, moved: int = 0
     ) -> Floats:
         """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
-        values = self._found(moved).acceleration_coefficient_error
-        return self._pole(i, j, "acceleration_coefficient_error_bound", values)
+        return self._pole(i, j, "acceleration_coefficient_error_bound", moved)
 
     def rates_loss(self, moved: int = 0) -> Floats:
         """Return (n,) the part of the angular velocities or their derivatives in doubt.
@@ -316,7 +311,7 @@ class Batch:
 
     def planes(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 2, 3) unit normals of the great circles that gave the pole."""
-        return self._pole(i, j, "planes", self._found(moved).planes)
+        return self._pole(i, j, "planes", moved)
 
     def pair_value(self, name: str) -> Floats:
         """Return (n,) the variable of a pair, rad in (-pi, pi]."""
@@ -401,8 +396,10 @@ class Batch:
             raise UndeclaredNeed("a pole was read; declare it in needs()")
         return self._fields[moved]
 
-    def _pole(self, i: int, j: int, quantity: str, values: Mapping[Pole, Values]) -> Values:
+    def _pole(self, i: int, j: int, quantity: str, moved: int) -> NDArray[Any]:
         self._declared(i, j, quantity)
+        values: Mapping[Pole, NDArray[Any]]
+        values = getattr(self._found(moved), _QUANTITIES.get(quantity, quantity))
         return _sealed(values[pole_of(i, j)])
 
     def _declared(self, i: int, j: int, quantity: str) -> None:

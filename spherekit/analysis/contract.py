@@ -20,7 +20,7 @@ import numpy as np
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import Table, TableArrays, TableData
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import choices, listing
 from spherekit.errors import AnalysisError, ModelError, PluginError
 from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
@@ -84,11 +84,8 @@ class Merit:
 
     def __post_init__(self) -> None:
         if self.reduction not in REDUCTIONS:
-            hint = nearest(self.reduction, REDUCTIONS) or ";"
-            raise AnalysisError(
-                f'{self.name}: "{self.reduction}" is no reduction{hint} it is '
-                f"{listing(REDUCTIONS)}"
-            )
+            said = choices(self.reduction, REDUCTIONS, "it is")
+            raise AnalysisError(f'{self.name}: "{self.reduction}" is no reduction{said}')
         if not re.fullmatch(r"[A-Za-z_]\w*", self.name):
             raise AnalysisError(
                 f'"{self.name}" cannot name a figure of merit: letters, digits and _ can'

@@ -9,7 +9,7 @@ from spherekit.analysis.batch import Needs
 from spherekit.analysis.class_check import fault_of_class
 from spherekit.analysis.contract import AbstractAnalysis, Unusable
 from spherekit.analysis.faults import faults_of
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import choices
 from spherekit.errors import PluginError
 from spherekit.model.mechanism import Mechanism
 
@@ -77,11 +77,8 @@ def _fault_of_item(what: str, item: Any, mechanism: Mechanism) -> str:
     names = mechanism.link_number if what in _LINKS else mechanism.pair_number
     kind = "link" if what in _LINKS else "pair"
     if item not in names:
-        hint = nearest(item, names) if isinstance(item, str) else ""
-        return (
-            f", but {mechanism.name} has no {kind} of that name{hint or ';'} "
-            f"{kind}s: {listing(names)}"
-        )
+        said = choices(item, names, f"{kind}s")
+        return f", but {mechanism.name} has no {kind} of that name{said}"
     if what in _PAIRS and mechanism.pair(item).kind.freedoms > 1:
         return ", a pair with two variables, which has no single one"
     return ""

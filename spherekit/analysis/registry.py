@@ -13,7 +13,7 @@ from spherekit.analysis.arguments import given_in
 from spherekit.analysis.class_check import fault_of_class
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.faults import LOG, described, faults_of
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import choices, listing
 from spherekit.errors import AnalysisError, PluginError
 
 GROUP = "spherekit.analyses"
@@ -111,8 +111,7 @@ def load(name: str) -> type[AbstractAnalysis]:
     entries = _entries().get(name, [])
     if not entries:
         raise AnalysisError(
-            f'no analysis is named "{name}"{nearest(name, names()) or "."} Installed: '
-            f"{listing(names())}"
+            f'no analysis is named "{name}"{choices(name, names(), "Installed")}'
         )
     if len(entries) > 1:
         origins = listing(_origin(entry) for entry in entries)

@@ -31,7 +31,7 @@ from spherekit.analysis.tables import (
     TableArrays,
 )
 from spherekit.checked import checked
-from spherekit.conventions import counted, listing, nearest
+from spherekit.conventions import choices, counted, listing
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, write_bytes
 from spherekit.markup import html_list, html_table
@@ -145,16 +145,15 @@ class RunResult:
             raise AnalysisError(failed(name, self.failures[name]))
         if name not in self.results:
             raise AnalysisError(
-                f'this run has no result "{name}"{nearest(name, self.results) or "."} '
-                f"Results: {listing(self.results)}"
+                f'this run has no result "{name}"'
+                f"{choices(name, self.results, 'Results')}"
             )
         result = self.results[name]
         declared = {item.name: item for item in result.tables}
         wanted = table or result.tables[0].name
         if wanted not in declared:
             raise AnalysisError(
-                f'{name} has no table "{wanted}"{nearest(wanted, declared) or "."} '
-                f"Tables: {listing(declared)}"
+                f'{name} has no table "{wanted}"{choices(wanted, declared, "Tables")}'
             )
         return to_frame(declared[wanted], self._data(name, wanted), degrees)
 

@@ -402,6 +402,14 @@ ROWS: Mapping[type, tuple[str, ...]] = {
 }
 """The fields of primitives that have a row for each sample."""
 
+MEASURED: Mapping[type, Mapping[str, tuple[str, ...]]] = {
+    Series: {"unit": ("values",)},
+    SphereMap: {"unit": ("values",)},
+    Surface: {"unit": ("vertices",), "values_unit": ("values",)},
+    Portrait: {"x_unit": ("x", "x_range"), "y_unit": ("y", "y_range")},
+}
+"""The fields of primitives that say a unit, and what is in it."""
+
 Page = int | str | None
 """The number of a mode, the title of a page of its own, or None for every page."""
 
@@ -456,39 +464,24 @@ def in_degrees(scene: Scene) -> Scene:
 
 def _in_degrees(primitive: Primitive, along: Floats) -> Primitive:
     """Return a primitive in degrees; `along` (axes,) are the factors of what it is over."""
-    match primitive:
-        case Series(values=values, unit=unit) | SphereMap(values=values, unit=unit):
-            factor, unit = _degrees(unit)
-            return replace(primitive, values=factor * values, unit=unit)
-        case InputMarks(inputs=inputs):
-            return replace(primitive, inputs=along * inputs)
-        case Surface(vertices=vertices, unit=unit, values=values):
-            factor, unit = _degrees(unit)
-            painted, painted_unit = _degrees(primitive.values_unit)
-            return replace(
-                primitive,
-                vertices=factor * vertices,
-                unit=unit,
-                values=None if values is None else painted * values,
-                values_unit=painted_unit,
-            )
-        case Portrait():
-            (a, x_unit), (b, y_unit) = map(_degrees, (primitive.x_unit, primitive.y_unit))
-            both = np.array([a, b])
-            (left, right), (low, high) = primitive.x_range, primitive.y_range
-            return replace(
-                primitive,
-                x=a * primitive.x,
-                y=b * primitive.y,
-                x_range=(a * left, a * right),
-                y_range=(b * low, b * high),
-                x_unit=x_unit,
-                y_unit=y_unit,
-                curves=[replace(e, points=both * e.points) for e in primitive.curves],
-                marks=[replace(e, place=both * e.place) for e in primitive.marks],
-            )
-        case _:
-            return primitive
+    if isinstance(primitive, InputMarks):
+        return replace(primitive, inputs=along * primitive.inputs)
+    changes: dict[str, Any] = {}
+    factors = []
+    for unit, names in MEASURED.get(type(primitive), {}).items():
+        factor, changes[unit] = _degrees(getattr(primitive, unit))
+        factors.append(factor)
+        for name in names:
+            values = getattr(primitive, name)
+            if isinstance(values, tuple):
+                changes[name] = tuple(factor * value for value in values)
+            elif values is not None:
+                changes[name] = factor * values
+    if isinstance(primitive, Portrait):
+        both, curves = np.array(factors), primitive.curves
+        changes["curves"] = [replace(e, points=both * e.points) for e in curves]
+        changes["marks"] = [replace(e, place=both * e.place) for e in primitive.marks]
+    return replace(primitive, **changes)
 
 
 def _degrees(unit: str) -> tuple[float, str]:

@@ -19,7 +19,7 @@ from spherekit.analysis.declared import declared
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.registry import create, load
 from spherekit.checked import Style, in_words, read_as
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import choices, listing
 from spherekit.errors import AnalysisError, PluginError, SpherekitError
 from spherekit.files.schema import mismatch, shown
 from spherekit.files.study import Subject as Subject
@@ -177,8 +177,8 @@ def study_of(
     for name in options:
         if name not in allowed:
             raise AnalysisError(
-                f'{function}: there is no option "{name}"{nearest(name, allowed) or ";"} '
-                f"options: {listing(sorted(allowed), len(allowed))}"
+                f'{function}: there is no option "{name}"'
+                f"{choices(name, sorted(allowed), 'options', len(allowed))}"
             )
     study = of_subject(subject)
     changes = {k: v for k, v in options.items() if k not in extra and k != "input_pair"}

@@ -196,7 +196,7 @@ def study_from(options: argparse.Namespace) -> "Study":
 def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     """Return the time laws that ``[PAIR=]KIND:key=value,...`` gives, by input."""
     from spherekit.analysis.arguments import given_in
-    from spherekit.conventions import listing, nearest
+    from spherekit.conventions import choices, listing
     from spherekit.errors import AnalysisError, ModelError
     from spherekit.files.units import KEYS
     from spherekit.model.study import KINDS
@@ -209,8 +209,8 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         head, _, keys = text.partition(":")
         pair, _, kind = head.rpartition("=")
         if kind not in KINDS:
-            hint = nearest(kind, KINDS) or "."
-            raise AnalysisError(f'--law: no law is "{kind}"{hint} Laws: {listing(KINDS)}')
+            said = choices(kind, KINDS, "Laws")
+            raise AnalysisError(f'--law: no law is "{kind}"{said}')
         words = {field: key for key, field in KEYS[KINDS[kind]].items()}
         fields = given_in(keys, KINDS[kind], f"--law {kind}", words)
         try:

@@ -42,23 +42,21 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
         axes = {name: turned_vector(rotation, axis) for name, axis in given.axes.items()}
         geometry: PoseGeometry | SizeGeometry = replace(given, axes=axes)
     else:
-        geometry = _turned_ground(mechanism, given, rotation)
+        first, second = (
+            {
+                pair.name: rotation @ frames[pair.name]
+                if pair.links[end] == mechanism.ground
+                else frames[pair.name]
+                for pair in mechanism.pairs
+                if pair.kind.has_axis
+            }
+            for end, frames in enumerate(pair_frames(mechanism))
+        )
+        others = {k: x for k, x in given.links.items() if k != mechanism.ground}
+        geometry = sizes_by_frames(mechanism.pairs, (first, second), others)
     turns = dict.fromkeys(links, rotation)
     parts = restated(mechanism, turns=turns, ground=rotation, turned_profile=_profile)
     return replace(mechanism, geometry=geometry, **parts)
-
-
-def _turned_ground(
-    mechanism: Mechanism, given: SizeGeometry, rotation: Floats
-) -> SizeGeometry:
-    """Return sizes in which the ground's frame is that of two axes without pairs."""
-    ground, frames = mechanism.ground, pair_frames(mechanism)
-    for pair in mechanism.pairs:
-        for link, of_end in zip(pair.links, frames, strict=True):
-            if link == ground and pair.kind.has_axis:
-                of_end[pair.name] = rotation @ of_end[pair.name]
-    kept = {link: sizes for link, sizes in given.links.items() if link != ground}
-    return sizes_by_frames(mechanism.pairs, frames, kept)
 
 
 def _profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:

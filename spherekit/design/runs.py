@@ -12,7 +12,7 @@ from spherekit.analysis.execution import Execution
 from spherekit.analysis.result import MOTION, RunResult, stem_of
 from spherekit.analysis.run import executed
 from spherekit.analysis.tables import Table, TableArrays
-from spherekit.conventions import Status, counted, listing, nearest
+from spherekit.conventions import Status, choices, counted, listing
 from spherekit.design.evaluate import SINGLY, Evaluator
 from spherekit.design.figures import IMPOSSIBLE, Evaluated, refused
 from spherekit.design.variables import OK, DesignVariable, designed
@@ -305,11 +305,8 @@ def _units(
     (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
     tables = {made.name: made.of(study.mechanism) for made in chosen.tables}
     if table not in tables:
-        hint = nearest(table, tables) or ";"
-        raise DesignError(
-            f'{merit.name}: {analysis} has no table "{table}"{hint} it has '
-            f"{listing(tables)}"
-        )
+        said = choices(table, tables, "it has")
+        raise DesignError(f'{merit.name}: {analysis} has no table "{table}"{said}')
     columns = tables[table].columns
     names = [column.name for column in columns]
     for column, _ in merit.only:

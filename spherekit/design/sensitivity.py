@@ -11,7 +11,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import TURN, listing, nearest
+from spherekit.conventions import TURN, choices, listing, nearest
 from spherekit.design.profile_numbers import (
     APART,
     ProfileNumbers,
@@ -49,10 +49,10 @@ from spherekit.errors import CountError, DesignError, EngineError, SpherekitErro
 from spherekit.files.document import Document
 from spherekit.files.write import document_of
 from spherekit.model.actions import acting_links, need_tabulated, wound_pairs
+from spherekit.model.gears import ONE_LINE
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 from spherekit.planning.inputs import driven_at
-from spherekit.planning.wheels import ONE_LINE
 from spherekit.progress import Working
 from spherekit.sphere.rotation import Floats
 
@@ -357,7 +357,7 @@ class Sensitivity:
             if key not in self.keys:
                 raise DesignError(
                     f"{self.mechanism.name}: a deviation of {key}, by which nothing is "
-                    f"asked{nearest(key, self.keys) or ';'} it is by {listing(self.keys)}"
+                    f"asked{choices(key, self.keys, 'it is by')}"
                 )
         made = np.where(self._acting, 0.0, size)
         for key, deviation in singly.items():

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Merit
 from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_columns
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import choices, listing
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import NEVER_CLOSES, DesignSamples, Evaluated
 from spherekit.design.runs import ASSEMBLY, DesignRuns
@@ -123,8 +123,8 @@ class DesignSpace:
             raise DesignError("nothing is varied: give --vary KEY=LOW:HIGH:COUNT")
         chosen = scheme or ("grid" if designs is None else "sobol")
         if chosen not in SCHEMES:
-            hint = nearest(chosen, SCHEMES) or ";"
-            raise DesignError(f'scheme "{chosen}" is not known{hint} {listing(SCHEMES)}')
+            said = choices(chosen, SCHEMES, "allowed")
+            raise DesignError(f'scheme "{chosen}" is not known{said}')
         if chosen == "grid":
             if designs is not None:
                 raise DesignError(

@@ -23,11 +23,10 @@ from spherekit.files.read import acted_on, stated
 from spherekit.files.schema import Limits, check, limits_of
 from spherekit.files.write import number_at, number_path, with_numbers
 from spherekit.model.dynamics import LOADS, PairTorque
-from spherekit.model.gears import COLLINEAR
+from spherekit.model.gears import COLLINEAR, ONE_LINE
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, SizeGeometry
 from spherekit.model.pose_sizes import pose_sizes
-from spherekit.planning.wheels import ONE_LINE
 from spherekit.sphere.rotation import Floats
 
 DESIGNED = ("links", "pairs", "mass", "loads")

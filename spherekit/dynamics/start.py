@@ -7,7 +7,14 @@ from typing import final
 import numpy as np
 
 from spherekit.checked import checked_class
-from spherekit.conventions import STATUS_MEANING, TURN, Status, counted, listing, nearest
+from spherekit.conventions import (
+    STATUS_MEANING,
+    TURN,
+    Status,
+    choices,
+    counted,
+    listing,
+)
 from spherekit.dynamics.coordinates import need_inertia, need_moving_inertia
 from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.dyads import Cache
@@ -201,7 +208,7 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
         if pair not in inputs:
             raise SolveError(
                 f'{mechanism.name}: a torque is given at "{pair}", which is not an input'
-                f"{nearest(pair, inputs) or ';'} Inputs: {listing(inputs)}"
+                f"{choices(pair, inputs, 'Inputs')}"
             )
         name = drive_name(inputs, pair)
         if name in taken:

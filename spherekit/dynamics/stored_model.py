@@ -16,7 +16,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import choices, listing, nearest
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.dynamics import DRIVE
 from spherekit.model.expression import Expression, load_names, made_of, parse
@@ -196,8 +196,8 @@ class StoredHeading:
     ) -> SolveError:
         """Return the error of what the model has not."""
         return SolveError(
-            f"{self.mechanism}: {what} is not stored{nearest(name, stored) or ';'} Stored "
-            f"are {listing(stored) or 'none'}{then}"
+            f"{self.mechanism}: {what} is not stored"
+            f"{choices(name, stored, 'Stored are')}{then}"
         )
 
     def within(self, x: float) -> tuple[float, int]:

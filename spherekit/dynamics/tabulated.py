@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import Status, listing, nearest
+from spherekit.conventions import Status, choices, listing
 from spherekit.dynamics.stored_model import (
     DAMAGED,
     SLACK,
@@ -225,8 +225,7 @@ class StoredModel:
         if variable not in heading.variables:
             raise SolveError(
                 f'{heading.mechanism}: "{variable}" is not a pair variable'
-                f"{nearest(variable, heading.variables) or ';'} Variables: "
-                f"{listing(heading.variables)}"
+                f"{choices(variable, heading.variables, 'Variables')}"
             )
         columns = self._columns((variable, heading.derivative(variable)))
         assert isinstance(series, PiecewiseChebyshev)

@@ -11,7 +11,7 @@ from typing import Any, NoReturn, TypeVar, final
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import TURN, listing, nearest
+from spherekit.conventions import TURN, choices, nearest
 from spherekit.errors import FileError, ModelError
 from spherekit.files.document import Document, KeyPath, parse, read_text
 from spherekit.files.library import find, is_study
@@ -220,8 +220,7 @@ class _Reader:
             if link not in mechanism.link_number:
                 self.fail(
                     ("mass", link),
-                    f'no link is named "{link}"{nearest(link, mechanism.links) or ";"} '
-                    f"Links: {listing(mechanism.links)}",
+                    f'no link is named "{link}"{choices(link, mechanism.links, "Links")}',
                 )
         return replace(
             mechanism,
@@ -249,8 +248,7 @@ class _Reader:
                     self.fail(
                         (*path, number),
                         f'link "{link}" has no R pair "{pair}"'
-                        f"{nearest(pair, on_link) or ';'} "
-                        f"R pairs on it: {listing(on_link)}",
+                        f"{choices(pair, on_link, 'R pairs on it')}",
                     )
             return self.at(path, ask, *(on_link[pair] for pair in item[key]), *args)
 

@@ -16,7 +16,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from spherekit.conventions import MAX_NAME_LENGTH, listing, nearest
+from spherekit.conventions import MAX_NAME_LENGTH, choices, listing, nearest
 from spherekit.errors import FileError
 from spherekit.files.document import Document, KeyPath, spelt, values_in
 
@@ -338,9 +338,8 @@ def _unknown_keys(
     where = f"in {spelt(path)}" if path else "at the top of the file"
     for key in value:
         if key not in declared:
-            hint = nearest(key, declared)
-            allowed = f"allowed {where}: {listing(declared, 20)}"
-            yield (*path, key), f"unknown key{hint or ';'} {allowed}"
+            said = choices(key, declared, f"allowed {where}", 20)
+            yield (*path, key), f"unknown key{said}"
 
 
 def _described(part: Mapping[str, Any], key: str, kind: Kind) -> str:

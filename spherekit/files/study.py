@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import DEFAULT_SAMPLES, listing, nearest
+from spherekit.conventions import DEFAULT_SAMPLES, choices, listing
 from spherekit.errors import FileError, ModelError
 from spherekit.files.document import Document, KeyPath, parse, read_text
 from spherekit.files.library import STUDY_SUFFIX, find, is_study, named_in
@@ -121,11 +121,9 @@ class _Reader:
         given = self.data.get("inputs", {})
         for pair in given:
             if pair not in mechanism.pair_number:
-                hint = nearest(pair, mechanism.pair_number) or "."
+                said = choices(pair, mechanism.pair_number, "Pairs")
                 raise self.document.fault(
-                    ("inputs", pair),
-                    f'{mechanism.name} has no pair "{pair}"{hint} Pairs: '
-                    f"{listing(mechanism.pair_number)}",
+                    ("inputs", pair), f'{mechanism.name} has no pair "{pair}"{said}'
                 )
         if not {item.pair for item in mechanism.inputs}.issuperset(given):
             mechanism = mechanism.with_inputs(*given)

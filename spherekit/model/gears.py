@@ -4,14 +4,15 @@ Where each pair's axis and zero direction sit in its two links.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, final
+from typing import Generic, Literal, TypeVar, final
 
 import numpy as np
 
-from spherekit.conventions import EPS, listing, nearest
+from spherekit.conventions import EPS, choices, listing
 from spherekit.errors import ModelError
 from spherekit.model.joints import Joint, Revolute, Rolling, Sliding
 from spherekit.model.mechanism import Mechanism
@@ -24,6 +25,8 @@ Vector = tuple[float, float, float]
 
 SAME_AXIS = 16 * EPS
 """Sine below which two axes of a link are one: rounding of their arcs and angles."""
+ONE_LINE = 1e-9
+"""Axes (rad) that differ by less are one; circles that miss by less touch."""
 COLLINEAR = 1e-9
 """Below this sine two directions count as one line: they fix no arc."""
 
@@ -154,10 +157,7 @@ def given_axis(
         If there is no such pair, it is not on the link, or its axis is not given there.
     """
     if axis not in joined:
-        raise ModelError(
-            f'no R pair is named "{axis}"{nearest(axis, joined) or "."} R pairs: '
-            f"{listing(joined)}"
-        )
+        raise ModelError(f'no R pair is named "{axis}"{choices(axis, joined, "R pairs")}')
     if link not in joined[axis]:
         raise ModelError(f'R pair "{axis}" is not on link "{link}"')
     axes: Mapping[str, Vector | Floats]
@@ -375,12 +375,8 @@ def gear_axes(
         given_axis(geometry, joined, link, axis)
         for link, axis in zip(links, axes, strict=True)
     )
-    carrier, carried = carrier_of(geometry, joined, links, axes)
-    one, other = (
-        sense * np.array(given_axis(geometry, joined, carrier, pair))
-        for pair, sense in carried
-    )
-    return (first, second), float(arc(one, other))
+    _, (one, other) = _carrier(geometry, joined, links, axes)
+    return (first, second), float(arc(one.line, other.line))
 
 
 def carrier_of(
@@ -400,8 +396,30 @@ def carrier_of(
     ModelError
         If no link carries both, or the file lacks where their axes are in it.
     """
+    carrier, both = _carrier(geometry, joined, links, axes)
+    carried = []
+    for seen in both:
+        pair, side = seen.way[-1]
+        carried.append((pair, int(seen.turned[pair] * (2 * side - 1))))
+    return carrier, carried
+
+
+def _carrier(
+    geometry: SizeGeometry | PoseGeometry,
+    joined: Mapping[str, tuple[str, str]],
+    links: tuple[str, str],
+    axes: tuple[str, str],
+) -> tuple[str, tuple["Seen[str]", "Seen[str]"]]:
+    """Return the carrier, see `carrier_of`, and both axes seen from it."""
+    every: dict[str, tuple[Floats, Floats]] = {}
+    for pair, (near, far) in joined.items():
+        with suppress(ModelError):
+            ends = (given_axis(geometry, joined, end, pair) for end in (near, far))
+            every[pair] = np.array(next(ends)), np.array(next(ends))
     one, other = (
-        _carried(geometry, joined, link, axis)
+        seen_from_links(
+            joined, every, link, np.array(given_axis(geometry, joined, link, axis))
+        )
         for link, axis in zip(links, axes, strict=True)
     )
     both = [link for link in one if link in other and link not in links]
@@ -414,40 +432,62 @@ def carrier_of(
             "nor does a pair coaxial with one of them; name the pairs whose axes one link "
             "carries, or give each gear its circle under profiles"
         )
-    carrier = min(both, key=lambda link: one[link][0] + other[link][0])
-    return carrier, [carried[carrier][1:] for carried in (one, other)]
+    carrier = min(both, key=lambda link: len(one[link].way + other[link].way))
+    return carrier, (one[carrier], other[carrier])
 
 
-def _carried(
-    geometry: SizeGeometry | PoseGeometry,
-    joined: Mapping[str, tuple[str, str]],
-    link: str,
-    axis: str,
-) -> dict[str, tuple[int, str, int]]:
-    """Return the links that carry an axis of a link.
+Name = TypeVar("Name", bound=Hashable)
+Link = TypeVar("Link", bound=Hashable)
 
-    With how many pairs lead there, the R pair that has the axis in that link, and its
-    sense.
+
+@final
+@dataclass(frozen=True)
+class Seen(Generic[Name]):
+    """A line of a wheel (3,) seen from another link that turns about it.
+
+    `way` are the pairs that lead there, each with the side of the link that is nearer to
+    the wheel; their angles add up to that of the wheel, with the signs of `turned`.
     """
-    carried = {link: (0, axis, 1)}
-    order = [link]
-    for here in order:  # which grows on the way
-        steps, by, sense = carried[here]
-        line = np.array(given_axis(geometry, joined, here, by))
-        for pair, ends in joined.items():
-            beyond = next((end for end in ends if end not in carried), None)
-            if here not in ends or beyond is None:
+
+    line: Floats
+    turned: Mapping[Name, float]
+    way: tuple[tuple[Name, int], ...]
+
+
+def seen_from_links(
+    ends: Mapping[Name, tuple[Link, Link]],
+    axes: Mapping[Name, tuple[Floats, Floats]],
+    wheel: Link,
+    line: Floats,
+) -> dict[Link, Seen[Name]]:
+    """Return the links relative to which a wheel turns about a line of it (3,) only.
+
+    `ends` are the links of pairs, `axes` those of R pairs in both their links.
+    """
+    reached: dict[Link, Seen[Name]] = {wheel: Seen(line, {}, ())}
+    waiting = [wheel]
+    for link in waiting:  # which grows on the way
+        here = reached[link]
+        for pair, two in axes.items():
+            if link not in ends[pair]:
                 continue
-            try:
-                one = np.array(given_axis(geometry, joined, here, pair))
-                given_axis(geometry, joined, beyond, pair)
-            except ModelError:
+            side = ends[pair].index(link)
+            further = ends[pair][1 - side]
+            if further in reached or not one_line(two[side], here.line):
                 continue
-            if np.linalg.norm(np.cross(one, line)) < SAME_AXIS:
-                way = sense if one @ line > 0.0 else -sense
-                carried[beyond] = steps + 1, pair, way
-                order.append(beyond)
-    return carried
+            sense = float(np.sign(two[side] @ here.line))
+            # the angle moves the second link of a pair
+            turned = {**here.turned, pair: sense if side else -sense}
+            reached[further] = Seen(
+                sense * two[1 - side], turned, (*here.way, (pair, side))
+            )
+            waiting.append(further)
+    return reached
+
+
+def one_line(one: Floats, other: Floats) -> bool:
+    """Return whether two axes (3,) are one."""
+    return bool(np.linalg.norm(cross(one, other)) < ONE_LINE)
 
 
 def _degrees(angle: float) -> str:
@@ -477,107 +517,112 @@ def start_of_phase(
             "the reference pose says how the wheels are put together; give the value of "
             "each shaft there instead"
         )
-    wheels = [_Wheel.of(mechanism, pair, side, phase) for side in (0, 1)]
-    one, other = wheels
-    if one.carrier != other.carrier:
+    shafts = [_shaft(mechanism, pair, link, phase) for link in pair.links]
+    if shafts[0].carrier != shafts[1].carrier:
+        names = " and ".join(shaft.pair for shaft in shafts)
         raise ModelError(
-            f"the pairs {one.shaft} and {other.shaft} lead to the links {one.carrier} and "
-            f"{other.carrier}; they have to join the wheels to the one link that carries "
-            "both; give start instead"
+            f"the pairs {names} lead to the links "
+            f"{' and '.join(shaft.carrier for shaft in shafts)}; they have to join the "
+            "wheels to the one link that carries both; give start instead"
         )
-    centre, beside = one.axis, other.axis
+    wheels = [Wheel.of(curve) for curve in contact_curves(mechanism, pair)]
+    both = list(zip(wheels, shafts, strict=True))
+    centre, beside = (shaft.placed(0.0) @ wheel.centre for wheel, shaft in both)
     across = beside - (centre @ beside) * centre
     size = float(np.linalg.norm(across))
     if size < COLLINEAR:
         raise ModelError("both wheels turn about one line, so they touch everywhere")
-    sense = np.sign(np.sin(one.radius - other.radius))
-    point = np.cos(one.radius) * centre + np.sin(one.radius) * sense * across / size
-    angles = [phase[wheel.shaft] for wheel in wheels]
+    radius = wheels[0].radius
+    sense = np.sign(np.sin(radius - wheels[1].radius))
+    point = np.cos(radius) * centre + np.sin(radius) * sense * across / size
+
+    def lengths(angles: Sequence[float]) -> list[float]:
+        return [
+            wheel.length(shaft.placed(angle).T @ point)
+            for (wheel, shaft), angle in zip(both, angles, strict=True)
+        ]
+
+    angles = [phase[shaft.pair] for shaft in shafts]
     driven = {item.pair for item in mechanism.inputs}
-    paces = [wheel.pace(point, angle) for wheel, angle in zip(wheels, angles, strict=True)]
-    for side, wheel in enumerate(wheels):
-        if wheel.shaft in driven:
-            rolled = -paces[side] * angles[side]
-            angles[1 - side] += rolled / paces[1 - side]
-            angles[side] = 0.0
-            break
-    first, second = (
-        wheel.length(point, angle) for wheel, angle in zip(wheels, angles, strict=True)
-    )
+    side = next((k for k, shaft in enumerate(shafts) if shaft.pair in driven), None)
+    if side is not None:
+        sizes = np.sin([wheel.radius for wheel in wheels])
+        grown = np.subtract(lengths([angle + 0.1 for angle in angles]), lengths(angles))
+        paces = np.sign(np.sin(grown / sizes)) * sizes
+        angles[1 - side] -= float(paces[side] / paces[1 - side]) * angles[side]
+        angles[side] = 0.0
+    first, second = lengths(angles)
     return first, second
 
 
 @final
 @dataclass(frozen=True)
-class _Wheel:
-    """A wheel on its shaft: its circle, and the frames (3, 3) of carrier and wheel there.
+class _Shaft:
+    """The shaft of a wheel, with its frames (3, 3) in carrier and wheel.
 
-    `forward` is 1 if the shaft turns it against the carrier, -1 if the other way round.
+    `forward` is 1 if it turns the wheel against the carrier, -1 if the other way round.
     """
 
-    shaft: str
+    pair: str
     carrier: str
     frames: tuple[Floats, Floats]
     forward: float
-    curve: Curve
+
+    def placed(self, angle: float) -> Floats:
+        """Return what turns from axes of the wheel to those of the carrier (3, 3)."""
+        on_carrier, on_wheel = self.frames
+        return np.asarray(on_carrier @ about_z(self.forward * angle) @ on_wheel.T)
+
+
+def _shaft(
+    mechanism: Mechanism, contact: Pair, link: str, phase: Mapping[str, float]
+) -> _Shaft:
+    given = [mechanism.pair(name) for name in phase]
+    shaft = next((x for x in given if x.kind.has_axis and link in x.links), None)
+    if shaft is None:
+        raise ModelError(
+            f"none of {listing(phase)} is an R pair of link {link}; name the shafts of "
+            "both wheels"
+        )
+    side = contact.links.index(link)
+    if contact.profiles is None or contact.profiles[side].round_axis is None:
+        raise ModelError(f"the profile of {link} is no circle about a shaft")
+    near, far = (frames[shaft.name] for frames in pair_frames(mechanism))
+    if shaft.links[1] == link:
+        return _Shaft(shaft.name, shaft.links[0], (near, far), 1.0)
+    return _Shaft(shaft.name, shaft.links[1], (far, near), -1.0)
+
+
+@final
+@dataclass(frozen=True)
+class Wheel:
+    """A circle in its link: its centre on the side of the contact's normal, and radius.
+
+    Azimuths about the centre are counted from `ahead`; the length along it is the sine of
+    the radius times the azimuth, less `start`.
+    """
+
+    centre: Floats
+    ahead: Floats
+    radius: float
+    start: float
 
     @staticmethod
-    def of(
-        mechanism: Mechanism, contact: Pair, side: int, phase: Mapping[str, float]
-    ) -> "_Wheel":
-        link = contact.links[side]
-        shafts = [mechanism.pair(name) for name in phase]
-        turning = [x for x in shafts if x.kind.has_axis and link in x.links]
-        if not turning:
-            raise ModelError(
-                f"none of {listing(phase)} is an R pair of link {link}; name the shafts of "
-                "both wheels"
-            )
-        shaft = turning[0]
-        if contact.profiles is None or contact.profiles[side].round_axis is None:
-            raise ModelError(f"the profile of {link} is no circle about a shaft")
-        first, second = (frames[shaft.name] for frames in pair_frames(mechanism))
-        here = shaft.links[1] == link
-        return _Wheel(
-            shaft.name,
-            shaft.links[0] if here else shaft.links[1],
-            (first, second) if here else (second, first),
-            1.0 if here else -1.0,
-            contact_curves(mechanism, contact)[side],
+    def of(curve: Curve, start: float = 0.0) -> "Wheel":
+        """Return the wheel whose circle is a curve."""
+        at = curve.at(np.zeros(1))
+        _, normal, point = at.frame[0].T
+        bend = float(at.curvature[0])
+        size = np.hypot(1.0, bend)
+        return Wheel(
+            (normal + bend * point) / size,
+            (point - bend * normal) / size,
+            float(np.arctan2(1.0, bend)),
+            start,
         )
 
-    @property
-    def bend(self) -> float:
-        """The geodesic curvature of its circle."""
-        return float(self.curve.at(np.zeros(1)).curvature[0])
-
-    @property
-    def radius(self) -> float:
-        """That of its circle (rad), about the centre on the side of the normal."""
-        return float(np.arctan2(1.0, self.bend))
-
-    @property
-    def centre(self) -> Floats:
-        """That centre (3,) in the wheel."""
-        _, normal, point = self.curve.at(np.zeros(1)).frame[0].T
-        return np.asarray((normal + self.bend * point) / np.hypot(1.0, self.bend))
-
-    @property
-    def axis(self) -> Floats:
-        """The same centre in the carrier, where it stays."""
-        return np.asarray(self.frames[0] @ self.frames[1].T @ self.centre)
-
-    def length(self, point: Floats, angle: float) -> float:
-        """Return the arc length (rad) at a point (3,) of the carrier, by its angle."""
-        back = about_z(-self.forward * angle)
-        on_wheel = self.frames[1] @ back @ self.frames[0].T @ point
-        tangent = self.curve.at(np.zeros(1)).frame[0, :, 0]
-        ahead = cross(tangent, self.centre)
-        azimuth = np.arctan2(tangent @ on_wheel, ahead @ on_wheel)
-        return float(np.sin(self.radius) * azimuth)
-
-    def pace(self, point: Floats, angle: float) -> float:
-        """Return how that length grows by the angle."""
-        size = float(np.sin(self.radius))
-        grown = self.length(point, angle + 0.1) - self.length(point, angle)
-        return float(np.sign(np.sin(grown / size))) * size
+    def length(self, direction: Floats) -> float:
+        """Return the length (rad) where the contact lies in a direction (3,)."""
+        side = cross(self.centre, self.ahead)
+        azimuth = float(np.arctan2(side @ direction, self.ahead @ direction))
+        return float(np.sin(self.radius)) * azimuth - self.start

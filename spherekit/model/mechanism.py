@@ -13,7 +13,13 @@ from typing import Any, final
 from numpy.typing import ArrayLike
 
 from spherekit.checked import checked
-from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, counted, listing, nearest
+from spherekit.conventions import (
+    MAX_NAME_LENGTH,
+    NAME_PATTERN,
+    choices,
+    counted,
+    listing,
+)
 from spherekit.errors import ModelError
 from spherekit.markup import html_table
 from spherekit.model.dynamics import Mass, Stop, check_mass, check_stop
@@ -382,10 +388,8 @@ class Mechanism:
 
 def not_named(where: str, what: str, name: str, names: Collection[str]) -> ModelError:
     """Return the error of a name that no link, pair or load has."""
-    return ModelError(
-        f'{where}: no {what} is named "{name}"{nearest(str(name), names) or ";"} '
-        f"{what.capitalize()}s: {listing(names) or 'none'}"
-    )
+    said = choices(name, names, f"{what.capitalize()}s")
+    return ModelError(f'{where}: no {what} is named "{name}"{said}')
 
 
 def _check(mechanism: Mechanism) -> None:
@@ -593,9 +597,5 @@ def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
             "is meant"
         )
     if name not in outputs:
-        hint = nearest(name, outputs) or ";"
-        raise ModelError(
-            f'{mechanism.name}: no output is named "{name}"{hint} outputs: '
-            f"{listing(outputs)}"
-        )
+        raise not_named(mechanism.name, "output", name, outputs)
     return outputs[name]

@@ -12,7 +12,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import choices
 from spherekit.errors import ModelError
 from spherekit.model.joints import KINDS, Kind, PairType
 
@@ -44,8 +44,8 @@ def changed(
     unknown = [name for name in given if name not in pairs]
     if unknown:
         raise ModelError(
-            f'{key}: none leads to "{unknown[0]}"{nearest(unknown[0], pairs) or ";"} they '
-            f"lead to: {listing(pairs)}"
+            f'{key}: none leads to "{unknown[0]}"'
+            f"{choices(unknown[0], pairs, 'they lead to')}"
         )
     return tuple(given.get(name, size) for name, size in zip(pairs, old, strict=True))
 

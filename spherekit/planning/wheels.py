@@ -19,13 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.conventions import TURN
-from spherekit.model.gears import geometry_of
-from spherekit.model.joints import Joint, Track, revolute
+from spherekit.model.gears import (
+    ONE_LINE as ONE_LINE,
+)
+from spherekit.model.gears import (
+    Wheel,
+    geometry_of,
+    one_line,
+    seen_from_links,
+)
+from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats
 
-ONE_LINE = 1e-9
-"""Axes (rad) that differ by less are one; circles that miss by less touch."""
 SAME_LENGTH = 1e-7
 """Lengths (rad) that differ by less are one."""
 MOST_TURNS = 2
@@ -44,19 +50,6 @@ class _Signed(Protocol):
 
 
 Number = TypeVar("Number", bound=_Signed)
-
-
-@final
-@dataclass(frozen=True)
-class _Centre:
-    """A wheel seen from another link: its centre (3,) there, and how it turns about it.
-
-    `turned` are the pairs whose angles add up to that of the wheel, with their signs.
-    """
-
-    line: Floats
-    turned: Mapping[int, float]
-    way: Way
 
 
 @final
@@ -127,47 +120,18 @@ def mesh_of(
     """
     number, wheels = contact
     tables = [
-        _seen_from_links(ends, axes, wheel, centre)
+        seen_from_links(dict(enumerate(ends)), axes, wheel, centre)
         for wheel, centre in zip(wheels, centres, strict=True)
     ]
     best = None
     for link in sorted(set(tables[0]) & set(tables[1])):
         one, other = tables[0][link], tables[1][link]
         touch = cosine is None or abs(float(one.line @ other.line) - cosine) <= apart
-        if touch and not _one_line(one.line, other.line):
+        if touch and not one_line(one.line, other.line):
             made = Mesh(number, link, (one.turned, other.turned), (one.way, other.way))
             if best is None or len(made.pairs) < len(best.pairs):
                 best = made
     return best
-
-
-def _seen_from_links(
-    ends: Sequence[tuple[int, int]], axes: Axes, wheel: int, centre: Floats
-) -> dict[int, _Centre]:
-    """Return the links relative to which a wheel turns about its centre only."""
-    reached = {wheel: _Centre(centre, {}, ())}
-    waiting = [wheel]
-    while waiting:
-        link = waiting.pop(0)
-        here = reached[link]
-        for pair, two in axes.items():
-            if link not in ends[pair]:
-                continue
-            side = ends[pair].index(link)
-            further = ends[pair][1 - side]
-            if further in reached or not _one_line(two[side], here.line):
-                continue
-            sense = float(np.sign(two[side] @ here.line))
-            # the angle moves the second link of a pair
-            turned = {**here.turned, pair: sense if side else -sense}
-            way = (*here.way, (pair, side))
-            reached[further] = _Centre(sense * two[1 - side], turned, way)
-            waiting.append(further)
-    return reached
-
-
-def _one_line(one: Floats, other: Floats) -> bool:
-    return bool(np.linalg.norm(cross(one, other)) < ONE_LINE)
 
 
 def least_rolled(
@@ -253,45 +217,11 @@ class WheelTrain:
 
 @final
 @dataclass(frozen=True)
-class _Wheel:
-    """A circle in its link: its centre on the side of the contact's normal, and radius.
-
-    Azimuths about the centre are counted from `ahead`; the length along it is the sine of
-    the radius times the azimuth, less `start`.
-    """
-
-    centre: Floats
-    ahead: Floats
-    radius: float
-    start: float
-
-    @staticmethod
-    def of(track: Track) -> "_Wheel":
-        at = track.curve.at(np.zeros(1))
-        _, normal, point = at.frame[0].T
-        bend = float(at.curvature[0])
-        size = np.hypot(1.0, bend)
-        return _Wheel(
-            (normal + bend * point) / size,
-            (point - bend * normal) / size,
-            float(np.arctan2(1.0, bend)),
-            track.start,
-        )
-
-    def length(self, direction: Floats) -> float:
-        """Return the length (rad) where the contact lies in a direction (3,)."""
-        side = cross(self.centre, self.ahead)
-        azimuth = float(np.arctan2(side @ direction, self.ahead @ direction))
-        return float(np.sin(self.radius)) * azimuth - self.start
-
-
-@final
-@dataclass(frozen=True)
 class RollingOnCarrier:
     """A contact with both its wheels, on a carrier."""
 
     mesh: Mesh
-    wheels: tuple[_Wheel, _Wheel]
+    wheels: tuple[Wheel, Wheel]
 
     @property
     def sizes(self) -> tuple[float, float]:
@@ -355,7 +285,7 @@ def on_carrier(
     shaped = any(profile.round_axis is None for profile in profiles)
     if shaped or not joints[number].rolled:
         return None
-    one, other = (_Wheel.of(track) for track in joints[number].tracks)
+    one, other = (Wheel.of(track.curve, track.start) for track in joints[number].tracks)
     made = mesh_of(
         mechanism.ends,
         axes_of(joints, pairs),
