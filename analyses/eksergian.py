@@ -132,7 +132,7 @@ class Eksergian(AbstractAnalysis):
         if len(mechanism.inputs) > 1:
             raise AnalysisError(
                 f"eksergian: {mechanism.name} has {len(mechanism.inputs)} inputs "
-                f"({listing(item.pair for item in mechanism.inputs)}), but the torque is "
+                f"({listing(mechanism.input_pairs)}), but the torque is "
                 "that of a single one; the analysis dynamics has those of several"
             )
         links = frozenset(mass.link for mass in mechanism.masses)

@@ -201,7 +201,7 @@ class EquivalentRotation(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the tracer, whose solver assembles the start; refuse bad parameters."""
         chosen_output(mechanism, self.output or None)
-        inputs = tuple(item.pair for item in mechanism.inputs)
+        inputs = mechanism.input_pairs
         if len(inputs) > 3:
             raise AnalysisError(
                 f"{self.name}: {len(inputs)} inputs turn the output link in more ways than "

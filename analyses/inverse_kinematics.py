@@ -199,7 +199,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         lines: dict[str, list[str]] = {}
         if len(np.unique(rows.pose)) > MOST_TOLD:
             return []
-        inputs = [item.pair for item in mechanism.inputs]
+        inputs = mechanism.input_pairs
         for k in range(len(rows)):
             name, mode = f"pose {rows.pose[k]}", str(rows.mode[k])
             if rows.solved[k]:
@@ -367,7 +367,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
 def _listed(mechanism: Mechanism, rows: InverseRows, shown: NDArray[np.int64]) -> Text:
     """Return the solutions that samples of the page show, as Markdown."""
-    names = [item.pair for item in mechanism.inputs]
+    names = mechanism.input_pairs
     lines = [
         "| sample | pose | mode | " + " | ".join(f"{name}, deg" for name in names) + " |",
         "|---" * 3 + "|---:" * len(names) + "|",
@@ -382,7 +382,7 @@ def _listed(mechanism: Mechanism, rows: InverseRows, shown: NDArray[np.int64]) -
 
 def _posed(mechanism: Mechanism, table: Row, solved: NDArray[np.bool_]) -> list[str]:
     """Return a line for each pose at inputs, with its configurations."""
-    pairs = [item.pair for item in mechanism.inputs]
+    pairs = mechanism.input_pairs
     lines: dict[tuple[str, str], list[str]] = {}
     for row in np.flatnonzero(solved):
         told = []

@@ -332,7 +332,7 @@ class Poles(AbstractAnalysis):
         if not self.only:
             given = [(output.link, output.relative_to) for output in mechanism.outputs]
             wanted = given or [(link, names[0]) for link in names[1:]]
-        inputs = [item.pair for item in mechanism.inputs]
+        inputs = mechanism.input_pairs
         moving = [f"_by_{pair}" for pair in inputs] if len(inputs) > 1 else [""]
         return tuple(
             Merit(

@@ -266,7 +266,7 @@ def _kinds(solver: OutputKinematics) -> list[tuple[str, ...]]:
             kinds.append(MIRROR)
     else:
         kinds = [TILT_TORSION, QUATERNION, VECTOR, MATRIX]
-    return [*kinds, tuple(item.pair for item in solver.mechanism.inputs)]
+    return [*kinds, solver.mechanism.input_pairs]
 
 
 def _kind(
@@ -519,7 +519,7 @@ def _quaternions(rotations: Floats) -> Floats:
 
 def pair_rows(mechanism: Mechanism, numbers: list[int], rows: InverseRows) -> Row:
     """Return the variables of some pairs, by their numbers."""
-    names = np.array([mechanism.pairs[pair].name for pair in numbers], dtype=str)
+    names = np.array(mechanism.names_of(numbers), dtype=str)
     return {
         "pose": np.repeat(rows.pose, len(numbers)),
         "working_mode": np.repeat(rows.mode, len(numbers)),

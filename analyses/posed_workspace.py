@@ -224,7 +224,7 @@ def given_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     if not text:
         return np.zeros((0, size))
     where = "workspace: pose"
-    names = tuple(item.pair for item in kinematics.mechanism.inputs)
+    names = kinematics.mechanism.input_pairs
     pose = read_pose(text, names, where)
     match pose:
         case AtInputs(inputs):

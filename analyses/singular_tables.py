@@ -164,7 +164,7 @@ def configuration_columns(
     turned = np.swapaxes(placed[:, links[1]], 1, 2) @ placed[:, links[0]]
     columns |= place_columns(quaternion(turned) if pointing is None else pointing, None)
     signs = group_signs(solver, values)
-    names = [{mechanism.pairs[p].name for p in g.pairs} for g in solver.assembly.groups]
+    names = [set(mechanism.names_of(g.pairs)) for g in solver.assembly.groups]
     every = batch.mechanism.pairs
     groups = [{every[p].name for p in g.pairs} for g in batch.tracer.assembly.groups]
     columns["signs"] = [

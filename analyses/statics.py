@@ -128,7 +128,7 @@ class Statics(AbstractAnalysis):
 
     def _each(self, mechanism: Mechanism) -> Floats:
         """Return the stiffness (inputs,) of each input."""
-        inputs = [item.pair for item in mechanism.inputs]
+        inputs = mechanism.input_pairs
         given = np.array(self.stiffness, dtype=float)
         if len(given) not in (1, len(inputs)) or not np.all(
             (given > 0.0) & (given < np.inf)

@@ -118,7 +118,7 @@ class Batch:
     @property
     def moving_inputs(self) -> tuple[str, ...]:
         """Names of the driven pairs, in the order that `moved` counts."""
-        return tuple(item.pair for item in self.mechanism.inputs)
+        return self.mechanism.input_pairs
 
     @property
     def assembly_mode(self) -> NDArray[np.int64]:

@@ -189,7 +189,7 @@ def _text(plans: Sequence[Plan]) -> Text:
     lines = [f"# Plan of {mechanism.name}"]
     for plan in plans:
         driven = mechanism.pairs[plan.input]
-        locked = listing(mechanism.pairs[pair].name for pair in plan.locked)
+        locked = listing(mechanism.names_of(plan.locked))
         steps = [
             describe(plan, step) for step in plan.steps if not isinstance(step, PrimaryPole)
         ]

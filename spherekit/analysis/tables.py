@@ -117,8 +117,8 @@ class Table:
         """Return the table with a column for each input or variable where it says so."""
         columns: list[Column] = []
         several = len(mechanism.inputs) > 1
-        driven = {item.pair for item in mechanism.inputs}
-        owners = [mechanism.pairs[k].name for k in mechanism.variable_owners]
+        driven = set(mechanism.input_pairs)
+        owners = mechanism.names_of(mechanism.variable_owners)
         for column in self.columns:
             named = [(column.name, column.meaning)]
             if column.per_passive:

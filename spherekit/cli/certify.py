@@ -300,7 +300,7 @@ def _map(written: Any, options: argparse.Namespace) -> Made:
     from spherekit.proof.paving import CELL, input_map
 
     mechanism = written.mechanism
-    names = [item.pair for item in mechanism.inputs]
+    names = mechanism.input_pairs
     if len(names) > MOST_INPUTS or options.range:
         raise AnalysisError(
             f"{mechanism.name} has {len(names)} inputs; ranges are proven of one input, or "

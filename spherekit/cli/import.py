@@ -40,7 +40,7 @@ def execute(options: argparse.Namespace) -> int:
     made.save(target)
     if not options.quiet:
         mechanism = made.mechanism
-        inputs = listing(item.pair for item in mechanism.inputs)
+        inputs = listing(mechanism.input_pairs)
         held = f"{counted(len(mechanism.links), 'link')}, "
         held += f"{counted(len(mechanism.pairs), 'pair')}, inputs {inputs}"
         for text in (held, *made.notes):

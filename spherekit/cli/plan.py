@@ -59,7 +59,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.planning.poles import as_dict, as_markdown, as_text, describe
 
     mechanism = with_locks(load(options.file), options.lock, options.file)
-    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    names = mechanism.names_of(driven_pairs(mechanism))
     moved = [options.input] if options.input else names
     try:
         planned = [plan(mechanism, options.poles, name) for name in moved]
@@ -75,7 +75,7 @@ def execute(options: argparse.Namespace) -> int:
         return 0
     for number, input_plan in enumerate(planned):
         if input_plan.locked:
-            locked = ", ".join(mechanism.pairs[pair].name for pair in input_plan.locked)
+            locked = ", ".join(mechanism.names_of(input_plan.locked))
             heading = f"input {mechanism.pairs[input_plan.input].name}, locked: {locked}"
             print("\n" * (number > 0) + heading)
         print(as_markdown(input_plan) if options.markdown else as_text(input_plan))

@@ -203,7 +203,7 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     from spherekit.planning.inputs import driven_pairs
 
     mechanism = study.mechanism
-    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    inputs = mechanism.names_of(driven_pairs(mechanism))
     laws: dict[str, Law] = {}
     for text in texts:
         head, _, keys = text.partition(":")
@@ -235,7 +235,7 @@ def torque_of(texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
     for text in texts:
         pair, equals, torque = text.partition("=")
         if not equals or pair in torques:
-            inputs = [item.pair for item in study.mechanism.inputs]
+            inputs = study.mechanism.input_pairs
             raise AnalysisError(
                 f'--torque: "{text}" does not say at which input it acts, or repeats it; '
                 f"write PAIR=EXPR once for each ({', '.join(inputs)})"

@@ -68,7 +68,7 @@ def start_set(
     those that `terms` have, where it has the numbers `of_every`.
     """
     structure = terms.structure
-    names = [structure.mechanism.pairs[pair].name for pair in structure.input_pairs]
+    names = structure.mechanism.names_of(structure.input_pairs)
     inputs = structure.mechanism.with_inputs(*names).inputs
     q = np.array([complex(0.5 * (i.start + i.stop), 0.7) for i in inputs])
     general = path_kernel(terms, compiled=False)

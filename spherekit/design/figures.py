@@ -76,7 +76,7 @@ class DesignSamples:
         if not mechanism.inputs:
             (pair,) = driven_pairs(mechanism)
             mechanism = mechanism.with_inputs(mechanism.pairs[pair].name)
-        names = tuple(driven.pair for driven in mechanism.inputs)
+        names = mechanism.input_pairs
         start = np.array([driven.start for driven in mechanism.inputs])
         if study.path is not None:
             path = given_path(study.path, len(names)).q

@@ -220,7 +220,7 @@ class DesignRuns:
             If there is no such design, or an analysis of it fails.
         """
         mechanism = designed(self.document, self.variables, list(values))
-        mechanism = mechanism.with_inputs(*(i.pair for i in self.study.mechanism.inputs))
+        mechanism = mechanism.with_inputs(*self.study.mechanism.input_pairs)
         study = replace(self.study, mechanism=mechanism)
         run = executed(study, self.analyses, Execution())
         if run.failures:

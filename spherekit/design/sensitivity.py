@@ -220,7 +220,7 @@ class Sensitivity:
         self, mechanism: Mechanism, keys: Sequence[str] = (), quantities: Sequence[str] = ()
     ) -> None:
         mechanism = driven_at(mechanism)
-        self.inputs = tuple(item.pair for item in mechanism.inputs)
+        self.inputs = mechanism.input_pairs
         self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
         self._in_pose = link_sizes(mechanism)

@@ -383,7 +383,7 @@ class Sweep:
         return code_identity() | {
             "mechanism": self.mechanism.name,
             "file": hashlib.sha256(text.encode()).hexdigest(),
-            "input": ", ".join(driven.pair for driven in self.mechanism.inputs),
+            "input": ", ".join(self.mechanism.input_pairs),
             "samples": hashlib.sha256(self._sampled).hexdigest(),
             "angle_unit": self.angle,
             "vary": [asdict(variation) for variation in self.space.variations],

@@ -246,7 +246,7 @@ def quantities_of(mechanism: Mechanism) -> tuple[str, ...]:
 
     Without any, how outputs turn while the inputs move.
     """
-    driven = {item.pair for item in mechanism.inputs}
+    driven = set(mechanism.input_pairs)
     ends = {frozenset((output.link, output.relative_to)) for output in mechanism.outputs}
     passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name not in driven]
     chosen = [p for p in passive if frozenset(p.links) in ends] or passive

@@ -267,7 +267,7 @@ def inverse_dynamics(
         laws = law
     else:
         mechanism = driven_at(mechanism, input_pair)
-        names = [item.pair for item in mechanism.inputs]
+        names = mechanism.input_pairs
         if len(names) > 1:
             raise SolveError(
                 f"{mechanism.name}: has {len(names)} inputs; give a law for each by its "
@@ -285,7 +285,7 @@ def _by_laws(
     search: bool,
 ) -> Motion:
     """Return the motion of all inputs by laws, with angles that go on."""
-    names = [item.pair for item in mechanism.inputs]
+    names = mechanism.input_pairs
     q, timing = by_laws(names, laws, t)
     tracer, motion = at_inputs(mechanism, q, assembly_mode, search)
     motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
@@ -294,9 +294,9 @@ def _by_laws(
 
 def _ordered(mechanism: Mechanism, laws: Mapping[str, TimeLaw]) -> list[str]:
     """Return the inputs that laws are of, in the order of the mechanism's own."""
-    inputs = [item.pair for item in mechanism.inputs]
+    inputs = mechanism.input_pairs
     if sorted(inputs) == sorted(laws):
-        return inputs
+        return list(inputs)
     lacking = [pair for pair in inputs if pair not in laws]
     if len(laws) < len(inputs):
         raise SolveError(

@@ -94,7 +94,7 @@ def refined(
             f"{len(mechanism.inputs)}"
         )
     need_no_rubbing(mechanism, "a reference in wide numbers does not solve for")
-    (q,), (dq,) = start.each([item.pair for item in mechanism.inputs])
+    (q,), (dq,) = start.each(mechanism.input_pairs)
     path, last = simulation.path, simulation.end.t
     count = simulation.equation.variables
 

@@ -115,7 +115,7 @@ def prepare(
         )
     need_inertia(mechanism)
     mechanism = driven_at(mechanism, input_pair)
-    inputs = [item.pair for item in mechanism.inputs]
+    inputs = mechanism.input_pairs
     pairs, rates = _moved(name, start, inputs)
     driven = tuple(variable_of(mechanism, pair) for pair in inputs)
     moved = [variable_of(mechanism, pair) for pair in pairs]
@@ -193,7 +193,7 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
     """Return the loads that driving torques at the inputs are."""
     if torque is None:
         return []
-    inputs = [item.pair for item in mechanism.inputs]
+    inputs = mechanism.input_pairs
     taken = {load.name for load in mechanism.loads}
     if not isinstance(torque, Mapping):
         if len(inputs) > 1:

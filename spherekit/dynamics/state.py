@@ -143,7 +143,7 @@ def lacking(mechanism: Mechanism, joints: Sequence[Joint], frames: Floats) -> La
         _, _, turn = np.linalg.svd(free[[column]])
         free = free @ turn[1:].T
     forces = [k for k, (_, component) in enumerate(balance.columns) if component > 2]
-    names = tuple(mechanism.pairs[pair].name for pair in sorted(floating))
+    names = tuple(mechanism.names_of(sorted(floating)))
     enough = not np.any(free[forces] ** 2 > DETERMINED)
     return Lacking(tuple(without_centre(mechanism)), tuple(distances), names, enough)
 

@@ -220,7 +220,7 @@ def _request(
 
 def _common(mechanism: Mechanism, coordinates: Coordinates | None) -> Mechanism:
     """Return the mechanism without what is set for each run, driven at its coordinates."""
-    inputs = tuple(item.pair for item in mechanism.inputs)
+    inputs = mechanism.input_pairs
     if coordinates is not None and coordinates.pairs != inputs:
         mechanism = mechanism.with_inputs(*coordinates.pairs)
     tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)

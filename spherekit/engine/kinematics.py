@@ -161,7 +161,7 @@ class Structure:
         """
         names = [input_pairs] if isinstance(input_pairs, str) else [*input_pairs]
         pairs = pairs or turning_pairs(mechanism)
-        following = [mechanism.pairs[pair].name for pair in pairs.followers]
+        following = mechanism.names_of(pairs.followers)
         assembly = plan_assembly(driven_at(mechanism, [*names, *following]))
 
         def vectors() -> Floats:

@@ -149,7 +149,7 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     all others but angles end in ``_by_PAIR``, the input that moves: the torques too, and
     the inertias ``B_PAIR_by_PAIR``.
     """
-    inputs = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    inputs = mechanism.names_of(driven_pairs(mechanism))
     return _quantities(mechanism, inputs, middle_pairs(mechanism))
 
 
@@ -335,7 +335,7 @@ class RowQuantities:
     def __init__(self, terms: DesignTerms) -> None:
         self.terms, self.structure = terms, terms.structure
         mechanism = self.mechanism = terms.structure.mechanism
-        self.inputs = [mechanism.pairs[pair].name for pair in terms.structure.input_pairs]
+        self.inputs = mechanism.names_of(terms.structure.input_pairs)
         self.sample = dict(zip(sample_names(self.inputs), terms.sample, strict=True))
 
     @cached_property

@@ -176,7 +176,7 @@ def rigid_bodies(
             f"({listing(mechanism.variable_names)}), not {values.tolist()}"
         )
     at = Closure.of(mechanism, geometry_of(mechanism).joints).at(values[None])
-    ways = _tree(mechanism, [*(item.pair for item in mechanism.inputs), *hinged])
+    ways = _tree(mechanism, [*mechanism.input_pairs, *hinged])
     hinges = _hinges(mechanism, at, ways)
     held = {hinge.pair for hinge in hinges}
     pairs, axes = mechanism.pairs, at.frames[0, :, :, 2]

@@ -126,14 +126,14 @@ def _counts(mechanism: Mechanism, samples: int | Sequence[int] | None) -> tuple[
     if len(counts) != m or min(counts) < 2:
         raise SolveError(
             f"{mechanism.name}: samples: {'x'.join(map(str, counts))}; needs a number of "
-            f"at least 2 for each input ({listing(item.pair for item in mechanism.inputs)})"
+            f"at least 2 for each input ({listing(mechanism.input_pairs)})"
         )
     return counts
 
 
 def _passive(mechanism: Mechanism, pairs: Sequence[str] | None) -> tuple[int, ...]:
     """Return the numbers of the passive variables that are wanted."""
-    driven = {item.pair for item in mechanism.inputs}
+    driven = set(mechanism.input_pairs)
     named = [pair.name for pair in mechanism.pairs if pair.name not in driven]
     if pairs is not None:
         for name in pairs:

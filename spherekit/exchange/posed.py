@@ -44,7 +44,7 @@ def posed(
         if not np.all(np.isfinite(q)):
             raise SolveError(f"export: at is {at}, it has to be finite numbers of rad")
         mechanism = Tracer(mechanism, input_pair, follow=False).mechanism
-        inputs = [item.pair for item in mechanism.inputs]
+        inputs = mechanism.input_pairs
         if len(q) != len(inputs):
             raise SolveError(
                 f"{mechanism.name}: at has {counted(len(q), 'value')}, but the inputs are "

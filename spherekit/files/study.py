@@ -125,7 +125,7 @@ class _Reader:
                 raise self.document.fault(
                     ("inputs", pair), f'{mechanism.name} has no pair "{pair}"{said}'
                 )
-        if not {item.pair for item in mechanism.inputs}.issuperset(given):
+        if not set(mechanism.input_pairs).issuperset(given):
             mechanism = mechanism.with_inputs(*given)
         ranged = []
         for item in mechanism.inputs:
@@ -148,7 +148,7 @@ class _Reader:
             raise self.document.fault(
                 ("samples",),
                 f"has {len(samples)} numbers for {len(mechanism.inputs)} inputs "
-                f"({listing(item.pair for item in mechanism.inputs)})",
+                f"({listing(mechanism.input_pairs)})",
             )
         return samples
 

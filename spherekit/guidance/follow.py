@@ -343,7 +343,7 @@ def follow_rotation(
     about = unit(axis)
     if not (np.isfinite(angle) and angle > 0.0):
         raise SolveError(f"angle: found {angle:g} rad, needs a finite angle above 0")
-    inputs = tuple(item.pair for item in made.inputs)
+    inputs = made.input_pairs
     driven = [made.variables_of(made.pair_number[name])[0] for name in inputs]
     target = Target(
         Closure.of(made, geometry_of(made).joints), made.link_number[end.link], len(inputs)

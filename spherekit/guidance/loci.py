@@ -99,7 +99,7 @@ def mid_plane_form(
         names = listing(made.links[n] for n in sorted(others))
         raise _refusal(made, f"links {names} belong to no leg and hold no elbow")
     at_base = {made.pairs[leg.base].name: k for k, leg in enumerate(legs)}
-    inputs = [item.pair for item in made.inputs]
+    inputs = made.input_pairs
     if len(inputs) != 2 or any(name not in at_base for name in inputs):
         raise _refusal(
             made,

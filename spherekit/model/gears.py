@@ -543,7 +543,7 @@ def start_of_phase(
         ]
 
     angles = [phase[shaft.pair] for shaft in shafts]
-    driven = {item.pair for item in mechanism.inputs}
+    driven = set(mechanism.input_pairs)
     side = next((k for k, shaft in enumerate(shafts) if shaft.pair in driven), None)
     if side is not None:
         sizes = np.sin([wheel.radius for wheel in wheels])

@@ -204,7 +204,7 @@ def lock(
     >>> len(four_bar.links), [item.pair for item in four_bar.inputs]
     (4, ['21'])
     """
-    driven = [item.pair for item in mechanism.inputs]
+    driven = mechanism.input_pairs
     if driven and set(driven) <= set(pairs):
         raise ModelError(
             f"{mechanism.name}: lock: {listing(driven)} are all inputs there are, so that "

@@ -5,7 +5,7 @@ Which output of a mechanism is meant.
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, final
@@ -88,6 +88,15 @@ class Mechanism:
         """Position of each pair in `pairs`, by name."""
         return {pair.name: number for number, pair in enumerate(self.pairs)}
 
+    @property
+    def input_pairs(self) -> tuple[str, ...]:
+        """Names of the driven pairs, in the order of `inputs`."""
+        return tuple(item.pair for item in self.inputs)
+
+    def names_of(self, pairs: Iterable[int]) -> list[str]:
+        """Return the names of pairs by their numbers."""
+        return [self.pairs[pair].name for pair in pairs]
+
     @cached_property
     def ends(self) -> tuple[tuple[int, int], ...]:
         """The two link numbers of every pair, in the order of `pairs`."""
@@ -158,7 +167,7 @@ class Mechanism:
 
     def _repr_html_(self) -> str:
         """Return its pairs with their links, and what else it has, as HTML."""
-        inputs = {item.pair for item in self.inputs}
+        inputs = set(self.input_pairs)
         rows = [
             [pair.name, pair.type, *pair.links, "input" if pair.name in inputs else ""]
             for pair in self.pairs
@@ -171,7 +180,7 @@ class Mechanism:
         parts = [
             counted(len(self.links), "link"),
             f"pairs {', '.join(f'{count} {kind}' for kind, count in types.items())}",
-            f"inputs {listing(item.pair for item in self.inputs) or 'none declared'}",
+            f"inputs {listing(self.input_pairs) or 'none declared'}",
         ]
         named = {
             "inertia of": [mass.link for mass in self.masses],
@@ -400,7 +409,7 @@ def _check(mechanism: Mechanism) -> None:
     for what, names in (
         ("link", mechanism.links),
         ("pair", [pair.name for pair in mechanism.pairs]),
-        ("input at a", [item.pair for item in mechanism.inputs]),
+        ("input at a", mechanism.input_pairs),
         ("output", [output.name for output in mechanism.outputs]),
         ("load", [load.name for load in mechanism.loads]),
         ("mass of a", [mass.link for mass in mechanism.masses]),

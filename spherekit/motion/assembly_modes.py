@@ -565,7 +565,7 @@ def named(
     faults: list[str] = []
     if not assembly_modes:
         return (), ()
-    inputs = [item.pair for item in solver.mechanism.inputs]
+    inputs = solver.mechanism.input_pairs
     for mode in solver.mechanism.modes:
         if not set(inputs) <= set(mode.values):
             continue
@@ -589,7 +589,7 @@ def _place(
     """Return the place of the mode with a configuration, or -1 and why there is none."""
     if any(isinstance(item.guide, ModeOverGrid) for item in assembly_modes):
         return -1, "modes followed over samples of several inputs have no names"
-    order = [solver.mechanism.pairs[pair].name for pair in solver.assembly.inputs]
+    order = solver.mechanism.names_of(solver.assembly.inputs)
     q = np.array([[mode.values[pair] for pair in order]])
     at = [solver.evaluate(item, q).values[0] for item in assembly_modes]
     passive = [name for name in mode.values if name not in inputs]

@@ -484,7 +484,7 @@ class ModeSearch:
 
 def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:
     name = solver.mechanism.name
-    inputs = [solver.mechanism.pairs[pair].name for pair in solver.assembly.inputs]
+    inputs = solver.mechanism.names_of(solver.assembly.inputs)
     lows, highs = np.degrees([np.min(input_grid.q, axis=0), np.max(input_grid.q, axis=0)])
     degrees = ", ".join(
         f"{pair} in [{low:.6g}, {high:.6g}] deg"
@@ -493,7 +493,7 @@ def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:
     state = solver.start(input_grid.thinned(PROBED_INPUTS).q)
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
-            pairs = ", ".join(solver.mechanism.pairs[p].name for p in group.pairs)
+            pairs = ", ".join(solver.mechanism.names_of(group.pairs))
             if not group.is_dyad:
                 break
             place_dyad(state, group, solver.mechanism.ends, 1)

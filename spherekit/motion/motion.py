@@ -423,7 +423,7 @@ class Tracer:
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the driven pairs."""
-        return tuple(item.pair for item in self.mechanism.inputs)
+        return self.mechanism.input_pairs
 
     @property
     def range(self) -> tuple[float, float]:

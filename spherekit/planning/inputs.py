@@ -49,7 +49,7 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
         If a declared input is a contact pair, or there is no R pair at all.
     """
     revolute = list(mechanism.angles)
-    names = [item.pair for item in mechanism.inputs] or revolute[:1]
+    names = mechanism.input_pairs or revolute[:1]
     for name in names:
         if not mechanism.pair(name).kind.has_axis:
             raise PlanError(
@@ -74,7 +74,7 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
         If there is no such pair, or one is named twice.
     """
     if names is None:
-        names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+        names = mechanism.names_of(driven_pairs(mechanism))
     if not names:
         raise PlanError(f"{mechanism.name}: input_pair names no pair; name one or more")
     return mechanism.with_inputs(*([names] if isinstance(names, str) else names))
@@ -253,7 +253,7 @@ def _check_connected(mechanism: Mechanism) -> None:
 def _check_mobility(mechanism: Mechanism, driven: Sequence[int]) -> None:
     mobility = graph_mobility(mechanism)
     if mobility != len(driven):
-        names = listing(mechanism.pairs[pair].name for pair in driven)
+        names = listing(mechanism.names_of(driven))
         raise CountError(
             f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = {mobility}, "
             f"but the number of inputs is {len(driven)} ({names}); "
@@ -316,11 +316,11 @@ def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) 
         a, b = (body[link] for link in mechanism.ends[number])
         independent = independent and a != b
     if not independent:
-        names = [mechanism.pairs[pair].name for pair in driven]
-        others = listing(mechanism.pairs[pair].name for pair in locked)
+        names = mechanism.names_of(driven)
+        others = listing(mechanism.names_of(locked))
         raise CountError(
             f"{mechanism.name}: the inputs {listing(names)} are not independent freedoms: "
-            f"with {others} locked, {listing(mechanism.pairs[k].name for k in moved)} "
+            f"with {others} locked, {listing(mechanism.names_of(moved))} "
             "cannot move; choose other inputs"
         )
     return Freedom(body, game)

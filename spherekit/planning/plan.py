@@ -385,5 +385,5 @@ def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
     PlanError
         See `plan`.
     """
-    names = [mechanism.pairs[pair].name for pair in driven_pairs(mechanism)]
+    names = mechanism.names_of(driven_pairs(mechanism))
     return tuple(plan(mechanism, None, name, by_rank) for name in names)

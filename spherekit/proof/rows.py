@@ -144,7 +144,7 @@ def exact_rows_by_input(
     mechanism = motion.mechanism
     for pair in driven:
         if pair not in motion.assembly.inputs:
-            names = listing(mechanism.pairs[p].name for p in motion.assembly.inputs)
+            names = listing(mechanism.names_of(motion.assembly.inputs))
             raise SolveError(
                 f"{mechanism.name}: pair number {pair} is not an input; inputs: {names}"
             )

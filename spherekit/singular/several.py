@@ -386,7 +386,7 @@ def _of_piece(
             strict=True,
         )
     )
-    pairs = [motion.mechanism.pairs[pair].name for pair in motion.assembly.inputs]
+    pairs = motion.mechanism.names_of(motion.assembly.inputs)
     two, three = (list(combinations(range(len(pairs)), count)) for count in (2, 3))
     named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
     crossed = np.stack([cross(u[:, j], u[:, k]) for j, k in two], axis=1)

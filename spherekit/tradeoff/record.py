@@ -269,7 +269,7 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
         "analysis": analysis.name,
         "analysis_version": analysis.version,
         "parameters": {key: as_json(value) for key, value in given.items()},
-        "inputs": [item.pair for item in mechanism.inputs],
+        "inputs": list(mechanism.input_pairs),
         "samples": "x".join(map(str, study.shape)),
         "input_values": values,
         "assembly_mode": study.assembly_mode

@@ -163,7 +163,7 @@ def _zeros(motion: Motion, row: int) -> list[Primitive]:
     """Return an arc at every R pair from its zero to where it is."""
     mechanism = motion.mechanism
     parts: list[Primitive] = []
-    driven = {item.pair for item in mechanism.inputs}
+    driven = set(mechanism.input_pairs)
     for number, pair in enumerate(mechanism.pairs):
         if not pair.kind.has_axis:
             continue

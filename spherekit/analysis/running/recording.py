@@ -242,7 +242,7 @@ class RecordingSession:
         if self._times is not None and motion.timing is not None:
             span = float(self._times[0]), float(self._times[-1])
             return (Axis("time", "s", motion.timing.t[:k], span),)
-        names = [item.pair for item in motion.mechanism.inputs]
+        names = motion.mechanism.input_pairs
         label = "input {}" if len(names) == 1 else "{}"
         return tuple(
             Axis(label.format(name), "rad", values, (float(low), float(high)))

@@ -95,7 +95,7 @@ class RunStatistics:
             tree, (vectors,) = closure.tree, closure.at(motion.values[[row]]).vectors
             self.rank = int(rank_mobility(tree, vectors[None])[0])
             over = redundancy(tree, vectors)
-            names = [motion.mechanism.pairs[pair].name for pair in over.pairs]
+            names = motion.mechanism.names_of(over.pairs)
             self.redundant = {"count": over.count, "pairs": names}
 
     def _note(self, name: str, values: Floats) -> None:
