@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import os
 import re
 from collections.abc import Collection, Iterable, Mapping
 from enum import IntEnum
@@ -107,6 +108,10 @@ def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -
 def counted(number: object, noun: str) -> str:
     """Return a number with its noun, ``1 row`` or ``2 rows``; grids are ``41x21 rows``."""
     return f"{number} {noun}" if str(number) == "1" else f"{number} {noun}s"
+
+
+AnyPath = str | os.PathLike[str]
+"""Where a file or folder is."""
 
 
 def listing(words: Iterable[object], limit: int = 12) -> str:

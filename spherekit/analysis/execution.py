@@ -1,6 +1,5 @@
 """How a run is done: where its results go, and by what means its numbers are found."""
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
@@ -10,6 +9,7 @@ from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.recording import Recorder
 from spherekit.analysis.tables import Format
 from spherekit.checked import check_fields
+from spherekit.conventions import AnyPath
 from spherekit.engine.kernels import Engine
 from spherekit.errors import AnalysisError
 
@@ -54,7 +54,7 @@ class Execution:
         How samples are computed, and what is known of the errors of that, for the summary.
     """
 
-    folder: str | os.PathLike[str] | None = None
+    folder: AnyPath | None = None
     unfinished: Unfinished = "refuse"
     formats: Sequence[Format] | None = None
     tables: bool = True

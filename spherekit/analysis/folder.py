@@ -32,7 +32,7 @@ from spherekit.analysis.tables import (
     TableData,
     arrays,
 )
-from spherekit.conventions import listing
+from spherekit.conventions import AnyPath, listing
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, refused, write_bytes
 from spherekit.files.plain import BaseFileLock, locked
@@ -77,7 +77,7 @@ class RunFolder:
 
     @classmethod
     @contextmanager
-    def opened(cls, place: str | os.PathLike[str]) -> "Iterator[RunFolder]":
+    def opened(cls, place: AnyPath) -> "Iterator[RunFolder]":
         """Make and lock a folder; leave in it no more than results, or work to go on with.
 
         Raises

@@ -3,7 +3,6 @@
 Work in a folder is taken up as it was left, and kept if the run is stopped.
 """
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -45,7 +44,7 @@ from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import Subject, chosen, study_of, takes
 from spherekit.analysis.tables import Files
 from spherekit.checked import checked
-from spherekit.conventions import listing
+from spherekit.conventions import AnyPath, listing
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import AnalysisError, FileError, OutputError, SpherekitError
 from spherekit.model.study import Study
@@ -302,7 +301,7 @@ def add_events(
 
 
 @contextmanager
-def opened(folder: str | os.PathLike[str] | None) -> Iterator[RunFolder | None]:
+def opened(folder: AnyPath | None) -> Iterator[RunFolder | None]:
     """Give the locked folder of a run, None without one."""
     if folder is None:
         yield None

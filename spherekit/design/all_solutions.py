@@ -30,7 +30,7 @@ from spherekit.engine.row_quantities import (
 from spherekit.model.parts import Input
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import assemblies
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 MOST_SOLUTIONS = 64
 """Complex solutions up to which all of them are followed."""
@@ -246,7 +246,7 @@ def tracked(kernel: PathKernel, way: Way, start: Numbers) -> tuple[Numbers, Flag
     now = start.astype(complex)
     moved = np.zeros_like(now)
     t, step, last = np.zeros(n), np.full(n, FIRST), np.full(n, np.inf)
-    active = np.flatnonzero(np.all(np.isfinite(now), axis=0))
+    active = np.flatnonzero(all_finite(now, 0))
     with np.errstate(all="ignore"):
         for _ in range(MOST):
             if not len(active):
@@ -322,7 +322,7 @@ def apart(one: Numbers, other: Numbers) -> Floats:
 def distinct(values: Numbers) -> Flags:
     """Return for each design whether its solutions (variables, designs, m) all differ."""
     m = values.shape[2]
-    made: Flags = np.all(np.isfinite(values), axis=(0, 2))
+    made: Flags = all_finite(values, (0, 2))
     if m < 2:
         return made
     weights = np.random.default_rng(3).uniform(0.5, 1.5, (3, len(values), 1, 1))

@@ -63,7 +63,7 @@ from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import plan_assembly
 from spherekit.singular.grashof import class_of, four_bar_links
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 STRIDE = np.radians(3.0)
 """Inputs at which angles are looked at are nearer (rad) than this."""
@@ -198,7 +198,7 @@ class KernelTurns:
             whole[:, way] = self._followed(stations[way], angles[:, way], along)
         grown = np.zeros_like(whole[:, 0])
         if self._returns:
-            good = np.all(np.isfinite(steps), axis=0)
+            good = all_finite(steps, 0)
             grown = np.round((whole[:, -1] - whole[:, 0]) / TURN) * TURN
             # A mode that ends goes on to either side of the anchor.
             last = np.logical_and.accumulate(good[::-1], axis=0)[::-1]
@@ -560,7 +560,7 @@ class Evaluator:
         solver = Solver(mechanism, plan_assembly(mechanism))
         pairs = [mechanism.angles[name] for name in kernel.turning]
         for mode, of_mode in enumerate(np.moveaxis(values, 2, 0)):
-            rows = np.flatnonzero(np.all(np.isfinite(of_mode), axis=0))
+            rows = np.flatnonzero(all_finite(of_mode, 0))
             at = of_mode[:, rows].T
             turned = solver.unwrapping.turns(mode, at, at[:, solver.driven], pairs)
             made[:, rows, mode] = TURN * turned[:, pairs].T

@@ -30,7 +30,7 @@ from spherekit.motion.motion import by_laws
 from spherekit.numeric.crossings import return_by_turns
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 BLOCK = 4096
 """Designs evaluated together: their rows stay in the cache."""
@@ -365,6 +365,6 @@ def _sampled(
         rows = np.concatenate(parts).reshape(-1, len(here) * n)
         outputs = np.reshape(kernel.evaluate(rows), (-1, *shape))
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
-        closed &= np.all(np.isfinite(placed[:1]), axis=0)
+        closed &= all_finite(placed[:1], 0)
         for k, sample in enumerate(here):
             yield sample, outputs[kernel.reaches :, k], closed[k]

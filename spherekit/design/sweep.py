@@ -6,7 +6,6 @@ Which designs there are: grids, lists, and sets that fill a space evenly.
 import hashlib
 import json
 import math
-import os
 import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Merit
 from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_columns
-from spherekit.conventions import choices, listing
+from spherekit.conventions import AnyPath, choices, listing
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import NEVER_CLOSES, DesignSamples, Evaluated
 from spherekit.design.runs import ASSEMBLY, DesignRuns
@@ -34,7 +33,7 @@ from spherekit.files.plain import as_json
 from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 Scheme = Literal["grid", "sobol", "latin", "random"]
 
@@ -90,7 +89,7 @@ def between(key: str, low: float, high: float) -> Variation:
 
 def listed(key: str, values: Sequence[float]) -> Variation:
     """Return a variation over a list."""
-    if not values or not np.all(np.isfinite(values)):
+    if not values or not all_finite(values):
         raise DesignError(f"{key}: give at least one value, and finite ones")
     return Variation(key, min(values), max(values), tuple(values))
 
@@ -510,11 +509,11 @@ class Sweep:
     def _before(self) -> frozenset[str]:
         return frozenset(variable.name for variable in self.variables)
 
-    def path_of(self, folder: str | os.PathLike[str], number: int) -> Path:
+    def path_of(self, folder: AnyPath, number: int) -> Path:
         """Return the path of a part of the table of designs."""
         return Path(folder) / (DESIGNS if self.tables else "") / part_name(number)
 
-    def files_of(self, folder: str | os.PathLike[str], number: int) -> list[Path]:
+    def files_of(self, folder: AnyPath, number: int) -> list[Path]:
         """Return the files of a part; none unless all of them are there.
 
         That of the designs is written last, and says which others there are.

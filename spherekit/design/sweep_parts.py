@@ -23,7 +23,7 @@ import numpy as np
 from spherekit.analysis.folder import need_disk, size_text
 from spherekit.analysis.frames import columns_of_files, frame_of, frame_of_parts
 from spherekit.checked import checked
-from spherekit.conventions import counted, listing, nearest
+from spherekit.conventions import AnyPath, counted, listing, nearest
 from spherekit.design.sweep import DESIGNS, TABLES, Columns, Sweep
 from spherekit.design.sweep_identity import working_folder
 from spherekit.errors import DesignError, OutputError, SpherekitError
@@ -249,7 +249,7 @@ Workers = Callable[[Sweep, str, Sequence[int]], Generator[int, None, None]]
 
 def run_sweep(
     sweep: Sweep,
-    folder: str | os.PathLike[str] | None = None,
+    folder: AnyPath | None = None,
     workers: int = 1,
     resume: bool = True,
     elsewhere: Workers | None = None,

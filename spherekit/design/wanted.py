@@ -21,7 +21,7 @@ from spherekit.design.variables import OK
 from spherekit.errors import DesignError, ModelError
 from spherekit.model.expression import Expression, parse
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 Rows = NDArray[np.intp]
 
@@ -73,7 +73,7 @@ class Sizing:
         """Return the good rows of a sweep's columns, and their objectives (rows, k)."""
         rows = self.with_match(columns)
         objectives = self._worth(rows)
-        good = (rows["status"] == "OK") & np.all(np.isfinite(objectives), axis=1)
+        good = (rows["status"] == "OK") & all_finite(objectives, 1)
         kept = {name: np.asarray(values)[good] for name, values in rows.items()}
         return kept, objectives[good]
 
@@ -100,7 +100,7 @@ class Sizing:
         missed = np.zeros(len(objectives))
         for condition in self.sweep.conditions:
             missed += np.maximum(-np.nan_to_num(condition.slack(rows), nan=-np.inf), 0.0)
-        finite = np.all(np.isfinite(objectives), axis=1)
+        finite = all_finite(objectives, 1)
         return rows["design"][finite], objectives[finite], missed[finite]
 
     def why_none(self) -> str:
@@ -121,7 +121,7 @@ class Sizing:
                 f"{counted(count, 'row')}"
                 for condition in self.sweep.conditions
             ]
-            defined = np.all(np.isfinite(self._worth(kept)), axis=1)
+            defined = all_finite(self._worth(kept), 1)
             if not np.any(defined):
                 words.append("objectives have no value")
         return ", ".join(words)

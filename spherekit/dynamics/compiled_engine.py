@@ -39,7 +39,7 @@ from spherekit.engine.equation import (
 from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run
 from spherekit.engine.system import STEEPEST, mass_size
 from spherekit.errors import EngineError, PlanError
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 NO_CROSSING = 1e-3
 """Less belongs to a crossing of curves, see `reciprocal_condition`."""
@@ -323,4 +323,4 @@ def _has_value(
     """Return whether all loads have values at a state."""
     with np.errstate(all="ignore"):
         dynamics = problem.equation.at(np.array([t]), state[None], frame, whole)
-    return bool(np.all(np.isfinite(dynamics.forces)))
+    return bool(all_finite(dynamics.forces))

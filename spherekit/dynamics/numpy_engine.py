@@ -41,7 +41,7 @@ from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
 from spherekit.engine.integration import CROSSED, good_until
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 FIRST_ARC = 0.1
 SHORTEST = 1e-11
@@ -110,7 +110,7 @@ class Collocation:
         Rates of others have no limit where sets of configurations cross; those of closed
         ones go on smoothly along the set.
         """
-        if not np.all(np.isfinite(states)):
+        if not all_finite(states):
             return states
         variables = self.equation.variables
         closed = states.copy()

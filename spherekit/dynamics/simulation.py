@@ -35,7 +35,7 @@ from spherekit.errors import SolveError
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Timing
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 EventKind = Literal[
     "dead_centre", "type_2", "crossing", "rest", "stop", "switch", "lift_off"
@@ -449,7 +449,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         guess = values + motion.rates[0, 0] * (after - q)
         guess[driven] = after
         closed = None
-        if np.all(np.isfinite(guess)) and frames[-1][0, 0, driven] > STANDSTILL:
+        if all_finite(guess) and frames[-1][0, 0, driven] > STANDSTILL:
             closed = closure.solve(guess[None], [driven])
         if closed is None or not closed.residual[0] < 1e-12:
             end = SimulationEnd(

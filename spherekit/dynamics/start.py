@@ -29,7 +29,7 @@ from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.turns import into_range as turned_into
 from spherekit.planning.inputs import driven_at
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 NEAR = 0.1
 """A given configuration may be this far (rad) from one that closes."""
@@ -156,7 +156,7 @@ def _moved(
         rates = np.atleast_1d(np.asarray(start.rate, dtype=float))
     else:
         pairs, (_, rates) = list(inputs), start.each(inputs)
-    if not np.all(np.isfinite(rates)):
+    if not all_finite(rates):
         raise SolveError(f"{name}: the rate at the start is {rates}, give finite numbers")
     if not len(pairs) == len(rates) == len(inputs):
         raise SolveError(
@@ -240,7 +240,7 @@ def _closed(
     name = mechanism.name
     given = np.asarray(values, dtype=float)
     count = len(closure.tree.owners)
-    if given.shape != (count,) or not np.all(np.isfinite(given)):
+    if given.shape != (count,) or not all_finite(given):
         raise SolveError(
             f"{name}: values at the start must be {count} finite numbers, one for each "
             "variable"
@@ -307,7 +307,7 @@ def _configuration(
 ) -> tuple[Floats, Floats]:
     """Return the configuration at inputs (m,), and the whole turns that it is less."""
     name = mechanism.name
-    if not np.all(np.isfinite(q)):
+    if not all_finite(q):
         raise SolveError(f"{name}: the input at the start is {q}, give finite numbers")
     _need_digits(name, q)
     near = q if len(q) == 1 or mechanism.has_contacts else reduced(q)

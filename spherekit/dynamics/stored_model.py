@@ -3,7 +3,6 @@
 import io
 import json
 import math
-import os
 import struct
 import zipfile
 import zlib
@@ -16,7 +15,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.conventions import choices, listing, nearest
+from spherekit.conventions import AnyPath, choices, listing, nearest
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.dynamics import DRIVE
 from spherekit.model.expression import Expression, load_names, made_of, parse
@@ -352,7 +351,7 @@ class Archive:
 
     def write(
         self,
-        path: str | os.PathLike[str],
+        path: AnyPath,
         heading: Mapping[str, Any],
         arrays: Mapping[str, Any],
     ) -> None:
@@ -365,7 +364,7 @@ class Archive:
         write_bytes(path, stream.getvalue())
 
     def read(
-        self, path: str | os.PathLike[str]
+        self, path: AnyPath
     ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return the heading, its lists as tuples, and the arrays of a file.
 

@@ -41,7 +41,7 @@ from spherekit.planning.poles import (
     parse_pole,
 )
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 FIRST_CELLS = 16
 """Cells of every stored function at first; fewer could miss a narrow feature."""
@@ -195,7 +195,7 @@ def _measured(series: TensorChebyshev, function: Callable[[Floats], Floats]) -> 
     q = series.low + (series.high - series.low) * random
     q = q[series.cells(q) >= 0]
     gap = np.abs(series.at(q) - function(q))
-    return np.asarray(np.max(gap[np.all(np.isfinite(gap), axis=1)], axis=0, initial=0.0))
+    return np.asarray(np.max(gap[all_finite(gap, 1)], axis=0, initial=0.0))
 
 
 def _storable(mechanism: AnyMechanism, tolerance: float, least: float) -> Mechanism:
@@ -313,7 +313,7 @@ def online_motion(
     if not heading.alone:
         raise SolveError(f"{name}: the model is of several inputs; a motion is of a curve")
     t = np.atleast_1d(np.asarray(times, dtype=float))
-    if len(t) < 2 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
+    if len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(f"{name}: give two or more finite, increasing times")
     at, (low,), (high,) = model.dynamics.at, heading.low, heading.high
     inertia = at(x)[0]

@@ -5,7 +5,6 @@
 evaluates it in control loops. It needs NumPy and the standard library only.
 """
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.checked import checked
-from spherekit.conventions import Status, choices, listing
+from spherekit.conventions import AnyPath, Status, choices, listing
 from spherekit.dynamics.stored_model import (
     DAMAGED,
     SLACK,
@@ -33,6 +32,7 @@ from spherekit.numeric.cells import TensorChebyshev
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.local import LocalPolynomials
 from spherekit.numeric.zeros import zeros
+from spherekit.sphere.rotation import all_finite
 
 ARCHIVE = Archive("spherekit reduced model", 2, "write one with `--to model`")
 
@@ -259,7 +259,7 @@ class StoredModel:
         """
         return StoredModel(self.heading.with_torques(torque), self.groups)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: AnyPath) -> None:
         """Write the model to a NumPy archive (.npz) that describes itself.
 
         Raises
@@ -435,7 +435,7 @@ class StoredModel:
 
 
 @checked(FileError)
-def load_reduced(path: str | os.PathLike[str]) -> StoredModel:
+def load_reduced(path: AnyPath) -> StoredModel:
     """Return a model that `StoredModel.save` wrote.
 
     Raises
@@ -456,7 +456,7 @@ def load_reduced(path: str | os.PathLike[str]) -> StoredModel:
         numbers = [*heading.low, *heading.high, *heading.rise]
         numbers += [x for item in heading.functions for x in (item.largest, item.error)]
         rising = np.all(np.less(heading.low, heading.high))
-        if not (np.all(np.isfinite(numbers)) and rising):
+        if not (all_finite(numbers) and rising):
             raise FileError(
                 f"{where}: the heading has numbers that are not finite; make it anew"
             )
@@ -487,7 +487,7 @@ def _series(
         )
     bounds = [cells[0][:-1], cells[0][1:]] if heading.alone else np.swapaxes(cells[1], 0, 1)
     rising = np.all(np.less(*bounds)) and len(bounds[0]) == len(series) > 0
-    if not (rising and all(np.all(np.isfinite(x)) for x in cells)):
+    if not (rising and all(all_finite(x) for x in cells)):
         raise FileError(f"{where}: the cells of group {k} do not rise; make it anew")
     if heading.alone:
         return PiecewiseChebyshev(cells[0], series)

@@ -28,7 +28,7 @@ from spherekit.motion.loops import Linearisation
 from spherekit.planning.wheels import (
     on_carrier,
 )
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 
 @final
@@ -170,7 +170,7 @@ def rigid_bodies(
     """
     values = np.asarray(values, dtype=float)
     count = len(mechanism.variable_names)
-    if values.shape != (count,) or not np.all(np.isfinite(values)):
+    if values.shape != (count,) or not all_finite(values):
         raise ModelError(
             f"{mechanism.name}: a configuration has {count} finite variables "
             f"({listing(mechanism.variable_names)}), not {values.tolist()}"

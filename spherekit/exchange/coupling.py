@@ -4,7 +4,6 @@ A coupling table as a C header: static arrays, and C99 that reads between them.
 """
 
 import json
-import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.analysis.frames import frame_of
 from spherekit.checked import checked
-from spherekit.conventions import counted, listing
+from spherekit.conventions import AnyPath, counted, listing
 from spherekit.dynamics.stored_model import DAMAGED, Archive
 from spherekit.errors import FileError, SolveError
 from spherekit.files.atomic import write_text
@@ -178,7 +177,7 @@ class CouplingTable:
         return Coupled(*parts)
 
 
-def write_npz(table: CouplingTable, path: str | os.PathLike[str]) -> None:
+def write_npz(table: CouplingTable, path: AnyPath) -> None:
     """Write a table as a NumPy archive (.npz) that `load_coupling` reads.
 
     Raises
@@ -192,7 +191,7 @@ def write_npz(table: CouplingTable, path: str | os.PathLike[str]) -> None:
 
 
 @checked(FileError)
-def load_coupling(path: str | os.PathLike[str]) -> CouplingTable:
+def load_coupling(path: AnyPath) -> CouplingTable:
     """Return a table that was written as a NumPy archive.
 
     Raises
@@ -242,7 +241,7 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
     return arrays
 
 
-def write_csv(table: CouplingTable, path: str | os.PathLike[str]) -> None:
+def write_csv(table: CouplingTable, path: AnyPath) -> None:
     """Write a table as CSV, see `columns`; places without a mode are empty.
 
     Raises

@@ -19,7 +19,7 @@ from spherekit.motion.motion import Tracer, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, parse_pole
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 from spherekit.version import __version__
 
 FIRST_NODES = (61, 13, 5)
@@ -182,8 +182,8 @@ def _table(
     low, high = [p[0] for p in poles], [p[1] for p in poles]
     turning = spread(np.moveaxis(parts.w[:, :, high] - parts.w[:, :, low], 2, 1))
     bent = spread(np.moveaxis(parts.dw[:, :, :, high] - parts.dw[:, :, :, low], 3, 1))
-    usable = np.all(np.isfinite(first), axis=(2, 3))
-    usable &= np.all(np.isfinite(second), axis=(2, 3, 4))
+    usable = all_finite(first, (2, 3))
+    usable &= all_finite(second, (2, 3, 4))
     angles = np.where(usable[..., None], spread(parts.values[:, columns]), np.nan)
     owned = [period for joint in motion.joints for period in joint.periods]
     periods, q = np.array(owned)[columns], tracer.input_grid.q

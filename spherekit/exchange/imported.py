@@ -1,12 +1,12 @@
 """Mechanism files from MJCF and URDF."""
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
 from spherekit.checked import checked
+from spherekit.conventions import AnyPath
 from spherekit.errors import FileError
 from spherekit.exchange.from_foreign import Tables, tables_of
 from spherekit.exchange.mujoco_file import ForeignModel
@@ -30,7 +30,7 @@ class Imported:
     text: str
     notes: tuple[str, ...]
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: AnyPath) -> None:
         """Write the mechanism file.
 
         Raises
@@ -43,7 +43,7 @@ class Imported:
 
 @checked(FileError)
 def import_mechanism(
-    path: str | os.PathLike[str], *, within: float | None = None
+    path: AnyPath, *, within: float | None = None
 ) -> Imported:
     """Return the spherical mechanism that an MJCF or URDF file describes.
 

@@ -9,7 +9,7 @@ from spherekit.dynamics.start import at_inputs
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer, going_on
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 SAMPLES = 61
 """Places on the way through the inputs' ranges where a configuration is looked for."""
@@ -41,7 +41,7 @@ def posed(
         other = "inputs, or another assembly mode"
     else:
         q = np.atleast_1d(np.asarray(at, dtype=float))
-        if not np.all(np.isfinite(q)):
+        if not all_finite(q):
             raise SolveError(f"export: at is {at}, it has to be finite numbers of rad")
         mechanism = Tracer(mechanism, input_pair, follow=False).mechanism
         inputs = mechanism.input_pairs

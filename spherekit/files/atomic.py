@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from spherekit.conventions import AnyPath
 from spherekit.errors import OutputError
 
 MARK = "spherekit"
@@ -31,7 +32,7 @@ _REASONS = {
 }
 
 
-def make_folder(path: str | os.PathLike[str]) -> Path:
+def make_folder(path: AnyPath) -> Path:
     """Return a folder as a path, made with the folders around it if it is not there.
 
     Raises
@@ -48,7 +49,7 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def check_folder(path: str | os.PathLike[str]) -> None:
+def check_folder(path: AnyPath) -> None:
     """Raise `OutputError` unless a folder is there or can be made; nothing is made."""
     places = (Path(path), *Path(path).parents)
     try:
@@ -63,7 +64,7 @@ def check_folder(path: str | os.PathLike[str]) -> None:
         raise refused(path, "made", OSError(errno.EACCES, ""))
 
 
-def check_file(path: str | os.PathLike[str]) -> None:
+def check_file(path: AnyPath) -> None:
     """Raise `OutputError` unless a file can be made there; nothing is made."""
     target = Path(path)
     try:
@@ -81,7 +82,7 @@ def check_file(path: str | os.PathLike[str]) -> None:
             raise refused(path, "written", OSError(number, ""))
 
 
-def _named(path: str | os.PathLike[str]) -> None:
+def _named(path: AnyPath) -> None:
     """Raise `ValueError` if no file can have a name, or none was given."""
     if not os.fspath(path).strip():
         raise ValueError("the name is empty (an unset variable?)")
@@ -112,7 +113,7 @@ def check_own(path: Path, mark: bytes) -> None:
         )
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> None:
+def write_text(path: AnyPath, text: str) -> None:
     """Write a text file in UTF-8, replacing an older one only when complete.
 
     Raises
@@ -127,7 +128,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     write_bytes(path, data)
 
 
-def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+def write_bytes(path: AnyPath, data: bytes) -> None:
     """Write a file, replacing an older one only when complete.
 
     Raises
@@ -140,7 +141,7 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
 
 
 @contextmanager
-def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+def writing(path: AnyPath) -> Iterator[BinaryIO]:
     """Give a stream whose bytes become the file when the block is left without a fault.
 
     Raises

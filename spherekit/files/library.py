@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import final
 
-from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, listing, nearest
+from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, AnyPath, listing, nearest
 from spherekit.errors import FileError
 
 GROUP = "spherekit.mechanisms"
@@ -76,7 +76,7 @@ def mechanisms() -> Names:
     return names
 
 
-def find(name_or_path: str | os.PathLike[str]) -> Path:
+def find(name_or_path: AnyPath) -> Path:
     """Return the path of a mechanism or study file, given as a path or shipped name.
 
     A plain name is looked up in the packs first, so that a folder of results named

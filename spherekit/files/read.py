@@ -11,7 +11,7 @@ from typing import Any, NoReturn, TypeVar, final
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import TURN, choices, nearest
+from spherekit.conventions import TURN, AnyPath, choices, nearest
 from spherekit.errors import FileError, ModelError
 from spherekit.files.document import Document, KeyPath, parse, read_text
 from spherekit.files.library import find, is_study
@@ -68,7 +68,7 @@ _KEYED = re.compile(r"(\w+(?:\.\w+|\[\d+\])*): (.*)", re.S)
 
 
 @checked(FileError)
-def load(name_or_path: str | os.PathLike[str]) -> Mechanism:
+def load(name_or_path: AnyPath) -> Mechanism:
     """Read a mechanism file, given by its path or by the name of a shipped mechanism.
 
     Raises
@@ -96,13 +96,13 @@ def mechanism_of(given: AnyMechanism) -> Mechanism:
     return given if isinstance(given, Mechanism) else load(given)
 
 
-def angle_unit_of(name_or_path: str | os.PathLike[str]) -> AngleUnit:
+def angle_unit_of(name_or_path: AnyPath) -> AngleUnit:
     """Return the unit of the angles in a mechanism file; errors as of `load`."""
     unit: AngleUnit = checked_document(name_or_path).data["angle_unit"]
     return unit
 
 
-def checked_document(name_or_path: str | os.PathLike[str]) -> Document:
+def checked_document(name_or_path: AnyPath) -> Document:
     """Return the document of a file that keeps to the format; errors as of `load`."""
     path = find(name_or_path)
     document = parse(read_text(path), str(path))

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import DEFAULT_SAMPLES, choices, listing
+from spherekit.conventions import DEFAULT_SAMPLES, AnyPath, choices, listing
 from spherekit.errors import FileError, ModelError
 from spherekit.files.document import Document, KeyPath, parse, read_text
 from spherekit.files.library import STUDY_SUFFIX, find, is_study, named_in
@@ -30,7 +30,7 @@ _FIELDS = ("assembly_mode", "search", "duration", "tolerance", "crossings", "ver
 
 
 @checked(FileError)
-def load_study(name_or_path: str | os.PathLike[str]) -> Study:
+def load_study(name_or_path: AnyPath) -> Study:
     """Read a study file; a mechanism file is read as the study with all defaults.
 
     Raises
@@ -56,7 +56,7 @@ def study_of(subject: Subject) -> Study:
     return load_study(subject)
 
 
-def angle_unit_of_mechanism(name_or_path: str | os.PathLike[str]) -> AngleUnit:
+def angle_unit_of_mechanism(name_or_path: AnyPath) -> AngleUnit:
     """Return the unit of the angles in a mechanism file, or in that of a study."""
     path = find(name_or_path)
     if is_study(path):

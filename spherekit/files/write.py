@@ -12,7 +12,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from spherekit.checked import checked
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import AnyPath, listing, nearest
 from spherekit.errors import EngineError, FileError, OutputError
 from spherekit.files.atomic import write_text
 from spherekit.files.document import Document, KeyPath, LiteralNumber, parse, spelt
@@ -30,7 +30,7 @@ _Table = dict[str, Any]
 
 @checked(OutputError)
 def dump(
-    mechanism: AnyMechanism, path: str | os.PathLike[str], angle_unit: AngleUnit = "deg"
+    mechanism: AnyMechanism, path: AnyPath, angle_unit: AngleUnit = "deg"
 ) -> None:
     """Write a mechanism file that reads back as exactly this mechanism.
 

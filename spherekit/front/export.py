@@ -3,7 +3,6 @@
 The plan of a mechanism, given as such or named.
 """
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Literal, final
 import numpy as np
 
 from spherekit.checked import checked
-from spherekit.conventions import counted, listing
+from spherekit.conventions import AnyPath, counted, listing
 from spherekit.dynamics.tabulate import grid_model, online_model
 from spherekit.errors import OutputError, PlanError
 from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
@@ -61,7 +60,7 @@ class Exported:
 @checked(OutputError)
 def export(
     mechanism: AnyMechanism,
-    path: str | os.PathLike[str],
+    path: AnyPath,
     *,
     to: Kind | None = None,
     input_pair: str | Sequence[str] | None = None,

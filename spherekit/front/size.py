@@ -14,6 +14,7 @@ import numpy as np
 from spherekit.analysis.contract import Merit, parse_merit
 from spherekit.analysis.registry import create
 from spherekit.checked import checked
+from spherekit.conventions import AnyPath
 from spherekit.design.figures import DesignSamples
 from spherekit.design.sensitivity import DEG
 from spherekit.design.sizing import Sized, size
@@ -59,7 +60,7 @@ def sweep(
     designs: int | None = None,
     scheme: Scheme | None = None,
     seed: int = 0,
-    folder: str | os.PathLike[str] | None = None,
+    folder: AnyPath | None = None,
     workers: int | None = None,
     dask: str | None = None,
 ) -> SweepResult:
@@ -141,7 +142,7 @@ def sweep_of(
     reduce: Sequence[str],
     analyses: Sequence["AbstractAnalysis"] = (),
     samples: int | Sequence[int] | None = None,
-    source: str | os.PathLike[str] | None = None,
+    source: AnyPath | None = None,
     tables: bool = False,
 ) -> Sweep:
     """Return the sweep that texts ask for; `source` is the file of a study, if known."""
@@ -185,7 +186,7 @@ def sweep_of(
 
 def perform(
     sweep: Sweep,
-    folder: str | os.PathLike[str] | None,
+    folder: AnyPath | None,
     workers: int | None,
     dask: str | None,
 ) -> SweepResult:
@@ -225,7 +226,7 @@ SAMPLES, DESIGNS = 181, 16384
 
 @checked(DesignError)
 def size_of(
-    path: str | os.PathLike[str],
+    path: AnyPath,
     *,
     designs: int = DESIGNS,
     starts: int = 12,
@@ -270,7 +271,7 @@ def size_of(
 
 
 def sizing_of(
-    path: str | os.PathLike[str], designs: int = DESIGNS, seed: int = 0
+    path: AnyPath, designs: int = DESIGNS, seed: int = 0
 ) -> Sizing:
     """Return what a sizing file asks for."""
     document = parse(read_text(Path(path)), str(path))

@@ -48,7 +48,14 @@ from spherekit.singular.curves import CurveSeen, SingularCurves
 from spherekit.singular.locus import solver_of
 from spherekit.singular.several import LocusName, View
 from spherekit.singular.stationarity import output_of
-from spherekit.sphere.rotation import Floats, arc, cross, perpendicular
+from spherekit.sphere.rotation import (
+    Floats,
+    all_finite,
+    arc,
+    cross,
+    perpendicular,
+    unit_rows,
+)
 
 SAME = 1e-9
 """Arcs and axes that differ by less (rad) are taken to be meant equal."""
@@ -340,7 +347,7 @@ class _Modes:
                 return
             modes = np.array(signs)
             values = self._determinants(nodes, modes)
-            finite = np.all(np.isfinite(values[edges]), axis=1)
+            finite = all_finite(values[edges], 1)
             changes = finite & (values[edges[:, 0]] * values[edges[:, 1]] < 0.0)
             cut = edges[changes]
             roots = self._roots(nodes[cut[:, 0]], nodes[cut[:, 1]], modes)
@@ -367,7 +374,7 @@ class _Modes:
 
         def between(part: Floats, rows: NDArray[np.intp]) -> Floats:
             normals = low[rows] + part[:, None] * (high - low)[rows]
-            return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+            return np.asarray(unit_rows(normals))
 
         every = np.arange(len(low))
         part, _ = bracketed_zeros(
@@ -381,7 +388,7 @@ class _Modes:
 
     def _values(self, normals: Floats, modes: NDArray[np.int64]) -> Floats:
         values, _ = self.form.values(self.form.place(normals, modes))
-        return np.where(np.all(np.isfinite(values), axis=1)[:, None], values, np.nan)
+        return np.where(all_finite(values, 1)[:, None], values, np.nan)
 
     def _determinants(self, normals: Floats, modes: NDArray[np.int64]) -> Floats:
         """Return (n,) the determinant of the locked mechanism, NaN out of reach."""

@@ -19,7 +19,7 @@ from spherekit.errors import SolveError
 from spherekit.guidance.follow import RotationSamples
 from spherekit.model.study import Cycloidal, Law, Polynomial
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 DEAD = 1e3
 """An input that turns by more for each rad of the output link is at a dead centre."""
@@ -300,7 +300,7 @@ def _moved(
     s, ds, dds = law.at(part)
     whole = rotation.angle
     samples = rotation.at(whole * np.clip(s, 0.0, 1.0))
-    lost = ~np.all(np.isfinite(samples.second_rates), axis=1)
+    lost = ~all_finite(samples.second_rates, 1)
     if np.any(lost):
         first = int(np.argmin(np.where(lost, samples.theta, np.inf)))
         dead = dead_centre(rotation)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from spherekit.errors import ModelError
 from spherekit.sphere.profile import Curve
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats, all_finite, cross
 
 PairType = Literal["R", "Cr", "Cs"]
 Ends = tuple[float, float]
@@ -420,7 +420,7 @@ def _along(vectors: Floats, directions: Floats) -> Floats:
 
 def _contact_states(joints: Sequence[Rolling | Sliding], values: Floats) -> PairStates:
     made = PairStates.blank(len(values), len(joints))
-    finite = values if np.all(np.isfinite(values)) else np.nan_to_num(values)
+    finite = values if all_finite(values) else np.nan_to_num(values)
     for k, joint in enumerate(joints):
         one, other = (
             track.curve.at(finite[:, k, track.variable] + track.start)

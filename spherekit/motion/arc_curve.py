@@ -28,7 +28,7 @@ from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.turns import less_periods
 from spherekit.numeric.zeros import ArrayRows, Zeros, hermite, zeros
 from spherekit.sphere.paths import ArcLength, measure
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite, unit_rows
 
 MOST_CORRECTIONS = 6
 CORRECTED = 1e-10
@@ -90,7 +90,7 @@ def curve_points(
     at = closure.at(values)
     inverse = left_inverse(bordered(at.jacobian, borders))
     tangents = inverse[:, :, -1]
-    tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+    tangents = unit_rows(tangents)
     bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], at.bias(tangents))
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
     return CurvePoints(values, tangents, bends, at.gap), at
@@ -229,7 +229,7 @@ class Segments(Chords):
         which, way = self._places(flat)
         points = self.on(which, way)
         cosine = np.sum(points.tangents * self.directions[which], axis=1)
-        if not np.all(np.isfinite(cosine)):
+        if not all_finite(cosine):
             lost = float(flat[~np.isfinite(cosine)][0])
             raise SolveError(
                 f"the configuration curve is lost {self.place(lost)}: Newton's method does "

@@ -45,7 +45,7 @@ from spherekit.planning.wheels import (
     WheelTrain,
     wheel_train,
 )
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 SAME = 0.3
 """Angles (rad) of a followed mode that are farther from a row's are another's."""
@@ -513,7 +513,7 @@ def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:
     """
     sign = determinant_sign(jacobian)
     reciprocal_condition = np.ones(len(jacobian))
-    finite = np.all(np.isfinite(jacobian), axis=(1, 2))
+    finite = all_finite(jacobian, (1, 2))
     spread = _spread(jacobian[finite])
     inverse_norm = np.linalg.norm(left_inverse(spread), axis=(1, 2))
     norm = np.linalg.norm(spread, axis=(1, 2))
@@ -605,7 +605,7 @@ def _place(
     there = [
         f"mode {item.number}: {', '.join(_told(values, passive, solver))}"
         for item, values in zip(assembly_modes, at, strict=True)
-        if np.all(np.isfinite(values))
+        if all_finite(values)
     ]
     return -1, f"it is none at {shown}, where there are {listing(there) or 'no modes'}"
 

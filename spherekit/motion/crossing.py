@@ -18,7 +18,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.arc_curve import bordered_step
 from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import left_inverse
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite, unit_rows
 
 NEARLY_NULL = 3e-3
 """Relative singular values below this may vanish at the crossing nearby."""
@@ -140,7 +140,7 @@ def _spread(count: int) -> Floats:
         turn = 2.0 * np.pi * (np.arange(SPREAD) + 0.5) / SPREAD
         return np.stack([np.cos(turn), np.sin(turn)], axis=1)
     directions = np.random.default_rng(20240616).normal(size=(SPREAD, count))
-    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    return np.asarray(unit_rows(directions))
 
 
 def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
@@ -156,7 +156,7 @@ def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
         before, error = error, float(np.max(np.abs(step[:count])))
         x = x + step[:count]
         basis = basis + step[count:].reshape(freedoms, count).T
-        if not np.all(np.isfinite(x)) or np.max(np.abs(x - start)) > FAR:
+        if not all_finite(x) or np.max(np.abs(x - start)) > FAR:
             return None
         if error < 4.0 * EPS or (error < 1e-11 and error > 0.25 * before):
             break
@@ -251,7 +251,7 @@ def _common(forms: Floats) -> Floats | None:
         rest = np.append(np.sum(slopes * y[:, None], axis=2), np.zeros((len(y), 1)), axis=1)
         inverse = left_inverse(np.concatenate([2.0 * slopes, y[:, None]], axis=1))
         y = y - (inverse @ rest[..., None])[..., 0]
-        y = y / np.linalg.norm(y, axis=1, keepdims=True)
+        y = unit_rows(y)
     points: list[Floats] = []
     for point, off, flat in zip(
         y, np.max(np.abs(rest), axis=1), np.linalg.norm(inverse, axis=(1, 2)), strict=True

@@ -58,7 +58,7 @@ from spherekit.motion.search import (
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Group
 from spherekit.sphere.complex_rotation import dot, taking
-from spherekit.sphere.rotation import Floats, cross, transpose
+from spherekit.sphere.rotation import Floats, all_finite, cross, transpose
 from spherekit.sphere.trigonometric import (
     Bools,
     Complexes,
@@ -129,7 +129,7 @@ def candidates(group: Group, closure: Closure) -> ModeCandidates | None:
         tried = imaginary < NEARLY_REAL
         with np.errstate(invalid="ignore", divide="ignore"):
             angles = frames.angles(frames.placed(order, solved.angles[None, tried].real))
-        finite = np.all(np.isfinite(angles), axis=1)
+        finite = all_finite(angles, 1)
         values = np.concatenate([values, angles[finite]])
         real = np.concatenate([real, imaginary[tried][finite] < REAL])
         problem = solved.problem

@@ -26,7 +26,7 @@ from spherekit.motion.crossing import ways_out
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.steps import InputPaths, Nodes, nodes_at, walk
 from spherekit.numeric.zeros import cubic
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 AT_DEAD_CENTRE = 1e-9
 """Nodes of a smaller relative singular value are dead centres of the input."""
@@ -129,7 +129,7 @@ def follow_each(
     """
     starts = nodes_at(closure.at(values), [driven], np.ones((len(values), 1)))
     moving = starts.reciprocal_condition > AT_DEAD_CENTRE
-    moving &= np.all(np.isfinite(starts.slope), axis=1)
+    moving &= all_finite(starts.slope, 1)
     followed = iter(_through(closure, driven, starts.rows(moving), low, high))
     return [
         next(followed) if moves else _from_dead_centre(closure, driven, one, low, high)

@@ -11,7 +11,7 @@ from spherekit.conventions import counted, listing
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 
 @final
@@ -134,7 +134,7 @@ def given_path(q: Floats, inputs: int) -> InputGrid:
         raise SolveError(
             f"a path for {inputs} inputs is an array (samples, {inputs}), not {np.shape(q)}"
         )
-    if not np.all(np.isfinite(path)):
+    if not all_finite(path):
         raise SolveError(
             f"the path is not finite in row {int(np.argmin(np.isfinite(path).all(axis=1)))}"
         )

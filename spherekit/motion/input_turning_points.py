@@ -32,7 +32,7 @@ from spherekit.motion.groups import train_turns
 from spherekit.numeric.crossings import MOST_CELLS, crossings
 from spherekit.planning.inputs import Group, plan_assembly
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 from spherekit.sphere.trigonometric import Complexes
 
 MOST_COMPLEX = 64
@@ -92,7 +92,7 @@ class ModeCoalescence:
             self._orders.append(tried[0])
             for self._orders[part] in tried:
                 determinants = self._determinants(part, np.array(TRIED))
-                if np.all(np.isfinite(determinants)):
+                if all_finite(determinants):
                     break
             self._seen[part] = self._dependence(part, determinants)
         self.cost = sum(

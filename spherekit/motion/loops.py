@@ -23,7 +23,7 @@ from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, Kind, PairRates, PairStates, Revolute, Track
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, arc, rotation_vector, transpose
+from spherekit.sphere.rotation import Floats, all_finite, arc, rotation_vector, transpose
 
 REDUNDANT = 1e-10
 """Equations whose relative singular value is below this repeat the others."""
@@ -144,7 +144,7 @@ def condition(matrices: Floats) -> Floats:
     finite.
     """
     columns = matrices.shape[2]
-    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    finite = all_finite(matrices, (1, 2))
     conditions = np.where(finite, np.inf if columns else 1.0, np.nan)
     sizes = np.linalg.svd(matrices[finite], compute_uv=False)
     if 0 < sizes.shape[1] == columns:
@@ -164,7 +164,7 @@ def left_inverse(matrices: Floats) -> Floats:
         except np.linalg.LinAlgError:
             return np.concatenate([_one_inverse(matrix[None]) for matrix in matrices])
     inverse = np.full((len(matrices), matrices.shape[2], matrices.shape[1]), np.nan)
-    finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    finite = all_finite(matrices, (1, 2))
     columns = matrices.shape[2]
     if matrices.shape[1] < columns or not np.any(finite):
         return inverse

@@ -42,7 +42,7 @@ from spherekit.motion.search import SAME_MODE, STARTS, Census
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 Rows = NDArray[np.intp]
 
@@ -429,7 +429,7 @@ class ModeSearch:
             predicted, spread, why = mode.guide.at(q, rows[left])
             away = np.abs(wrap(predicted - values[left])[:, turning])
             near = np.max(away, axis=1, initial=0.0) < spread + NEAR_GUIDE
-            near &= (why == Status.OK) & np.all(np.isfinite(predicted), axis=1)
+            near &= (why == Status.OK) & all_finite(predicted, 1)
             left, start, spread = left[near], predicted[near], spread[near]
             start[:, driven] = q[near]
             there = closure.solve(start, driven)

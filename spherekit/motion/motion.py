@@ -31,7 +31,7 @@ from spherekit.motion.loops import Linearisation, LoopTree, condition, left_inve
 from spherekit.motion.modes import ModeSearch
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
-from spherekit.sphere.rotation import Floats, cross, quaternion
+from spherekit.sphere.rotation import Floats, all_finite, cross, quaternion
 
 
 @final
@@ -612,7 +612,7 @@ class AngleMemory:
             for place, mode in enumerate(motion.assembly_modes):
                 first = place * motion.samples
                 here = motion.values[first : first + motion.samples]
-                rows = np.flatnonzero(np.all(np.isfinite(here), axis=1)) + first
+                rows = np.flatnonzero(all_finite(here, 1)) + first
                 if not len(rows):
                     continue
                 turns[rows] = solver.unwrapping.turns(

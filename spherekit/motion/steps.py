@@ -34,7 +34,7 @@ from spherekit.motion.closure import Closure, Rows
 from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite, unit_rows
 
 CONTRACTION = 0.1
 """The second step of Newton's method may be this part of the first."""
@@ -355,7 +355,7 @@ def nodes_at(at: Linearisation, driven: Sequence[int], direction: Floats) -> Nod
     held = list(driven)
     free = [v for v in range(values.shape[1]) if v not in driven]
     square = jacobian[:, :, free]
-    finite = np.all(np.isfinite(square), axis=(1, 2))
+    finite = all_finite(square, (1, 2))
     reciprocal_condition = np.ones(len(values))
     if free:
         filled = np.where(finite[:, None, None], square, 1.0)
@@ -400,7 +400,7 @@ def _advanced(
     h = step[:, None]
     guess = at.values + h * at.slope + 0.5 * h * h * at.bend
     guess[:, list(driven)] = q
-    finite = np.all(np.isfinite(guess), axis=1)  # a slope may be endless
+    finite = all_finite(guess, 1)  # a slope may be endless
     guess = np.where(finite[:, None], guess, at.values)
     moved = np.max(np.abs(guess - at.values), axis=1)
     result = closure.solve(guess, driven, iterations=6)
@@ -408,13 +408,13 @@ def _advanced(
     size = np.minimum(LARGEST_MOVE, moved)
     holds &= VERIFIED.corrected(result.first_step, result.ratio, size)
     new = nodes_at(result.at, driven, at.direction)
-    holds &= (new.sign == at.sign) & np.all(np.isfinite(new.slope), axis=1)
+    holds &= (new.sign == at.sign) & all_finite(new.slope, 1)
     cosine = np.sum(_unit(at.slope) * _unit(new.slope), axis=1)
     return new, holds & (cosine > VERIFIED.turn)
 
 
 def _unit(slope: Floats) -> Floats:
-    return np.asarray(slope / np.linalg.norm(slope, axis=1, keepdims=True))
+    return np.asarray(unit_rows(slope))
 
 
 def why_ended(closure: Closure, at: Nodes, row: int) -> Status:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spherekit.proof.equations import Equations
 from spherekit.proof.harmonics import Complexes
 from spherekit.proof.tubes import ROUNDING, UP
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 Bools = NDArray[np.bool_]
 WIDEST = 0.05
@@ -169,11 +169,11 @@ def polished(
 
 def inverses(first: Complexes) -> tuple[Complexes, Bools]:
     """Return inverses (n, k, k), zero where there are none, and which there are."""
-    regular = np.all(np.isfinite(first), axis=(1, 2))
+    regular = all_finite(first, (1, 2))
     regular &= np.abs(np.linalg.det(np.where(regular[:, None, None], first, 0))) > 0.0
     out = np.zeros_like(first)
     out[regular] = np.linalg.inv(first[regular])
-    return out, regular & np.all(np.isfinite(out), axis=(1, 2))
+    return out, regular & all_finite(out, (1, 2))
 
 
 @final

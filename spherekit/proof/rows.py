@@ -32,7 +32,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.linkage import Linkage, turning_rates
 from spherekit.rates.request import PoleField, Request
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 RADIUS = 1e-6
 """A solution farther (rad) from the row than this is not taken for the one meant."""
@@ -277,7 +277,7 @@ def _judged(motion: Motion, solution: Closed) -> NDArray[np.int8]:
     off = motion.configuration_error
     near = np.maximum(np.where(np.isfinite(off), 2.0 * off, 0.0), RADIUS)
     status[ok & (wild | (solution.distance > near))] = Status.MODE_LOST
-    unknown = motion.failed | ~np.all(np.isfinite(motion.values), axis=1)
+    unknown = motion.failed | ~all_finite(motion.values, 1)
     given = np.where(motion.status == Status.OK, Status.NOT_CONVERGED, motion.status)
     return np.where(unknown, given, status).astype(np.int8)
 
@@ -331,7 +331,7 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Balls:
             )
         side = np.where(np.sum(floats(along) * toward, axis=1) < 0.0, -1.0, 1.0)
         made = along * (side / _lengths(along))[:, None]
-        return _where(np.all(np.isfinite(toward), axis=1), made)
+        return _where(all_finite(toward, 1), made)
 
 
 def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleField:
@@ -365,7 +365,7 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     with exact.arithmetic.within():
         for pole in wanted.poles:
             unit = exact_direction(exact, pole, field.direction[pole])
-            blind = ~np.all(np.isfinite(floats(unit)), axis=1)
+            blind = ~all_finite(floats(unit), 1)
             made["direction"][pole] = floats(unit)
             for name, w in (
                 ("velocity_coefficient", exact.w),

@@ -44,7 +44,7 @@ from spherekit.proof.charts import (
 from spherekit.proof.construction import permanent, systems_of
 from spherekit.proof.equations import Equations
 from spherekit.proof.harmonics import Complexes
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 MOST_STEPS = 600
 FIRST_STEP, LEAST_STEP, LARGEST_STEP = 0.02, 1e-7, 0.1
@@ -66,7 +66,7 @@ def modes_near(equations: Equations, driven: Floats, seed: int) -> Complexes:
     made = Polynomials.at(equations, every, every, driven[None])
     with np.errstate(all="ignore"):
         angles = -1j * np.log(solutions(made, seed).points)
-    return np.asarray(angles[np.all(np.isfinite(angles), axis=1)])
+    return np.asarray(angles[all_finite(angles, 1)])
 
 
 def solutions(made: Polynomials, seed: int) -> ChartRoots:
@@ -150,7 +150,7 @@ class _Way:
             step[failed] = 0.5 * length[~good]
             lost[failed] = step[failed] < LEAST_STEP
         # a way that ends short of its goal leads to a double solution, or nearly
-        return points.take((t > NEARLY) & np.all(np.isfinite(points.z), axis=1))
+        return points.take((t > NEARLY) & all_finite(points.z, 1))
 
     def _predicted(self, points: ChartRoots, t: Floats, length: Floats) -> ChartRoots:
         """Return points ahead by the Runge-Kutta method of order 4."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.equations import Equations
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 LONGEST = 0.4
 """Largest half length (rad) of a piece."""
@@ -149,7 +149,7 @@ def piece_at(
     t, normals = frame[:, 0], frame[:, 1:]
     inner = at.slopes @ normals
     inverse = np.asarray(np.linalg.inv(inner), dtype=float)
-    if not np.all(np.isfinite(inverse)):
+    if not all_finite(inverse):
         return None
     test = Test(at, t, normals, inverse)
     for halves in _halves(longest, shortest):

@@ -29,7 +29,7 @@ from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 SINGULAR = 1e-6
 """A configuration whose transmission is less is at a singularity of type II: the output is
@@ -106,9 +106,9 @@ class Transmission:
             does not count.
         """
         transmission = np.full(len(vectors), np.nan)
-        finite = np.all(np.isfinite(vectors), axis=(1, 2))
+        finite = all_finite(vectors, (1, 2))
         if directions is not None:
-            finite &= np.all(np.isfinite(directions), axis=1)
+            finite &= all_finite(directions, 1)
         rows = np.flatnonzero(finite)
         for start in range(0, len(rows), ROWS):
             some = rows[start : start + ROWS]
@@ -178,7 +178,7 @@ def hold(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> tuple[Floats
     NaN where the vectors are.
     """
     least, ratio = np.full(len(vectors), np.nan), np.full(len(vectors), np.nan)
-    finite = np.all(np.isfinite(vectors), axis=(1, 2))
+    finite = all_finite(vectors, (1, 2))
     _, loops = passive_equations(tree, driven, vectors[finite])
     equations, free = loops.shape[1:]
     if not free:

@@ -22,7 +22,7 @@ from spherekit.region.mesh import (
     check_positive,
     least,
 )
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, unit_rows
 
 ALL_ORIENTATIONS = 8.0 * np.pi**2
 """Volume of all orientations."""
@@ -273,7 +273,7 @@ def _quaternions(cube: Indices, units: Indices) -> Floats:
     out = np.ones((len(x), 4))
     place = np.arange(4) != cube[:, None]
     out[place] = x.ravel()
-    return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))
+    return np.asarray(unit_rows(out))
 
 
 def _density(low: Indices, width: Indices) -> Floats:

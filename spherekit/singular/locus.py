@@ -40,7 +40,7 @@ from spherekit.singular.stationarity import (
     TangentSpace,
     tangent_space,
 )
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite, unit_rows
 
 MOST_CORRECTIONS = 8
 CORRECTED = 1e-10
@@ -175,7 +175,7 @@ class Locus:
         """Return how singular configurations are."""
         moving = self.moving(space)
         small = self.rest.equations(space.at) @ moving.basis
-        finite = np.all(np.isfinite(small), axis=(1, 2))
+        finite = all_finite(small, (1, 2))
         _, sizes, right = np.linalg.svd(np.where(finite[:, None, None], small, 0.0))
         last = self.motions - 1
         smallest = np.where(finite, sizes[:, last], np.nan)
@@ -261,7 +261,7 @@ class Locus:
         )
         miss = targets - np.einsum("nkv,nv->nk", borders, values + space.closing)
         right = np.concatenate([-off - shift, np.zeros((len(off), 1)), miss], axis=1)
-        finite = np.all(np.isfinite(equations), axis=(1, 2))
+        finite = all_finite(equations, (1, 2))
         change = np.zeros((len(off), equations.shape[2]))
         inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT)
         change[finite] = np.einsum("nij,nj->ni", inverse, right[finite])
@@ -282,7 +282,7 @@ class Locus:
         space = self.space(values, like)
         moving = self.moving(space, like)
         inside = np.einsum("nvg,nv->ng", moving.basis, motions)
-        inside = inside / np.linalg.norm(inside, axis=1, keepdims=True)
+        inside = unit_rows(inside)
         unit, rows = moving.along(inside), self.rest.equations(space.at)
         slopes = np.einsum("ngmv,nv->nmg", self.rest.changes(space), unit)
         slopes += rows @ np.einsum("ngvw,nw->nvg", moving.bends, unit)
@@ -303,7 +303,7 @@ class Locus:
         equations: Floats,
     ) -> tuple[Floats, Floats, Floats]:
         g, rank = self.freedoms, self.motions + 1
-        finite = np.all(np.isfinite(equations), axis=(1, 2))
+        finite = all_finite(equations, (1, 2))
         clean = np.where(finite[:, None, None], equations, 0.0)
         _, sizes, right = np.linalg.svd(clean)
         kernel = np.swapaxes(right[:, rank:], 1, 2)

@@ -14,7 +14,7 @@ import numpy as np
 
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.sphere.paths import dot
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats, all_finite, cross
 
 AXES = ("os", "ir", "io", "or_", "is_", "rs")
 """The axes of `SixPoles` by their links: the output's and the input's first."""
@@ -222,7 +222,7 @@ def _across(poles: SixPoles, out: str, third: str) -> Floats:
     vectors = poles.stacked((out, "ir", third))
     normals, size = plane_normal(vectors)
     normals[~(size > ONE_LINE)] = np.nan
-    good = np.flatnonzero(np.all(np.isfinite(normals), axis=1))
+    good = np.flatnonzero(all_finite(normals, 1))
     beside = np.sum(normals[good[1:]] * normals[good[:-1]], axis=1)
     signs = np.cumprod(np.append(1.0, np.where(beside < 0.0, -1.0, 1.0)))
     normals[good] *= signs[: len(good), None]

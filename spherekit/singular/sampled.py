@@ -29,7 +29,7 @@ from spherekit.rates.transmission import STILL, Transmission, hold
 from spherekit.singular.record import AlongOutput, Singularities
 from spherekit.singular.relation import Form, Type
 from spherekit.singular.single import SingleFreedom, rate_between
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats, all_finite, cross
 
 COMPARED = 9
 """Samples at which assembly modes of the part and of the whole are compared."""
@@ -190,7 +190,7 @@ class SampledSingularities:
             )
         values, assembly_mode = values[first], assembly_mode[first]
         curve, s = np.full(len(first), -1), np.full(len(first), np.nan)
-        finite = np.all(np.isfinite(values), axis=1)
+        finite = all_finite(values, 1)
         for elsewhere in (False, True):
             for number, item in enumerate(self.configurations.curves):
                 expected = np.isin(assembly_mode, self.modes_of(item.pieces)) != elsewhere

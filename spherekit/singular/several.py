@@ -33,7 +33,7 @@ from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import Locus, LocusPoints, adjugate
 from spherekit.singular.relation import FourLinks, SixPoles, form_i
 from spherekit.singular.stationarity import InputsLocked, OutputPart, OutputStationary
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats, all_finite, cross, unit_rows
 
 ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
@@ -255,7 +255,7 @@ def _with_motions(
     closure, held = Closure.of(motion.mechanism, motion.joints), _held(motion)
     space = Locus(closure, len(held), output).space(motion.values[rows])
     alone = space.basis @ adjugate(space.basis[:, held])
-    alone = alone / np.linalg.norm(alone, axis=1, keepdims=True)
+    alone = unit_rows(alone)
     for k, pair in enumerate(motion.assembly.inputs):
         rates, (r, i) = space.at.body_rates(alone[:, :, k]), motion.mechanism.ends[pair]
         driven = pole_of(i, r), space.at.vectors[:, held[k]]
@@ -340,7 +340,7 @@ def _type_one(
     orthonormal basis is made, in which motions that move neither are lost.
     """
     both = np.concatenate([inputs, output], axis=1)
-    finite = np.all(np.isfinite(both), axis=(1, 2))
+    finite = all_finite(both, (1, 2))
     clean = np.where(finite[:, None, None], both, 0.0)
     left, sizes, _ = np.linalg.svd(clean, full_matrices=False)
     moves = sizes > tolerance
@@ -424,7 +424,7 @@ def _of_piece(
         if not phrases:
             if at.reciprocal_condition[row] < VANISHES:
                 phrases.append("the loops lose rank")
-            elif not np.all(np.isfinite(u[row])):
+            elif not all_finite(u[row]):
                 phrases.append("pole axes not known")
             else:
                 least = f"{np.min(np.abs([c[row], d[row]])):.1e}"

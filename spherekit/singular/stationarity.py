@@ -27,7 +27,7 @@ from spherekit.model.mechanism import Mechanism, chosen_output
 from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
 from spherekit.planning.inputs import Assembly
 from spherekit.planning.part import moving_pairs
-from spherekit.sphere.rotation import Floats, cross, perpendicular
+from spherekit.sphere.rotation import Floats, all_finite, cross, perpendicular
 
 TINY = float(np.finfo(float).tiny)
 
@@ -178,7 +178,7 @@ def tangent_space(
     jacobian = tree.jacobian(at.vectors[:, kept])
     n, rows, count = jacobian.shape
     rank = count - freedoms
-    finite = np.all(np.isfinite(jacobian), axis=(1, 2))
+    finite = all_finite(jacobian, (1, 2))
     left, sizes, right = np.linalg.svd(np.where(finite[:, None, None], jacobian, 0.0))
     inner = np.swapaxes(right[:, rank:], 1, 2).copy()
     if like is not None:

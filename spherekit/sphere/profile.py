@@ -30,7 +30,7 @@ from spherekit.sphere.paths import (
     quintic,
     turned,
 )
-from spherekit.sphere.rotation import Floats, arc, slope_of, stepped
+from spherekit.sphere.rotation import Floats, all_finite, arc, slope_of, stepped
 
 __all__ = [
     "FEWEST_POINTS",
@@ -146,7 +146,7 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
     size = max(len(even), len(odd), 1)
     series = np.zeros((2, size))
     series[0, : len(even)], series[1, : len(odd)] = even, odd
-    if not np.all(np.isfinite(series)):
+    if not all_finite(series):
         raise ValueError("the coefficients of the colatitude have to be finite")
     path = FourierPath(axes_about(centre), series[0], series[1])
     check_colatitude(path)

@@ -569,3 +569,13 @@ def stepped(values: ArrayLike, change: ArrayLike) -> Floats:
 def slope_of(values: Floats) -> Floats:
     """Return the derivatives that numbers carry."""
     return np.asarray(np.imag(values) / STEP)
+
+
+def all_finite(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> Any:
+    """Return whether numbers are finite: all, or all along some axes."""
+    return np.all(np.isfinite(values), axis=axis)
+
+
+def unit_rows(vectors: Floats) -> Floats:
+    """Return vectors (n, k) of length 1 along those given."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

@@ -17,7 +17,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 Numbers = NDArray[np.inexact[Any]]
 Complexes = NDArray[np.complex128]
@@ -269,7 +269,7 @@ class _Sampled:
     @property
     def problem(self) -> str:
         """Why the only system cannot be solved by them, empty if it can."""
-        if not self.held[0] or not np.all(np.isfinite(self.samples)):
+        if not self.held[0] or not all_finite(self.samples):
             return "an equation of the elimination does not hold its angle"
         largest = np.max(np.abs(self.samples))
         if self.empty[0] or not largest > VANISHING * np.max(self.scales):
@@ -291,7 +291,7 @@ class _Sampled:
         companions = np.zeros((len(powers), 2 * degree, 2 * degree), dtype=complex)
         companions[:, 1:, :-1] = np.eye(2 * degree - 1)
         companions[:, 0] = -powers[:, 1:] / powers[:, :1]
-        good = np.all(np.isfinite(companions), axis=(1, 2))
+        good = all_finite(companions, (1, 2))
         roots = np.full((len(powers), 2 * degree), np.nan, dtype=complex)
         roots[good] = np.linalg.eigvals(companions[good]) * np.exp(1j * OFFSET)
         return roots, np.max(beyond, axis=1) / largest

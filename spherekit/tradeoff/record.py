@@ -11,7 +11,6 @@ import csv
 import hashlib
 import io
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -25,7 +24,7 @@ from spherekit.analysis.result import Columns
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
 from spherekit.checked import checked as judged
-from spherekit.conventions import without_numbers
+from spherekit.conventions import AnyPath, without_numbers
 from spherekit.errors import AnalysisError
 from spherekit.files.plain import as_json
 from spherekit.files.write import mechanism_hash
@@ -283,7 +282,7 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
     }
 
 
-def read_trade(path: str | os.PathLike[str]) -> Trade:
+def read_trade(path: AnyPath) -> Trade:
     """Return the trade that `spherekit trade -o` wrote into a folder.
 
     Raises

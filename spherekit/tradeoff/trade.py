@@ -28,7 +28,7 @@ from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.motion.motion import Tracer
 from spherekit.proof.balls import FEWEST as DIGITS
 from spherekit.rates.request import Request
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 from spherekit.tradeoff.measure import (
     Benchmark,
     Deviation,
@@ -355,7 +355,7 @@ def _by_key(sweep: Sweep, data: TableArrays) -> dict[tuple[str, ...], Floats]:
     texts = [np.asarray(data[name]).astype(str) for name in sweep.match]
     made: dict[tuple[str, ...], list[Floats]] = {}
     for number, *key in zip(numbers, *texts, strict=True):
-        if np.all(np.isfinite(number)):
+        if all_finite(number):
             made.setdefault(tuple(key), []).append(number)
     return {key: np.array(rows) for key, rows in made.items()}
 

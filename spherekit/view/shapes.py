@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.scene import Floats
+from spherekit.sphere.rotation import unit_rows
 
 LONGEST_CHORD = np.radians(3.0)
 """Longer steps along a path are cut into pieces, so that it stays on the sphere."""
@@ -101,5 +102,5 @@ def _even_steps(line: Floats) -> Floats:
     part = (within / pieces[first])[:, None]
     fine = line[first] * (1.0 - part) + line[first + 1] * part
     fine = np.concatenate([fine, line[-1:]])
-    unit: Floats = fine / np.linalg.norm(fine, axis=1, keepdims=True)
+    unit: Floats = unit_rows(fine)
     return unit
