@@ -25,7 +25,7 @@ from spherekit.errors import AnalysisError, ModelError, PluginError
 from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.crossings import SAME_ANGLE, wrap
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, nans
 
 REDUCTIONS = {
     "min": "the least value",
@@ -186,15 +186,15 @@ class Reducing:
     def __init__(self, merit: Merit, count: int, returns: bool = False) -> None:
         self.kind = merit.reduction
         self._returns = returns
-        self._low = np.full(count, np.nan)
-        self._high = np.full(count, np.nan)
+        self._low = nans(count)
+        self._high = nans(count)
         self._total = np.zeros(count)
         self._rows = np.zeros(count)
-        self._place = np.full(count, np.nan)
-        self._before = np.full(count, np.nan)
-        self._reached = np.full(count, np.nan)
+        self._place = nans(count)
+        self._before = nans(count)
+        self._reached = nans(count)
         self._first: Floats | None = None
-        self._head = np.full((2, count), np.nan)
+        self._head = nans((2, count))
         self._broken = np.zeros(count, dtype=bool)
 
     def take(self, q: float, values: Floats) -> None:

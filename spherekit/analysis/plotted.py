@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, nans
 
 LONELY = {"curves": 16.0, "colours": 5.0}
 """Values so many times farther apart than the `INNER` ones leave the range: a curve that
@@ -120,7 +120,7 @@ def placed_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats
     """
     dot = np.full(2, DOT * letter)
     taken = [(place, dot) for place in np.moveaxis(places, 1, 0)]
-    middles = np.full(places.shape, np.nan)
+    middles = nans(places.shape)
     reach, turn = (grid.ravel() for grid in np.meshgrid(REACHES, WAYS, indexing="ij"))
     way = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     for k, text in enumerate(texts):

@@ -30,7 +30,7 @@ from spherekit.proof.construction import construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.roots import root_near
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs, nans
 
 PRECISION = 80
 PROVES = "poles"
@@ -154,7 +154,7 @@ def prove_poles(
             places = _proven_place(equations, near[: made.unknowns], written.given(inputs))
             gap = [middle(ball) for ball in places] - near[: len(places)]
             gap[count:] = wrap(gap[count:])
-            if not places or np.max(np.abs(gap)) > NEAR:
+            if not places or max_abs(gap) > NEAR:
                 continue
             key = int(motion["sample"][row]), int(motion["assembly_mode"][row])
             proven[key] = {
@@ -214,7 +214,7 @@ def _table(
 ) -> ProvenPoles:
     rows = len(poles["sample"])
     numbers = {
-        column.name: np.full(rows, np.nan)
+        column.name: nans(rows)
         for column in PROVEN.columns
         if column.kind == "number"
     }

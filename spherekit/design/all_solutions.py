@@ -30,7 +30,7 @@ from spherekit.engine.row_quantities import (
 from spherekit.model.parts import Input
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import assemblies
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 
 MOST_SOLUTIONS = 64
 """Complex solutions up to which all of them are followed."""
@@ -309,7 +309,7 @@ def settled(kernel: PathKernel, values: Numbers, prepared: Floats) -> tuple[Numb
 
 
 def _length(step: Numbers) -> Floats:
-    return np.asarray(np.max(np.abs(step), axis=0, initial=0.0))
+    return np.asarray(max_abs(step, axis=0, initial=0.0))
 
 
 def apart(one: Numbers, other: Numbers) -> Floats:

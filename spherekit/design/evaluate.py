@@ -63,7 +63,7 @@ from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import plan_assembly
 from spherekit.singular.grashof import class_of, four_bar_links
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 
 STRIDE = np.radians(3.0)
 """Inputs at which angles are looked at are nearer (rad) than this."""
@@ -114,7 +114,7 @@ class KernelTurns:
             turns = self._along_several(q)
             there = np.zeros((pairs, len(points), self._n))
             for k, point in enumerate(points):
-                near = int(np.argmin(np.max(np.abs(q - point), axis=1)))
+                near = int(np.argmin(max_abs(q - point, axis=1)))
                 there[:, k] = self._onward(q[near], point, turns[:, near])
             return np.concatenate([turns, there], axis=1)
 
@@ -163,7 +163,7 @@ class KernelTurns:
         NaN where they are not followed.
         """
         step = wrap(angles[1] - angles[0])
-        far = np.flatnonzero(np.max(np.abs(step), axis=0) > SWING)
+        far = np.flatnonzero(max_abs(step, axis=0) > SWING)
         if not len(far):
             return step
         if not halvings:
@@ -260,7 +260,7 @@ class KernelTurns:
         for begin, turned_before in ((before, turns), (self._anchor, None)):
             if not np.any(np.isnan(made) & np.isfinite(angle)):
                 break
-            count = 2 + int(np.max(np.abs(there - begin)) / STRIDE)
+            count = 2 + int(max_abs(there - begin) / STRIDE)
             way = begin + np.linspace(0.0, 1.0, count)[:, None] * (there - begin)
             angles = self._everywhere(way)
             grown = np.sum(self._steps(way, angles), axis=1)
@@ -580,7 +580,7 @@ class Evaluator:
             return InputGrid(q[:, None], (len(q),)), place
         rows = list(range(len(lattice)))
         for point in points[:, :k]:
-            away = np.max(np.abs(lattice.q - point), axis=1)
+            away = max_abs(lattice.q - point, axis=1)
             rows.append(int(np.argmin(away)))
             if np.min(away) > SAME_INPUT:
                 inputs = ", ".join(f"{angle:.6g}" for angle in point)

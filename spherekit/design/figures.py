@@ -30,7 +30,7 @@ from spherekit.motion.motion import by_laws
 from spherekit.numeric.crossings import return_by_turns
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, nans
 
 BLOCK = 4096
 """Designs evaluated together: their rows stay in the cache."""
@@ -181,7 +181,7 @@ class Evaluated(ArrayRows):
         """Return rows, what is one for all said once; of figures by name alone none is."""
         numbers = np.asarray(design, dtype=np.int64)
         if not isinstance(merits, Mapping):
-            merits = {name: np.full(len(numbers), np.nan) for name in merits}
+            merits = {name: nans(len(numbers)) for name in merits}
 
         def each(item: Any, kind: type = object) -> NDArray[Any]:
             return np.broadcast_to(np.asarray(item, dtype=kind), len(numbers))

@@ -13,7 +13,7 @@ from spherekit.design.profile_numbers import followed
 from spherekit.design.sensitivity import DesignAt
 from spherekit.engine.design_kernel import PathKernel, path_kernel
 from spherekit.errors import SpherekitError
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, nans
 
 
 @final
@@ -55,7 +55,7 @@ class FollowedMode:
     def places(self, design: DesignAt, count: int) -> Floats:
         """Return the variables (w, count) at a design."""
         closes = np.flatnonzero(all_finite(self.configurations, 0))
-        made = np.full(self.configurations.shape, np.nan)
+        made = nans(self.configurations.shape)
         there = np.repeat(design.sizes[:, None], len(closes), axis=1)
         away = there - self.design.sizes[:, None]
         start = self.configurations[:, closes]

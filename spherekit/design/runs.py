@@ -20,7 +20,7 @@ from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.study import Study
 from spherekit.numeric.crossings import return_by_turns
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -279,7 +279,7 @@ class DesignRuns:
         returns = bool(present) and len(q) > 0 and return_by_turns(q[0], q[-1])
         reducing = Reducing(merit, 1, returns)
         for place, value in zip(q, values, strict=True):
-            if not merit.point or np.max(np.abs(place - merit.point)) < 1e-9:
+            if not merit.point or max_abs(place - merit.point) < 1e-9:
                 reducing.take(float(place[chosen]), np.array([value]))
         return float(reducing.result()[0])
 

@@ -19,7 +19,7 @@ from spherekit.errors import DesignError
 from spherekit.model.gears import pair_frames
 from spherekit.model.mechanism import Mechanism
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -235,7 +235,7 @@ def _spread(
             if len(chosen) == count:
                 return chosen
             if mode is not None and not any(
-                np.max(np.abs(places[row] - place)) < BESIDE and other.goes_on_in(mode)
+                max_abs(places[row] - place) < BESIDE and other.goes_on_in(mode)
                 for other, place in chosen
             ):
                 chosen.append((mode, places[row]))
@@ -316,7 +316,7 @@ def one_linkage(one: Mechanism, other: Mechanism) -> bool:
         )
         turned = signs[:, numbers]
         off = turned[:, :, None] * turned[:, None] * (axes @ axes.T) - wanted @ wanted.T
-        near = np.max(np.abs(off), axis=(1, 2)) < SAME
+        near = max_abs(off, axis=(1, 2)) < SAME
         for three in map(list, combinations(range(len(places)), 3)):
             volumes = np.prod(turned[:, three], axis=1) * np.linalg.det(axes[three])
             near &= np.abs(signs[:, -1] * volumes - np.linalg.det(wanted[three])) < SAME

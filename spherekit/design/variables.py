@@ -27,7 +27,7 @@ from spherekit.model.gears import COLLINEAR, ONE_LINE
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, SizeGeometry
 from spherekit.model.pose_sizes import pose_sizes
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, nans
 
 DESIGNED = ("links", "pairs", "mass", "loads")
 """Tables of a file whose numbers make a design."""
@@ -372,7 +372,7 @@ class FileNumbers:
 
         Of a design whose laws have another form, or other numbers than these, `UNLIKE`.
         """
-        made = np.full((len(self.differing), values.shape[1]), np.nan)
+        made = nans((len(self.differing), values.shape[1]))
         why = np.full(values.shape[1], OK, dtype=object)
         for k, design in enumerate(values.T):
             numbers = self._differing(design)
@@ -415,7 +415,7 @@ class FileNumbers:
             return nothing
         begun = self._differing(values)
         if isinstance(begun, str):
-            return np.full(len(nothing), np.nan)
+            return nans(len(nothing))
 
         def read(beside: Floats) -> Floats | None:
             numbers = self._differing(beside)
@@ -427,7 +427,7 @@ class FileNumbers:
             return np.asarray(away)
 
         slope = slope_by(read, values, k, PARTS * (abs(values[k]) or 1.0))
-        return np.full(len(nothing), np.nan) if slope is None else slope
+        return nans(len(nothing)) if slope is None else slope
 
 
 def slope_by(

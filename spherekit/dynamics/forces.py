@@ -31,7 +31,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
 from spherekit.motion.motion import Timing
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.sphere.rotation import Floats, cross, transpose
+from spherekit.sphere.rotation import Floats, cross, max_abs, nans, transpose
 
 
 @final
@@ -379,7 +379,7 @@ class Balance:
         # A step of refinement brings back the digits that the inverse loses.
         reactions = reactions + self._inverse @ (right - self.matrix @ reactions)
         missed = right - self.matrix @ reactions
-        worst = np.max(np.abs(missed[..., 0]), axis=1, initial=0.0)
+        worst = max_abs(missed[..., 0], axis=1, initial=0.0)
         return reactions[..., 0], worst
 
     def on_pairs(self, reactions: Floats) -> Floats:
@@ -444,7 +444,7 @@ def transmitted(driven: Driven, *, forces: bool = False) -> Transmitted:
     """
     mechanism = driven.mechanism
     n, pairs = len(driven.frames), len(mechanism.pairs)
-    wrenches = np.full((n, pairs, 6), np.nan)
+    wrenches = nans((n, pairs, 6))
     is_open = np.zeros((n, pairs, 6), dtype=bool)
     unbalanced = np.zeros(n)
     slides = np.zeros((n, len(mechanism.links)), dtype=bool)

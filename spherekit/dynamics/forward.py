@@ -29,7 +29,7 @@ from spherekit.model.actions import smooth
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Crossings, Start, StartGiven
 from spherekit.progress import tell
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 
 @final
@@ -269,7 +269,7 @@ def _difference(one: Simulation, other: Simulation) -> float:
     path = one.path
     t = np.concatenate([path.starts + k * path.lengths for k in (0, 0.4)])
     t = np.append(t[t < last], last)
-    return float(np.max(np.abs(one.at(t).values - other.at(t).values)))
+    return float(max_abs(one.at(t).values - other.at(t).values))
 
 
 def _solving(problem: Problem, tolerance: float, engine: Engine, compact: bool) -> Solving:

@@ -41,7 +41,7 @@ from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
 from spherekit.engine.integration import CROSSED, good_until
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 
 FIRST_ARC = 0.1
 SHORTEST = 1e-11
@@ -224,7 +224,7 @@ class Collocation:
         if not watched or tried.error > 1.0 or np.any(last.motion.status != Status.OK):
             return tried
         momenta = equation.momenta
-        scale = max(self.sizes[momenta][0], float(np.max(np.abs(state[momenta]))))
+        scale = max(self.sizes[momenta][0], float(max_abs(state[momenta])))
         enough = MISSED * self._step_tolerance * (4 * NODES - 2) * scale / length
 
         def look(_: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
@@ -260,7 +260,7 @@ class Collocation:
         equation = self.equation
         values = tried.step.at(np.array([t]))[0, : equation.variables]
         # Between sets that do not cross, a way from one to the other is not closed.
-        gap = float(np.max(np.abs(equation.closure.at(values[None]).residual)))
+        gap = float(max_abs(equation.closure.at(values[None]).residual))
         sure = reciprocal_condition(equation.closure, values, equation.freedoms)
         return gap < FINEST and sure < CROSSED
 
@@ -297,7 +297,7 @@ class Collocation:
 
     def _sense(self, orientation: Floats) -> tuple[float, float]:
         """Return the largest orientation so far, with those of a step, and a first one."""
-        size = max(abs(self.orientation), float(np.max(np.abs(orientation))))
+        size = max(abs(self.orientation), float(max_abs(orientation)))
         return size, self.orientation or float(orientation[0])
 
     def _accept(self, within: StepEvents, orientation: Floats) -> SimulationEnd | None:

@@ -26,7 +26,7 @@ from spherekit.dynamics.state import Lacking, lacking
 from spherekit.model.dynamics import Bearings
 from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs, nans
 
 ROUNDING = 1e-12
 """A contact pulls where it does so by more than this part of the largest reaction."""
@@ -118,7 +118,7 @@ class Reactions:
         zero, but are fixed in its first link; NaN of contacts.
         """
         mechanism = self.torques.mechanism
-        turned = np.full(vectors.shape[:2], np.nan)
+        turned = nans(vectors.shape[:2])
         for pair, column in mechanism.angles.items():
             turned[:, mechanism.pair_number[pair]] = self.torques.values[:, column]
         cos, sin = np.cos(turned), np.sin(turned)
@@ -149,10 +149,10 @@ def reactions(motion: Motion) -> Reactions:
     )
     good = torques.status == Status.OK
     shape = len(motion), len(mechanism.pairs)
-    wrenches = np.full((*shape, 6), np.nan)
+    wrenches = nans((*shape, 6))
     is_open = np.zeros((*shape, 6), dtype=bool)
     slides = np.zeros((len(motion), len(mechanism.links)), dtype=bool)
-    unbalanced = np.full(len(motion), np.nan)
+    unbalanced = nans(len(motion))
     missing = Lacking()
     if np.any(good):
         carried = transmitted(driven.rows(good), forces=True)
@@ -165,7 +165,7 @@ def reactions(motion: Motion) -> Reactions:
     moments, forces = wrenches[..., :3], wrenches[..., 3:]
     status = np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1)
     contacts = np.array([not pair.kind.has_axis for pair in mechanism.pairs])
-    size = np.max(np.abs(np.nan_to_num(moments)), axis=(1, 2))
+    size = max_abs(np.nan_to_num(moments), axis=(1, 2))
     with np.errstate(invalid="ignore"):
         pulls = contacts & (moments[:, :, 0] < -ROUNDING * size[:, None])
     status[good[:, None] & pulls] = Status.LIFT_OFF

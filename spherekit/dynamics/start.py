@@ -29,7 +29,7 @@ from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.turns import into_range as turned_into
 from spherekit.planning.inputs import driven_at
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 
 NEAR = 0.1
 """A given configuration may be this far (rad) from one that closes."""
@@ -250,7 +250,7 @@ def _closed(
     turns = np.where(angles, whole_turns(given), 0.0)
     given = np.where(angles, reduced(given), given)
     solution = closure.solve(given[None])
-    moved = float(np.max(np.abs(solution.values[0] - given)))
+    moved = float(max_abs(solution.values[0] - given))
     if not (solution.residual[0] < 1e-12 and moved < NEAR):
         raise SolveError(
             f"{name}: the values at the start do not close the loops: the nearest closed "
@@ -262,7 +262,7 @@ def _closed(
 
 def _need_digits(name: str, values: Floats) -> None:
     """Raise `SolveError` where angles are so large that they say no configuration."""
-    largest = float(np.max(np.abs(values), initial=0.0))
+    largest = float(max_abs(values, initial=0.0))
     if largest > FARTHEST:
         raise SolveError(
             f"{name}: an angle at the start is {largest:.6g} rad, which a float64 holds to "

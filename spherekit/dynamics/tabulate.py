@@ -41,7 +41,7 @@ from spherekit.planning.poles import (
     parse_pole,
 )
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
 
 FIRST_CELLS = 16
 """Cells of every stored function at first; fewer could miss a narrow feature."""
@@ -122,7 +122,7 @@ def _fitted(
     part = 0.5 * (np.sqrt(5.0) - 1.0)
     steps = [times * part % 1.0 * np.diff(series.edges) for times in (1, 2, 3)]
     x = np.sort(np.concatenate([series.edges[:-1] + step for step in steps]))
-    return series, np.max(np.abs(series.at(x) - function(x)), axis=0)
+    return series, max_abs(series.at(x) - function(x), axis=0)
 
 
 @checked(SolveError)
@@ -229,7 +229,7 @@ def _sizes(names: list[str], values: Floats) -> Floats:
     that vanish, but for rounding, have no size of their own: of a constant inertia these
     are the Christoffel symbols, next to it.
     """
-    size = np.max(np.abs(values), axis=0, initial=0.0)
+    size = max_abs(values, axis=0, initial=0.0)
     vectors = [name[:-2] if name[-2:] in (" x", " y", " z") else name for name in names]
     kinds = [name.split()[0].partition("_")[0] for name in names]
     for stem in {*vectors}:
@@ -364,7 +364,7 @@ def _motion(
             states[beyond[0] :] = np.nan
     places, p, work = states.T
     finite = np.isfinite(places)
-    values, rates = np.full((2, len(t), len(heading.variables)), np.nan)
+    values, rates = nans((2, len(t), len(heading.variables)))
     speeds = p[finite] / np.sqrt(model.inertia(places[finite]))
     for k, variable in enumerate(heading.variables):
         rate = model.value(heading.derivative(variable), places[finite])

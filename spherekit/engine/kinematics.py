@@ -60,7 +60,7 @@ from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
 from spherekit.planning.poles import Pole
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 
 @final
@@ -561,7 +561,7 @@ class InputMoments:
         self.flow = flow
         # Entries near 0 are made exact zeros, so they need a size near one.
         plain = [tensor for tensor in tensors.values() if tensor.dtype != object]
-        sizes = [float(np.max(np.abs(tensor))) for tensor in plain]
+        sizes = [float(max_abs(tensor)) for tensor in plain]
         self.unit = unit or max(sizes, default=1.0) or 1.0
         self._links = []
         for link, tensor in tensors.items():

@@ -79,7 +79,7 @@ from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.engine.turns import Entries
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 (MOMENT,) = symbols(["moment"])
 
@@ -262,7 +262,7 @@ def inertia(flow: RateExpressions, by_link: Mapping[int, Entries]) -> SeriesExpr
         plain_tensor for plain_tensor in by_link.values() if plain_tensor.dtype != object
     ]
     unit = (
-        max((float(np.max(np.abs(plain_tensor))) for plain_tensor in plain), default=1.0)
+        max((float(max_abs(plain_tensor)) for plain_tensor in plain), default=1.0)
         or 1.0
     )
     total: list[Expr] = [0.0] * (flow.order + 1)

@@ -19,7 +19,7 @@ from spherekit.motion.motion import Tracer, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, parse_pole
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
 from spherekit.version import __version__
 
 FIRST_NODES = (61, 13, 5)
@@ -173,7 +173,7 @@ def _table(
     modes = [mode.number for mode in tracer.assembly_modes]
 
     def spread(values: Floats) -> Floats:
-        whole = np.full((len(motion), *values.shape[1:]), np.nan)
+        whole = nans((len(motion), *values.shape[1:]))
         whole[good] = values
         return whole.reshape(len(modes), motion.samples, *values.shape[1:])
 
@@ -265,7 +265,7 @@ def _periodic(table: CouplingTable, periods: Floats) -> CouplingTable:
         with np.errstate(invalid="ignore"):
             turns = np.round(grown[:, 0] / periods) * periods
         turns = np.where(np.isfinite(periods), turns, 0.0)
-        off = np.max(np.abs(grown - turns[:, None]), initial=0.0)
-        if off < SAME and np.max(np.abs(change), initial=0.0) < SAME:
+        off = max_abs(grown - turns[:, None], initial=0.0)
+        if off < SAME and max_abs(change, initial=0.0) < SAME:
             periodic[axis], rise[:, axis] = True, turns
     return replace(table, periodic=periodic, rise=rise)

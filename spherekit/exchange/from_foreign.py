@@ -22,7 +22,7 @@ from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
 from spherekit.model.dynamics import moved_to_sphere_centre
 from spherekit.model.parts import AngleUnit
 from spherekit.motion.loops import LoopTree
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 WITHIN = 1e-6
 """Axes may miss the centre by this part of the model's size."""
@@ -433,7 +433,7 @@ class _Import:
                 tensor += moved_to_sphere_centre(about, one, arm)
                 mass += one
                 moment += (0.0 if m.body_gravcomp[k] == 1.0 else one) * arm
-            most = float(np.max(np.abs(tensor)))
+            most = float(max_abs(tensor))
             table: Table = {"tensor": [[plain(x, most, THIN) for x in r] for r in tensor]}
             weightless = m.body_gravcomp[heavy] == 1.0
             if not np.all(weightless) or self.gravity is not None:
@@ -519,7 +519,7 @@ class _Import:
             elif at_joint:
                 pair = next(pair.name for pair in self.pairs if pair.joint == first)
                 factors = gear[0] * bias * [1.0, gear[0], gear[0]]
-                parts = [plain(x, float(np.max(np.abs(factors)))) for x in factors]
+                parts = [plain(x, float(max_abs(factors))) for x in factors]
                 names = ("", f"*theta_{pair}", f"*dtheta_{pair}")
                 terms = zip(parts, names, strict=True)
                 told = " + ".join(f"({part}){name}" for part, name in terms if part)
@@ -544,8 +544,8 @@ class _Import:
             if np.any(part):
                 table: Table = {"kind": kind, "link": link}
                 if kind == "force":
-                    table["point"] = [plain(x, float(np.max(np.abs(arm)))) for x in arm]
-                most = float(np.max(np.abs(vector)))
+                    table["point"] = [plain(x, float(max_abs(arm))) for x in arm]
+                most = float(max_abs(vector))
                 table[kind] = [str(plain(x, most)) for x in vector]
                 table["axes"] = "link" if seen < 0 else "ground"
                 yield table

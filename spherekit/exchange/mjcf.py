@@ -44,7 +44,7 @@ from spherekit.model.dynamics import (
 from spherekit.model.expression import Expression
 from spherekit.model.load import Called, Component, Load, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, quaternion
+from spherekit.sphere.rotation import Floats, max_abs, quaternion
 from spherekit.view.colours import Colour, link_colour
 
 Bias = tuple[float, float, float]
@@ -615,5 +615,5 @@ def _drawn(numbers: object) -> str:
 
 def _text(numbers: object) -> str:
     values = np.asarray(numbers, dtype=float).ravel()
-    least = ROUNDING * np.max(np.abs(values), initial=0.0)
+    least = ROUNDING * max_abs(values, initial=0.0)
     return " ".join(repr(float(x)) if abs(x) > least else "0" for x in values)

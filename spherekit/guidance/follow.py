@@ -39,6 +39,7 @@ from spherekit.sphere.rotation import (
     Floats,
     TurnStatus,
     arc,
+    max_abs,
     rotation,
     turns_between,
 )
@@ -177,7 +178,7 @@ class FollowedRotation:
         h = angles[cell + 1] - angles[cell]
         ends = [(values[c], first[c], second[c]) for c in (cell, cell + 1)]
         predicted = hermite(ends[0], ends[1], h, (theta - angles[cell]) / h)
-        moved = np.max(np.abs(values[cell + 1] - values[cell]), axis=1)
+        moved = max_abs(values[cell + 1] - values[cell], axis=1)
         return predicted, 10.0 * VERIFIED.middle * np.maximum(h, moved) + 1e-8
 
     def at(self, theta: ArrayLike) -> RotationSamples:
@@ -196,7 +197,7 @@ class FollowedRotation:
             values = np.where(unfixed[:, None], predicted, near.values)
             near = self.target.at(values, wanted)
             status[unfixed] = Status.AT_SINGULARITY
-        off = np.max(np.abs(near.values - predicted), axis=1)
+        off = max_abs(near.values - predicted, axis=1)
         followed = status == Status.OK
         status[followed & ~(near.miss(self.exact) < STATIONARY)] = Status.NOT_CONVERGED
         status[(status == Status.OK) & ~(off <= allowed)] = Status.MODE_LOST
@@ -385,7 +386,7 @@ def follow_to(
     placed = closure.at(start[None]).placed
     wanted = np.asarray(orientation, dtype=float)
     proper = wanted.shape == (3, 3) and np.linalg.det(wanted) > 0.0
-    if not proper or not np.max(np.abs(wanted @ wanted.T - np.eye(3))) < 1e-9:
+    if not proper or not max_abs(wanted @ wanted.T - np.eye(3)) < 1e-9:
         raise SolveError("the orientation has to be a rotation matrix (3, 3)")
     axis, angle = turn_to(placed[0, made.link_number[end.link]], wanted)
     return follow_rotation(mechanism, values, axis, angle, output)

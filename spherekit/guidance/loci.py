@@ -53,6 +53,8 @@ from spherekit.sphere.rotation import (
     all_finite,
     arc,
     cross,
+    max_abs,
+    nans,
     perpendicular,
     unit_rows,
 )
@@ -231,7 +233,7 @@ def _assembled(
     axes = bases @ frame
     left, _, right = np.linalg.svd(axes.T @ tips)
     image = left @ np.diag([1.0, 1.0, -np.linalg.det(left @ right)]) @ right
-    if np.max(np.abs(tips @ image.T - axes)) > SAME:
+    if max_abs(tips @ image.T - axes) > SAME:
         raise _refusal(
             mechanism,
             "the axes on the end effector are not the mirror image of those on the base",
@@ -393,7 +395,7 @@ class _Modes:
     def _determinants(self, normals: Floats, modes: NDArray[np.int64]) -> Floats:
         """Return (n,) the determinant of the locked mechanism, NaN out of reach."""
         values = self._values(normals, modes)
-        determinants = np.full(len(normals), np.nan)
+        determinants = nans(len(normals))
         rows = np.flatnonzero(np.isfinite(values[:, 0]))
         jacobian = self.locus.closure.at(values[rows]).jacobian
         determinants[rows] = np.linalg.det(jacobian[:, :, self.passive])

@@ -32,6 +32,7 @@ from spherekit.sphere.rotation import (
     frame_toward,
     mirror_angles,
     mirror_of,
+    nans,
     reflections,
     rotation,
     transpose,
@@ -192,7 +193,7 @@ class MidPlaneArchitecture:
         elbows, _ = self.plane.elbows(normals, modes)
         tips = np.einsum("nij,lj->nli", reflections(normals), self.plane.axes)
         n = len(normals)
-        placed = np.full((n, len(self.mechanism.links), 3, 3), np.nan)
+        placed = nans((n, len(self.mechanism.links), 3, 3))
         placed[:, 0] = np.eye(3)
         placed[:, self.effector] = self.orientations(normals)
         bases = np.broadcast_to(self.plane.axes, elbows.shape)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.conventions import REACH_SLACK
 from spherekit.numeric.crossings import wrap
-from spherekit.sphere.rotation import Floats, cross, upward
+from spherekit.sphere.rotation import Floats, cross, nans, upward
 
 
 @final
@@ -152,7 +152,7 @@ class MidPlane:
         every = np.stack(candidates)
         inside = np.all(np.abs(every @ self.axes.T) <= limits + REACH_SLACK, axis=1)
         if not np.any(inside):
-            return np.full(3, np.nan)
+            return nans(3)
         kept = every[inside]
         return upward(kept[int(np.argmax(np.abs(kept @ normal)))])
 

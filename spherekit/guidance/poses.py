@@ -32,6 +32,7 @@ from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
     Floats,
     arc,
+    max_abs,
     mirror_angles,
     normal_at,
     turns_between,
@@ -288,7 +289,7 @@ class PoseFinder:
         turned = pose_of(self.mechanism, self.output, good.rotations)
         match pose:
             case AtInputs(inputs):
-                off = np.max(np.abs(self.solver.reduced(good.inputs - inputs)), axis=1)
+                off = max_abs(self.solver.reduced(good.inputs - inputs), axis=1)
             case AtOrientation(orientation):
                 given = np.broadcast_to(orientation, turned.shape)
                 off = turns_between(given, turned).angle

@@ -35,7 +35,7 @@ from spherekit.model.load import (
     vector_of,
 )
 from spherekit.model.parts import need_finite
-from spherekit.sphere.rotation import Floats, cross, frame_from
+from spherekit.sphere.rotation import Floats, cross, frame_from, max_abs
 
 PARALLEL = 1e-9
 """Below this sine two axes count as one line, which has no arc and gives no frame."""
@@ -573,7 +573,7 @@ def check_mass(mass: Mass) -> None:
     need_finite(f"{key}.centre", mass.centre)
     moved = tensor - moments_of_point(mass.mass, np.array(mass.centre))
     about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"
-    slack = MOMENT_TOLERANCE * float(np.max(np.abs(tensor)))
+    slack = MOMENT_TOLERANCE * float(max_abs(tensor))
     _need_moments(key, moved, slack, about)
 
 
@@ -589,7 +589,7 @@ def check_tensor(key: str, tensor: Floats) -> None:
     if tensor.shape != (3, 3):
         raise ModelError(f"{key}: has the shape {tensor.shape}, needs (3, 3)")
     need_finite(key, tensor.ravel())
-    largest = float(np.max(np.abs(tensor)))
+    largest = float(max_abs(tensor))
     for i, j in ((0, 1), (0, 2), (1, 2)):
         if abs(tensor[i, j] - tensor[j, i]) > ASYMMETRY * largest:
             raise ModelError(

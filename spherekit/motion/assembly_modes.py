@@ -45,7 +45,7 @@ from spherekit.planning.wheels import (
     WheelTrain,
     wheel_train,
 )
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
 
 SAME = 0.3
 """Angles (rad) of a followed mode that are farther from a row's are another's."""
@@ -89,7 +89,7 @@ class _Piece:
         followed, _ = self.curve.predict(np.clip(place, low, high))
         away = followed[:, angles] - values[:, angles]
         turns = np.round(away / TURN)
-        near &= np.max(np.abs(away - TURN * turns), axis=1, initial=0.0) < SAME
+        near &= max_abs(away - TURN * turns, axis=1, initial=0.0) < SAME
         turns -= self.first[angles]
         if self.winding is not None:
             turns += laps[:, None] * self.winding[angles]
@@ -161,7 +161,7 @@ class Unwrapping:
 
     def _by_pieces(self, mode: int, at: Floats) -> Floats:
         (driven,) = self._driven
-        turns = np.full((len(at), len(self._angles)), np.nan)
+        turns = nans((len(at), len(self._angles)))
         pieces = self._pieces.setdefault(mode, [])
         tried = np.zeros(len(at), dtype=bool)
         number = 0
@@ -194,7 +194,7 @@ class Unwrapping:
                 grown = curve.values[-1] - curve.predict(high - np.array([period]))[0][0]
                 winding = np.round(grown / TURN)
                 away = (grown - TURN * winding)[self._angles]
-                winding = winding if np.max(np.abs(away)) < SAME else None
+                winding = winding if max_abs(away) < SAME else None
         there = anchor + period * np.arange(3) if returns else np.array([anchor])
         inside = there[(there >= low - BEYOND) & (there <= high + BEYOND)]
         nearest = low if returns else anchor
@@ -241,7 +241,7 @@ class Unwrapping:
                 goal = self.anchor + np.eye(len(laps))[k] * self._periods[k]
                 round_, status = walk(self._closure, self._driven, there, goal[None])
                 grown = (round_ - there)[0, self._angles] / TURN
-                if status[0] == Status.OK and np.max(np.abs(grown % 1.0 - 0.5)) > 0.45:
+                if status[0] == Status.OK and max_abs(grown % 1.0 - 0.5) > 0.45:
                     turns[row] += np.round(grown) * laps[k] / self._periods[k]
         return turns
 
@@ -382,7 +382,7 @@ class Solver:
 
         NaN for all that do not follow from the inputs alone.
         """
-        values = np.full((len(q), len(self.mechanism.variable_owners)), np.nan)
+        values = nans((len(q), len(self.mechanism.variable_owners)))
         if self.meshes is not None:
             values[:, list(self.meshes.variables)] = self.meshes.rolled(q)
         return values
@@ -453,7 +453,7 @@ class Solver:
             start = np.where(_good(status)[:, None], start, np.nan)
             result = place_group(state, group, self.mechanism.ends, start)
             _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
-            distance = np.max(np.abs(result.values - start), axis=1)
+            distance = max_abs(result.values - start, axis=1)
             _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
         states = result.at.states
         determinant, reciprocal_condition = determinant_signs(result.at.jacobian)
@@ -477,7 +477,7 @@ class Solver:
         at = self.closure.at(values)
         # The links of a dyad without length have no orientation of their own; that which
         # belongs to the variables is the one that closes.
-        apart = np.max(np.abs(at.placed - rotations), axis=(1, 2, 3)) > AGREEING
+        apart = max_abs(at.placed - rotations, axis=(1, 2, 3)) > AGREEING
         rotations[apart] = at.placed[apart]
         residual = at.gap
         open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED) & _good(status)

@@ -33,7 +33,7 @@ from spherekit.motion.search import SEED, STARTS, Census
 from spherekit.motion.turns import in_range, turns_in_range
 from spherekit.numeric.crossings import wrap
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 PROBED = 181
 """Inputs over the range from which curves are followed where none is known yet."""
@@ -276,7 +276,7 @@ def _pieces(
         numbers: list[int | None] = [None] * len(parts.middles)
         for assembly_mode in assembly_modes:
             there = solver.evaluate(assembly_mode, parts.middles[:, [solver.single]]).values
-            gap = np.max(np.abs(curve.wrapped(there - parts.middles)), axis=1)
+            gap = max_abs(curve.wrapped(there - parts.middles), axis=1)
             for row in np.flatnonzero(gap < SAME_CONFIGURATION):
                 numbers[row] = assembly_mode.number
         places = (part.tolist() for part in (parts.starts, parts.stops, parts.shifts))
@@ -316,7 +316,7 @@ class _CurveSearch:
         for given, words in failed:
             # a curve that ends there may do so because others cross it
             if not any(
-                np.max(np.abs(curve.wrapped(given - end))) < NEAR_CROSSING
+                max_abs(curve.wrapped(given - end)) < NEAR_CROSSING
                 for curve in self.curves
                 for end in _crossing_ends([curve])
             ):

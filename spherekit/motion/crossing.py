@@ -18,7 +18,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.arc_curve import bordered_step
 from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import left_inverse
-from spherekit.sphere.rotation import Floats, all_finite, unit_rows
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, unit_rows
 
 NEARLY_NULL = 3e-3
 """Relative singular values below this may vanish at the crossing nearby."""
@@ -115,7 +115,7 @@ def ways_out(closure: Closure, values: Floats) -> Floats:
     closed &= np.abs(length - RADIUS) < SAME * RADIUS
     ways: list[Floats] = []
     for point in start[closed]:
-        if all(np.max(np.abs(point - other)) > SAME * RADIUS for other in ways):
+        if all(max_abs(point - other) > SAME * RADIUS for other in ways):
             ways.append(point)
     return np.array(ways).reshape(-1, len(values))
 
@@ -153,16 +153,16 @@ def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
     for _ in range(MOST_STEPS):
         matrix, rest = _augmented(closure, x, basis, held)
         step = np.linalg.lstsq(matrix, -rest, rcond=1e-12)[0]
-        before, error = error, float(np.max(np.abs(step[:count])))
+        before, error = error, float(max_abs(step[:count]))
         x = x + step[:count]
         basis = basis + step[count:].reshape(freedoms, count).T
-        if not all_finite(x) or np.max(np.abs(x - start)) > FAR:
+        if not all_finite(x) or max_abs(x - start) > FAR:
             return None
         if error < 4.0 * EPS or (error < 1e-11 and error > 0.25 * before):
             break
     at = closure.at(x[None])
     rest = np.append(at.residual[0], (at.jacobian[0] @ np.linalg.qr(basis)[0]).ravel())
-    miss = float(np.max(np.abs(rest)))
+    miss = float(max_abs(rest))
     if miss > MISSED or error > 1e-6:
         return None
     left, _, right = np.linalg.svd(at.jacobian[0])
@@ -254,7 +254,7 @@ def _common(forms: Floats) -> Floats | None:
         y = unit_rows(y)
     points: list[Floats] = []
     for point, off, flat in zip(
-        y, np.max(np.abs(rest), axis=1), np.linalg.norm(inverse, axis=(1, 2)), strict=True
+        y, max_abs(rest, axis=1), np.linalg.norm(inverse, axis=(1, 2)), strict=True
     ):
         if off < ON_ALL and not flat < MOST_FLAT:
             return None

@@ -58,7 +58,7 @@ from spherekit.motion.search import (
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Group
 from spherekit.sphere.complex_rotation import dot, taking
-from spherekit.sphere.rotation import Floats, all_finite, cross, transpose
+from spherekit.sphere.rotation import Floats, all_finite, cross, max_abs, transpose
 from spherekit.sphere.trigonometric import (
     Bools,
     Complexes,
@@ -125,7 +125,7 @@ def candidates(group: Group, closure: Closure) -> ModeCandidates | None:
         return ModeCandidates(values, real, roots, problem)
     for order in orders:
         solved = common_angles(frames.equations(order)[0], order.involves)
-        imaginary = np.max(np.abs(solved.angles.imag), axis=1, initial=0.0)
+        imaginary = max_abs(solved.angles.imag, axis=1, initial=0.0)
         tried = imaginary < NEARLY_REAL
         with np.errstate(invalid="ignore", divide="ignore"):
             angles = frames.angles(frames.placed(order, solved.angles[None, tried].real))

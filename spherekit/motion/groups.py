@@ -18,7 +18,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
 from spherekit.motion.loops import LoopTree, pair_states
 from spherekit.planning.inputs import Assembly, Group
-from spherekit.sphere.rotation import Bools, Floats, about_z, close_dyad, transpose
+from spherekit.sphere.rotation import Bools, Floats, about_z, close_dyad, nans, transpose
 
 
 @final
@@ -48,7 +48,7 @@ class State:
         unturned = np.broadcast_to(np.eye(3), (n, 3, 3))
         within = dict.fromkeys(range(len(mechanism.links)), unturned)
         variables = tuple(mechanism.variables_of(k) for k in range(len(joints)))
-        values = np.full((n, len(mechanism.variable_owners)), np.nan)
+        values = nans((n, len(mechanism.variable_owners)))
         for driven, column in zip(assembly.inputs, q.T, strict=True):
             values[:, variables[driven][0]] = column
         ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)

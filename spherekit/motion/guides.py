@@ -26,7 +26,7 @@ from spherekit.motion.crossing import ways_out
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.steps import InputPaths, Nodes, nodes_at, walk
 from spherekit.numeric.zeros import cubic
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
 
 AT_DEAD_CENTRE = 1e-9
 """Nodes of a smaller relative singular value are dead centres of the input."""
@@ -64,7 +64,7 @@ class ModeCurve:
         h = (self.inputs[k + 1] - self.inputs[k])[:, None]
         start, stop = ((self.values[end], self.slopes[end]) for end in (k, k + 1))
         out = cubic(start, stop, h, (q - self.inputs[k])[:, None] / h)
-        return out, np.max(np.abs(stop[0] - start[0]), axis=1)
+        return out, max_abs(stop[0] - start[0], axis=1)
 
     def at(self, q: Floats, rows: Rows | None) -> Predicted:
         """Return what is predicted at inputs q (n, 1)."""
@@ -154,7 +154,7 @@ def _from_dead_centre(
         for end, place in ((0, 0), (-1, len(curve.inputs))):
             away = curve.values[end] - values
             step = away[driven]
-            if step and 0.0 < np.max(np.abs(away)) < NEAR_DEAD_CENTRE:
+            if step and 0.0 < max_abs(away) < NEAR_DEAD_CENTRE:
                 return ModeCurve(
                     np.insert(curve.inputs, place, values[driven]),
                     np.insert(curve.values, place, values, axis=0),
@@ -237,7 +237,7 @@ def spread_each(
     `rows` (k,) are the samples at which they are.
     """
     n, count = len(input_grid), len(rows)
-    sheets = np.full((count * n, values.shape[1]), np.nan)
+    sheets = nans((count * n, values.shape[1]))
     status = np.full(count * n, Status.OUT_OF_REACH, dtype=np.int8)
     front = np.arange(count) * n + rows
     sheets[front], status[front] = values, Status.OK

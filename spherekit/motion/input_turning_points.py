@@ -32,7 +32,7 @@ from spherekit.motion.groups import train_turns
 from spherekit.numeric.crossings import MOST_CELLS, crossings
 from spherekit.planning.inputs import Group, plan_assembly
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 from spherekit.sphere.trigonometric import Complexes
 
 MOST_COMPLEX = 64
@@ -166,12 +166,12 @@ class ModeCoalescence:
         """Return the earlier groups whose modes a group's determinants (n, modes) see."""
         counts = [self._count(number) for number in range(part + 1)]
         values = np.prod(determinants.reshape(len(TRIED), *counts), axis=-1)
-        size = np.max(np.abs(values))
+        size = max_abs(values)
         return frozenset(
             earlier
             for earlier in range(part)
             if counts[earlier] > 1
-            and not np.max(np.abs(np.diff(values, axis=1 + earlier))) < ALIKE * size
+            and not max_abs(np.diff(values, axis=1 + earlier)) < ALIKE * size
         )
 
 

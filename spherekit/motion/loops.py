@@ -23,7 +23,15 @@ from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, Kind, PairRates, PairStates, Revolute, Track
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, all_finite, arc, rotation_vector, transpose
+from spherekit.sphere.rotation import (
+    Floats,
+    all_finite,
+    arc,
+    max_abs,
+    nans,
+    rotation_vector,
+    transpose,
+)
 
 REDUNDANT = 1e-10
 """Equations whose relative singular value is below this repeat the others."""
@@ -163,7 +171,7 @@ def left_inverse(matrices: Floats) -> Floats:
             return np.asarray(np.linalg.inv(matrices))
         except np.linalg.LinAlgError:
             return np.concatenate([_one_inverse(matrix[None]) for matrix in matrices])
-    inverse = np.full((len(matrices), matrices.shape[2], matrices.shape[1]), np.nan)
+    inverse = nans((len(matrices), matrices.shape[2], matrices.shape[1]))
     finite = all_finite(matrices, (1, 2))
     columns = matrices.shape[2]
     if matrices.shape[1] < columns or not np.any(finite):
@@ -458,7 +466,7 @@ class Linearisation:
     @property
     def gap(self) -> Floats:
         """(n,) the largest component of the residual (rad)."""
-        return np.asarray(np.max(np.abs(self.residual), axis=1, initial=0.0))
+        return np.asarray(max_abs(self.residual, axis=1, initial=0.0))
 
     @cached_property
     def jacobian(self) -> Floats:

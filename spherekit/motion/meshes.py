@@ -27,7 +27,7 @@ from spherekit.planning.wheels import (
     SAME_LENGTH,
     WheelTrain,
 )
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, nans
 
 SAME_RATIO = 1e-9
 """Laps in a turn of an input that differ by less are the same."""
@@ -124,7 +124,7 @@ def meshes_of(
         return None
     anchor = np.zeros(len(driven)) if reference is None else reference[list(driven)]
     if train is None:
-        none, unknown = np.zeros((0, len(driven))), np.full(len(driven), np.nan)
+        none, unknown = np.zeros((0, len(driven))), nans(len(driven))
         return Meshes((), anchor, none[:, 0], none, unknown, False)
     variables = [v for v in rolling if closure.tree.owners[v] in train.contacts]
     ratios, all_known = train.length_ratios, len(variables) == len(rolling)

@@ -42,7 +42,7 @@ from spherekit.motion.search import SAME_MODE, STARTS, Census
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 
 Rows = NDArray[np.intp]
 
@@ -433,8 +433,8 @@ class ModeSearch:
             left, start, spread = left[near], predicted[near], spread[near]
             start[:, driven] = q[near]
             there = closure.solve(start, driven)
-            moved = np.max(np.abs(there.values - start), axis=1, initial=0.0)
-            same = np.max(np.abs(there.at.placed - placed[left]), axis=(1, 2, 3), initial=0)
+            moved = max_abs(there.values - start, axis=1, initial=0.0)
+            same = max_abs(there.at.placed - placed[left], axis=(1, 2, 3), initial=0)
             same_mode = (same < SAME_MODE) & (moved <= 0.25 * spread + 1e-6)
             same_mode &= there.residual < CLOSURE_TOLERANCE
             families[left[same_mode]] = family

@@ -31,7 +31,7 @@ from spherekit.motion.loops import Linearisation, LoopTree, condition, left_inve
 from spherekit.motion.modes import ModeSearch
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
-from spherekit.sphere.rotation import Floats, all_finite, cross, quaternion
+from spherekit.sphere.rotation import Floats, all_finite, cross, nans, quaternion
 
 
 @final
@@ -272,7 +272,7 @@ class Motion(ArrayRows):
         row failed or was not constructed.
         """
         if np.all(np.isnan(self.residual)):
-            return np.full(len(self), np.nan)
+            return nans(len(self))
         with np.errstate(invalid="ignore", over="ignore"):
             bend = self.bend
             root = np.sqrt(np.where(bend <= 0.5, 1.0 - 2.0 * bend, np.nan))
@@ -520,7 +520,7 @@ class Tracer:
             values=values,
             placed=rotations,
             status=np.full(k * count, Status.OK, dtype=np.int8),
-            residual=np.full(k * count, np.nan),
+            residual=nans(k * count),
         )
 
     def sparse(self, most: int) -> Motion:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spherekit.conventions import TURN, Status
 from spherekit.motion.motion import Tracer
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 STENCIL = 8
 """Nodes that a polynomial goes through."""
@@ -53,7 +53,7 @@ class Predictor:
             return None
         if len(q) <= FEWEST * (STENCIL - 1):
             return None
-        step = float(np.max(np.abs(np.diff(q, axis=0))))
+        step = float(max_abs(np.diff(q, axis=0)))
         every = min(MOST, (len(q) - 1) // (STENCIL - 1))
         if step > 0.0:
             every = min(every, int(APART / step))
@@ -126,7 +126,7 @@ class Predictor:
         away = values[:, at[:, None] + np.arange(STENCIL)] - base
         angles = self._angles[self._free]
         away[angles] -= TURN * np.round(away[angles] / TURN)
-        far = np.max(np.abs(base[:, :, 0]), axis=1) + np.max(np.abs(away), axis=(1, 2))
+        far = max_abs(base[:, :, 0], axis=1) + max_abs(away, axis=(1, 2))
         offset = int(windows[0] - at[0])
         away[:, :, offset] = base[:, :, 0]
         made = (away.reshape(-1, STENCIL) @ _weights(self._every)[offset]).reshape(

@@ -17,7 +17,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import penetrates, rolled_lengths
 from spherekit.numeric.descent import descent
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 SEED = 20240616
 """The random starts are the same ones every time."""
@@ -217,7 +217,7 @@ class Distinct:
 
     def _near(self, number: int, values: Floats, placed: Floats, pose: Floats) -> Floats:
         """Return how far (n,) configurations are from that of a number, 0 a turn later."""
-        away = np.max(np.abs(placed - pose), axis=(1, 2, 3), initial=0.0)
+        away = max_abs(placed - pose, axis=(1, 2, 3), initial=0.0)
         if self._rolling:
             mode = self.values[number]
             again = [self._meshes_again(one, mode) for one in values]

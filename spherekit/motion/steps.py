@@ -34,7 +34,7 @@ from spherekit.motion.closure import Closure, Rows
 from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.sphere.rotation import Floats, all_finite, unit_rows
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, unit_rows
 
 CONTRACTION = 0.1
 """The second step of Newton's method may be this part of the first."""
@@ -386,8 +386,8 @@ def determinant_sign(matrices: Floats) -> Floats:
 
 def safe_step(at: Nodes, longest: Floats) -> Floats:
     """Return the step (n,) that the bend of the way allows, at most `longest` (n,)."""
-    bend = np.max(np.abs(at.bend), axis=1) + 1e-300
-    slope = np.max(np.abs(at.slope), axis=1)
+    bend = max_abs(at.bend, axis=1) + 1e-300
+    slope = max_abs(at.slope, axis=1)
     step = np.minimum(np.minimum(longest, LARGEST_STEP), np.sqrt(2 * BEND / bend))
     step = np.minimum(step, NEARER * slope / bend)
     return np.asarray(np.fmax(step, SMALLEST_STEP))
@@ -402,7 +402,7 @@ def _advanced(
     guess[:, list(driven)] = q
     finite = all_finite(guess, 1)  # a slope may be endless
     guess = np.where(finite[:, None], guess, at.values)
-    moved = np.max(np.abs(guess - at.values), axis=1)
+    moved = max_abs(guess - at.values, axis=1)
     result = closure.solve(guess, driven, iterations=6)
     holds = finite & (result.residual < CLOSURE_TOLERANCE)
     size = np.minimum(LARGEST_MOVE, moved)
@@ -512,7 +512,7 @@ class InputPaths:
 
     def smallest(self, rows: Rows) -> Floats:
         """Return the steps below which inputs cannot go on."""
-        q = np.max(np.abs(self.at.values[rows][:, self.driven]), axis=1)
+        q = max_abs(self.at.values[rows][:, self.driven], axis=1)
         return np.asarray(2 * SMALLEST_STEP * np.maximum(1.0, q))
 
     def nodes_of(self, rows: Sequence[int]) -> list[Nodes]:

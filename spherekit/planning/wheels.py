@@ -30,7 +30,7 @@ from spherekit.model.gears import (
 )
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 SAME_LENGTH = 1e-7
 """Lengths (rad) that differ by less are one."""
@@ -160,7 +160,7 @@ def least_rolled(
         step = first @ to_angles[:, k] * (lap if side else -lap)
         step[k] += 0.0 if side else lap
         signed = (sense * earlier for earlier in (*steps, 0.0 * step) for sense in (1, -1))
-        if all(np.max(np.abs(step - item)) > SAME_LENGTH for item in signed):
+        if all(max_abs(step - item) > SAME_LENGTH for item in signed):
             steps.append(step)
             places.append((k, side))
     turns = np.zeros(laps.shape, dtype=np.int64)
@@ -360,7 +360,7 @@ def _fixed(
             basis.append(k)
     square, by_angles = rows[basis][:, followers], first[:, followers]
     ratios = np.asarray(-np.linalg.solve(square, rows[basis][:, inputs]))
-    if np.max(np.abs(rows[:, followers] @ ratios + rows[:, inputs])) > SINGULAR:
+    if max_abs(rows[:, followers] @ ratios + rows[:, inputs]) > SINGULAR:
         return None
     length_ratios = -(by_angles @ ratios + first[:, inputs])
     contacts = [contact.mesh.contact for contact in made]

@@ -32,7 +32,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.linkage import Linkage, turning_rates
 from spherekit.rates.request import PoleField, Request
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 
 RADIUS = 1e-6
 """A solution farther (rad) from the row than this is not taken for the one meant."""
@@ -284,7 +284,7 @@ def _judged(motion: Motion, solution: Closed) -> NDArray[np.int8]:
 
 def _largest(values: Balls) -> Floats:
     """Return the largest size (k,) in each row of values (k, m)."""
-    return np.asarray(np.max(np.abs(floats(values)), axis=1, initial=0.0))
+    return np.asarray(max_abs(floats(values), axis=1, initial=0.0))
 
 
 def exact_motion(motion: Motion, rows: NDArray[np.bool_], exact: ExactRows) -> Motion:
@@ -409,8 +409,8 @@ def _relative(w: Balls, pole: Pole) -> Balls:
 
 def _above(vectors: Balls, rates: Balls, pole: Pole, floor: Floats) -> NDArray[np.bool_]:
     """Return (n,) whether differences (n, 3) of the rates of two links are not rounding."""
-    size = np.max(np.abs(floats(rates[:, list(pole)])), axis=(1, 2))
-    largest = np.max(np.abs(floats(vectors)), axis=1)
+    size = max_abs(floats(rates[:, list(pole)]), axis=(1, 2))
+    largest = max_abs(floats(vectors), axis=1)
     return np.asarray(largest > floor * np.maximum(size, 1.0))
 
 

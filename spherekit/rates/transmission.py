@@ -29,7 +29,7 @@ from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
 
 SINGULAR = 1e-6
 """A configuration whose transmission is less is at a singularity of type II: the output is
@@ -105,7 +105,7 @@ class Transmission:
             (n, 3) what a pointing output points at, in the same frame: turning about it
             does not count.
         """
-        transmission = np.full(len(vectors), np.nan)
+        transmission = nans(len(vectors))
         finite = all_finite(vectors, (1, 2))
         if directions is not None:
             finite &= all_finite(directions, 1)
@@ -139,7 +139,7 @@ class Transmission:
             sides = np.concatenate([way, np.broadcast_to(generic, (n, 1, free))], axis=1)
             solved = _solved(loops, sides)
             gives = solved[:, :3]
-            weak = np.flatnonzero(~(np.max(np.abs(solved[:, 3]), axis=1) < LOOSE))
+            weak = np.flatnonzero(~(max_abs(solved[:, 3], axis=1) < LOOSE))
             gives[weak] = _by_singular_values(way[weak], loops[weak])
         if directions is not None:
             along = np.einsum("nk,nkm->nm", directions, gives)
@@ -177,7 +177,7 @@ def hold(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> tuple[Floats
     greatest; 0 where any link can move with the inputs at rest, 1 without passive pairs,
     NaN where the vectors are.
     """
-    least, ratio = np.full(len(vectors), np.nan), np.full(len(vectors), np.nan)
+    least, ratio = nans(len(vectors)), nans(len(vectors))
     finite = all_finite(vectors, (1, 2))
     _, loops = passive_equations(tree, driven, vectors[finite])
     equations, free = loops.shape[1:]
@@ -244,7 +244,7 @@ def _largest(matrices: Floats) -> Floats:
     By the cubic equation of the eigenvalues of their squares, whose largest root is well
     conditioned.
     """
-    scale = np.max(np.abs(matrices), axis=(1, 2))
+    scale = max_abs(matrices, axis=(1, 2))
     endless = ~np.isfinite(scale)
     safe = np.where(endless | (scale == 0.0), 1.0, scale)
     part = np.where(endless[:, None, None], 0.0, matrices) / safe[:, None, None]

@@ -17,7 +17,7 @@ from spherekit.conventions import EPS
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.region.mesh import Bools, Evaluator, Indices, active, chosen, least, unit
-from spherekit.sphere.rotation import Floats, arc, cross
+from spherekit.sphere.rotation import Floats, arc, cross, nans
 
 ORDERS = (2, 4, 8, 16)
 """Steps between the nodes of a piece, doubled until its area is known well enough."""
@@ -126,7 +126,7 @@ class BoundarySegments(ArrayRows):
             sought.copy(),
         )
         which = np.flatnonzero(sought)
-        heights = np.full((len(which), ORDERS[0] + 1), np.nan)
+        heights = nans((len(which), ORDERS[0] + 1))
         heights[:, [0, -1]] = 0.0
         pieces._measure(evaluate, which, ORDERS[0], heights)
         pieces.raise_order(evaluate, np.flatnonzero(pieces.sound))
@@ -138,7 +138,7 @@ class BoundarySegments(ArrayRows):
         for order in ORDERS[1:]:
             some = which[wanted == order]
             if len(some):
-                heights = np.full((len(some), order + 1), np.nan)
+                heights = nans((len(some), order + 1))
                 heights[:, ::2] = self.height[some, : order // 2 + 1]
                 self._measure(evaluate, some, order, heights)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.errors import RegionError
-from spherekit.sphere.rotation import Floats, arc, cross, pointing
+from spherekit.sphere.rotation import Floats, arc, cross, max_abs, pointing
 
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
@@ -403,7 +403,7 @@ def _bounds(triangles: Indices, rows: Floats) -> tuple[Floats, Floats, Floats]:
     gaps = [
         np.where(turned[k] == 1, awaited[3 + k], awaited[k]) - rows[6 + k] for k in range(3)
     ]
-    error = np.max(np.abs([*gaps, awaited[6] - rows[9]]), axis=0)
+    error = max_abs([*gaps, awaited[6] - rows[9]], axis=0)
     slack = VALUE_SLACK * error
     return control.min(axis=0) - slack, control.max(axis=0) + slack, error
 

@@ -22,7 +22,7 @@ from spherekit.region.mesh import (
     check_positive,
     least,
 )
-from spherekit.sphere.rotation import Floats, unit_rows
+from spherekit.sphere.rotation import Floats, max_abs, unit_rows
 
 ALL_ORIENTATIONS = 8.0 * np.pi**2
 """Volume of all orientations."""
@@ -206,7 +206,7 @@ class _Cells:
         """Return the volumes (n,) of the region in cells, and whether they are certain."""
         rows, checks = self._sample(cube, low, width)
         n, k = rows.shape[1], rows.shape[2]
-        error = np.max(np.abs(np.tensordot(_CHECK, rows, axes=1) - checks), axis=0)
+        error = max_abs(np.tensordot(_CHECK, rows, axes=1) - checks, axis=0)
         control = np.tensordot(_BOUNDS, rows, axes=1)
         low_bound = control.min(axis=0) - VALUE_SLACK * error
         out = (control.max(axis=0) + VALUE_SLACK * error < 0.0).any(axis=1)

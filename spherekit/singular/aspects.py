@@ -27,7 +27,7 @@ from spherekit.region.mesh import labels
 from spherekit.singular.locus import Locus, configurations, solver_of
 from spherekit.singular.several import TypeName
 from spherekit.singular.stationarity import InputsLocked, OutputStationary, output_of
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs, nans
 
 SINGULAR = 1e-8
 """Configurations with a smaller singular value are singular themselves."""
@@ -248,7 +248,7 @@ class _Spread:
             one = measure.value
             if self.divides:
                 least = np.minimum(least, measure.smallest)
-                inverse = np.full(slope.shape + (count,), np.nan)
+                inverse = nans(slope.shape + (count,))
                 good = least > SINGULAR
                 inverse[good] = np.linalg.inv(space.basis[good][:, self.driven])
                 slope = np.einsum("ng,ngi->ni", measure.gradient, inverse)
@@ -270,7 +270,7 @@ class _Spread:
             self.nodes = _Nodes.joined([self.nodes, made])
             there = self.at[row[left], column]
             away = less_periods(values[left] - self.nodes.values[there], self.periods)
-            same = np.max(np.abs(away), axis=1) < SAME
+            same = max_abs(away, axis=1) < SAME
             numbers[left[same]] = there[same]
             left = left[~same]
             column += 1

@@ -26,7 +26,7 @@ from spherekit.singular.relation import (
     Type,
     plane_normal,
 )
-from spherekit.sphere.rotation import Floats, all_finite, cross
+from spherekit.sphere.rotation import Floats, all_finite, cross, max_abs, nans
 
 TOLERANCE = 1e-9
 """Sines up to this are taken for zero where the error of the axes is not larger."""
@@ -217,11 +217,11 @@ def _between(first: Floats, second: Floats) -> Floats:
 
 def _out_of_plane(vectors: Floats) -> Floats:
     """Return (n,) the largest sine of the angles of vectors (n, k, 3) to their plane."""
-    out = np.full(len(vectors), np.nan)
+    out = nans(len(vectors))
     finite = all_finite(vectors, (1, 2))
     _, _, right = np.linalg.svd(vectors[finite])
     away = np.einsum("nki,ni->nk", vectors[finite], right[:, -1])
-    out[finite] = np.max(np.abs(away), axis=1)
+    out[finite] = max_abs(away, axis=1)
     return out
 
 

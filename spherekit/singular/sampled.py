@@ -29,7 +29,7 @@ from spherekit.rates.transmission import STILL, Transmission, hold
 from spherekit.singular.record import AlongOutput, Singularities
 from spherekit.singular.relation import Form, Type
 from spherekit.singular.single import SingleFreedom, rate_between
-from spherekit.sphere.rotation import Floats, all_finite, cross
+from spherekit.sphere.rotation import Floats, all_finite, cross, max_abs, nans
 
 COMPARED = 9
 """Samples at which assembly modes of the part and of the whole are compared."""
@@ -189,7 +189,7 @@ class SampledSingularities:
                 values.round(ALIKE), axis=0, return_index=True, return_inverse=True
             )
         values, assembly_mode = values[first], assembly_mode[first]
-        curve, s = np.full(len(first), -1), np.full(len(first), np.nan)
+        curve, s = np.full(len(first), -1), nans(len(first))
         finite = all_finite(values, 1)
         for elsewhere in (False, True):
             for number, item in enumerate(self.configurations.curves):
@@ -202,13 +202,12 @@ class SampledSingularities:
         crossed = np.zeros(len(curve), dtype=bool)
         for crossing in self.report.crossings:
             wrapped = self.curves[crossing.ends[0][0]].wrapped(values - crossing.values)
-            away = np.where(curve < 0, np.max(np.abs(wrapped), axis=1), np.inf)
+            away = np.where(curve < 0, max_abs(wrapped, axis=1), np.inf)
             status[away < NEAR_CROSSING] = Status.AT_SINGULARITY
             crossed |= (away < AT_CROSSING) & (crossing.crossing is not None)
         self._row, self._curve, self._s = row.reshape(-1), curve, s
-        self.curve, self.s, self.status, self.crossed = (
-            part[self._row] for part in (curve, s, status, crossed)
-        )
+        parts: tuple[NDArray[Any], ...] = curve, s, status, crossed
+        self.curve, self.s, self.status, self.crossed = (part[self._row] for part in parts)
 
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of all assembly modes on pieces of curves."""
@@ -345,7 +344,7 @@ class SampledSingularities:
                     columns = measured.setdefault((output, relation.form), {})
                     here |= {"c": relation.c, "d": relation.d}
                     for name, part in here.items():
-                        whole = columns.setdefault(name, np.full(len(self._s), np.nan))
+                        whole = columns.setdefault(name, nans(len(self._s)))
                         whole[rows] = part
         return {
             key: {name: part[self._row] for name, part in measured[key].items()}
@@ -363,7 +362,7 @@ class SampledSingularities:
         for output in self.report.outputs:
             dyad = _dyad_of(output, self.tracer.solver.assembly)
             if dyad is None:
-                angles.append(np.full(len(values), np.nan))
+                angles.append(nans(len(values)))
                 continue
             near, middle, far = (axes[:, dyad.pairs[place]] for place in dyad.dyad_places)
             one, other = cross(near, middle), cross(middle, far)
@@ -424,7 +423,7 @@ class SampledSingularities:
         ]
         places += self.crossing_ends(number)
         if not places:
-            return np.full(len(s), np.nan)
+            return nans(len(s))
         places.sort(key=lambda place: place[0])
         at = np.array([place for place, _ in places])
         there = np.array([values[self._driven] for _, values in places])

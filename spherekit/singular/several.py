@@ -33,7 +33,7 @@ from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import Locus, LocusPoints, adjugate
 from spherekit.singular.relation import FourLinks, SixPoles, form_i
 from spherekit.singular.stationarity import InputsLocked, OutputPart, OutputStationary
-from spherekit.sphere.rotation import Floats, all_finite, cross, unit_rows
+from spherekit.sphere.rotation import Floats, all_finite, cross, nans, unit_rows
 
 ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
@@ -192,7 +192,7 @@ def relations(
         directions = {}
         for pole in wanted.poles:
             at = wanted.plan.pole(*pole)
-            directions[pole] = np.full((len(motion), 3), np.nan)
+            directions[pole] = nans((len(motion), 3))
             if at is not None:
                 sure = planned.error[at] < TRUSTED_ERROR
                 directions[pole][sure] = planned.unit[at][:, sure].T
@@ -232,7 +232,7 @@ def _relation(
     """
     if four.o == four.s:
         n = len(direction(pole_of(four.i, four.r)))
-        return np.ones(n), np.zeros(n), np.full((n, 3), np.nan)
+        return np.ones(n), np.zeros(n), nans((n, 3))
     made = form_i(four, SixPoles.of(four, lambda a, b: direction(pole_of(a, b))))
     return made.c, made.d, made.poles.os
 

@@ -45,7 +45,7 @@ from spherekit.singular.relation import (
     form_i,
     form_ii,
 )
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats, cross, max_abs
 
 BESIDE = 100.0
 """Places nearer than this times their error bounds, but not within, are undecided."""
@@ -412,7 +412,7 @@ class SingleFreedom:
             def volume(s: Floats, links: FourLinks = links) -> tuple[Floats, Floats]:
                 return _volume(along.rates(s), links)
 
-            if np.max(np.abs(volume(grid)[0])) < ALWAYS:
+            if max_abs(volume(grid)[0]) < ALWAYS:
                 four = ", ".join(self.tracer.mechanism.links[k] for k in links.different)
                 self.notes.append(
                     f"curve {number}: the six axes of the links {four} lie in one plane "
@@ -455,7 +455,7 @@ class SingleFreedom:
                 crossing = crossing_near(along.closure, last)
                 values = last if crossing is None else crossing.values
                 for _, there, ends in crossings:
-                    if np.max(np.abs(curve.wrapped(values - there))) < SAME_CROSSING:
+                    if max_abs(curve.wrapped(values - there)) < SAME_CROSSING:
                         ends.append((number, at_start))
                         break
                 else:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spherekit.conventions import EPS
 from spherekit.numeric import chebyshev
-from spherekit.sphere.rotation import Floats, arc, cross, frame_from
+from spherekit.sphere.rotation import Floats, arc, cross, frame_from, max_abs
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -471,10 +471,10 @@ def integrated(
     noise = np.zeros(len(low)) if rounding is None else rounding
     for depth in range(_DEEPEST + 1):
         series = gauss_series(rate, low, high)
-        largest = np.max(np.abs(series), axis=1)
+        largest = max_abs(series, axis=1)
         if depth == 0:
             total = 2.0 * float(np.sum(largest))
-        tail = np.max(np.abs(series[:, -2:]), axis=1) / _ORDER
+        tail = max_abs(series[:, -2:], axis=1) / _ORDER
         smooth = (tail <= _TAIL * total) | (tail <= noise * largest)
         smooth |= depth == _DEEPEST
         ready.append((low[smooth], high[smooth], series[smooth]))

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.sphere.profile import Curve
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 ROUNDING = 1e-9
 """What curvatures, and more so their derivatives, may lose of their size to rounding."""
@@ -35,7 +35,7 @@ class ProfileSeries:
     def of(curve: Curve) -> "ProfileSeries":
         """Return the series of a curve, as good as its own numbers but for rounding."""
         places = np.linspace(0.0, curve.length, 257)
-        size = np.maximum(1.0, np.max(np.abs(_columns(curve, places)), axis=0))
+        size = np.maximum(1.0, max_abs(_columns(curve, places), axis=0))
         fitted = PiecewiseChebyshev.fit(
             lambda s: _columns(curve, s),
             0.0,

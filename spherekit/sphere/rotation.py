@@ -579,3 +579,13 @@ def all_finite(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> 
 def unit_rows(vectors: Floats) -> Floats:
     """Return vectors (n, k) of length 1 along those given."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def nans(shape: int | tuple[int, ...]) -> Floats:
+    """Return an array of numbers that are not known."""
+    return np.full(shape, np.nan)
+
+
+def max_abs(values: ArrayLike, **options: Any) -> Any:
+    """Return the largest size of numbers: of all, or along an `axis`."""
+    return np.max(np.abs(values), **options)

@@ -17,7 +17,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 
 Numbers = NDArray[np.inexact[Any]]
 Complexes = NDArray[np.complex128]
@@ -260,7 +260,7 @@ class _Sampled:
         samples = np.prod(resultants, axis=2) * weight**power
         sizes = np.prod(np.sum(np.abs(forms) ** 2, axis=4), axis=(2, 3))
         size = np.linalg.norm(equations.reshape(*equations.shape[:2], -1), axis=2)
-        held = np.max(np.abs(weight), axis=1) > (UNDETERMINED * size[:, 0]) ** 2
+        held = max_abs(weight, axis=1) > (UNDETERMINED * size[:, 0]) ** 2
         empty = np.min(size, axis=1) < EMPTY
         if np.isrealobj(equations):
             samples = samples.real.astype(complex)
@@ -271,7 +271,7 @@ class _Sampled:
         """Why the only system cannot be solved by them, empty if it can."""
         if not self.held[0] or not all_finite(self.samples):
             return "an equation of the elimination does not hold its angle"
-        largest = np.max(np.abs(self.samples))
+        largest = max_abs(self.samples)
         if self.empty[0] or not largest > VANISHING * np.max(self.scales):
             return "there are infinitely many complex solutions"
         return ""
@@ -283,7 +283,7 @@ class _Sampled:
         """
         degree, count = self.degree, self.samples.shape[1]
         spectrum = np.fft.fft(self.samples, axis=1) / count
-        largest = np.max(np.abs(spectrum), axis=1)
+        largest = max_abs(spectrum, axis=1)
         beyond = np.abs(spectrum[:, degree + 1 : count - degree])
         powers = np.concatenate(
             [spectrum[:, degree::-1], spectrum[:, : -degree - 1 : -1]], axis=1
@@ -365,7 +365,7 @@ def _polished(equations: Numbers, angles: Complexes) -> _Polished:
 def _residual(equations: Numbers, angles: Complexes) -> Floats:
     """Return how far (n, m), relative, angles (n, m, t) are from solving n systems."""
     size = np.prod(np.linalg.norm(point(angles), axis=3), axis=2)
-    return np.asarray(np.max(np.abs(_jets(equations, angles)[0]), axis=2) / size)
+    return np.asarray(max_abs(_jets(equations, angles)[0], axis=2) / size)
 
 
 def _are_new(angles: Complexes) -> Bools:

@@ -28,7 +28,7 @@ from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.motion.motion import Tracer
 from spherekit.proof.balls import FEWEST as DIGITS
 from spherekit.rates.request import Request
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 from spherekit.tradeoff.measure import (
     Benchmark,
     Deviation,
@@ -370,9 +370,9 @@ def _numbers_apart(
 ) -> tuple[Floats, float, int]:
     """Return differences over the largest number, that, and how many have none."""
     right, given = _by_key(sweep, theirs), _by_key(sweep, ours)
-    scale = max((np.max(np.abs(x)) for x in right.values()), default=0.0) or 1.0
+    scale = max((max_abs(x) for x in right.values()), default=0.0) or 1.0
     shared = [key for key in right if key in given]
-    off = [np.max(np.abs(given[key][0] - right[key][0])) / scale for key in shared]
+    off = [max_abs(given[key][0] - right[key][0]) / scale for key in shared]
     return np.array(off), float(scale), len(right) - len(shared)
 
 

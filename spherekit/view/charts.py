@@ -30,6 +30,7 @@ from spherekit.analysis.scene import (
     titled,
 )
 from spherekit.conventions import listing
+from spherekit.sphere.rotation import nans
 from spherekit.view import colours, shapes
 from spherekit.view.sdk import rr
 
@@ -414,7 +415,7 @@ def gridded(rows: Sequence[Floats], values: Floats) -> tuple[Floats, Floats, Flo
         chosen &= further == places[len(places) // 2]
     x, across = np.unique(rows[0][chosen], return_inverse=True)
     y, up = np.unique(rows[1][chosen], return_inverse=True)
-    cells = np.full((len(x), len(y)), np.nan)
+    cells = nans((len(x), len(y)))
     cells[across, up] = values[chosen]
     return x, y, cells
 

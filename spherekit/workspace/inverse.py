@@ -32,7 +32,7 @@ from spherekit.output.virtual_output import COORDINATES, with_wrist
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.part import of_pairs
 from spherekit.planning.wheels import WheelTrain, wheel_train
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats, cross, nans
 from spherekit.workspace.rows import InverseRows, Rows, Span
 from spherekit.workspace.workspace import ClosedKinematics, OutputKinematics
 
@@ -512,7 +512,7 @@ class GraphKinematics(OutputKinematics):
     def _moved(self, values: Floats, rotations: Floats) -> InputRates:
         """Return the rates at configurations (k, variables), NaN where they are."""
         finite = np.isfinite(values[:, 0])
-        turns = np.full((len(values), 3, len(self.mechanism.inputs)), np.nan)
+        turns = nans((len(values), 3, len(self.mechanism.inputs)))
         turns[finite] = self.turns(values[finite])
         direction = self.output.direction if self.points else None
         return InputRates.of_turns(
@@ -522,6 +522,6 @@ class GraphKinematics(OutputKinematics):
 
 def _filled(array: Floats, rows: NDArray[np.intp]) -> Floats:
     """Return some rows, NaN where their number is negative."""
-    filled = np.full((len(rows), *array.shape[1:]), np.nan)
+    filled = nans((len(rows), *array.shape[1:]))
     filled[rows >= 0] = array[rows[rows >= 0]]
     return filled

@@ -30,7 +30,7 @@ from spherekit.rates.transmission import Transmission
 from spherekit.region.mesh import spread
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.refine import Region, find_region
-from spherekit.sphere.rotation import Floats, from_quaternion
+from spherekit.sphere.rotation import Floats, from_quaternion, nans
 from spherekit.workspace.rows import (
     AngleLimit,
     Constraints,
@@ -465,7 +465,7 @@ def nearest_poses(
     else:
         samples = orientation_samples()
         offers = nearest_orientations(kinematics, bounds, signs, places, samples)
-    near, away = np.full_like(places, np.nan), np.full(len(places), np.nan)
+    near, away = np.full_like(places, np.nan), nans(len(places))
     for k, offer in enumerate(offers):
         if offer is not None:
             near[k], away[k] = offer

@@ -48,7 +48,7 @@ from spherekit.rates.request import (
     sides_of,
     signs_at_stops,
 )
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs, nans
 
 SHORTEST_RUN = 64
 """Rows without a configuration that follow each other less often are left out by number."""
@@ -178,7 +178,7 @@ class Rows:
         before = self.values[:, open_]
         after = before.copy()
         after[list(self.kernel.free)] = self.kernel.closer(before)
-        near = np.max(np.abs(after - before), axis=0) < SMALL_STEP
+        near = max_abs(after - before, axis=0) < SMALL_STEP
         rows = open_[near]
         self.values[:, rows] = after[:, near]
         self.put(rows)
@@ -587,7 +587,7 @@ class RowsAtOnce:
         if motion.is_path:
             every = range(len(self.requests))
             stops = [stops_of(looked, k, held, doubtful) for k in every]
-        errors = [np.full((len(self.requests), 3), np.nan)]
+        errors = [nans((len(self.requests), 3))]
         errors += map(np.array, [*(here.errors for _, here in looked), *rows.late])
         block = _Block(rows, held, doubtful, stops, np.fmax.reduce(np.array(errors)))
         self._found[id(motion)] = block

@@ -45,7 +45,7 @@ from spherekit.proof.rows import (
     exact_rows_by_input,
 )
 from spherekit.rates.request import PoleField, Request
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, nans
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 """Multiples of it, without their whole parts, are spread evenly over 0 to 1."""
@@ -130,7 +130,7 @@ class Verifier:
         good_fields = tuple(field.rows(good) for field in fields)
         turned = {name: angle[good] for name, angle in angles.items()}
         number = good_rows.assembly_mode * self._samples + good_rows.sample
-        bound = np.full(len(good_rows), np.nan)
+        bound = nans(len(good_rows))
         for field in good_fields:
             for pole in field.error:
                 bound = np.fmax(bound, field.error[pole])
