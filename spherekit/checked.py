@@ -22,7 +22,7 @@ from typing import (
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherekit.conventions import choices, listing
+from spherekit.conventions import choices, listing, nearest
 from spherekit.errors import SpherekitError
 
 P = ParamSpec("P")
@@ -155,7 +155,9 @@ def _fault(name: str, value: Any, hint: Any) -> str:
         return ""
     allowed = _choices(hint)
     if allowed and isinstance(value, str):
-        return f'{name} "{value}" is not known{choices(value, allowed, "allowed")}'
+        hint_of = nearest(value, allowed) or ";"
+        words = listing(f'"{word}"' for word in allowed)
+        return f'{name} "{value}" is not known{hint_of} allowed: {words}'
     shown = repr(value)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
     words = in_words(hint)

@@ -361,7 +361,7 @@ def test_what_cannot_be_asked():
     three, five = sk.load("three_rrr"), sk.load("five_bar")
     with pytest.raises(ModelError, match="no output is declared"):
         InverseKinematics(replace(three, outputs=()))
-    with pytest.raises(ModelError, match='no output is named "x"; outputs: platform'):
+    with pytest.raises(ModelError, match='no output is named "x"; Outputs: platform'):
         InverseKinematics(three, "x")
     with pytest.raises(PlanError, match="say which one of link 3: axis ="):
         InverseKinematics(replace(five, outputs=(Output("o", "3", "1"),)))

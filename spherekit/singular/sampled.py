@@ -11,7 +11,7 @@ about unless it stops the input. A group that is left out has no dead centre any
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
