@@ -290,7 +290,7 @@ class Batch:
 
         NaN where the velocity coefficient is too small to know it.
         """
-        return self._pole(i, j, "direction_dq", self._found(moved).direction_dq)
+        return self._pole(i, j, "direction_dq", moved)
 
     def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) a bound of the error of `rate`."""

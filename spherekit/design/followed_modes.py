@@ -32,7 +32,7 @@ from spherekit.engine.design_kernel import (
     PathKernel,
 )
 from spherekit.motion.input_grid import InputGrid
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs, nans
 
 BENDS = (0.5, -0.9, 1.7)
 """How far off the real axis a way between two samples goes, as parts of its length."""
@@ -74,7 +74,7 @@ def followed_modes(
     q, previous = lattice.q, lattice.neighbours()[1::2]
     sheets = _Sheets(len(q), sizes.shape[1], m)
     kept: dict[int, _Sample] = {}
-    values = np.full((len(q), kernel.variables, sizes.shape[1] * m), np.nan)
+    values = nans((len(q), kernel.variables, sizes.shape[1] * m))
     for k in range(len(q)):
         before = sorted((int(row) for row in previous[:, k] if row >= 0), reverse=True)
         if not before:
@@ -196,7 +196,7 @@ class _Sheets:
         numbers, mode = np.unique(self.number[k, row], return_inverse=True)
         design = np.zeros(len(numbers), dtype=np.intp)
         design[mode] = row // self.m
-        values = np.full((solutions.shape[1], len(solutions), len(numbers)), np.nan)
+        values = nans((solutions.shape[1], len(solutions), len(numbers)))
         values[:, k, mode] = solutions[k, :, row].T
         return design, values
 
@@ -235,7 +235,7 @@ class _Following:
 
         A design whose rows are neither the one nor the other is lost.
         """
-        off = np.max(np.abs(values.imag), axis=0)
+        off = max_abs(values.imag, axis=0)
         real = off == 0.0
         near = np.flatnonzero((off < REAL) & ~real & chosen)
         if len(near):
@@ -243,7 +243,7 @@ class _Following:
             refined, closed = settled(
                 self.kernel, start, np.ascontiguousarray(self.prepared[:, near])
             )
-            stays = closed & (np.max(np.abs(refined - start), axis=0) < STAYS)
+            stays = closed & (max_abs(refined - start, axis=0) < STAYS)
             rows = near[stays]
             values = values.copy()
             values[:, rows] = refined[:, stays]
@@ -402,9 +402,9 @@ def _smooth(
         # Other ways here may have counted other whole turns.
         away = moved - 0.5 * (one + other)
         turns = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
-        off, moved = np.max(np.abs(away - turns), axis=0), moved - turns
+        off, moved = max_abs(away - turns, axis=0), moved - turns
         same = (at.determinant[rows].real > 0.0) == (sample.determinant[to].real > 0.0)
-        size = np.max(np.abs(moved), axis=0)
+        size = max_abs(moved, axis=0)
         right = (off <= RIGHT * size + TINY) & (_cosine(one, other) > TURN)
     return np.asarray(same & right)
 

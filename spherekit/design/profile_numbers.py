@@ -21,7 +21,7 @@ from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, Profile
 from spherekit.motion.loops import contact_tracks
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite, nans
 from spherekit.sphere.varied_curve import (
     DrawnCurves,
     VariedCurve,
@@ -145,7 +145,7 @@ class _Ways:
                 onward[variable] += SOON * turn
             begun = self._step(onward, self._prepared(some, soon), some, soon)
             moved = onward - start[:, some] + begun.step
-            finite = np.all(np.isfinite([*moved, begun.determinant]), axis=0)
+            finite = all_finite([*moved, begun.determinant], 0)
             self.slope[:, some] = np.where(finite, moved / SOON, 0.0)
             self.side[some] = np.sign(begun.determinant)
             self.squares[some] = begun.determinant**2
@@ -415,7 +415,7 @@ def _drawn(
     starts = np.array([track.start for track in tracks])
 
     def columns(now: Floats, draws: NDArray[np.intp]) -> Floats:
-        there = np.full((9, len(draws)), np.nan)
+        there = nans((9, len(draws)))
         if curves is not None:
             there[:8] = curves.at(now[nominal.variable] + starts[draws], draws)
             return there
@@ -504,12 +504,12 @@ def columns_of(tracks: Sequence[Track], values: Floats, last: bool = True) -> Fl
 
     With the `last` of each, or NaN there; NaN where variables are.
     """
-    made = np.full((9 * len(tracks), len(values)), np.nan)
-    finite = np.flatnonzero(np.all(np.isfinite(values), axis=1))
+    made = nans((9 * len(tracks), len(values)))
+    finite = np.flatnonzero(all_finite(values, 1))
     for k, track in enumerate(tracks):
         arcs = values[finite, track.variable] + track.start
         there = track.curve.at(arcs)
-        column = np.full((9, len(finite)), np.nan)
+        column = nans((9, len(finite)))
         column[:3], column[3:6] = there.frame[:, :, 0].T, there.frame[:, :, 2].T
         column[6], column[7] = there.curvature, there.curvature_rate
         if last:

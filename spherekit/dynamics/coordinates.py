@@ -26,7 +26,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import Linearisation, left_inverse, penetrates
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.rates.sequence import null_motion
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import Floats, all_finite, cross, nans
 
 Order = Literal[1, 2]
 
@@ -136,8 +136,8 @@ def _derived(
     status = np.zeros(n, dtype=np.int8)
     status[penetrates(at.joints, at.states)] = Status.CURVATURE
     status[~np.all(at.states.inside, axis=1)] = Status.OFF_PROFILE
-    second = np.full((n, m, m, variables), np.nan)
-    dw = np.full((n, m, m, tree.count, 3), np.nan)
+    second = nans((n, m, m, variables))
+    dw = nans((n, m, m, tree.count, 3))
     for k in range(m if order == 2 else 0):
         turned = at.turned(w[:, k]).vectors
         bias = rates @ np.swapaxes(tree.jacobian(turned), 1, 2)
@@ -154,7 +154,7 @@ def determined(rates: Floats) -> Floats:
     no other variable moves, 0 where others move though none of these does: of one freedom,
     the rate of its variable along the curve.
     """
-    finite = np.all(np.isfinite(rates), axis=(1, 2))
+    finite = all_finite(rates, (1, 2))
     measure = np.zeros(len(rates))
     measure[finite] = 1.0 / np.linalg.norm(rates[finite], ord=2, axis=(1, 2))
     return measure

@@ -42,7 +42,7 @@ from spherekit.planning.poles import (
     PrimaryPole,
 )
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
 from spherekit.version import __version__
 
 PROBED_INPUTS = 24
@@ -276,7 +276,7 @@ class AlongCurve(Sampler):
             with np.errstate(divide="ignore", invalid="ignore"):
                 better = (error > SURE_AXES) & (8.0 * EPS * size / length < error)
                 unit[better] = apart[better] / length[better, None]
-            if not np.all(np.isfinite(unit)):
+            if not all_finite(unit):
                 name = pole_name(self.mechanism, pole)
                 raise SolveError(
                     f"{self.mechanism.name}: pole {name} has no direction at places of "
@@ -345,7 +345,7 @@ class OverBox(Sampler):
         motion = going_on(tracer.motion(), tracer.solver)
         values = motion.values[motion.status == Status.OK]
         nodes = by_variables(self.closure, values, self.driven)
-        sure = np.all(np.isfinite(nodes.second), axis=(1, 2, 3))
+        sure = all_finite(nodes.second, (1, 2, 3))
         sure &= determined(nodes.rates) >= SURE
         if not np.any(sure):
             raise SolveError(
@@ -363,9 +363,9 @@ class OverBox(Sampler):
             both = nodes.rates[near] + moving.rates
             led = nodes.values[near] + 0.5 * np.einsum("ni,niv->nv", step, both)
             good = solution.residual < CLOSURE_TOLERANCE
-            good &= np.max(np.abs(led - values), axis=1) < APART
+            good &= max_abs(led - values, axis=1) < APART
             good &= (determined(moving.rates) >= SURE) & (moving.status == Status.OK)
-        functions = np.full((len(q), count), np.nan)
+        functions = nans((len(q), count))
         if np.any(good):
             motion = by_variables(self.closure, values[good], self.driven)
             functions[good] = self.columns(motion)

@@ -46,7 +46,7 @@ from spherekit.rates.request import (
     signed,
 )
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, nans
 
 INCONSISTENT = 1e-10
 """Velocity or acceleration equations that leave over more, relatively, have no solution."""
@@ -173,7 +173,7 @@ class _Rows:
         A direction may be known where rates are not.
         """
         if not self._of:
-            return np.full((SIZES.get(name, 1), len(self.status)), np.nan)
+            return nans((SIZES.get(name, 1), len(self.status)))
         made = self._of[name][key].of(self._columns)
         if name == "direction":
             return np.where(self.motion.failed, np.nan, made)
@@ -352,8 +352,8 @@ def _by_sequence(
 def add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that inputs at rest hold together: there is none."""
     good, n = field.status == Status.OK, len(motion)
-    field.direction[pole], field.direction_dq[pole] = np.full((2, n, 3), np.nan)
-    field.angle[pole], field.error[pole] = np.full((2, n), np.nan)
+    field.direction[pole], field.direction_dq[pole] = nans((2, n, 3))
+    field.angle[pole], field.error[pole] = nans((2, n))
     for rates in (
         field.velocity_coefficient,
         field.acceleration_coefficient,

@@ -41,7 +41,7 @@ from spherekit.engine.turns import PARTS, ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import Request
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 NEARLY_FLAT = 1e-3
 """Rows whose equations are flatter than this are not vouched for."""
@@ -126,7 +126,7 @@ class WideFunctions:
             x[free] = after
             if not np.any(step > CLOSED):
                 break
-        moved = np.max(np.abs((x - start).astype(float)), axis=0)
+        moved = max_abs((x - start).astype(float), axis=0)
         closed = (step <= CLOSED) & (moved < NEAR)
         x[:, ~closed] = start[:, ~closed]
         columns = self.whole(self._given(x, values))
@@ -145,7 +145,7 @@ class WideFunctions:
         spread, free = np.zeros(columns.shape), list(self.free)
         ways = inverse.reshape(len(free), self.ways, x.shape[1])
         for way in np.moveaxis(ways, 1, 0):
-            size = np.maximum(np.max(np.abs(way), axis=0), quad().type(1.0))
+            size = np.maximum(max_abs(way, axis=0), quad().type(1.0))
             h = quad().type(SMALL) / size
             other = x.copy()
             other[free] += h * way

@@ -30,7 +30,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, all_poles, parse_pole
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 TABLE = Table(
     "poles",
@@ -318,7 +318,7 @@ def evaluate(
     if len(mechanism.inputs) == 1:
         q = np.atleast_1d(q)
         tracer = traced(mechanism)
-        if np.all(np.isfinite(q)):
+        if all_finite(q):
             tracer = reaching(tracer, q)
         motion = tracer.at(into_range(tracer, q))
     else:

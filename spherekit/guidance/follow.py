@@ -38,10 +38,12 @@ from spherekit.sphere.rotation import (
     TURN_MEANING,
     Floats,
     TurnStatus,
+    all_finite,
     arc,
     max_abs,
     rotation,
     turns_between,
+    unit_rows,
 )
 
 AROUND, POINTS = 0.08, 14
@@ -208,7 +210,7 @@ class FollowedRotation:
         slopes, bends = self._rates(theta, near)
         w = np.einsum("nkv,nv->nk", near.turning, slopes)
         with np.errstate(invalid="ignore", divide="ignore"):
-            w = w / np.linalg.norm(w, axis=1, keepdims=True)
+            w = unit_rows(w)
         lost = beyond | ~np.isin(status, (Status.OK, Status.AT_SINGULARITY))
 
         def kept(array: Floats) -> Floats:
@@ -395,7 +397,7 @@ def follow_to(
 def _configuration(values: ArrayLike, count: int, name: str) -> Floats:
     """Return a configuration (variables,); `SolveError` unless it has finite values."""
     given = np.asarray(values, dtype=float)
-    if given.shape != (count,) or not np.all(np.isfinite(given)):
+    if given.shape != (count,) or not all_finite(given):
         raise SolveError(
             f"{name}: the configuration to start from has to be {count} finite values, as "
             "in a row of its motion"

@@ -33,7 +33,9 @@ from spherekit.numeric.zeros import hermite
 from spherekit.sphere.rotation import (
     Floats,
     LogRate,
+    all_finite,
     cross,
+    max_abs,
     rotation,
     rotation_vector,
     transpose,
@@ -193,7 +195,7 @@ class Optimality:
     def least_eigenvalue(self) -> Floats:
         """(n,) least second derivative of a^2 / 2 along configurations; -1 if unknown."""
         stiffness = 0.5 * (self.stiffness + np.swapaxes(self.stiffness, 1, 2))
-        finite = np.all(np.isfinite(stiffness), axis=(1, 2))
+        finite = all_finite(stiffness, (1, 2))
         least = np.full(len(stiffness), -1.0)
         least[finite] = np.linalg.eigvalsh(stiffness[finite])[:, 0]
         return least
@@ -233,10 +235,10 @@ class Optimality:
         """
         if exact:
             both = np.concatenate([self.at.residual, self.left], axis=1)
-            return np.asarray(np.max(np.abs(both), axis=1))
+            return np.asarray(max_abs(both, axis=1))
         pull = np.einsum("nkj,nk->nj", self.swing, self.left)
         open_by = self.at.gap
-        return np.asarray(np.maximum(open_by, np.max(np.abs(pull), axis=1)))
+        return np.asarray(np.maximum(open_by, max_abs(pull, axis=1)))
 
     def rates(self, axis: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """Return first and second derivatives (n, variables) by theta.
@@ -269,9 +271,9 @@ class Optimality:
         bias[:, -3:] = -np.einsum("v,nvk,nv->nk", self.target.reach, turned, first)
         second = np.einsum("nvm,nm->nv", inverse, bias)
         further = np.einsum("nmv,nv->nm", self.system, second) - bias
-        size = 1.0 + np.max(np.abs(bias), axis=1)
-        misfit = np.max(np.abs(left), axis=1)
-        misfit = np.maximum(misfit, np.max(np.abs(further), axis=1) / size)
+        size = 1.0 + max_abs(bias, axis=1)
+        misfit = max_abs(left, axis=1)
+        misfit = np.maximum(misfit, max_abs(further, axis=1) / size)
         return first, second, misfit
 
     def _nearest_rates(self, axis: Floats) -> tuple[Floats, Floats]:
@@ -445,9 +447,9 @@ class March:
     def allowed(self, rows: Rows, step: Floats) -> Floats:
         """Return the step that the bend of the way allows."""
         at = self.nodes[-1]
-        bend = float(np.max(np.abs(np.nan_to_num(at.second)))) + 1e-300
+        bend = float(max_abs(np.nan_to_num(at.second))) + 1e-300
         step = np.minimum(step, min(LARGEST_STEP, np.sqrt(2.0 * BEND / bend)))
-        nearer = NEARER * float(np.max(np.abs(at.first))) / bend
+        nearer = NEARER * float(max_abs(at.first)) / bend
         return np.minimum(step, nearer) if nearer < SHORT else step
 
     def advance(self, rows: Rows, step: Floats) -> Floats:
@@ -495,10 +497,10 @@ class March:
         """Return the node at an angle if the way there passes all tests."""
         step = goal - at.theta
         guess = at.taylor(np.array([0.5, 1.0]) * step)
-        if not np.all(np.isfinite(guess)):
+        if not all_finite(guess):
             return None
         (middle, node), steps = self._nodes(np.array([at.theta + 0.5 * step, goal]), guess)
-        moved = float(np.max(np.abs(node.values - at.values)))
+        moved = float(max_abs(node.values - at.values))
         if not np.all(VERIFIED.corrected(steps.first, steps.ratio, moved)):
             return None
         for reached in (middle, node):
@@ -514,11 +516,11 @@ class March:
             ):
                 return None
         there = self._between(at, node, np.array([middle.theta]))
-        off = np.max(np.abs(there - middle.values))
+        off = max_abs(there - middle.values)
         return node if VERIFIED.predicted(off, moved, CLOSURE_TOLERANCE) else None
 
     def _holds(self, node: Node) -> bool:
-        finite = np.all(np.isfinite(node.first))
+        finite = all_finite(node.first)
         return bool(finite and node.near.miss(self.exact)[0] < STATIONARY)
 
     @staticmethod
@@ -538,7 +540,7 @@ class March:
             if self.angle < goal and at.theta < self.angle - LEAP_FROM:
                 return None
             (node,), steps = self._nodes(np.array([goal]), at.taylor(np.array([way])))
-            moved = float(np.max(np.abs(node.values - at.values)))
+            moved = float(max_abs(node.values - at.values))
             if not self._holds(node) or steps.first[0] > VERIFIED.correction * moved:
                 continue
             if not node.condition > LEAP_FROM * way:
@@ -547,7 +549,7 @@ class March:
             guess = self._between(at, node, places)
             inner, _ = self._nodes(places, guess)
             off = [
-                np.max(np.abs(inner_node.values - one))
+                max_abs(inner_node.values - one)
                 for inner_node, one in zip(inner, guess, strict=True)
                 if inner_node.condition > 100.0 * UNFIXED
             ]

@@ -28,7 +28,7 @@ from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.turns import less_periods
 from spherekit.numeric.zeros import ArrayRows, Zeros, hermite, zeros
 from spherekit.sphere.paths import ArcLength, measure
-from spherekit.sphere.rotation import Floats, all_finite, unit_rows
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans, unit_rows
 
 MOST_CORRECTIONS = 6
 CORRECTED = 1e-10
@@ -165,7 +165,7 @@ class Chords:
             some = np.asarray(values[first : first + AT_ONCE])
             away = less_periods(some[:, None] - starts - half, periods) + half
             along = np.sum(away * self.directions, axis=2)
-            off = np.max(np.abs(away - along[..., None] * self.directions), axis=2)
+            off = max_abs(away - along[..., None] * self.directions, axis=2)
             near = off < BESIDE * self.chords + NEAR
             near &= np.abs(along / self.chords - 0.5) < 0.51
             which, chord = np.nonzero(near)
@@ -211,7 +211,7 @@ class Segments(Chords):
         targets = np.sum(e * self.nodes.values[which], axis=1) + way
         values, _ = correct(self.closure, guess, e, targets)
         points, _ = curve_points(self.closure, values, e)
-        miss = np.max(np.abs(values - guess), axis=1)
+        miss = max_abs(values - guess, axis=1)
         good = (points.residual < CLOSURE_TOLERANCE) & (miss <= LARGEST_MISS * chords)
         for array in (points.values, points.tangents, points.bends, points.residual):
             array[~good] = np.nan
@@ -387,7 +387,7 @@ class ArcCurve:
 
         Whole periods of the variables do not matter.
         """
-        lengths = np.full(len(values), np.nan)
+        lengths = nans(len(values))
         row, number, along = self._hits(values)
         lengths[row] = self._lengths_at(number, along)
         return lengths
@@ -403,7 +403,7 @@ class ArcCurve:
         row, number, way, along = segments.beside(values, self.periods)
         starts = self.nodes.values
         miss = segments.on(number, along).values - starts[number] - way
-        hits = np.max(np.abs(miss), axis=1) < NEAR
+        hits = max_abs(miss, axis=1) < NEAR
         return row[hits], number[hits], along[hits]
 
     def wrapped(self, differences: Floats) -> Floats:

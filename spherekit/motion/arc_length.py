@@ -37,7 +37,7 @@ from spherekit.motion.steps import (
     follow_paths,
     taylor,
 )
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite, max_abs
 
 LONGEST = 500.0
 """Length (rad) after which a curve that does not close is ended."""
@@ -276,7 +276,7 @@ def periods_of(closure: Closure) -> Floats:
 
 def _started(closure: Closure, values: Floats, limits: tuple[_Limit, ...]) -> _Nodes:
     """Return the node of a configuration, after closing it exactly."""
-    if not np.all(np.isfinite(values)):
+    if not all_finite(values):
         raise SolveError("the configuration to follow has to be finite, but is not")
     gap = float(closure.at(values[None]).gap[0])
     if not gap < CLOSED_START:
@@ -349,7 +349,7 @@ class _Arcs(Curves[_Nodes]):
         borders = np.repeat(at.tangents, 2, axis=0)
         targets = np.sum(at.tangents * at.values, axis=1)[:, None] + parts
         values, steps = correct(closure, guess, borders, targets.ravel())
-        good = np.all(np.isfinite(values), axis=1)
+        good = all_finite(values, 1)
         good &= self.tests.corrected(steps.first, steps.ratio, np.repeat(ways, 2))
         values[~good] = np.repeat(at.values, 2, axis=0)[~good]
         points, there = curve_points(closure, values, borders)
@@ -397,7 +397,7 @@ class _Arcs(Curves[_Nodes]):
             if not 0.0 < way <= step:
                 continue
             made, (holds,), _ = self.steps_to(row, at, np.array([way]))
-            if holds and np.max(np.abs(made.values - on)) < SAME:
+            if holds and max_abs(made.values - on) < SAME:
                 best, step = (made, limit), way
         return best
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
-from spherekit.sphere.rotation import Floats, transpose
+from spherekit.sphere.rotation import Floats, max_abs, transpose
 
 Rows = NDArray[np.intp]
 
@@ -60,7 +60,7 @@ def newton(
     values, active = values.copy(), np.arange(len(values))
     for _ in range(most):
         step = change(values[active], active)
-        length = np.max(np.abs(step), axis=1, initial=0.0)
+        length = max_abs(step, axis=1, initial=0.0)
         values[active] += step * steps.part(length, active)
         active = active[length > settled]
         if not len(active):
@@ -150,7 +150,7 @@ class Closure:
                 break
             active = active[going]
             change = least_change(at.jacobian[going][:, :, free], -at.residual[going])
-            length = np.max(np.abs(change), axis=1)
+            length = max_abs(change, axis=1)
             values[active[:, None], free] += change * steps.part(length, active)
         if at_best is None:
             at_best = self.at(best)

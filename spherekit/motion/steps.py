@@ -251,10 +251,10 @@ class Curves(ABC, Generic[Node]):
         middle = 0.5 * (at.values + new.values)
         values = start.values + whole_laps(middle - start.values, self.periods)
         ends = self.again(start, at, values)
-        closes = holds & np.all(np.isfinite(ends.values), axis=1)
+        closes = holds & all_finite(ends.values, 1)
         way = np.sum(at.tangents * (values - at.values), axis=1)
         there = taylor(at.values, at.tangents, at.bends, way[:, None])
-        miss = np.max(np.abs(values - there), axis=1)
+        miss = max_abs(values - there, axis=1)
         closes &= self.way[rows] > 4.0 * NEARLY_THERE
         closes &= (way > -NEARLY_THERE) & (way <= step) & (miss <= tests.correction * step)
         closes &= np.sum(start.tangents * at.tangents, axis=1) >= 0.8
@@ -263,7 +263,7 @@ class Curves(ABC, Generic[Node]):
         (some,) = np.nonzero(closes & far)
         if len(some):
             made, held, _ = self.steps_to(rows[some], at.rows(some), way[some])
-            away = np.max(np.abs(made.values - values[some]), axis=1)
+            away = max_abs(made.values - values[some], axis=1)
             closes[some] = held & (away <= self.same)
         return ends, closes
 
@@ -289,7 +289,7 @@ class Curves(ABC, Generic[Node]):
         away = middles[some] - at.values[some]
         along = np.sum(away * chord.directions[which], axis=1) / chord.chords[which]
         wrong = chord.predict(which, along) - middles[some]
-        miss = np.max(np.abs(wrong), axis=1, initial=0.0)
+        miss = max_abs(wrong, axis=1, initial=0.0)
         allowed = np.broadcast_to(rounding, len(ways))[some]
         holds[some] = self.tests.predicted(miss, ways[some], allowed)
         return np.asarray(holds)
@@ -301,7 +301,7 @@ class Curves(ABC, Generic[Node]):
         count = len(nodes.values)
         kept = np.ones(count, dtype=bool)
         if self.closed[row]:
-            away = np.max(np.abs(nodes.values[-1] - nodes.values[-2]))
+            away = max_abs(nodes.values[-1] - nodes.values[-2])
             kept[-2] = away >= NEARLY_THERE
         return nodes.rows(kept)
 

@@ -42,7 +42,7 @@ from spherekit.motion.motion import Motion
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.wheels import SAME_LENGTH
-from spherekit.sphere.rotation import Floats, transpose
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans, transpose
 
 
 def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | None:
@@ -88,7 +88,7 @@ def _lengths(held: Solver, meshes: Meshes, lengths: Floats) -> Floats:
     ratios = meshes.ratios
     onto = ratios @ np.linalg.pinv(ratios)
     beyond = every - meshes.lengths
-    rollable = np.max(np.abs(beyond - beyond @ onto.T), axis=1) < SAME_LENGTH
+    rollable = max_abs(beyond - beyond @ onto.T, axis=1) < SAME_LENGTH
     every = every[rollable]
     order = np.argsort(np.sum(np.abs(every), axis=1), kind="stable")
     return np.asarray(every[order[:MOST_ASSEMBLIES]])
@@ -96,10 +96,10 @@ def _lengths(held: Solver, meshes: Meshes, lengths: Floats) -> Floats:
 
 def _turned(meshes: Meshes, q: Floats, lengths: Floats) -> Floats | None:
     """Return inputs (k,) whole turns from some that roll the lengths (m,), the least."""
-    rolling = np.max(np.abs(meshes.ratios), axis=0, initial=0.0) > SAME_RATIO
+    rolling = max_abs(meshes.ratios, axis=0, initial=0.0) > SAME_RATIO
     turns = [_turns(period) if moves else (0,) for moves, period in _each(meshes, rolling)]
     places = q + TURN * np.array(list(product(*turns)), dtype=float)
-    off = np.max(np.abs(meshes.rolled(places) - lengths), axis=1)
+    off = max_abs(meshes.rolled(places) - lengths, axis=1)
     fits = places[off < SAME_LENGTH]
     if not len(fits):
         return None
@@ -161,7 +161,7 @@ def solved(
     row, values, signs = [], [], []
     complete = np.ones(len(inputs), dtype=bool)
     for number, q in enumerate(inputs):
-        if not np.all(np.isfinite(q)):
+        if not all_finite(q):
             continue
         here = assemblies(solver, q)
         complete[number] = all(m is None or m.is_complete for m in here.methods)
@@ -311,7 +311,7 @@ def output_rates(motion: Motion, output: Output) -> Floats:
     link = mechanism.link_number[output.link]
     base = mechanism.link_number[output.relative_to]
     good = motion.status == Status.OK
-    rates = np.full((len(motion), 3, motion.inputs.shape[1]), np.nan)
+    rates = nans((len(motion), 3, motion.inputs.shape[1]))
     inverse = transpose(motion.rotations[good, base])
     part = motion.rows(good)
     at, free = part.linearisation, list(part.free)

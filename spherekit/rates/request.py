@@ -28,7 +28,7 @@ from spherekit.planning.poles import (
     PrimaryPole,
     pole_of,
 )
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, all_finite
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -407,8 +407,8 @@ def signs_at_stops(
     units, vectors, changes = at(np.concatenate([item.rows for item in stops.values()]))
     if motion.inputs.shape[1] > 1:
         changes = np.zeros_like(vectors)  # by the way of all inputs it is not known
-    is_good = np.all(np.isfinite(units), axis=0)
-    is_moved = np.all(np.isfinite(vectors), axis=0) & np.any(vectors != 0.0, axis=0)
+    is_good = all_finite(units, 0)
+    is_moved = all_finite(vectors, 0) & np.any(vectors != 0.0, axis=0)
     is_moved &= is_good
     first = 0
     sense = np.ones(len(motion)) if motion.sense is None else motion.sense

@@ -27,7 +27,7 @@ from spherekit.planning.poles import (
     pole_of,
 )
 from spherekit.rates.request import Route, cross, dot, norm
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, nans, unit_rows
 
 TRUSTED_ERROR = 1e-12
 """A direction with a smaller bound (rad) is surely good."""
@@ -141,7 +141,7 @@ class PlannedPoles:
         Through third links whose poles with both are known, where it was found otherwise;
         NaN without two.
         """
-        nothing, bodies = np.full((len(self.motion), 2, 3), np.nan), self.plan.pole(*pole)
+        nothing, bodies = nans((len(self.motion), 2, 3)), self.plan.pole(*pole)
         if bodies is None:
             return nothing
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -184,6 +184,6 @@ def null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
         bordered = np.concatenate([jacobian, border[:, None, :]], axis=1)
         inverse = left_inverse(bordered)
         rates = inverse[:, :, -1]
-        rates = rates / np.linalg.norm(rates, axis=1, keepdims=True)
+        rates = unit_rows(rates)
         border = rates
     return NullMotion(rates, inverse, tree.body_rates(vectors, rates))

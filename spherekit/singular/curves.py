@@ -47,7 +47,7 @@ from spherekit.singular.several import (
 )
 from spherekit.singular.starts import EVERYWHERE, Seeding
 from spherekit.singular.stationarity import output_of
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, max_abs
 
 GAUSS = np.polynomial.legendre.leggauss(8)
 NOTHING = 1e-6
@@ -145,7 +145,7 @@ class SingularCurve:
         row, which, away, along = self.chord.beside(values, self.periods)
         points = self.on(which, along / self.chord.chords[which])
         there = self.nodes.values[which] + away
-        miss = np.max(np.abs(there - points.values), axis=1)
+        miss = max_abs(there - points.values, axis=1)
         same = np.abs(np.sum(points.motions * motions[row], axis=1)) > 1.0 - 1e-6
         on_curve[row[(miss < NEAR) & same]] = True
         return on_curve

@@ -40,7 +40,7 @@ from spherekit.singular.stationarity import (
     TangentSpace,
     tangent_space,
 )
-from spherekit.sphere.rotation import Floats, all_finite, unit_rows
+from spherekit.sphere.rotation import Floats, all_finite, max_abs, unit_rows
 
 MOST_CORRECTIONS = 8
 CORRECTED = 1e-10
@@ -226,7 +226,7 @@ class Locus:
         space, moving, motions, off, _, equations = self._linearised(
             values, motions, borders, like
         )
-        residual = np.maximum(space.at.gap, np.max(np.abs(off), axis=1))
+        residual = np.maximum(space.at.gap, max_abs(off, axis=1))
         equations = equations[:, : self.rest.count + 1]
         tangents, turns, reciprocal_condition = self._tangents(
             space, moving, motions, equations

@@ -17,7 +17,7 @@ from spherekit.numeric.unread import LentMemory, Reader, Unread
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import PoleField, Request, TurnedRows
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.sphere.rotation import Floats
+from spherekit.sphere.rotation import Floats, nans
 
 SLICE = 8184
 """Rows of a slice: no power of two, for columns would then share the lines of the cache."""
@@ -283,7 +283,7 @@ class _PlanesWhenRead(dict[Pole, Floats]):
         self._wanted, self._motion = wanted, motion
 
     def __missing__(self, pole: Pole) -> Floats:
-        self[pole] = np.full((len(self._motion), 2, 3), np.nan)
+        self[pole] = nans((len(self._motion), 2, 3))
         if pole in self._wanted.planes:
             self[pole] = PlannedPoles(self._wanted.plan, self._motion).circles(pole)
         return self[pole]
