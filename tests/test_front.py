@@ -48,8 +48,8 @@ COMPUTED = (
 INSIDE = {
     "Bearings": "carried",
     "Digits": "within",
-    "Mechanism": "angle_between variables_of",
-    "Motion": "joined rows",
+    "Mechanism": "angle_between names_of variables_of",
+    "Motion": "joined put rows",
     "Plan": "name pole",
     "InverseKinematics": "no_closed_form",
     "Study": "fault",
