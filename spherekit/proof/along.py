@@ -21,7 +21,7 @@ from spherekit.numeric.crossings import wrap
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Crossings
 from spherekit.proof.tubes import LONGEST, UP, Piece, corrected, piece_at
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import Floats
 
 FORWARD = 0.9
 """Where the next centre is looked for, over the half length of a piece."""
@@ -431,7 +431,7 @@ def _place(
     """Return the only zero of a rate from a piece's centre to a goal, near its place."""
     beyond = 0.0
     for step in range(STEPS):
-        length = float(max_abs(wrap(goal - piece.centre)))
+        length = float(np.max(np.abs(wrap(goal - piece.centre))))
         if length < NEAREST:
             break
         rate, part = float(piece.tangent[variable]), 0.5
@@ -451,9 +451,9 @@ def _place(
         else:
             beyond = 0.0
     apart = wrap(goal - piece.centre)
-    longest = max(4.0 * float(max_abs(apart)), 1e-8)
+    longest = max(4.0 * float(np.max(np.abs(apart))), 1e-8)
     around = piece_at(equations, piece.centre, piece.tangent, longest, 1e-12)
     if around is None or not around.holds(goal, 1e-10):
         around = piece
-    reach = float(max_abs(around.coordinates(goal)))
+    reach = float(np.max(np.abs(around.coordinates(goal))))
     return Stop(piece.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10, before)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spherekit.proof.equations import Equations
 from spherekit.proof.harmonics import Complexes
 from spherekit.proof.tubes import ROUNDING, UP
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import Floats
 
 Bools = NDArray[np.bool_]
 WIDEST = 0.05
@@ -60,7 +60,7 @@ class Polynomials:
         real = equations.real
         others = [v for v in range(equations.variables) if v not in unknowns]
         made = [real.powers(row, unknowns, given) for row in rows]
-        largest = [max(max_abs(array, initial=0.0) for array in two) for two in made]
+        largest = [max(np.max(np.abs(array), initial=0.0) for array in two) for two in made]
         degrees = equations.construction.degrees[np.ix_(rows, [*unknowns, *others])]
         most = np.max(degrees, axis=1, initial=1)
         error = real.error[list(rows)] * most + ROUNDING * (1.0 + np.array(largest))
@@ -159,7 +159,7 @@ def polished(
             values, first, _ = values_at(made, roots)
             inverse, regular = inverses(first)
             change = np.einsum("nij,nj->ni", inverse, values)
-            size = max_abs(change, axis=1, initial=0.0)
+            size = np.max(np.abs(change), axis=1, initial=0.0)
             good &= regular & (size < 1.0)
             roots = roots.moved(np.where(good[:, None], roots.z - change, roots.z))
             if np.max(size[good], initial=0.0) < STILL:
@@ -169,11 +169,11 @@ def polished(
 
 def inverses(first: Complexes) -> tuple[Complexes, Bools]:
     """Return inverses (n, k, k), zero where there are none, and which there are."""
-    regular = all_finite(first, (1, 2))
+    regular = np.all(np.isfinite(first), axis=(1, 2))
     regular &= np.abs(np.linalg.det(np.where(regular[:, None, None], first, 0))) > 0.0
     out = np.zeros_like(first)
     out[regular] = np.linalg.inv(first[regular])
-    return out, regular & all_finite(out, (1, 2))
+    return out, regular & np.all(np.isfinite(out), axis=(1, 2))
 
 
 @final

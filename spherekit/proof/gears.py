@@ -134,7 +134,7 @@ def structure_of(mechanism: Mechanism) -> Structure:
             pairs.append(_new(f"{pair.name}_{link}", pairs))
             ends.append((end, len(links) - 1))
         couplers.append(Coupler(number, len(links) - 1, (halves[0], halves[1])))
-    names = mechanism.names_of(driven_pairs(mechanism))
+    names = [mechanism.pairs[number].name for number in driven_pairs(mechanism)]
     return Structure(
         mechanism.name,
         tuple(links),

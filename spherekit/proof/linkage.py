@@ -45,7 +45,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.sphere.paths import SplinePath
 from spherekit.sphere.profile import spline_through
-from spherekit.sphere.rotation import Floats, max_abs, nans
+from spherekit.sphere.rotation import Floats
 
 MOST_PANELS = 10_000
 
@@ -360,7 +360,7 @@ class _Contact(_Joint):
             inverse, _ = left_inverse(free.vectors(s[None]).swapaxes(1, 2))
             step = (inverse @ miss[..., None])[0, :, 0]
             s = middles(s - step)
-            size = float(max_abs(floats(step)))
+            size = float(np.max(np.abs(floats(step))))
             if size == 0.0 or not size < last / 2:
                 break
             last = size
@@ -523,7 +523,7 @@ def left_inverse(matrices: Balls) -> tuple[Balls, Floats]:
     flint = library()
     bits, (n, m, k) = precision(), matrices.shape
     inverses = np.full((n, k, m), flint.arb.nan(), dtype=object)
-    condition = nans(n)
+    condition = np.full(n, np.nan)
     for row, given in enumerate(matrices):
         with flint.ctx.workprec(2 * bits + 64):
             a = flint.arb_mat(m, k, list(given.ravel())).mid()

@@ -36,7 +36,7 @@ from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.roots import Root, root_near
 from spherekit.proof.systems import SEEDS, SolvedSystem, Systems, modes_near
 from spherekit.proof.tubes import UP
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import Floats
 
 SMALLEST = 1e-6
 MOST_BOXES = 500_000
@@ -96,7 +96,7 @@ class RealModes:
             turns = np.stack([np.cos(place), np.sin(place)], axis=-1)[None]
             values, slopes = self.equations.real.first(turns)
             change, *_ = np.linalg.lstsq(slopes[0][:, :count], -values[0], rcond=1e-12)
-            size = float(max_abs(change))
+            size = float(np.max(np.abs(change)))
             place[:count] += change * min(1.0, 0.3 / max(size, 1e-300))
             if size < 1e-12:
                 return place

@@ -32,7 +32,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.linkage import Linkage, turning_rates
 from spherekit.rates.request import PoleField, Request
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import Floats
 
 RADIUS = 1e-6
 """A solution farther (rad) from the row than this is not taken for the one meant."""
@@ -144,7 +144,7 @@ def exact_rows_by_input(
     mechanism = motion.mechanism
     for pair in driven:
         if pair not in motion.assembly.inputs:
-            names = listing(mechanism.names_of(motion.assembly.inputs))
+            names = listing(mechanism.pairs[p].name for p in motion.assembly.inputs)
             raise SolveError(
                 f"{mechanism.name}: pair number {pair} is not an input; inputs: {names}"
             )
@@ -277,14 +277,14 @@ def _judged(motion: Motion, solution: Closed) -> NDArray[np.int8]:
     off = motion.configuration_error
     near = np.maximum(np.where(np.isfinite(off), 2.0 * off, 0.0), RADIUS)
     status[ok & (wild | (solution.distance > near))] = Status.MODE_LOST
-    unknown = motion.failed | ~all_finite(motion.values, 1)
+    unknown = motion.failed | ~np.all(np.isfinite(motion.values), axis=1)
     given = np.where(motion.status == Status.OK, Status.NOT_CONVERGED, motion.status)
     return np.where(unknown, given, status).astype(np.int8)
 
 
 def _largest(values: Balls) -> Floats:
     """Return the largest size (k,) in each row of values (k, m)."""
-    return np.asarray(max_abs(floats(values), axis=1, initial=0.0))
+    return np.asarray(np.max(np.abs(floats(values)), axis=1, initial=0.0))
 
 
 def exact_motion(motion: Motion, rows: NDArray[np.bool_], exact: ExactRows) -> Motion:
@@ -331,7 +331,7 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Balls:
             )
         side = np.where(np.sum(floats(along) * toward, axis=1) < 0.0, -1.0, 1.0)
         made = along * (side / _lengths(along))[:, None]
-        return _where(all_finite(toward, 1), made)
+        return _where(np.all(np.isfinite(toward), axis=1), made)
 
 
 def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleField:
@@ -365,7 +365,7 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     with exact.arithmetic.within():
         for pole in wanted.poles:
             unit = exact_direction(exact, pole, field.direction[pole])
-            blind = ~all_finite(floats(unit), 1)
+            blind = ~np.all(np.isfinite(floats(unit)), axis=1)
             made["direction"][pole] = floats(unit)
             for name, w in (
                 ("velocity_coefficient", exact.w),
@@ -409,8 +409,8 @@ def _relative(w: Balls, pole: Pole) -> Balls:
 
 def _above(vectors: Balls, rates: Balls, pole: Pole, floor: Floats) -> NDArray[np.bool_]:
     """Return (n,) whether differences (n, 3) of the rates of two links are not rounding."""
-    size = max_abs(floats(rates[:, list(pole)]), axis=(1, 2))
-    largest = max_abs(floats(vectors), axis=1)
+    size = np.max(np.abs(floats(rates[:, list(pole)])), axis=(1, 2))
+    largest = np.max(np.abs(floats(vectors)), axis=1)
     return np.asarray(largest > floor * np.maximum(size, 1.0))
 
 

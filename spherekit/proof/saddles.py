@@ -39,7 +39,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import Zone
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import Floats
 
 DIRECTIONS = 100
 """Parts of each side of the square of directions in which slopes are enclosed."""
@@ -239,7 +239,7 @@ def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None
         return None
     centre = floats(critical)
     form = _Form.about(equations, centre)
-    if form is None or not max_abs(centre - place) < farthest:
+    if form is None or not np.max(np.abs(centre - place)) < farthest:
         return None
     try:
         _, residual = form.open(exactly(centre))
@@ -318,7 +318,7 @@ class _Form:
                 slope = middles(first[-1, 1:] + second[-1, 0, 1:])
                 flat = _real(middles(second[-1, 1:, 1:]), -slope[:, None])[:, 0]
                 change = middles(first[:-1, 0] + first[:-1, 1:] @ flat)
-                far = max_abs(floats(change))
+                far = np.max(np.abs(floats(change)))
                 if not far < 0.5:
                     return None
                 place = middles(place + change)

@@ -15,7 +15,7 @@ from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
 from spherekit.proof.paving import Paved
 from spherekit.proof.saddles import QUADRANTS, Saddle
 from spherekit.proof.tubes import LONGEST, UP, corrected, piece_at
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import Floats
 
 NEIGHBOURS = 8
 """Pieces with the nearest centres that a box is tried against."""
@@ -121,7 +121,7 @@ class Search:
             if place is None:
                 continue
             reach = 4.0 * float(np.max(radii[row]))
-            if float(max_abs(place - centres[row])) > reach:
+            if float(np.max(np.abs(place - centres[row]))) > reach:
                 continue
             if self.inputs.has(float(place[-1]), OUTSIDE) and self._follow(place):
                 self.vain = 0

@@ -46,7 +46,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.linkage import Linkage, left_inverse, turning_rates
 from spherekit.proof.rows import Closed, ExactRows, closed
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import Floats
 
 Sides = NDArray[np.float64] | None
 """The sides (switches,) +1 or -1 of all conditions; None takes those they are on."""
@@ -609,4 +609,4 @@ class ExactSimulation:
 
 
 def _size(balls: Any) -> float:
-    return float(max_abs(floats(balls), initial=0.0))
+    return float(np.max(np.abs(floats(balls)), initial=0.0))

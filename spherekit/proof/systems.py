@@ -44,7 +44,7 @@ from spherekit.proof.charts import (
 from spherekit.proof.construction import permanent, systems_of
 from spherekit.proof.equations import Equations
 from spherekit.proof.harmonics import Complexes
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import Floats
 
 MOST_STEPS = 600
 FIRST_STEP, LEAST_STEP, LARGEST_STEP = 0.02, 1e-7, 0.1
@@ -66,7 +66,7 @@ def modes_near(equations: Equations, driven: Floats, seed: int) -> Complexes:
     made = Polynomials.at(equations, every, every, driven[None])
     with np.errstate(all="ignore"):
         angles = -1j * np.log(solutions(made, seed).points)
-    return np.asarray(angles[all_finite(angles, 1)])
+    return np.asarray(angles[np.all(np.isfinite(angles), axis=1)])
 
 
 def solutions(made: Polynomials, seed: int) -> ChartRoots:
@@ -137,7 +137,7 @@ class _Way:
             there = t[going] + length
             ahead = self._predicted(points.take(going), t[going], length)
             ahead, first, last = self._corrected(ahead, there)
-            size = 1.0 + max_abs(ahead.z, axis=1)
+            size = 1.0 + np.max(np.abs(ahead.z), axis=1)
             good = (first < TRUSTED * size) & (last < 1e-8 * size)
             kept, failed = going[good], going[~good]
             moved = ahead.take(good).moved(ahead.z[good])
@@ -150,7 +150,7 @@ class _Way:
             step[failed] = 0.5 * length[~good]
             lost[failed] = step[failed] < LEAST_STEP
         # a way that ends short of its goal leads to a double solution, or nearly
-        return points.take((t > NEARLY) & all_finite(points.z, 1))
+        return points.take((t > NEARLY) & np.all(np.isfinite(points.z), axis=1))
 
     def _predicted(self, points: ChartRoots, t: Floats, length: Floats) -> ChartRoots:
         """Return points ahead by the Runge-Kutta method of order 4."""
@@ -172,7 +172,7 @@ class _Way:
             values, first, _ = self._at(points, t)
             change = _solved(first, values)
             points = ChartRoots(points.z - change, points.inverse, points.row)
-            sizes.append(np.nan_to_num(max_abs(change, axis=1), nan=np.inf))
+            sizes.append(np.nan_to_num(np.max(np.abs(change), axis=1), nan=np.inf))
         return points, sizes[0], sizes[-1]
 
 
@@ -539,5 +539,5 @@ def _stepped(
 def _first_of_each(roots: ChartRoots) -> NDArray[np.intp]:
     over = np.where(roots.inverse, 1.0, roots.z)
     under = np.where(roots.inverse, roots.z, 1.0)
-    gap = max_abs(over[:, None] * under - under[:, None] * over, axis=2)
+    gap = np.max(np.abs(over[:, None] * under - under[:, None] * over), axis=2)
     return np.flatnonzero(~np.any(np.tril(gap < 1e-7, -1), axis=1))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.equations import Equations
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import Floats
 
 LONGEST = 0.4
 """Largest half length (rad) of a piece."""
@@ -149,7 +149,7 @@ def piece_at(
     t, normals = frame[:, 0], frame[:, 1:]
     inner = at.slopes @ normals
     inverse = np.asarray(np.linalg.inv(inner), dtype=float)
-    if not all_finite(inverse):
+    if not np.all(np.isfinite(inverse)):
         return None
     test = Test(at, t, normals, inverse)
     for halves in _halves(longest, shortest):
@@ -241,9 +241,9 @@ def corrected(equations: Equations, place: Floats, steps: int = 8) -> Floats | N
         values, slopes, _ = equations.real.second(turns)
         change, *_ = np.linalg.lstsq(slopes, -values, rcond=1e-13)
         place = place + change
-        size = float(max_abs(change))
+        size = float(np.max(np.abs(change)))
         if not size < 1.0:
             return None
         if size < 1e-14:
             break
-    return place if float(max_abs(values)) < 1e-10 else None
+    return place if float(np.max(np.abs(values))) < 1e-10 else None
