@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 700_942,
-    "code lines": 57_247,
+    "nodes": 704_174,
+    "code lines": 57_304,
     "files": 332,
     "classes": 716,
     "dataclasses": 508,

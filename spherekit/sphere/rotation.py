@@ -586,6 +586,8 @@ def nans(shape: int | tuple[int, ...]) -> Floats:
     return np.full(shape, np.nan)
 
 
-def max_abs(values: ArrayLike, **options: Any) -> Any:
-    """Return the largest size of numbers: of all, or along an `axis`."""
-    return np.max(np.abs(values), **options)
+def max_abs(
+    values: ArrayLike, axis: int | tuple[int, ...] | None = None, initial: float = 0.0
+) -> Any:
+    """Return the largest size of numbers, or the `initial` one, of all or along axes."""
+    return np.max(np.abs(values), axis=axis, initial=initial)
