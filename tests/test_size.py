@@ -17,8 +17,8 @@ REACHED = {
     "nodes": 700_964,
     "code lines": 57_249,
     "files": 332,
-    "classes": 716,
-    "dataclasses": 508,
+    "classes": 715,
+    "dataclasses": 507,
     "functions of 60 lines": 32,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""

@@ -24,7 +24,6 @@ from spherekit.engine.expression_graph import (
 )
 from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import Angles, LinkOrientation, ground_placement, placed_along
-from spherekit.engine.system import ArrayFunction, array_function
 from spherekit.engine.turns import Entries, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.files.write import canonical_text
@@ -321,42 +320,6 @@ def lost_by(squares: Floats) -> NDArray[np.bool_]:
             lost |= placed & (square < OUT_OF_REACH)
             placed &= square > IN_LINE
     return lost
-
-
-@final
-@dataclass(frozen=True)
-class ClosedPositions:
-    """The configurations of a mechanism by its inputs and the signs of its dyads.
-
-    `function` gives, of inputs and signs in rows, all `variables`, then the squares.
-    """
-
-    variables: int
-    inputs: int
-    function: ArrayFunction
-
-    def at(self, q: Floats, signs: Sequence[int]) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return the variables (variables, n) at inputs q (inputs, n), and what is lost.
-
-        NaN where no configuration is found; (n,) is true where surely none is.
-        """
-        given = given_by(q, signs, np.empty((self.inputs, q.shape[1])))
-        positions = np.asarray(self.function(given))
-        return positions[: self.variables], lost_by(positions[self.variables :])
-
-
-def closed_positions(mechanism: Mechanism, assembly: Assembly) -> ClosedPositions | None:
-    """Return them on arrays, None where a group is no dyad."""
-
-    def make() -> ClosedPositions | None:
-        form = closed_form(mechanism, assembly)
-        if form is None:
-            return None
-        outputs = [*form.variables, *form.squares]
-        made = array_function(outputs, form.given)
-        return ClosedPositions(len(form.variables), len(form.given), made)
-
-    return COMPILED.get(mechanism, repr(("positions", assembly.inputs)), make)
 
 
 def _angle(mechanism: Mechanism, pair: int, placed: Sequence[LinkOrientation]) -> Expr:

@@ -237,22 +237,31 @@ class _Rows:
         self.loss[rows] = np.where(held, loss, np.inf)
         more = SECOND_ORDER * np.fmin(bend, 0.5)
         for pole in signed_poles:
-            place = self._of["direction_dq"][pole]
-            turn = place.of(self._columns)
-            off = gap * spread("direction_dq", pole)
-            unknown = ~(off < TURN_KNOWN * np.maximum(1.0, norm(turn[:, rows])))
-            turn[:, rows[unknown]] = np.nan
+            self._doubt_turn(pole, rows, gap * spread("direction_dq", pole))
         for pole, errors in self.errors.items():
             i, j = pole
             both = size[i] + size[j]
             direction = (gap + numbers) * spread("direction", pole) + numbers
             turned, whole = turns[i] + turns[j], ways[i] + ways[j]
-            rate = gap * spread("velocity_coefficient", pole) + numbers * fast * turned
+            # Of links that rest there is no axis to go along.
+            along = np.fmin(spread("velocity_coefficient", pole), whole)
+            swung = np.fmin(spread("acceleration_coefficient", pole), bent[i] + bent[j])
+            rate = gap * along + numbers * fast * turned
             rate += (numbers + np.fmin(direction, 1.0) ** 2) * both + more * off_w
-            change = gap * spread("acceleration_coefficient", pole) + more * off_dw
+            change = gap * swung + more * off_dw
             change += numbers * (3.0 * fast * whole + swings * turned)
-            change += (numbers + direction) * (both + swing[i] + swing[j])
+            change += (numbers + np.fmin(direction, 1.0)) * (both + swing[i] + swing[j])
+            if pole in signed_poles:
+                v, dv = (part[:, rows] for part in self.relative(pole))
+                rests = (norm(v) <= rate) & (norm(dv) <= change)
+                direction = np.where(rests, np.inf, direction)
             errors[:, rows] = direction, rate, change
+
+    def _doubt_turn(self, pole: Pole, rows: NDArray[np.intp], off: Floats) -> None:
+        """Leave out how a direction turns where that may be off by too much (k,)."""
+        turn = self._of["direction_dq"][pole].of(self._columns)
+        unknown = ~(off < TURN_KNOWN * np.maximum(1.0, norm(turn[:, rows])))
+        turn[:, rows[unknown]] = np.nan
 
     def _round(self, pole: Pole) -> None:
         """Add what the axes of pairs differ by that are one but for rounding."""

@@ -59,8 +59,8 @@ NEAR = 1e-4
 """A solution farther away (rad) is not the one meant."""
 CLOSED = 1e-25
 """A last step that is smaller (rad) has closed the loops."""
-SMALL = 1e-12
-"""Change of variables (rad) by which columns are compared."""
+SMALL = 1e-30
+"""How far loops are opened (rad)."""
 WIDE_PIECE = 256
 """Rows computed at once."""
 
@@ -94,12 +94,14 @@ class WideFunctions:
     """A step of Newton's method, all columns and what else decides, of pair variables.
 
     `free` are the numbers of the variables that a step gives, with `ways` in which loops
-    open; the `profiles` of contacts are those of float64, with what they change by.
+    open; `slopes` are all columns of complex variables. The `profiles` of contacts are
+    those of float64, with what they change by.
     """
 
     closer: ArrayFunction
     whole: ArrayFunction
     aside: ArrayFunction
+    slopes: ArrayFunction
     profiles: Sequence[ProfileColumns]
     free: Sequence[int]
     ways: int
@@ -134,10 +136,11 @@ class WideFunctions:
         return WideRows(
             columns.astype(float),
             aside.astype(float),
-            self._spread(x, values, columns, aside[self.inverse]),
+            self._spread(x.astype(float), aside[self.inverse].astype(float)),
             closed,
         )
 
+<<<<<<< HEAD
     def _spread(
         self, x: NDArray[Any], base: Floats, columns: NDArray[Any], inverse: NDArray[Any]
     ) -> Floats:
@@ -151,20 +154,32 @@ class WideFunctions:
             other[free] += h * way
             change = self.whole(self._given(other, base)) - columns
             spread += np.abs((change / h).astype(float))
+=======
+    def _spread(self, values: Floats, inverse: Floats) -> Floats:
+        """Return what columns change by as loops open, all ways added up.
+
+        Along each way by a step that is imaginary (Squire and Trapp 1998).
+        """
+        spread, free = np.zeros((self.whole.outputs, values.shape[1])), list(self.free)
+        x = values.astype(complex)
+        for way in np.moveaxis(inverse.reshape(len(free), self.ways, -1), 1, 0):
+            x.imag[free] = SMALL * way
+            spread += np.abs(self.slopes(self._given(x, values)).imag) / SMALL
+>>>>>>> 8838184d (Samples are read from splines, closed forms from the inputs alone; bounds by imaginary steps)
         return spread
 
     def _given(self, x: NDArray[Any], base: Floats) -> NDArray[Any]:
         """Return variables with the columns of profiles, by their derivatives at `base`."""
         if not self.profiles:
             return x
-        made = with_columns(base, self.profiles).astype(quad())
+        made = with_columns(base, self.profiles).astype(x.dtype)
         count, width = len(x), len(PARTS)
         made[:count] = x
         for k, profile in enumerate(self.profiles):
             rows = slice(count + width * k, count + width * (k + 1))
             at = profile.variable
             slopes = profile.series.slopes(base[at] + profile.start)
-            made[rows] += slopes.astype(quad()) * (x[at] - base[at].astype(quad()))
+            made[rows] += slopes.astype(x.dtype) * (x[at] - base[at].astype(x.dtype))
         return made
 
 
@@ -386,6 +401,7 @@ class RowKernel:
             array_function(terms.rows.closer(terms.variables), terms.given, kind),
             array_function(self._columns, terms.given, kind),
             array_function(terms.aside, terms.given, kind),
+            array_function(self._columns, terms.given, complex),
             terms.rows.pairs.columns,
             self.free,
             ways,

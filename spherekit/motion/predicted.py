@@ -1,32 +1,28 @@
 """Samples predicted from nodes among them, all at once.
 
 Where the samples of a block lie close together, every so many of them are nodes, found as
-any sample is; the others are read from polynomials through the eight nodes around. Nothing
-is taken for closed here: whoever asks has to look.
+any sample is; the others are read from splines through these. Nothing is taken for closed
+here: whoever asks has to look.
 """
 
-from functools import lru_cache
-from typing import final
+from functools import cached_property
+from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.conventions import TURN, Status
 from spherekit.motion.motion import Tracer
 from spherekit.sphere.rotation import Floats, max_abs
 
-STENCIL = 8
-"""Nodes that a polynomial goes through."""
+DEGREE = 7
+"""Of the splines."""
 APART = 0.01
-"""Inputs (rad) between two nodes: polynomials are then as good as rounding, but where modes
+"""Inputs (rad) between two nodes: splines are then as good as rounding, but where modes
 meet."""
 FEWEST = 4
 """With fewer samples than this to a node prediction does not pay."""
 MOST = 1024
 """Samples to a node at most."""
-PRODUCT = 1 << 18
-"""Multiplications in a product of matrices: larger ones are shared among cores, which wait
-for each other longer than that takes."""
 PORTION = 1024
 """Nodes that are found at once."""
 
@@ -37,13 +33,10 @@ class Predictor:
 
     def __init__(self, tracer: Tracer, every: int) -> None:
         self._tracer, self._every = tracer, every
-        self._last = (len(tracer.input_grid) - 1) // every
-        self._known: dict[int, Nodes] = {}
-        self._angles = np.zeros(len(tracer.mechanism.variable_owners), dtype=bool)
-        self._angles[tracer.solver.angles] = True
         self._driven = list(tracer.solver.driven)
-        every_one = range(len(self._angles))
+        every_one = range(len(tracer.mechanism.variable_owners))
         self._free = [v for v in every_one if v not in self._driven]
+        self._angles = np.isin(self._free, tracer.solver.angles)
 
     @classmethod
     def of(cls, tracer: Tracer) -> "Predictor | None":
@@ -51,10 +44,15 @@ class Predictor:
         q = tracer.input_grid.q
         if not tracer.input_grid.is_path or not tracer.assembly_modes:
             return None
-        if len(q) <= FEWEST * (STENCIL - 1):
+        if len(q) <= FEWEST * DEGREE:
             return None
+<<<<<<< HEAD
         step = float(max_abs(np.diff(q, axis=0)))
         every = min(MOST, (len(q) - 1) // (STENCIL - 1))
+=======
+        step = float(np.max(np.abs(np.diff(q, axis=0))))
+        every = min(MOST, (len(q) - 1) // DEGREE)
+>>>>>>> 8838184d (Samples are read from splines, closed forms from the inputs alone; bounds by imaginary steps)
         if step > 0.0:
             every = min(every, int(APART / step))
         return cls(tracer, every) if every >= FEWEST else None
@@ -64,32 +62,26 @@ class Predictor:
 
         NaN where nothing is predicted.
         """
-        every, last = self._every, self._last
-        begin, end = start // every, min((stop - 1) // every, last - 1)
+        out[:] = np.nan
         given = self._tracer.input_grid.q[start:stop].T
         for number, inputs in zip(self._driven, given, strict=True):
             out[number] = inputs
-        if begin <= end:
-            low = max(0, begin - STENCIL + 1)
-            nodes = self._nodes(low, min(last, end + STENCIL) + 1)
-            self._fill(out, nodes, (begin - low, end + 1 - low), low * every - start)
-        if stop > last * every:
-            count = len(self._tracer.input_grid)
-            back = count - 1 - np.arange(STENCIL)[::-1] * every
-            first = max(start, last * every) - start
-            at = int(back[-2]) - start - first
-            nodes = self._found(back)
-            whole = (STENCIL - 2, STENCIL - 1)
-            self._fill(out[:, :, first:], nodes, whole, at - (STENCIL - 2) * every)
-            if stop == count:
-                values, good = nodes
-                out[:, :, -1] = np.where(good[:, -1], values[:, :, -1], np.nan)
+        for mode, first, last, spline in self._splines:
+            low, high = max(start, first), min(stop, last + 1)
+            if low < high:
+                made = spline(np.arange(low, high, dtype=float)).T
+                angles = made[self._angles]
+                over = ~(np.abs(angles) < np.pi)
+                angles[over] -= TURN * np.ceil((angles[over] - np.pi) / TURN)
+                made[self._angles] = angles
+                out[self._free, mode, low - start : high - start] = made
 
-    def _fill(
-        self, out: Floats, nodes: "Nodes", windows: tuple[int, int], place: int
-    ) -> None:
-        """Write the samples (variables, modes, n) of some windows, each of one node.
+    @cached_property
+    def _splines(self) -> list[tuple[int, int, int, Any]]:
+        """Splines by the number of the sample, with their modes, first and last samples."""
+        from scipy.interpolate import make_interp_spline
 
+<<<<<<< HEAD
         `place` is where in `out` the first node lies.
         """
         values, good = nodes
@@ -209,3 +201,26 @@ def _wrap(angle: Floats) -> None:
         over = ~(np.abs(angle) < np.pi)
         angle[over] -= TURN * np.round(angle[over] / TURN)
         angle[angle <= -np.pi] += TURN
+=======
+        count, modes = len(self._tracer.input_grid), len(self._tracer.assembly_modes)
+        nodes = np.append(np.arange(0, count - 1, self._every), count - 1)
+        values = np.empty((modes, len(nodes), len(self._free)))
+        good = np.empty((modes, len(nodes)), dtype=bool)
+        for start in range(0, len(nodes), PORTION):
+            some = slice(start, start + PORTION)
+            motion = self._tracer.samples(nodes[some])
+            passive = motion.values[:, self._free]
+            values[:, some] = passive.reshape(modes, -1, len(self._free))
+            good[:, some] = (motion.status == Status.OK).reshape(modes, -1)
+        made = []
+        for mode in range(modes):
+            edges = np.flatnonzero(np.diff(good[mode], prepend=False, append=False))
+            for first, stop in edges.reshape(-1, 2).tolist():
+                if stop - first <= DEGREE:
+                    continue
+                along, at = values[mode, first:stop], nodes[first:stop]
+                along[:, self._angles] = np.unwrap(along[:, self._angles], axis=0)
+                spline = make_interp_spline(at.astype(float), along, k=DEGREE)
+                made.append((mode, int(at[0]), int(at[-1]), spline))
+        return made
+>>>>>>> 8838184d (Samples are read from splines, closed forms from the inputs alone; bounds by imaginary steps)

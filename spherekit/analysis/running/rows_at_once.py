@@ -31,11 +31,7 @@ from spherekit.analysis.running.kernel_columns import (
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
-from spherekit.engine.dyads import (
-    ClosedPositions,
-    closed_positions,
-    given_by,
-)
+from spherekit.engine.dyads import given_by
 from spherekit.engine.row_kernel import RowFunction, RowKernel, row_kernel
 from spherekit.motion.guides import ModeCurve
 from spherekit.motion.motion import Motion, Tracer
@@ -150,11 +146,10 @@ class Rows:
                 given_by(q, self.positions.signs(mode), given)
             else:
                 given[:] = self.values[:, rows]
-                if np.isnan(np.min(given[0])):
-                    lost = self.positions.complete(mode, q, given)
+                lost = self.positions.lost(mode, q, given[list(self.kernel.free)])
             judging(given, columns)
-            if by_inputs or lost is not None:
-                self.values[:, rows] = columns[: judging.variables] if by_inputs else given
+            if by_inputs:
+                self.values[:, rows] = columns[: judging.variables]
             self.closure[:, rows] = judging.closure(columns)
             numbers = np.arange(rows.start, rows.stop)
             if judging.is_well(columns):
@@ -189,28 +184,25 @@ class Rows:
 class Positions:
     """The variables of samples, nearly closed, and which modes surely do not reach them.
 
-    A `predictor` where samples lie close together along a path, else the `closed` form
-    where all groups are dyads. What lies beyond the curve that a mode follows is out of
-    reach where that curve ends for this reason. Where they are `by_inputs`, nothing is
-    read: the kernel of rows has the closed form in it.
+    Where all groups are dyads the kernel of rows has the closed form in it; else a
+    `predictor` reads samples that lie close together along a path. What lies beyond the
+    curve that a mode follows is out of reach where that curve ends for this reason.
     """
 
     tracer: Tracer
     kernel: RowKernel
     predictor: Predictor | None
-    closed: ClosedPositions | None
-    by_inputs: bool
 
     @classmethod
     def of(cls, tracer: Tracer, kernel: RowKernel) -> "Positions":
         """Return those of a tracer's samples."""
-        # On arrays, reading between nodes takes half the time.
-        may_be_read = kernel.engine == "numpy" and len(tracer.inputs) == 1
-        is_read = may_be_read or not kernel.has_closed_form
-        predictor = Predictor.of(tracer) if is_read else None
-        closed = closed_positions(tracer.mechanism, tracer.assembly)
-        by_inputs = kernel.has_closed_form and predictor is None
-        return cls(tracer, kernel, predictor, closed, by_inputs)
+        is_read = not kernel.has_closed_form
+        return cls(tracer, kernel, Predictor.of(tracer) if is_read else None)
+
+    @property
+    def by_inputs(self) -> bool:
+        """Whether all variables follow from inputs."""
+        return self.kernel.has_closed_form
 
     @property
     def deciding(self) -> RowFunction:
@@ -231,19 +223,17 @@ class Positions:
         """Return the signs of a mode's dyads."""
         return self.tracer.assembly_modes[number].signs
 
-    def complete(self, number: int, q: Floats, values: Floats) -> NDArray[np.bool_]:
-        """Write variables (variables, n) of a mode at inputs q (inputs, n), if not read.
+    def lost(self, number: int, q: Floats, values: Floats) -> NDArray[np.bool_]:
+        """Return (n,) which samples a mode surely does not reach.
 
-        In closed form, or none. Return (n,) which samples the mode surely does not reach.
+        At inputs q (inputs, n), where no variables (variables, n) are read.
         """
         mode = self.tracer.assembly_modes[number]
-        lost = np.zeros(q.shape[1], dtype=bool)
-        open_ = np.flatnonzero(np.isnan(values[0]))
-        if len(open_) and self.closed is not None:
-            values[:, open_], lost[open_] = self.closed.at(q[:, open_], mode.signs)
-        elif len(open_) and isinstance(mode.guide, ModeCurve):
-            lost[open_] = mode.guide.ends_before(q[0, open_])
-        return lost
+        lost = np.isnan(values[0])
+        if isinstance(mode.guide, ModeCurve):
+            lost[lost] = mode.guide.ends_before(q[0, lost])
+            return np.asarray(lost)
+        return np.zeros(q.shape[1], dtype=bool)
 
 
 @final
