@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 700_964,
-    "code lines": 57_249,
+    "nodes": 699_329,
+    "code lines": 57_146,
     "files": 332,
     "classes": 715,
     "dataclasses": 507,

@@ -140,21 +140,6 @@ class WideFunctions:
             closed,
         )
 
-<<<<<<< HEAD
-    def _spread(
-        self, x: NDArray[Any], base: Floats, columns: NDArray[Any], inverse: NDArray[Any]
-    ) -> Floats:
-        """Return what columns change by as loops open, all ways added up."""
-        spread, free = np.zeros(columns.shape), list(self.free)
-        ways = inverse.reshape(len(free), self.ways, x.shape[1])
-        for way in np.moveaxis(ways, 1, 0):
-            size = np.maximum(max_abs(way, axis=0), quad().type(1.0))
-            h = quad().type(SMALL) / size
-            other = x.copy()
-            other[free] += h * way
-            change = self.whole(self._given(other, base)) - columns
-            spread += np.abs((change / h).astype(float))
-=======
     def _spread(self, values: Floats, inverse: Floats) -> Floats:
         """Return what columns change by as loops open, all ways added up.
 
@@ -165,7 +150,6 @@ class WideFunctions:
         for way in np.moveaxis(inverse.reshape(len(free), self.ways, -1), 1, 0):
             x.imag[free] = SMALL * way
             spread += np.abs(self.slopes(self._given(x, values)).imag) / SMALL
->>>>>>> 8838184d (Samples are read from splines, closed forms from the inputs alone; bounds by imaginary steps)
         return spread
 
     def _given(self, x: NDArray[Any], base: Floats) -> NDArray[Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from spherekit.conventions import TURN, Status
 from spherekit.motion.motion import Tracer
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import Floats
 
 DEGREE = 7
 """Of the splines."""
@@ -46,13 +46,8 @@ class Predictor:
             return None
         if len(q) <= FEWEST * DEGREE:
             return None
-<<<<<<< HEAD
-        step = float(max_abs(np.diff(q, axis=0)))
-        every = min(MOST, (len(q) - 1) // (STENCIL - 1))
-=======
         step = float(np.max(np.abs(np.diff(q, axis=0))))
         every = min(MOST, (len(q) - 1) // DEGREE)
->>>>>>> 8838184d (Samples are read from splines, closed forms from the inputs alone; bounds by imaginary steps)
         if step > 0.0:
             every = min(every, int(APART / step))
         return cls(tracer, every) if every >= FEWEST else None
@@ -81,127 +76,6 @@ class Predictor:
         """Splines by the number of the sample, with their modes, first and last samples."""
         from scipy.interpolate import make_interp_spline
 
-<<<<<<< HEAD
-        `place` is where in `out` the first node lies.
-        """
-        values, good = nodes
-        first, usable = _stencils(good)
-        every = self._every
-        for mode in range(values.shape[1]):
-            offset = np.arange(first.shape[1]) - first[mode]
-            alike = np.where(usable[mode], offset, -1)[slice(*windows)]
-            edges = np.flatnonzero(np.diff(alike)) + 1
-            for run in np.split(np.arange(*windows), edges):
-                most = max(1, PRODUCT // (STENCIL * every * len(self._free)))
-                for k in range(0, len(run), most):
-                    part = run[k : k + most]
-                    low = place + int(part[0]) * every
-                    rows = slice(max(0, low), min(out.shape[2], low + len(part) * every))
-                    if rows.start >= rows.stop:
-                        continue
-                    if alike[part[0] - windows[0]] < 0:
-                        out[:, mode, rows] = np.nan
-                        continue
-                    at = first[mode, part[0]] + np.arange(len(part))
-                    made = self._read(values[:, mode], part, at)
-                    for number, samples in zip(self._free, made, strict=True):
-                        out[number, mode, rows] = samples[
-                            rows.start - low : rows.stop - low
-                        ]
-
-    def _read(
-        self, values: Floats, windows: NDArray[np.intp], at: NDArray[np.intp]
-    ) -> Floats:
-        """Return (free variables, samples) in windows with stencils (k,) from `at` on."""
-        values = values[self._free]
-        base = values[:, windows, None]
-        away = values[:, at[:, None] + np.arange(STENCIL)] - base
-        angles = self._angles[self._free]
-        away[angles] -= TURN * np.round(away[angles] / TURN)
-        far = max_abs(base[:, :, 0], axis=1) + max_abs(away, axis=(1, 2))
-        offset = int(windows[0] - at[0])
-        away[:, :, offset] = base[:, :, 0]
-        made = (away.reshape(-1, STENCIL) @ _weights(self._every)[offset]).reshape(
-            len(values), -1
-        )
-        for number in np.flatnonzero(angles & (far >= np.pi)):
-            _wrap(made[number])
-        return np.asarray(made)
-
-    def _found(self, samples: NDArray[np.intp]) -> "Nodes":
-        """Return the variables (variables, modes, k) of samples, and which are good."""
-        motion = self._tracer.samples(samples)
-        modes = len(self._tracer.assembly_modes)
-        values = motion.values.reshape(modes, len(samples), -1)
-        good = (motion.status == Status.OK).reshape(modes, -1)
-        return np.moveaxis(values, 2, 0), good
-
-    def _nodes(self, start: int, stop: int) -> "Nodes":
-        """Return nodes by their numbers, found in portions and kept while they are near."""
-        portions = range(start // PORTION, (stop - 1) // PORTION + 1)
-        for number in portions:
-            if number not in self._known:
-                nodes = np.arange(number * PORTION, (number + 1) * PORTION)
-                nodes = nodes[nodes <= self._last]
-                self._known[number] = self._found(nodes * self._every)
-        self._known = {n: kept for n, kept in self._known.items() if n >= portions[0]}
-        values, good = (
-            np.concatenate([self._known[n][k] for n in portions], axis=-1) for k in (0, 1)
-        )
-        first = portions[0] * PORTION
-        return values[:, :, start - first : stop - first], good[
-            :, start - first : stop - first
-        ]
-
-
-Nodes = tuple[Floats, NDArray[np.bool_]]
-"""Variables (variables, modes, k) of nodes, and which (modes, k) are good."""
-
-
-def _stencils(good: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the first node (modes, windows) of each window's stencil, and which are good.
-
-    A stencil stays among successive nodes that are, its window in the middle if it can.
-    """
-    nodes = good.shape[1]
-    number = np.arange(nodes)
-    start = np.maximum.accumulate(np.where(good, -1, number), axis=1) + 1
-    bad = np.where(good, nodes, number)
-    stop = np.minimum.accumulate(bad[:, ::-1], axis=1)[:, ::-1]
-    left, right = start[:, :-1], stop[:, :-1] - STENCIL
-    middle = number[:-1] - (STENCIL // 2 - 1)
-    first = np.clip(middle, left, np.maximum(right, left))
-    usable = good[:, :-1] & good[:, 1:] & (right >= left)
-    return np.clip(first, 0, max(nodes - STENCIL, 0)), usable
-
-
-@lru_cache(maxsize=64)
-def _weights(every: int) -> Floats:
-    """Return (offsets, STENCIL, every) what nodes count for at samples of each window.
-
-    By how far they are from the node where the window starts, which counts for itself.
-    """
-    nodes = np.arange(STENCIL)
-    apart = nodes[:, None] - nodes + np.eye(STENCIL)
-    under = np.prod(apart, axis=1)
-    made = np.empty((STENCIL - 1, STENCIL, every))
-    for offset in range(STENCIL - 1):
-        place = offset + np.arange(every) / every
-        away = place - nodes[:, None]
-        for node in range(STENCIL):
-            others = np.delete(away, node, axis=0)
-            made[offset, node] = np.prod(others, axis=0) / under[node]
-        made[offset, offset] = 1.0
-    return made
-
-
-def _wrap(angle: Floats) -> None:
-    """Reduce angles to (-pi, pi] in place."""
-    if np.max(angle) >= np.pi or np.min(angle) <= -np.pi:
-        over = ~(np.abs(angle) < np.pi)
-        angle[over] -= TURN * np.round(angle[over] / TURN)
-        angle[angle <= -np.pi] += TURN
-=======
         count, modes = len(self._tracer.input_grid), len(self._tracer.assembly_modes)
         nodes = np.append(np.arange(0, count - 1, self._every), count - 1)
         values = np.empty((modes, len(nodes), len(self._free)))
@@ -223,4 +97,3 @@ def _wrap(angle: Floats) -> None:
                 spline = make_interp_spline(at.astype(float), along, k=DEGREE)
                 made.append((mode, int(at[0]), int(at[-1]), spline))
         return made
->>>>>>> 8838184d (Samples are read from splines, closed forms from the inputs alone; bounds by imaginary steps)
