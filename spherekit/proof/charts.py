@@ -387,6 +387,15 @@ def are_real(roots: ChartRoots, proven: Tubes) -> tuple[Bools, Bools]:
     return np.asarray(real), np.asarray(off)
 
 
+def stepped(made: Polynomials, roots: ChartRoots, ways: NDArray[Any]) -> ChartRoots:
+    """Return roots moved by their rates where what is given moves by `ways` (m, given)."""
+    with np.errstate(all="ignore"):
+        _, first, by_input = values_at(made, roots)
+        inverse, _ = inverses(first)
+        change = np.einsum("njg,ng->nj", -inverse @ by_input, ways[roots.row])
+        return roots.moved(roots.z + change)
+
+
 def continued(
     equations: Equations,
     system: tuple[Sequence[int], Sequence[int]],
@@ -408,12 +417,9 @@ def continued(
         for step in range(1, steps + 1):
             t = step / steps
             there = start + t * (goal - start) + 4j * t * (1.0 - t) * sideways
-            _, first, by_input = values_at(made, roots)
-            inverse, _ = inverses(first)
-            rates = -inverse @ by_input
-            change = np.einsum("njg,ng->nj", rates, (there - before)[roots.row])
+            ahead = stepped(made, roots, there - before)
             made = Polynomials.at(equations, *system, turns_of(there))
-            roots, _ = polished(made, roots.moved(roots.z + change), 2)
+            roots, _ = polished(made, ahead, 2)
             before = there
     return roots
 

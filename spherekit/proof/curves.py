@@ -4,7 +4,7 @@ Chains of pieces are found from boxes that paving cannot decide, until every box
 empty or lies in a piece, in which there is one arc. So the arcs are all configurations.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
@@ -125,18 +125,13 @@ class CertifiedCurves:
     def _doubts(self) -> list[tuple[float, float]]:
         """Return the inputs (rad) of parts of chains along which the input may stop."""
         parts = []
-        for _, doubts in self.stopping:
-            for doubt in doubts:
-                first, last = self.laps * doubt.low, self.laps * doubt.high
-                width = last - first
-                for q, part in ((first, 0.0), (0.5 * (first + last), 0.5)):
-                    within = self.inside(q)
-                    if within is not None:
-                        low = within - part * width
-                        parts.append((low, low + width))
-                within = self.inside(last)
+        for doubt in (doubt for _, doubts in self.stopping for doubt in doubts):
+            first, width = self.laps * doubt.low, self.laps * (doubt.high - doubt.low)
+            for part in (0.0, 0.5, 1.0):
+                within = self.inside(first + part * width)
                 if within is not None:
-                    parts.append((within - width, within))
+                    low = within - part * width
+                    parts.append((low, low + width))
         return parts
 
     def open_arms(self, variable: int) -> int:
@@ -173,19 +168,19 @@ class CertifiedCurves:
     @cached_property
     def crossed(self) -> list[float]:
         """Inputs (rad) in the range at which curves cross, or all but do, in order."""
-        inputs = (self.inside(self.input_at(s.centre)) for s in self.saddles)
+        return self._inputs_of(saddle.centre for saddle in self.saddles)
+
+    def _inputs_of(self, places: Iterable[Floats]) -> list[float]:
+        """Return the inputs (rad) of places (v,) that are in the range, in order."""
+        inputs = (self.inside(self.input_at(place)) for place in places)
         return sorted(q for q in inputs if q is not None)
 
     @cached_property
     def still_at(self) -> list[float]:
         """Inputs (rad) in the range at which there are whole curves of modes."""
-        inputs = [
-            self.inside(self.input_at(chain.start.centre))
-            for chain, still in zip(self.chains, self.still, strict=True)
-            if still
-        ]
+        both = zip(self.chains, self.still, strict=True)
         kept: list[float] = []
-        for q in sorted(q for q in inputs if q is not None):
+        for q in self._inputs_of(chain.start.centre for chain, still in both if still):
             if all(abs(_apart(q, other, self.laps * TURN)) > 1e-9 for other in kept):
                 kept.append(q)
         return kept
@@ -204,10 +199,7 @@ class CertifiedCurves:
     @cached_property
     def turning_points(self) -> list[float]:
         """Inputs (rad) in the range at which two modes meet, in order."""
-        places = (
-            self.input_at(stop.place) for stopped, _ in self.stopping for stop in stopped
-        )
-        return sorted(q for q in map(self.inside, places) if q is not None)
+        return self._inputs_of(s.place for stopped, _ in self.stopping for s in stopped)
 
     def modes_at(self, q: float) -> int:
         """Return the number of modes at an input (rad) that is no turning point."""

@@ -37,6 +37,7 @@ from spherekit.proof.charts import (
     inverses,
     polished,
     roots_of_one,
+    stepped,
     tubes,
     turns_of,
     values_at,
@@ -463,15 +464,17 @@ class Systems:
             np.concatenate([origin.points.inverse for origin in origins]),
             np.repeat(np.arange(len(origins)), bound),
         )
-        rough = _stepped(self.equations, system, roots, origins, given)
+        known = np.stack([origin.at for origin in origins])
+        there = Polynomials.at(self.equations, *system, turns_of(known))
+        rough = stepped(there, roots, given - known)
         verdict = _judged(made, rough, moving, bound)
         lost = np.flatnonzero(~verdict[2] & (strange | hard[[mode.row for mode in part]]))
         if len(lost):
             rows = (lost[:, None] * bound + np.arange(bound)).ravel()
             at = roots.take(rows)
             at = ChartRoots(at.z, at.inverse, np.repeat(np.arange(len(lost)), bound))
-            start = np.stack([origins[row].at for row in lost])
-            again = continued(self.equations, system, at, start, given[lost], DETOUR)
+            ways = at, known[lost], given[lost], DETOUR
+            again = continued(self.equations, system, *ways)
             verdict = _judged(made, _replaced(verdict[0], rows, again), moving, bound)
         for missing in np.flatnonzero(~verdict[2] & strange):
             anew = self._found(number, given[missing])
@@ -516,24 +519,6 @@ def _angles(
         lost = 1e-15 * np.einsum("nkd,nd->nk", np.abs(rates), half)
     off = np.where(w < 0.5, 1.05 * off + np.abs(size - 1.0) + lost + 1e-13, np.inf)
     return np.asarray(sense * np.angle(roots.z)), rates.real, off
-
-
-def _stepped(
-    equations: Equations,
-    system: tuple[Sequence[int], Sequence[int]],
-    roots: ChartRoots,
-    origins: Sequence[KnownRoots],
-    goal: Floats,
-) -> ChartRoots:
-    """Return roots moved by their rates from where they are known to a goal."""
-    start = np.stack([origin.at for origin in origins])
-    made = Polynomials.at(equations, *system, turns_of(start))
-    with np.errstate(all="ignore"):
-        _, first, by_input = values_at(made, roots)
-        inverse, _ = inverses(first)
-        change = np.einsum("njg,ng->nj", -inverse @ by_input, (goal - start)[roots.row])
-    small = np.all(np.abs(change) < 0.5, axis=1, keepdims=True)
-    return roots.moved(np.where(small, roots.z + change, roots.z))
 
 
 def _first_of_each(roots: ChartRoots) -> NDArray[np.intp]:
