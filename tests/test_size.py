@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 699_150,
-    "code lines": 57_128,
+    "nodes": 699_095,
+    "code lines": 57_124,
     "files": 332,
     "classes": 715,
     "dataclasses": 507,

@@ -28,7 +28,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve, CurvePoints
 from spherekit.motion.arc_length import follow_arcs
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
-from spherekit.motion.closure import Closure, Locked, lock, newton
+from spherekit.motion.closure import Closure, Locked, NewtonSteps, lock
 from spherekit.motion.elimination import assemblies
 from spherekit.motion.loops import REDUNDANT
 from spherekit.numeric.zeros import ArrayRows
@@ -213,16 +213,21 @@ class Locus:
             (n, V, g + k) bases that the equations' bases are turned to, and the steps that
             Newton's method may take.
         """
-        count = values.shape[1]
-
-        def change(here: Floats, rows: NDArray[np.intp]) -> Floats:
-            near = None if like is None else like[rows]
-            given = here[:, :count], here[:, count:], borders[rows], targets[rows]
-            return self._step(*given, near)
-
-        start = np.concatenate([values, motions], axis=1)
-        both, steps = newton(change, start, most, CORRECTED, TRUST)
-        values, motions = both[:, :count].copy(), both[:, count:]
+        steps = NewtonSteps(len(values), TRUST)
+        values, motions = values.copy(), motions.copy()
+        active = np.arange(len(values))
+        for _ in range(most):
+            near = None if like is None else like[active]
+            unit, moved, turned = self._step(
+                values[active], motions[active], borders[active], targets[active], near
+            )
+            size = np.max(np.abs(np.concatenate([moved, turned], axis=1)), axis=1)
+            part = steps.part(size, active)
+            values[active] += part * moved
+            motions[active] = unit + part * turned
+            active = active[size > CORRECTED]
+            if not len(active):
+                break
         space, moving, motions, off, _, equations = self._linearised(
             values, motions, borders, like
         )
@@ -254,8 +259,8 @@ class Locus:
         borders: Floats,
         targets: Floats,
         like: Floats | None,
-    ) -> Floats:
-        """Return Newton's steps (n, 2 V) of variables and motions."""
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return unit motions, and Newton's steps of variables and motions (n, V)."""
         space, moving, unit, off, shift, equations = self._linearised(
             values, motions, borders, like
         )
@@ -268,8 +273,7 @@ class Locus:
         ways, turning = np.split(change, [self.freedoms], axis=1)
         turned = np.einsum("ng,ngvw,nw->nv", ways, moving.bends[:, :-1], unit)
         turned += np.einsum("nvw,nw->nv", moving.bends[:, -1], unit) + moving.along(turning)
-        moved = space.closing + space.along(ways)
-        return np.concatenate([moved, unit + turned - motions], axis=1)
+        return unit, space.closing + space.along(ways), turned
 
     def _linearised(
         self, values: Floats, motions: Floats, borders: Floats, like: Floats | None

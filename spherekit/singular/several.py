@@ -39,8 +39,6 @@ ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
 VANISHES = 1e-8
 """A coefficient or triple product below this vanishes."""
-PIECE = 1024
-"""Rows that are looked at once, so that what they are judged by fits the cache."""
 
 
 class RowType(IntEnum):
@@ -351,6 +349,7 @@ def _type_one(
     return turns[np.arange(len(turns)), which], rank < both.shape[2]
 
 
+@np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def what_vanishes(
     motion: Motion,
     output: OutputStationary,
@@ -364,21 +363,8 @@ def what_vanishes(
     its link turns. Where none of these says it, what else does; and which links take part
     in a self-motion. For the symbols see `OutputCoefficients`.
     """
-    words = []
-    for start in range(0, len(motion), PIECE):
-        rows = slice(start, start + PIECE)
-        along = None if pointing is None else pointing[rows]
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            words += _of_piece(motion.rows(rows), output, along, by_rank)
-    return words
-
-
-def _of_piece(
-    motion: Motion, output: OutputStationary, pointing: Floats | None, by_rank: bool
-) -> list[str]:
     at = by_motions(motion, output)
-    # At a singularity some axes may be unknown; the rates vanish with c and d.
-    c, d, u = (
+    c, d, u = (  # some axes may be unknown there; the rates vanish with c and d
         np.where(np.isfinite(one), one, other)
         for one, other in zip(
             relations(motion, output),
@@ -422,14 +408,17 @@ def _of_piece(
         words[row] = [_what_moves(motion.rows(slice(row, row + 1)), output)]
     for row, phrases in enumerate(words):
         if not phrases:
-            if at.reciprocal_condition[row] < VANISHES:
-                phrases.append("the loops lose rank")
-            elif not all_finite(u[row]):
-                phrases.append("pole axes not known")
-            else:
-                least = f"{np.min(np.abs([c[row], d[row]])):.1e}"
-                phrases.append(f"motions alone: no c, d below {least}")
+            phrases.append(_else(at.reciprocal_condition[row], u[row], c[row], d[row]))
     return [" ".join(listed) for listed in words]
+
+
+def _else(condition: float, u: Floats, c: Floats, d: Floats) -> str:
+    """Return what makes a row singular of whose c, d (g,) none vanishes."""
+    if condition < VANISHES:
+        return "the loops lose rank"
+    if not all_finite(u):
+        return "pole axes not known"
+    return f"motions alone: no c, d below {np.min(np.abs([c, d])):.1e}"
 
 
 def _what_moves(motion: Motion, output: OutputStationary) -> str:
