@@ -22,7 +22,7 @@ from spherekit.errors import ArgumentError, SpherekitError
 PACKAGES = ("spherekit.plugin", *(f"spherekit.plugin.{topic}" for topic in TOPICS))
 ANYTHING = object()
 """Something that no type allows but those that allow anything."""
-MAY_BE_ANYTHING = ("Batch.once: key", "counted: number")
+MAY_BE_ANYTHING = ("Batch.once: key", "counted: number", "CoordinateMotion.put: new")
 PLAIN = {bool: True, int: 1, float: 1.0, str: "x", NoneType: None}
 HOLDERS = {tuple: (), Mapping: {}, dict: {}, frozenset: frozenset(), set: set()}
 

@@ -147,7 +147,7 @@ class WideFunctions:
         """
         spread, free = np.zeros((self.whole.outputs, values.shape[1])), list(self.free)
         x = values.astype(complex)
-        for way in np.moveaxis(inverse.reshape(len(free), self.ways, -1), 1, 0):
+        for way in np.moveaxis(inverse.reshape(len(free), self.ways, values.shape[1]), 1, 0):
             x.imag[free] = SMALL * way
             spread += np.abs(self.slopes(self._given(x, values)).imag) / SMALL
         return spread

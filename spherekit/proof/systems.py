@@ -464,9 +464,9 @@ class Systems:
             np.concatenate([origin.points.inverse for origin in origins]),
             np.repeat(np.arange(len(origins)), bound),
         )
-        known = np.stack([origin.at for origin in origins])
-        there = Polynomials.at(self.equations, *system, turns_of(known))
-        rough = stepped(there, roots, given - known)
+        places = np.stack([origin.at for origin in origins])
+        there = Polynomials.at(self.equations, *system, turns_of(places))
+        rough = stepped(there, roots, given - places)
         verdict = _judged(made, rough, moving, bound)
         lost = np.flatnonzero(~verdict[2] & (strange | hard[[mode.row for mode in part]]))
         if len(lost):
