@@ -218,8 +218,9 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     )
     assert len(tracer.assembly_modes) == 10
     probed = TURN * (np.arange(5) + 0.5) / 5.0
-    met = [values for q in probed for _, values in assemblies(solver, np.array([q])).modes]
-    hidden = [c.curve for c in found.curves if np.all(np.isnan(c.curve.find(np.array(met))))]
+    modes = [mode for q in probed for mode in assemblies(solver, np.array([q])).modes]
+    met = np.array([values for _, values in modes])
+    hidden = [c.curve for c in found.curves if np.all(np.isnan(c.curve.find(met)))]
     spans = [np.degrees(np.sort(turning_inputs(c, solver.single, 0.0))) for c in hidden]
     spans = sorted(span.tolist() for span in spans)
     assert np.allclose(spans[0], [4.040, 352.884], atol=2e-3)

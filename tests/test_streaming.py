@@ -83,7 +83,8 @@ def test_rows_reach_the_disk_before_the_end(monkeypatch, tmp_path):
     sizes = []
 
     def look(t):
-        sizes.append(sum(p.stat().st_size for p in tmp_path.glob(".spherekit-run/*.parquet")))
+        parts = tmp_path.glob(".spherekit-run/*.parquet")
+        sizes.append(sum(part.stat().st_size for part in parts))
 
     Order(monkeypatch, look)
     simulated("numpy", folder=tmp_path)

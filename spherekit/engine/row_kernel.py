@@ -145,9 +145,11 @@ class WideFunctions:
 
         Along each way by a step that is imaginary (Squire and Trapp 1998).
         """
-        spread, free = np.zeros((self.whole.outputs, values.shape[1])), list(self.free)
+        n = len(values[0])
+        free = list(self.free)
+        spread = np.zeros((self.whole.outputs, n))
         x = values.astype(complex)
-        for way in np.moveaxis(inverse.reshape(len(free), self.ways, values.shape[1]), 1, 0):
+        for way in inverse.reshape(len(free), self.ways, n).swapaxes(0, 1):
             x.imag[free] = SMALL * way
             spread += np.abs(self.slopes(self._given(x, values)).imag) / SMALL
         return spread

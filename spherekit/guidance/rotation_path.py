@@ -583,12 +583,10 @@ def corrected(
     `exact` says that the output link can follow.
     """
 
-    steps = NewtonSteps(len(values), LARGEST_CHANGE)
+    def change(some: Floats, rows: Rows) -> Floats:
+        near = target.at(some, wanted[rows])
+        return np.nan_to_num(near.exact_step() if exact else near.step())
+
+    values, steps = newton(change, values, CORRECTIONS, SETTLED, LARGEST_CHANGE)
     near = target.at(values, wanted)
-    for _ in range(CORRECTIONS):
-        change = np.nan_to_num(near.exact_step() if exact else near.step())
-        length = np.max(np.abs(change), axis=1)
-        near = target.at(near.values + change * steps.part(length), wanted)
-        if not np.any(length > SETTLED):
-            break
     return near, steps

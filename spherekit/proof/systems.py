@@ -473,7 +473,7 @@ class Systems:
             rows = (lost[:, None] * bound + np.arange(bound)).ravel()
             at = roots.take(rows)
             at = ChartRoots(at.z, at.inverse, np.repeat(np.arange(len(lost)), bound))
-            ways = at, known[lost], given[lost], DETOUR
+            ways = at, places[lost], given[lost], DETOUR
             again = continued(self.equations, system, *ways)
             verdict = _judged(made, _replaced(verdict[0], rows, again), moving, bound)
         for missing in np.flatnonzero(~verdict[2] & strange):
