@@ -3,7 +3,7 @@
 What the analysis `poles` shows beside its plots: the lecture's chart, axodes, steps.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
@@ -491,29 +491,32 @@ class Poles(AbstractAnalysis):
             for pole in self._drawn(mechanism):
                 parts += axode_traces(batch, pole, f"P{_short(mechanism, pole)}", rows)
         if shown is not None:
-            normals = batch.planes(*shown, moved)[rows]
-            first_seen = sorted(wanted, key=lambda pole: (pole in primary, pole[0] != 0))
-            parts.append(
-                _chart(batch).diagram(
-                    [f"P{_short(mechanism, pole)}" for pole in first_seen],
-                    np.stack(
-                        [batch.direction(*p, moved)[rows] for p in first_seen], axis=1
-                    ),
-                    [PAIR_TONE if p in primary else POLE_TONE for p in first_seen],
-                    normals,
-                    moving=pair if several else "",
-                )
-            )
-            circles = () if many and moved else (0, 1)
-            parts += [
-                GreatCircle(
-                    f"construction/{home}circle_{k}",
-                    f"great circle {k + 1} of P{_short(mechanism, shown)}{alone}",
-                    normals[:, k],
-                )
-                for k in circles
-            ]
+            parts += self._construction(batch, rows, moved, shown)
         return parts
+
+    def _construction(
+        self, batch: Batch, rows: slice, moved: int, shown: Pole
+    ) -> Iterator[Primitive]:
+        """Yield a pole's great circles, and the diagram of all poles with them."""
+        mechanism, pair = batch.mechanism, batch.moving_inputs[moved]
+        several = len(batch.moving_inputs) > 1
+        primary, wanted = _primary(mechanism), self.poles(mechanism)
+        normals = batch.planes(*shown, moved)[rows]
+        first_seen = sorted(wanted, key=lambda pole: (pole in primary, pole[0] != 0))
+        yield _chart(batch).diagram(
+            [f"P{_short(mechanism, pole)}" for pole in first_seen],
+            np.stack([batch.direction(*p, moved)[rows] for p in first_seen], axis=1),
+            [PAIR_TONE if p in primary else POLE_TONE for p in first_seen],
+            normals,
+            moving=pair if several else "",
+        )
+        for k in () if len(wanted) > MANY and moved else (0, 1):
+            yield GreatCircle(
+                f"construction/{f'{pair}/' if several else ''}circle_{k}",
+                f"great circle {k + 1} of P{_short(mechanism, shown)}"
+                + (f" by {pair}" if several else ""),
+                normals[:, k],
+            )
 
 
 def _chart(batch: Batch) -> Chart:

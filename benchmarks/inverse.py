@@ -7,18 +7,13 @@ from functools import partial
 import numpy as np
 
 from benchmarks.harness import Cell, Section, median, rounds
+from spherekit.arrays import Floats
 from spherekit.files.read import load
 from spherekit.guidance.loci import mid_plane_form
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.dyads import Signs
 from spherekit.output.inverse import InverseKinematics
-from spherekit.sphere.rotation import (
-    Floats,
-    azimuth_tilt,
-    euler_zyz,
-    from_quaternion,
-    upward,
-)
+from spherekit.sphere.rotation import azimuth_tilt, euler_zyz, from_quaternion, upward
 
 MECHANISMS = ("three_rrr", "agile_eye", "five_bar")
 BAR, OFF = "two_dof_spm", (1e-6, 1e-3, 1e-2)

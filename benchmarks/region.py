@@ -8,10 +8,11 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section, median, rounds
 from spherekit import load
+from spherekit.arrays import Floats
 from spherekit.model.mechanism import Mechanism
 from spherekit.region.orientations import find_orientations
 from spherekit.region.refine import Region, find_region
-from spherekit.sphere.rotation import Floats, from_quaternion
+from spherekit.sphere.rotation import from_quaternion
 from spherekit.workspace.inverse import closed_kinematics
 from spherekit.workspace.rows import (
     AngleLimit,

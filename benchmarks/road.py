@@ -13,6 +13,7 @@ from benchmarks.harness import Cell, Section, median, ratio, rounds
 from spherekit.analysis.running import in_turn, rows_at_once
 from spherekit.analysis.running.kernel_columns import SLICE
 from spherekit.analysis.running.rows_at_once import REFERENCES
+from spherekit.arrays import Floats
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.kernels import kernel
 from spherekit.engine.row_kernel import row_kernel
@@ -21,7 +22,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
-from spherekit.sphere.rotation import Floats
 
 MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_bar")
 

@@ -5,13 +5,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import chains
 import mode_counts
 from mode_judge import Structure as Structure
+
+from spherekit.arrays import Floats
 
 EIGHT_BARS: Sequence[Sequence[tuple[int, int]]] = chains.EIGHT_BARS
 mechanism: Callable[..., Mechanism] = chains.mechanism

@@ -20,8 +20,9 @@ from typing import (
 )
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Array
 from spherekit.conventions import choices, listing, nearest
 from spherekit.errors import SpherekitError
 
@@ -33,7 +34,6 @@ NUMBERS = "biuf"
 """Kinds of NumPy's types that arrays of numbers have: truth values, integers, floats."""
 
 _MARK = "_judges_arguments"
-_ANY_ARRAY = NDArray[Any]
 _SIMPLE: Mapping[Any, tuple[tuple[type, ...], str]] = {
     bool: ((bool, np.bool_), "True or False"),
     int: ((int, np.integer), "a whole number"),
@@ -180,7 +180,7 @@ def _fits(value: Any, hint: Any) -> bool:
     """Return whether a value is one of a type, as far as that can be judged."""
     if hint is Any:
         return True
-    if isinstance(value, np.ndarray) and value.dtype == object and hint == _ANY_ARRAY:
+    if isinstance(value, np.ndarray) and value.dtype == object and hint == Array:
         return True  # numbers of another arithmetic
     if hint is ArrayLike or get_origin(hint) is np.ndarray:
         return _is_numeric(value, hint)

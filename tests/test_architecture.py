@@ -21,7 +21,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
-    ("errors", "conventions", "guarantee", "version", "progress"),
+    ("arrays", "errors", "conventions", "guarantee", "version", "progress"),
     ("boundary", "budget", "checked", "lazily", "markup", "resources"),
     ("numeric",),
     ("sphere",),

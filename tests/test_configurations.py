@@ -24,7 +24,7 @@ from spherekit.motion.input_turning_points import (
 from spherekit.motion.motion import Tracer
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.inputs import plan_assembly
-from spherekit.sphere.complex_rotation import taking
+from spherekit.sphere.trigonometric import taking
 
 TURN = 2.0 * np.pi
 

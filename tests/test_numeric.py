@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from spherekit.numeric.cells import LocalPolynomials
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.descent import descent
-from spherekit.numeric.local import LocalPolynomials
 from spherekit.numeric.zeros import zeros
 
 

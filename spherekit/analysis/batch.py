@@ -24,6 +24,7 @@ from spherekit.analysis.tables import (
     Table,
     TableData,
 )
+from spherekit.arrays import Array, Floats, Integers, SmallIntegers
 from spherekit.conventions import Status, listing
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
@@ -31,7 +32,6 @@ from spherekit.motion.motion import Extent, Motion, Timing, Tracer
 from spherekit.numeric.unread import Interleaved, Unread
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.request import PoleField
-from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -76,7 +76,7 @@ class Needs:
         )
 
 
-Values = TypeVar("Values", bound=NDArray[Any])
+Values = TypeVar("Values", bound=Array)
 Made = TypeVar("Made")
 
 
@@ -111,7 +111,7 @@ class Batch:
         return len(self._motion)
 
     @property
-    def sample(self) -> NDArray[np.int64]:
+    def sample(self) -> Integers:
         """(n,) sample numbers."""
         return _sealed(self._motion.sample)
 
@@ -121,7 +121,7 @@ class Batch:
         return self.mechanism.input_pairs
 
     @property
-    def assembly_mode(self) -> NDArray[np.int64]:
+    def assembly_mode(self) -> Integers:
         """(n,) assembly mode numbers."""
         return _sealed(self._motion.assembly_mode)
 
@@ -184,7 +184,7 @@ class Batch:
         return _sealed(self._motion.conditioning)
 
     @property
-    def status(self) -> NDArray[np.int8]:
+    def status(self) -> SmallIntegers:
         """(n,) codes of `spherekit.conventions.Status`."""
         return _sealed(run_status(self._motion, self._fields))
 
@@ -209,7 +209,7 @@ class Batch:
         return made
 
     @staticmethod
-    def interleaved(parts: Sequence[NDArray[Any] | NDArray[np.str_]]) -> Interleaved:
+    def interleaved(parts: Sequence[Array | NDArray[np.str_]]) -> Interleaved:
         """Return a column with a row for each of several subjects at every row.
 
         `parts` (n,) are those of one subject each; they are not copied.
@@ -239,7 +239,7 @@ class Batch:
 
     def _column(
         self, quantity: str, i: int, j: int, moved: int, component: int | None
-    ) -> NDArray[Any] | Unread:
+    ) -> Array | Unread:
         name, poles = _QUANTITIES[quantity], self._found(moved)
         if isinstance(poles, UnreadField) and name not in poles.KNOWN:
             self._declared(i, j, quantity)
@@ -273,7 +273,7 @@ class Batch:
         """
         return self._pole(i, j, "error_bound", moved)
 
-    def pole_status(self, i: int, j: int, moved: int = 0) -> NDArray[np.int8]:
+    def pole_status(self, i: int, j: int, moved: int = 0) -> SmallIntegers:
         """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
         return self._pole(i, j, "pole_status", moved)
 
@@ -396,9 +396,9 @@ class Batch:
             raise UndeclaredNeed("a pole was read; declare it in needs()")
         return self._fields[moved]
 
-    def _pole(self, i: int, j: int, quantity: str, moved: int) -> NDArray[Any]:
+    def _pole(self, i: int, j: int, quantity: str, moved: int) -> Array:
         self._declared(i, j, quantity)
-        values: Mapping[Pole, NDArray[Any]]
+        values: Mapping[Pole, Array]
         values = getattr(self._found(moved), _QUANTITIES.get(quantity, quantity))
         return _sealed(values[pole_of(i, j)])
 
@@ -448,9 +448,7 @@ def _sealed(values: Values) -> Values:
     return seen
 
 
-def run_status(
-    motion: Motion, fields: Sequence[PoleField | UnreadField]
-) -> NDArray[np.int8]:
+def run_status(motion: Motion, fields: Sequence[PoleField | UnreadField]) -> SmallIntegers:
     """Return (n,) status codes of a motion, or of the first input that says more."""
     status = motion.status
     for pole_field in fields:
@@ -484,7 +482,7 @@ def table_scenes(
 
 
 def _parts(
-    table: Table, data: TableData, mode: int, samples: NDArray[np.int64]
+    table: Table, data: TableData, mode: int, samples: Integers
 ) -> Iterator[Primitive]:
     """Yield the columns of one mode, of each subject that has a row at every sample."""
     here = np.asarray(data[ASSEMBLY_MODE.name]) == mode

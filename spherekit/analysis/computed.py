@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.batch import Batch
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import TYPES, Column, Table, TableData
+from spherekit.arrays import Array
 from spherekit.conventions import listing
 from spherekit.errors import PluginError
 from spherekit.numeric.unread import Interleaved
@@ -59,7 +59,7 @@ def computed(
     return data
 
 
-def _columns(where: str, table: Table, data: Any) -> dict[str, NDArray[Any] | Interleaved]:
+def _columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleaved]:
     names = [column.name for column in table.columns]
     if not isinstance(data, Mapping) or list(data) != names:
         returned = list(data) if isinstance(data, Mapping) else f"a {type(data).__name__}"
@@ -75,7 +75,7 @@ def _columns(where: str, table: Table, data: Any) -> dict[str, NDArray[Any] | In
     return made
 
 
-def _typed(where: str, column: Column, data: Any) -> NDArray[Any] | Interleaved:
+def _typed(where: str, column: Column, data: Any) -> Array | Interleaved:
     if isinstance(data, Interleaved) and data.ndim == 1:
         if data.dtype == TYPES.get(column.kind, data.dtype) and column.kind != "text":
             return data

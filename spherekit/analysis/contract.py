@@ -20,12 +20,13 @@ import numpy as np
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import Table, TableArrays, TableData
+from spherekit.arrays import Floats
 from spherekit.conventions import choices, listing
 from spherekit.errors import AnalysisError, ModelError, PluginError
 from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.crossings import SAME_ANGLE, wrap
-from spherekit.sphere.rotation import Floats, nans
+from spherekit.sphere.rotation import nans
 
 REDUCTIONS = {
     "min": "the least value",

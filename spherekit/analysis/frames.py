@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.rows import typed
 from spherekit.analysis.tables import CHUNK, FILE_SIZE, TYPES, Files, Table, TableArrays
+from spherekit.arrays import Array
 from spherekit.conventions import Status
 from spherekit.errors import FileError
 from spherekit.files.atomic import make_folder, writing
@@ -64,16 +64,14 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
     return frame
 
 
-def _categories(values: NDArray[Any]) -> "pd.Categorical":
+def _categories(values: Array) -> "pd.Categorical":
     import pandas as pd
 
     words, codes = np.unique(values, return_inverse=True)
     return pd.Categorical.from_codes(codes, categories=pd.Index(words.tolist()))
 
 
-def frame_of(
-    columns: Mapping[str, NDArray[Any]], notes: Mapping[str, Any]
-) -> "pd.DataFrame":
+def frame_of(columns: Mapping[str, Array], notes: Mapping[str, Any]) -> "pd.DataFrame":
     """Return columns as a frame, texts as categories, with notes in its `attrs`."""
     import pandas as pd
 
@@ -339,7 +337,7 @@ def write_columns(
             file.write_table(table[rows].cast(file.schema))
 
 
-def columns_of_files(paths: Sequence[Path]) -> dict[str, NDArray[Any]]:
+def columns_of_files(paths: Sequence[Path]) -> dict[str, Array]:
     """Return the columns of files that `write_columns` wrote, one after the other."""
     import pyarrow as pa
 
@@ -464,7 +462,7 @@ def columns_text(tables: Mapping[str, Table], degrees: bool) -> bytes:
 
 
 @final
-class ParquetColumns(Mapping[str, NDArray[Any]]):
+class ParquetColumns(Mapping[str, Array]):
     """The columns of a Parquet file that `write_table` wrote, read when asked for.
 
     In rad, whatever the file has; status as codes, texts as such.
@@ -480,7 +478,7 @@ class ParquetColumns(Mapping[str, NDArray[Any]]):
     def __iter__(self) -> Iterator[str]:
         return iter(self._columns)
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
+    def __getitem__(self, name: str) -> Array:
         column = self._columns[name]
         header = column.header(self._degrees)
         series = _read(self._path, [header]).to_pandas()[header]

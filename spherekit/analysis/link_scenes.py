@@ -7,13 +7,14 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
+from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.model.gears import geometry_of, link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Plan, PrimaryPole, as_markdown, describe
-from spherekit.sphere.rotation import Floats, arc, quaternion
+from spherekit.sphere.rotation import arc, quaternion
 
 CURVE_STEP = np.radians(2.0)
 PROFILE_POINTS = 181

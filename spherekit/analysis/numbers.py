@@ -13,9 +13,9 @@ import numpy as np
 
 from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.tables import COLUMNS
+from spherekit.arrays import Floats
 from spherekit.errors import FileError
 from spherekit.files.document import piped
-from spherekit.sphere.rotation import Floats
 
 PARQUET = ".parquet"
 MOST_SHOWN = 5

@@ -5,7 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from spherekit.sphere.rotation import Floats, nans
+from spherekit.arrays import Floats
+from spherekit.sphere.rotation import nans
 
 LONELY = {"curves": 16.0, "colours": 5.0}
 """Values so many times farther apart than the `INNER` ones leave the range: a curve that

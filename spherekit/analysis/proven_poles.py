@@ -18,6 +18,7 @@ from spherekit.analysis.tables import (
     Table,
     TableArrays,
 )
+from spherekit.arrays import Floats
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError
 from spherekit.files.atomic import check_own
@@ -30,7 +31,7 @@ from spherekit.proof.construction import construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.roots import root_near
-from spherekit.sphere.rotation import Floats, max_abs, nans
+from spherekit.sphere.rotation import max_abs, nans
 
 PRECISION = 80
 PROVES = "poles"
@@ -214,9 +215,7 @@ def _table(
 ) -> ProvenPoles:
     rows = len(poles["sample"])
     numbers = {
-        column.name: nans(rows)
-        for column in PROVEN.columns
-        if column.kind == "number"
+        column.name: nans(rows) for column in PROVEN.columns if column.kind == "number"
     }
     words: dict[str, list[str]] = {
         "error_bound_is": [""] * rows,

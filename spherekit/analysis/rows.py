@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
@@ -16,6 +15,7 @@ from spherekit.analysis.tables import (
     TableArrays,
     TableData,
 )
+from spherekit.arrays import Array, Indices
 from spherekit.numeric.unread import Interleaved, Span, put
 
 LARGEST_SHARE = 8
@@ -45,7 +45,7 @@ class InMemory:
 
 
 @final
-class JoinedBlocks(Mapping[str, NDArray[Any]]):
+class JoinedBlocks(Mapping[str, Array]):
     """The columns of blocks, joined when they are first read.
 
     By assembly mode, then sample, where rows belong to these.
@@ -54,9 +54,9 @@ class JoinedBlocks(Mapping[str, NDArray[Any]]):
     def __init__(self, blocks: Sequence[TableData], table: Table) -> None:
         self._blocks = [dict(block) for block in blocks]
         self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
-        self._made: dict[str, NDArray[Any]] = {}
+        self._made: dict[str, Array] = {}
         self._spans: list[list[Span]] = []
-        self._order: NDArray[np.intp] | None = None
+        self._order: Indices | None = None
         self._in_modes = table.in_assembly_modes
 
     def join(self, names: Iterable[str]) -> None:
@@ -82,18 +82,18 @@ class JoinedBlocks(Mapping[str, NDArray[Any]]):
         else:
             self._spans = _spans(in_order, len(counts))
 
-    def _joined(self, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    def _joined(self, names: Sequence[str]) -> dict[str, Array]:
         made = {name: self._empty(name) for name in names}
         for block, spans in zip(self._blocks, self._spans, strict=True):
             put([(block[name], out) for name, out in made.items()], spans)
         return made
 
-    def _empty(self, name: str) -> NDArray[Any]:
+    def _empty(self, name: str) -> Array:
         columns = [block[name] for block in self._blocks]
         kind = self._types[name] or np.result_type(*(part.dtype for part in columns))
         return np.empty(sum(map(len, columns)), dtype=kind)
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
+    def __getitem__(self, name: str) -> Array:
         if name not in self._types:
             raise KeyError(name)
         self.join([name])
@@ -153,19 +153,19 @@ def parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | Non
     return [(number, rows) for _, _, number, _, rows in parts]
 
 
-def _once(column: "NDArray[Any] | Interleaved") -> tuple[NDArray[Any], int]:
+def _once(column: "Array | Interleaved") -> tuple[Array, int]:
     """Return a column without the rows that repeat, and how often each is there."""
     if isinstance(column, Interleaved) and len({id(part) for part in column.parts}) == 1:
         return np.asarray(column.parts[0]), len(column.parts)
     return np.asarray(column), 1
 
 
-def order_of(data: TableArrays) -> NDArray[np.intp]:
+def order_of(data: TableArrays) -> Indices:
     """Return the order of rows by mode, then sample; rows of one sample keep theirs."""
     return np.lexsort((data[SAMPLE.name], data[ASSEMBLY_MODE.name]))
 
 
-def typed(table: Table, data: TableArrays) -> dict[str, NDArray[Any]]:
+def typed(table: Table, data: TableArrays) -> dict[str, Array]:
     """Return columns in the type of their kind; text stays as it is."""
     if isinstance(data, JoinedBlocks):
         data.join(column.name for column in table.columns)

@@ -43,6 +43,7 @@ from spherekit.analysis.running.summary import (
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import Subject, chosen, study_of, takes
 from spherekit.analysis.tables import Files
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import AnyPath, listing
 from spherekit.engine.kernels import ENGINES, Engine
@@ -50,7 +51,6 @@ from spherekit.errors import AnalysisError, FileError, OutputError, SpherekitErr
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
 from spherekit.rates.request import PoleField, SignMemory
-from spherekit.sphere.rotation import Floats
 
 
 @takes(Execution)

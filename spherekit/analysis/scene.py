@@ -16,9 +16,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.tables import IN_DEGREES
+from spherekit.arrays import Bools, Floats, Integers
 from spherekit.checked import checked_class
 from spherekit.errors import OutputError
 from spherekit.sphere.rotation import from_quaternion
@@ -55,7 +55,6 @@ def _is_single(text: str) -> bool:
     )
 
 
-Floats = NDArray[np.float64]
 TINY = 1e-300
 
 
@@ -290,7 +289,7 @@ class SphereMap:
     """What the value is."""
     vertices: Floats
     """(v, 3) unit vectors."""
-    triangles: NDArray[np.int64]
+    triangles: Integers
     """(t, 3) numbers of vertices."""
     values: Floats
     """(v,)"""
@@ -315,7 +314,7 @@ class Surface:
     label: str
     vertices: Floats
     """(v, 3)"""
-    triangles: NDArray[np.int64]
+    triangles: Integers
     """(t, 3) numbers of vertices."""
     axes: tuple[str, str, str]
     tone: int = 0
@@ -429,7 +428,7 @@ class Scene:
     over: tuple[Axis, ...] = ()
     source: str = ""
 
-    def thinned(self, chosen: NDArray[np.bool_]) -> "Scene":
+    def thinned(self, chosen: Bools) -> "Scene":
         """Return the scene at some of its samples (n,), or itself if its rows are none."""
         if self.over:
             return self
@@ -497,7 +496,7 @@ def rows_of(primitive: Primitive) -> dict[str, Any]:
     return {name: rows for name, rows in fields.items() if rows is not None}
 
 
-def _thinned(primitive: Primitive, chosen: NDArray[np.bool_]) -> Primitive:
+def _thinned(primitive: Primitive, chosen: Bools) -> Primitive:
     kept: dict[str, Any] = {
         name: rows[chosen]
         if isinstance(rows, np.ndarray)

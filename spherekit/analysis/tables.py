@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Floats
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
@@ -144,7 +144,7 @@ class Table:
 
     def stacked(
         self, mechanism: Mechanism, parts: Iterable[Mapping[str, Any]] = ()
-    ) -> dict[str, NDArray[Any]]:
+    ) -> dict[str, Array]:
         """Return the rows of all parts, one part after another, by column.
 
         A part has columns (n,), or a single value for all of its rows; if it has no
@@ -157,7 +157,7 @@ class Table:
         """
         columns = self.of(mechanism).columns
         blank = {c.name: BLANK[c.kind] for c in columns if c.kind in BLANK}
-        made: dict[str, list[NDArray[Any]]] = {
+        made: dict[str, list[Array]] = {
             c.name: [np.zeros(0, TYPES.get(c.kind, str))] for c in columns
         }
         for part in parts:
@@ -201,19 +201,17 @@ class Table:
         return {SAMPLE.name, ASSEMBLY_MODE.name} <= {column.name for column in self.columns}
 
 
-TableArrays = Mapping[str, NDArray[Any]]
-TableData = Mapping[str, NDArray[Any] | Interleaved]
+TableArrays = Mapping[str, Array]
+TableData = Mapping[str, Array | Interleaved]
 """A table's columns, and these as an analysis may give them."""
 
 
-def arrays(data: TableData) -> dict[str, NDArray[Any]]:
+def arrays(data: TableData) -> dict[str, Array]:
     """Return all columns as arrays."""
     return dict(zip(data, read(data.values()), strict=True))
 
 
-def input_columns(
-    mechanism: Mechanism, values: NDArray[np.float64], name: str = "q"
-) -> dict[str, Any]:
+def input_columns(mechanism: Mechanism, values: Floats, name: str = "q") -> dict[str, Any]:
     """Return the columns that a name has by input, of values (n, inputs)."""
     columns = Table("", "", (Column(name, "", "", per_input=True),)).of(mechanism).columns
     return {c.name: values[:, k] for k, c in enumerate(columns)}

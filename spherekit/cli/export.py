@@ -54,6 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="assembly mode, by number or name (default: 0; coupling: all)",
     )
+    _add_arguments_of_kinds(parser)
+
+
+def _add_arguments_of_kinds(parser: argparse.ArgumentParser) -> None:
+    """Declare what only some of the kinds of files are asked with."""
     parser.add_argument(
         "--poles",
         nargs="*",

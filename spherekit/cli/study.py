@@ -46,8 +46,12 @@ def add_study_arguments(parser: argparse.ArgumentParser, timed: bool = True) -> 
     )
     add_input_argument(parser)
     add_lock_argument(parser)
-    if not timed:
-        return
+    if timed:
+        _add_motion_arguments(parser)
+
+
+def _add_motion_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare laws of the inputs, a simulation's start and loads, the assembly mode."""
     parser.add_argument(
         "--law",
         dest="laws",

@@ -22,6 +22,7 @@ from spherekit.analysis.faults import faults_of
 from spherekit.analysis.registry import create, load, origin_of
 from spherekit.analysis.run import executed
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, TableArrays, arrays
+from spherekit.arrays import Floats
 from spherekit.conformance.report import Line, Report, Trial, failed_at
 from spherekit.conformance.variants import (
     BLOCKS,
@@ -38,7 +39,7 @@ from spherekit.errors import PluginError, SpherekitError, UndeclaredNeed
 from spherekit.files.read import mechanism_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.sphere.rotation import Floats, from_quaternion
+from spherekit.sphere.rotation import from_quaternion
 
 SIZES = (1, 4)
 """Samples in a block that are tried against all at once."""

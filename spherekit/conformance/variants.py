@@ -9,16 +9,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.tables import Column, Table, TableArrays
+from spherekit.arrays import Array, Floats
 from spherekit.model.gears import pair_frames
 from spherekit.model.locking import restated, sizes_by_frames, turned_vector
 from spherekit.model.locking import turned as turned_profile
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry, Profile, SizeGeometry
 from spherekit.numeric.crossings import wrap
-from spherekit.sphere.rotation import Floats
 
 
 class NotTurnedError(Exception):
@@ -127,7 +126,7 @@ def difference(
 
 def _pairs(
     table: Table, one: TableArrays, other: TableArrays, rotation: Floats | None
-) -> Iterator[tuple[Column, NDArray[Any], NDArray[Any]]]:
+) -> Iterator[tuple[Column, Array, Array]]:
     """Yield columns to be compared, the vectors of the first table turned."""
     vector: list[Column] = []
     for column in table.columns:
@@ -143,9 +142,7 @@ def _pairs(
             vector = []
 
 
-def _off(
-    column: Column, one: NDArray[Any], other: NDArray[Any], within: float
-) -> int | None:
+def _off(column: Column, one: Array, other: Array, within: float) -> int | None:
     """Return the first row in which columns differ, if there is one."""
     if column.kind != "number":
         wrong = one != other

@@ -17,20 +17,16 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spherekit.engine.design_kernel import (
-    Numbers,
-    PathKernel,
-    path_kernel,
-)
+from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.engine.design_kernel import PathKernel, path_kernel
 from spherekit.engine.row_quantities import (
     DesignTerms,
 )
 from spherekit.model.parts import Input
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import assemblies
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import all_finite, max_abs
 
 MOST_SOLUTIONS = 64
 """Complex solutions up to which all of them are followed."""
@@ -53,9 +49,9 @@ class StartSet:
     `counted` says whether their number is known, and was found.
     """
 
-    values: Numbers
+    values: Array
     sizes: Floats
-    q: Numbers
+    q: Array
     counted: bool
 
 
@@ -95,12 +91,12 @@ def start_set(
 
 def _all(
     kernel: PathKernel,
-    solutions: Numbers,
+    solutions: Array,
     sizes: Floats,
-    q: Numbers,
+    q: Array,
     roots: int,
     rng: np.random.Generator,
-) -> Numbers | None:
+) -> Array | None:
     """Return all solutions from some; None if too many, or not as many as known."""
     in_vain = 0
     for _ in range(ROUNDS):
@@ -156,11 +152,11 @@ def _seeded(inputs: Sequence[Input]) -> Floats:
 
 def _around(
     kernel: PathKernel,
-    values: Numbers,
+    values: Array,
     sizes: Floats,
-    q: Numbers,
+    q: Array,
     rng: np.random.Generator,
-) -> Numbers:
+) -> Array:
     """Return where solutions come to along random triangles that return to a place."""
     count = values.shape[1]
     corners = [(sizes[:, None], q[:, None])]
@@ -179,17 +175,17 @@ def _around(
 
 def _moved(
     kernel: PathKernel,
-    values: Numbers,
+    values: Array,
     sizes: tuple[Floats, Floats],
-    q: tuple[Numbers, Numbers],
-) -> Numbers:
+    q: tuple[Array, Array],
+) -> Array:
     """Return where solutions come to, those that do."""
     one, other = sizes
     made, arrived = tracked(kernel, Way((one[:, None], other[:, None]), q), values)
     return made[:, arrived]
 
 
-def _joined(solutions: Numbers, more: Numbers) -> Numbers:
+def _joined(solutions: Array, more: Array) -> Array:
     """Return solutions with those of `more` that are new."""
     kept = list(solutions.T)
     for solution in more.T:
@@ -197,8 +193,6 @@ def _joined(solutions: Numbers, more: Numbers) -> Numbers:
             kept.append(solution)
     return np.array(kept).reshape(-1, len(solutions)).T
 
-
-Flags = NDArray[np.bool_]
 
 FIRST, LEAST, MOST = 0.125, 1e-5, 600
 """The first and the least step, as parts of a way, and most of them."""
@@ -228,10 +222,10 @@ class Way:
     """
 
     sizes: tuple[Floats, Floats]
-    q: tuple[Numbers, Numbers]
-    bend: Numbers | float = 0.0
+    q: tuple[Array, Array]
+    bend: Array | float = 0.0
 
-    def at(self, rows: NDArray[np.intp], t: Floats) -> tuple[Floats, Numbers]:
+    def at(self, rows: Indices, t: Floats) -> tuple[Floats, Array]:
         """Return sizes (k, m) and inputs (inputs, m) of rows, parts t (m,) of ways on."""
         one, other, a, b = (
             end[:, rows] if end.shape[1] > 1 else end for end in (*self.sizes, *self.q)
@@ -240,7 +234,7 @@ class Way:
         return one + (other - one) * t, q
 
 
-def tracked(kernel: PathKernel, way: Way, start: Numbers) -> tuple[Numbers, Flags]:
+def tracked(kernel: PathKernel, way: Way, start: Array) -> tuple[Array, Bools]:
     """Return the solutions (variables, n) at the ends of ways, and which arrived (n,)."""
     n = start.shape[1]
     now = start.astype(complex)
@@ -278,8 +272,8 @@ def tracked(kernel: PathKernel, way: Way, start: Numbers) -> tuple[Numbers, Flag
 
 
 def corrected(
-    kernel: PathKernel, values: Numbers, prepared: Floats
-) -> tuple[Numbers, Floats, Floats]:
+    kernel: PathKernel, values: Array, prepared: Floats
+) -> tuple[Array, Floats, Floats]:
     """Return values after two of Newton's steps, and the lengths (n,) of both."""
     first = kernel.at(values, prepared).step
     values = values + first
@@ -287,7 +281,7 @@ def corrected(
     return values + second, _length(first), _length(second)
 
 
-def settled(kernel: PathKernel, values: Numbers, prepared: Floats) -> tuple[Numbers, Flags]:
+def settled(kernel: PathKernel, values: Array, prepared: Floats) -> tuple[Array, Bools]:
     """Return values after Newton's last steps, and whether loops close there."""
     made = values.copy()
     closed = np.zeros(values.shape[1], dtype=bool)
@@ -308,21 +302,21 @@ def settled(kernel: PathKernel, values: Numbers, prepared: Floats) -> tuple[Numb
     return made, closed
 
 
-def _length(step: Numbers) -> Floats:
+def _length(step: Array) -> Floats:
     return np.asarray(max_abs(step, axis=0, initial=0.0))
 
 
-def apart(one: Numbers, other: Numbers) -> Floats:
+def apart(one: Array, other: Array) -> Floats:
     """Return by how much solutions (variables, ...) differ, whole turns left out."""
     gap = one - other
     turned = gap.real - 2.0 * np.pi * np.round(gap.real / (2.0 * np.pi))
     return np.asarray(np.max(np.hypot(turned, gap.imag), axis=0))
 
 
-def distinct(values: Numbers) -> Flags:
+def distinct(values: Array) -> Bools:
     """Return for each design whether its solutions (variables, designs, m) all differ."""
     m = values.shape[2]
-    made: Flags = all_finite(values, (0, 2))
+    made: Bools = all_finite(values, (0, 2))
     if m < 2:
         return made
     weights = np.random.default_rng(3).uniform(0.5, 1.5, (3, len(values), 1, 1))

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.contract import Merit
+from spherekit.arrays import Array, Bools, Floats
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.held_modes import HeldMode
 from spherekit.design.sensitivity import DEG, DesignAt
@@ -26,7 +26,6 @@ from spherekit.engine.row_quantities import row_quantities
 from spherekit.engine.system import ArrayFunction, array_function
 from spherekit.model.expression import Expression
 from spherekit.numeric.crossings import widest_swing
-from spherekit.sphere.rotation import Floats
 
 Parts = tuple[Floats, Floats, Floats, Floats]
 """Values (k,), gradients (k, n), limits' values (m,) and gradients (m, n) at a place."""
@@ -186,9 +185,7 @@ class FigureGradients:
         mechanism = evaluator.kernel_mechanism(design.values)
         return evaluator.turns_at(kernel, mechanism, places[:, :, None])[:, :, 0]
 
-    def _rows(
-        self, design: DesignAt, mode: HeldMode
-    ) -> tuple[NDArray[np.bool_], Floats, Floats]:
+    def _rows(self, design: DesignAt, mode: HeldMode) -> tuple[Bools, Floats, Floats]:
         """Return who closes (n,), quantities (c, n) and derivatives (values, c, n).
 
         At samples, then at points.
@@ -212,7 +209,7 @@ class FigureGradients:
         k: int,
         quantities: Floats,
         changes: Floats,
-        closed: NDArray[np.bool_],
+        closed: Bools,
     ) -> tuple[float, Floats]:
         quantities, changes = quantities[:, closed], changes[:, :, closed]
         both = self._functions[k](np.ascontiguousarray(quantities))
@@ -447,7 +444,7 @@ class Settling:
     """
 
     def __init__(
-        self, descent: Descent, modes: NDArray[Any], places: Floats, wanted: Floats
+        self, descent: Descent, modes: Array, places: Floats, wanted: Floats
     ) -> None:
         self.descent = descent
         self.modes, self.places, self.wanted = modes, places, wanted

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import Merit
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.design.all_solutions import StartSet, start_set
 from spherekit.design.figures import (
@@ -63,7 +64,7 @@ from spherekit.motion.motion import Motion, Tracer
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import plan_assembly
 from spherekit.singular.grashof import class_of, four_bar_links
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import all_finite, max_abs
 
 STRIDE = np.radians(3.0)
 """Inputs at which angles are looked at are nearer (rad) than this."""
@@ -118,7 +119,7 @@ class KernelTurns:
                 there[:, k] = self._onward(q[near], point, turns[:, near])
             return np.concatenate([turns, there], axis=1)
 
-    def _angles(self, who: NDArray[np.intp], q: Floats) -> Floats:
+    def _angles(self, who: Indices, q: Floats) -> Floats:
         """Return the angles (pairs, m) of designs (m,) at inputs (m, inputs).
 
         NaN where they do not close.
@@ -153,7 +154,7 @@ class KernelTurns:
 
     def _grown(
         self,
-        who: NDArray[np.intp],
+        who: Indices,
         inputs: tuple[Floats, Floats],
         angles: tuple[Floats, Floats],
         halvings: int = HALVINGS,
@@ -222,9 +223,7 @@ class KernelTurns:
                 whole[:, k, who] = self._begun(who, ends, angles[:, k, who])
         return whole
 
-    def _begun(
-        self, who: NDArray[np.intp], ends: tuple[float, float], angles: Floats
-    ) -> Floats:
+    def _begun(self, who: Indices, ends: tuple[float, float], angles: Floats) -> Floats:
         """Return angles (pairs, m) that begin in (-pi, pi] where a mode does."""
         open_, closed = (np.full((len(who), 1), end) for end in ends)
         at, first = closed, angles
@@ -468,7 +467,7 @@ class Evaluator:
 
     def _followed(
         self, kernel: DesignKernel, sizes: Floats, of_file: Floats
-    ) -> tuple[Evaluated, NDArray[np.intp]]:
+    ) -> tuple[Evaluated, Indices]:
         """Return designs (variables, n) in all their modes, and those that got lost.
 
         `of_file` (variables, n) are their values in the file's units.
@@ -488,7 +487,7 @@ class Evaluator:
         every = self._with_others([made], sizes.shape[1], claim)
         return every.rows(~np.isin(every.design, modes.lost)), modes.lost
 
-    def configurations(self, sizes: Floats) -> tuple[Modes, NDArray[np.intp]]:
+    def configurations(self, sizes: Floats) -> tuple[Modes, Indices]:
         """Return all modes of designs with the kernel's sizes (k, n), by following.
 
         And where the samples, then the points of figures, are among their inputs.
@@ -567,7 +566,7 @@ class Evaluator:
         return made
 
     @cached_property
-    def _followed_inputs(self) -> tuple[InputGrid, NDArray[np.intp]]:
+    def _followed_inputs(self) -> tuple[InputGrid, Indices]:
         """The inputs to follow modes over, and where samples and points are there.
 
         One input is followed as it grows; several from sample to neighbouring sample, so
@@ -630,6 +629,6 @@ class Evaluator:
         return self._with_others([replace(made, design=0 * made.design)], 1, claim)
 
 
-def _numbered(made: Evaluated, numbers: NDArray[np.intp]) -> Evaluated:
+def _numbered(made: Evaluated, numbers: Indices) -> Evaluated:
     """Return rows whose designs have these numbers among others."""
     return replace(made, design=numbers[made.design])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import Merit, Reducing
 from spherekit.analysis.running.sampling import UNIT_SPEED, check_time
+from spherekit.arrays import Array, Bools, Floats, Integers
 from spherekit.conventions import counted, listing
 from spherekit.design.profile_numbers import columns_of
 from spherekit.design.variables import OK, reason_of
@@ -30,7 +31,7 @@ from spherekit.motion.motion import by_laws
 from spherekit.numeric.crossings import return_by_turns
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import Floats, all_finite, nans
+from spherekit.sphere.rotation import all_finite, nans
 
 BLOCK = 4096
 """Designs evaluated together: their rows stay in the cache."""
@@ -160,7 +161,7 @@ class Evaluated(ArrayRows):
     in rad and SI.
     """
 
-    design: NDArray[np.int64]
+    design: Integers
     mode: NDArray[np.object_]
     closes: Floats
     status: NDArray[np.object_]
@@ -183,7 +184,7 @@ class Evaluated(ArrayRows):
         if not isinstance(merits, Mapping):
             merits = {name: nans(len(numbers)) for name in merits}
 
-        def each(item: Any, kind: type = object) -> NDArray[Any]:
+        def each(item: Any, kind: type = object) -> Array:
             return np.broadcast_to(np.asarray(item, dtype=kind), len(numbers))
 
         shares, words = each(closes, float), (each(status), each(reason), each(claim))
@@ -317,7 +318,7 @@ class KernelFigures:
         reducing: Sequence[Reducing],
         sample: Floats,
         columns: Floats,
-        closed: NDArray[np.bool_],
+        closed: Bools,
         at_point: bool,
     ) -> None:
         """Take the columns (c, n) at a sample, of designs that `closed` (n,).
@@ -344,7 +345,7 @@ def _sampled(
     places: Floats,
     turns: Floats,
     tracks: Sequence[Track],
-) -> Iterator[tuple[Floats, Floats, NDArray[np.bool_]]]:
+) -> Iterator[tuple[Floats, Floats, Bools]]:
     """Yield each sample (of k), the columns (c, n) there and who closes (n,).
 
     As many at once as pay.

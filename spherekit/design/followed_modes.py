@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.design.all_solutions import (
-    Flags,
     StartSet,
     Way,
     apart,
@@ -27,12 +26,9 @@ from spherekit.design.all_solutions import (
     tracked,
 )
 from spherekit.design.profile_numbers import followed
-from spherekit.engine.design_kernel import (
-    Numbers,
-    PathKernel,
-)
+from spherekit.engine.design_kernel import PathKernel
 from spherekit.motion.input_grid import InputGrid
-from spherekit.sphere.rotation import Floats, max_abs, nans
+from spherekit.sphere.rotation import max_abs, nans
 
 BENDS = (0.5, -0.9, 1.7)
 """How far off the real axis a way between two samples goes, as parts of its length."""
@@ -59,10 +55,10 @@ class Modes:
     design. `lost` lists the designs of which not all was found.
     """
 
-    design: NDArray[np.intp]
+    design: Indices
     values: Floats
     labels: tuple[str, ...]
-    lost: NDArray[np.intp]
+    lost: Indices
 
 
 def followed_modes(
@@ -100,7 +96,7 @@ def followed_modes(
     )
 
 
-def _ordered(design: NDArray[np.intp], values: Floats) -> tuple[NDArray[np.intp], Floats]:
+def _ordered(design: Indices, values: Floats) -> tuple[Indices, Floats]:
     """Return modes by design, then by the first sample at which they close, and how."""
     first = np.argmax(np.isfinite(values[0]), axis=0)
     there = values[:, first, np.arange(len(first))]
@@ -110,7 +106,7 @@ def _ordered(design: NDArray[np.intp], values: Floats) -> tuple[NDArray[np.intp]
 
 
 def _labels(
-    kernel: PathKernel, sizes: Floats, design: NDArray[np.intp], values: Floats
+    kernel: PathKernel, sizes: Floats, design: Indices, values: Floats
 ) -> tuple[str, ...]:
     first = np.argmax(np.isfinite(values[0]), axis=0)
     there = values[:, first, np.arange(len(first))]
@@ -121,7 +117,7 @@ def _labels(
     return tuple(f"{k} {text}" for k, text in zip(numbers, texts, strict=True))
 
 
-def _onward(h: Floats, rates: Numbers) -> Numbers:
+def _onward(h: Floats, rates: Array) -> Array:
     """Return rates (variables, n) while inputs go on by h (inputs,), from those of each."""
     return np.asarray(np.tensordot(h, rates, 1))
 
@@ -131,12 +127,12 @@ def _onward(h: Floats, rates: Numbers) -> Numbers:
 class _Sample:
     """Solutions (variables, n) at a sample, which are real (n,), and what follows."""
 
-    values: Numbers
-    real: Flags
-    rates: Numbers
-    determinant: Numbers
+    values: Array
+    real: Bools
+    rates: Array
+    determinant: Array
 
-    def along(self, h: Floats) -> Numbers:
+    def along(self, h: Floats) -> Array:
         """Return the rates (variables, n) while the inputs go on by h (inputs,)."""
         return _onward(h, self.rates)
 
@@ -149,15 +145,13 @@ class _Sheets:
         self.m, self.count = together, 0
         self.number = np.full((samples, designs * together), -1)
 
-    def begin(self, k: int, real: Flags) -> None:
+    def begin(self, k: int, real: Bools) -> None:
         """Begin a mode with each real row of a sample that is on none."""
         fresh = np.flatnonzero(real & (self.number[k] < 0))
         self.number[k, fresh] = self.count + np.arange(len(fresh))
         self.count += len(fresh)
 
-    def go_on(
-        self, k: int, real: Flags, links: Sequence[tuple[int, NDArray[np.intp]]]
-    ) -> None:
+    def go_on(self, k: int, real: Bools, links: Sequence[tuple[int, Indices]]) -> None:
         """Go on to a sample from others: `links` (n,) say to which row those there lead."""
         for other, to in links:
             on = np.flatnonzero(to >= 0)
@@ -186,9 +180,7 @@ class _Sheets:
         if not np.any(both):
             here[here == max(one, other)] = min(one, other)
 
-    def gathered(
-        self, solutions: Floats, lost: NDArray[np.intp]
-    ) -> tuple[NDArray[np.intp], Floats]:
+    def gathered(self, solutions: Floats, lost: Indices) -> tuple[Indices, Floats]:
         """Return the design (modes,) and values (variables, samples, modes) of each."""
         k, row = np.nonzero(self.number >= 0)
         good = ~np.isin(row // self.m, lost)
@@ -220,17 +212,17 @@ class _Following:
         self.lost |= ~self._whole(values)
         return self._sample(values, real)
 
-    def _sample(self, values: Numbers, real: Flags) -> _Sample:
+    def _sample(self, values: Array, real: Bools) -> _Sample:
         with np.errstate(all="ignore"):
             at = self.kernel.at(values, self.prepared)
         real = real & ~np.repeat(self.lost, self.m)
         return _Sample(values, real, at.rates, at.determinant)
 
-    def _whole(self, values: Numbers) -> Flags:
+    def _whole(self, values: Array) -> Bools:
         """Return for each design whether its solutions are distinct."""
         return distinct(values.reshape(len(values), -1, self.m))
 
-    def _real(self, values: Numbers, chosen: Flags) -> tuple[Numbers, Flags]:
+    def _real(self, values: Array, chosen: Bools) -> tuple[Array, Bools]:
         """Return solutions, those that are real but for rounding made so, and which are.
 
         A design whose rows are neither the one nor the other is lost.
@@ -280,7 +272,7 @@ class _Following:
 
     def across(
         self, at: _Sample, sample: _Sample, before: Floats, there: Floats
-    ) -> NDArray[np.intp]:
+    ) -> Indices:
         """Return `links` to a sample that was come to from another one.
 
         Rows that the rates at both ends lead to each other are tried first.
@@ -300,7 +292,7 @@ class _Following:
             made = self.links(at, sample, before, there, likely)
         return made
 
-    def _nearest(self, rows: Flags, guess: Numbers, sample: _Sample) -> NDArray[np.intp]:
+    def _nearest(self, rows: Bools, guess: Array, sample: _Sample) -> Indices:
         """Return the real rows (n,) of a sample that guesses are nearest to, or -1."""
         nearest = np.full(len(rows), -1)
         chosen = np.flatnonzero(rows)
@@ -319,8 +311,8 @@ class _Following:
         sample: _Sample,
         before: Floats,
         there: Floats,
-        likely: NDArray[np.intp] | None = None,
-    ) -> NDArray[np.intp]:
+        likely: Indices | None = None,
+    ) -> Indices:
         """Return in which row (n,) of a sample the mode of a row before goes on, or -1.
 
         `likely` (n,) are the rows that are tried first, each once, or -1; by default the
@@ -347,7 +339,7 @@ class _Following:
         links[back[on]] = on
         return links
 
-    def _open(self, left: Flags, fresh: Flags) -> Flags:
+    def _open(self, left: Bools, fresh: Bools) -> Bools:
         """Return the rows (n,) of designs that have rows of both kinds."""
         both = [np.any(flags.reshape(-1, self.m), axis=1) for flags in (left, fresh)]
         return np.repeat(both[0] & both[1], self.m)
@@ -356,10 +348,10 @@ class _Following:
         self,
         at: _Sample,
         sample: _Sample,
-        rows: NDArray[np.intp],
+        rows: Indices,
         ends: tuple[Floats, Floats],
-        links: NDArray[np.intp],
-        taken: Flags,
+        links: Indices,
+        taken: Bools,
     ) -> None:
         """Set in which rows of a sample real ways of rows end; each is taken once."""
         start, stop = ends
@@ -391,10 +383,10 @@ class _Following:
 def _smooth(
     at: _Sample,
     sample: _Sample,
-    rows: NDArray[np.intp],
-    to: NDArray[np.intp],
+    rows: Indices,
+    to: Indices,
     h: Floats,
-) -> Flags:
+) -> Bools:
     """Return which real rows go on in others: by values and rates at both ends."""
     moved = (sample.values[:, to] - at.values[:, rows]).real
     one, other = at.along(h)[:, rows].real, sample.along(h)[:, to].real

@@ -7,13 +7,14 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.design.all_solutions import SAME, apart
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.profile_numbers import followed
 from spherekit.design.sensitivity import DesignAt
 from spherekit.engine.design_kernel import PathKernel, path_kernel
 from spherekit.errors import SpherekitError
-from spherekit.sphere.rotation import Floats, all_finite, nans
+from spherekit.sphere.rotation import all_finite, nans
 
 
 @final

@@ -10,8 +10,8 @@ from types import MappingProxyType
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.design.variables import ACTIONS, DesignVariable, designed, slope_by
 from spherekit.engine.design_kernel import At, PathKernel
 from spherekit.errors import DesignError, SpherekitError
@@ -21,7 +21,7 @@ from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, Profile
 from spherekit.motion.loops import contact_tracks
-from spherekit.sphere.rotation import Floats, all_finite, nans
+from spherekit.sphere.rotation import all_finite, nans
 from spherekit.sphere.varied_curve import (
     DrawnCurves,
     VariedCurve,
@@ -60,7 +60,7 @@ SOON = 2.0**-8
 BLOCK = 4096
 """Configurations that are followed together."""
 
-Profiles = Callable[[Floats, NDArray[np.intp], Floats], Floats]
+Profiles = Callable[[Floats, Indices, Floats], Floats]
 """Columns (w, k) of profiles at variables (v, k) of rows (k,) at parts (k,) of their ways.
 
 NaN where there is no design."""
@@ -74,7 +74,7 @@ def followed(
     profiles: Profiles | None = None,
     short: bool = False,
     turned: Mapping[int, float] = MappingProxyType({}),
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Bools]:
     """Return the variables (v, m) that follow to sizes (k, m), and which get there.
 
     Parameters
@@ -107,7 +107,7 @@ def followed(
     return ways.values[1], ways.gone >= 1.0
 
 
-def _blocks(rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+def _blocks(rows: Indices) -> list[Indices]:
     """Return rows in blocks that stay in the cache."""
     return [rows[start : start + BLOCK] for start in range(0, len(rows), BLOCK)]
 
@@ -150,7 +150,7 @@ class _Ways:
             self.side[some] = np.sign(begun.determinant)
             self.squares[some] = begun.determinant**2
 
-    def advance(self, some: NDArray[np.intp]) -> None:
+    def advance(self, some: Indices) -> None:
         """Try the next parts of some ways; they become shorter where these do not hold."""
         ahead = np.minimum(self.gone[some] + self.part[some], 1.0)
         now, determinant, shrunk, holds = self._corrected(some, ahead)
@@ -170,7 +170,7 @@ class _Ways:
         self.part[some] = np.exp2(np.floor(np.log2(np.maximum(part, 0.5 * SHORTEST))))
 
     def _before_folds(
-        self, rows: NDArray[np.intp], places: Floats, determinant: Floats, part: Floats
+        self, rows: Indices, places: Floats, determinant: Floats, part: Floats
     ) -> Floats:
         """Return the next parts of ways that have come to places; 0 where they end."""
         square = determinant**2
@@ -184,7 +184,7 @@ class _Ways:
         shorter = np.minimum(part, np.maximum(TOWARDS * left, SHORTEST))
         return np.where(ends, 0.0, shorter)
 
-    def _foreseen(self, rows: NDArray[np.intp], t: Floats) -> tuple[Floats, Floats]:
+    def _foreseen(self, rows: Indices, t: Floats) -> tuple[Floats, Floats]:
         """Return the variables (v, k) foreseen at places, and how far these are."""
         start, slope = self.start[:, rows], self.slope[:, rows]
         (one, two), (first, last) = self.places[:, rows], self.values[:, :, rows]
@@ -198,13 +198,11 @@ class _Ways:
         away = made - last
         return made, np.sqrt(np.einsum("vk,vk->k", away, away))
 
-    def _prepared(self, rows: NDArray[np.intp], ahead: Floats) -> Floats:
+    def _prepared(self, rows: Indices, ahead: Floats) -> Floats:
         sizes = self.sizes[:, rows] - (1.0 - ahead) * self.away[:, rows]
         return np.asarray(self.newton.prepare(np.ascontiguousarray(sizes)))
 
-    def _step(
-        self, now: Floats, prepared: Floats, rows: NDArray[np.intp], ahead: Floats
-    ) -> At:
+    def _step(self, now: Floats, prepared: Floats, rows: Indices, ahead: Floats) -> At:
         """Return the equations at variables (v, k)."""
         rest = prepared
         if self.profiles is not None:
@@ -213,8 +211,8 @@ class _Ways:
             return self.newton.at(now, rest)
 
     def _corrected(
-        self, rows: NDArray[np.intp], ahead: Floats
-    ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+        self, rows: Indices, ahead: Floats
+    ) -> tuple[Floats, Floats, Floats, Bools]:
         """Return where Newton's method leads from foreseen variables, and who holds.
 
         With the determinants there, and by what part of a step the worst one shrank. It
@@ -313,7 +311,7 @@ class ProfileNumbers:
             for k, track in enumerate(self.tracks)
         ]
 
-        def profiles(now: Floats, rows: NDArray[np.intp], ahead: Floats) -> Floats:
+        def profiles(now: Floats, rows: Indices, ahead: Floats) -> Floats:
             draws = rows % len(drawn)
             there = np.concatenate([columns(now, draws) for columns in every])
             there[:, ~possible[draws]] = np.nan
@@ -404,9 +402,7 @@ class ProfileNumbers:
         return np.concatenate([numbers_of(profile) for profile, _ in profiles_of(made)])
 
 
-def _drawn(
-    nominal: Track, tracks: Sequence[Track]
-) -> Callable[[Floats, NDArray[np.intp]], Floats]:
+def _drawn(nominal: Track, tracks: Sequence[Track]) -> Callable[[Floats, Indices], Floats]:
     """Return the columns (9, n) of a profile of designs near a nominal one.
 
     At variables (v, n) of designs (n,); of all curves at once where they can be.
@@ -414,7 +410,7 @@ def _drawn(
     curves = DrawnCurves.of(nominal.curve, [track.curve for track in tracks])
     starts = np.array([track.start for track in tracks])
 
-    def columns(now: Floats, draws: NDArray[np.intp]) -> Floats:
+    def columns(now: Floats, draws: Indices) -> Floats:
         there = nans((9, len(draws)))
         if curves is not None:
             there[:8] = curves.at(now[nominal.variable] + starts[draws], draws)

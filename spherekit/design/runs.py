@@ -12,6 +12,7 @@ from spherekit.analysis.execution import Execution
 from spherekit.analysis.result import MOTION, RunResult, stem_of
 from spherekit.analysis.run import executed
 from spherekit.analysis.tables import Table, TableArrays
+from spherekit.arrays import Floats
 from spherekit.conventions import Status, choices, counted, listing
 from spherekit.design.evaluate import SINGLY, Evaluator
 from spherekit.design.figures import IMPOSSIBLE, Evaluated, refused
@@ -20,7 +21,7 @@ from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.study import Study
 from spherekit.numeric.crossings import return_by_turns
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 if TYPE_CHECKING:
     import pandas as pd

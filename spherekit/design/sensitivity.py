@@ -11,6 +11,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.arrays import Floats
 from spherekit.conventions import TURN, choices, listing, nearest
 from spherekit.design.profile_numbers import (
     APART,
@@ -54,7 +55,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 from spherekit.planning.inputs import driven_at
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
 
 DEG = np.pi / 180.0
 

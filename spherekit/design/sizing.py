@@ -6,8 +6,8 @@ from itertools import combinations
 from typing import TYPE_CHECKING, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import counted
 from spherekit.design.descent import BESIDE, Descent, End, Settling, unbeaten
 from spherekit.design.evaluate import Evaluator
@@ -19,7 +19,7 @@ from spherekit.errors import DesignError
 from spherekit.model.gears import pair_frames
 from spherekit.model.mechanism import Mechanism
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -218,7 +218,7 @@ Start = tuple[HeldMode, Floats]
 
 
 def _spread(
-    modes_of: Callable[[NDArray[np.intp]], Sequence[HeldMode | None]],
+    modes_of: Callable[[Indices], Sequence[HeldMode | None]],
     places: Floats,
     wanted: Floats,
     count: int,

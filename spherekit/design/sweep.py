@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Merit
 from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_columns
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import AnyPath, choices, listing
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import NEVER_CLOSES, DesignSamples, Evaluated
@@ -33,7 +34,7 @@ from spherekit.files.plain import as_json
 from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import all_finite
 
 Scheme = Literal["grid", "sobol", "latin", "random"]
 
@@ -207,12 +208,12 @@ class Condition:
         for side in (self.left, self.right):
             yield side.evaluate({name: columns[name] for name in side.names})
 
-    def holds(self, columns: Mapping[str, Any]) -> NDArray[np.bool_]:
+    def holds(self, columns: Mapping[str, Any]) -> Bools:
         """Return for which rows it holds, from columns (n,) by name."""
         with np.errstate(invalid="ignore"):
             return np.asarray(_HOLDS[self.sign](*self._sides(columns)))
 
-    def slack(self, columns: Mapping[str, Any]) -> NDArray[np.float64]:
+    def slack(self, columns: Mapping[str, Any]) -> Floats:
         """Return by how much it holds (n,): negative where it does not."""
         left, right = self._sides(columns)
         return np.asarray(right - left if self.sign.startswith("<") else left - right)
@@ -465,7 +466,7 @@ class Sweep:
         holds = _hold(others, made, len(made["design"]))
         return {name: values[holds] for name, values in made.items()}
 
-    def rows(self, designs: Floats, numbers: NDArray[np.intp]) -> Columns:
+    def rows(self, designs: Floats, numbers: Indices) -> Columns:
         """Return the rows of designs (variables, n), by their numbers, in all modes."""
         classes = self.evaluator.classes(designs)
         return self._shown(designs, numbers, self.evaluator.at(designs), classes)
@@ -473,7 +474,7 @@ class Sweep:
     def _shown(
         self,
         designs: Floats,
-        numbers: NDArray[np.intp],
+        numbers: Indices,
         evaluated: Evaluated,
         classes: NDArray[np.str_] | None,
     ) -> Columns:
@@ -576,7 +577,7 @@ class Sweep:
         return columns, tables.made
 
 
-def _hold(conditions: Sequence[Condition], columns: Columns, n: int) -> NDArray[np.bool_]:
+def _hold(conditions: Sequence[Condition], columns: Columns, n: int) -> Bools:
     """Return for which rows (n,) all of some conditions hold."""
     every = [np.broadcast_to(item.holds(columns), n) for item in conditions]
     return np.asarray(np.all([np.ones(n, dtype=bool), *every], axis=0))

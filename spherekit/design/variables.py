@@ -12,6 +12,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.arrays import Floats
 from spherekit.conventions import TURN, listing
 from spherekit.engine.algebra import DesignGeometry
 from spherekit.engine.hinges import Hinged, hinged
@@ -27,7 +28,7 @@ from spherekit.model.gears import COLLINEAR, ONE_LINE
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, SizeGeometry
 from spherekit.model.pose_sizes import pose_sizes
-from spherekit.sphere.rotation import Floats, nans
+from spherekit.sphere.rotation import nans
 
 DESIGNED = ("links", "pairs", "mass", "loads")
 """Tables of a file whose numbers make a design."""

@@ -11,8 +11,8 @@ from socket import gethostname
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Floats, Indices
 from spherekit.conventions import counted, listing
 from spherekit.design.figures import NEVER_CLOSES
 from spherekit.design.sweep import Columns, Sweep
@@ -21,9 +21,7 @@ from spherekit.design.variables import OK
 from spherekit.errors import DesignError, ModelError
 from spherekit.model.expression import Expression, parse
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite
-
-Rows = NDArray[np.intp]
+from spherekit.sphere.rotation import all_finite
 
 LOOKED_AT = 1024
 """Designs by which a sizing says what none of them meets."""
@@ -84,13 +82,13 @@ class Sizing:
         missed = np.array([columns[name] for name in self.matched])
         return {**columns, MATCH: np.sqrt(np.mean(missed * missed, axis=0))}
 
-    def missed(self, designs: Floats, mode: str) -> tuple[Rows, Floats, Floats]:
+    def missed(self, designs: Floats, mode: str) -> tuple[Indices, Floats, Floats]:
         """Return which designs (variables, n) have a mode, and what they are worth in it.
 
         Returns
         -------
         rows, objectives, missed
-            Numbers (m,) of designs, their objectives (m, k), and (m,) by how much the
+            Array (m,) of designs, their objectives (m, k), and (m,) by how much the
             conditions are missed in all, 0 where they hold.
         """
         columns = self.with_match(self.sweep.rows(designs, np.arange(designs.shape[1])))
@@ -142,7 +140,7 @@ MISSED = 1e6
 """By how much a design that does not close in a mode misses its conditions."""
 
 
-def nondominated(wanted: Floats, modes: NDArray[Any]) -> NDArray[np.intp]:
+def nondominated(wanted: Floats, modes: Array) -> Indices:
     """Return the rows (m,) that no row of their mode beats in all objectives (n, k)."""
     kept = np.ones(len(wanted), dtype=bool)
     for mode in np.unique(modes):
@@ -160,7 +158,7 @@ def nondominated(wanted: Floats, modes: NDArray[Any]) -> NDArray[np.intp]:
 
 def front_of(
     sizing: Sizing,
-    modes: NDArray[Any],
+    modes: Array,
     places: Floats,
     wanted: Floats,
     most: int,

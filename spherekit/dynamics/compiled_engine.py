@@ -6,6 +6,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import STATUS_MEANING, TURN, Status
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
@@ -39,7 +40,7 @@ from spherekit.engine.equation import (
 from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run
 from spherekit.engine.system import STEEPEST, mass_size
 from spherekit.errors import EngineError, PlanError
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import all_finite
 
 NO_CROSSING = 1e-3
 """Less belongs to a crossing of curves, see `reciprocal_condition`."""

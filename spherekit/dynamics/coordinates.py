@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import Status, listing
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.mechanism import Mechanism
@@ -26,7 +26,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import Linearisation, left_inverse, penetrates
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.rates.sequence import null_motion
-from spherekit.sphere.rotation import Floats, all_finite, cross, nans
+from spherekit.sphere.rotation import all_finite, cross, nans
 
 Order = Literal[1, 2]
 
@@ -51,7 +51,7 @@ class CoordinateMotion(ArrayRows):
     rotations: Floats
     w: Floats
     dw: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
 
     def turned(self, signs: Floats) -> "CoordinateMotion":
         """Return the same with the coordinates' sense reversed where signs (n,) are -1."""

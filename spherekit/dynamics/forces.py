@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats
 from spherekit.dynamics.coordinates import CoordinateMotion
 from spherekit.model.actions import steep
 from spherekit.model.dynamics import Bearings, ContactFriction, sliding_rate
@@ -31,7 +31,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
 from spherekit.motion.motion import Timing
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.sphere.rotation import Floats, cross, max_abs, nans, transpose
+from spherekit.sphere.rotation import cross, max_abs, nans, transpose
 
 
 @final
@@ -233,9 +233,9 @@ class Transmitted:
     """
 
     wrenches: Floats
-    is_open: NDArray[np.bool_]
+    is_open: Bools
     unbalanced: Floats
-    slides: NDArray[np.bool_]
+    slides: Bools
 
     @property
     def moments(self) -> Floats:
@@ -432,7 +432,7 @@ def _force_columns(mechanism: Mechanism, joints: Sequence[Joint]) -> list[tuple[
     return columns
 
 
-def _share(kept: NDArray[np.bool_], vectors: Floats) -> Floats:
+def _share(kept: Bools, vectors: Floats) -> Floats:
     """Return the parts (n, k) of unit vectors that lie in the span of the kept rows."""
     return np.asarray(np.sum(np.where(kept[..., None], vectors, 0.0) ** 2, axis=1))
 
@@ -484,7 +484,7 @@ class Balanced:
     about: Floats
     reactions: Floats
     missed: Floats
-    settled: NDArray[np.bool_]
+    settled: Bools
 
 
 def balanced(driven: Driven, forces: bool) -> Balanced:

@@ -8,6 +8,7 @@ from typing import Literal, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.compiled_engine import by_taylor_series, first_of
@@ -29,7 +30,7 @@ from spherekit.model.actions import smooth
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Crossings, Start, StartGiven
 from spherekit.progress import tell
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 
 @final

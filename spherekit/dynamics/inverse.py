@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Bools, Floats, Integers, SmallIntegers
 from spherekit.checked import checked
 from spherekit.conventions import Status, counted, listing
 from spherekit.dynamics.coordinates import (
@@ -33,7 +34,6 @@ from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion, Timing, Tracer, by_laws, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.rates.request import request
-from spherekit.sphere.rotation import Floats
 
 DEAD_CENTRE = 1e-6
 """Inputs that say less surely how all variables move lose half the digits of rates."""
@@ -43,7 +43,7 @@ ROUNDING = 1e-13
 """Torques that are a smaller part of the terms that they are the sum of are zero."""
 
 
-def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
+def total(parts: Floats, status: SmallIntegers) -> Floats:
     """Return sums (n, ...) of parts (n, k, ...), NaN in rows that failed, also of none."""
     with np.errstate(over="ignore"):
         sums = np.array(np.sum(parts, axis=1))
@@ -51,19 +51,19 @@ def total(parts: Floats, status: NDArray[np.int8]) -> Floats:
     return sums
 
 
-def of_parts(parts: Floats, status: NDArray[np.int8]) -> NDArray[np.int8]:
+def of_parts(parts: Floats, status: SmallIntegers) -> SmallIntegers:
     """Return (n, k) why parts (n, k) of rows with a status (n,) are NaN, else OK."""
     return np.where(np.isfinite(parts), np.int8(Status.OK), status[:, None])
 
 
 def judged(
-    status: NDArray[np.int8],
+    status: SmallIntegers,
     masses: Inertia,
     forces: Floats,
     torques: Floats,
     rates: Floats,
-    locked: NDArray[np.bool_],
-) -> NDArray[np.int8]:
+    locked: Bools,
+) -> SmallIntegers:
     """Return the status (n,) of torques (n, m), and blank what is not known.
 
     `status` is that of the rates, on which inertia depends: that stays where a load of
@@ -101,8 +101,8 @@ class InverseSolution(InputMotion):
     """
 
     mechanism: Mechanism
-    sample: NDArray[np.int64]
-    assembly_mode: NDArray[np.int64]
+    sample: Integers
+    assembly_mode: Integers
     t: Floats
     inputs: Floats
     input_rates: Floats
@@ -114,8 +114,8 @@ class InverseSolution(InputMotion):
     values: Floats
     motion: CoordinateMotion
     residual: Floats
-    status: NDArray[np.int8]
-    rate_status: NDArray[np.int8]
+    status: SmallIntegers
+    rate_status: SmallIntegers
     carried: Floats | None = None
     rounds: int = 0
 
@@ -351,7 +351,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
 
 def _rubbed(
     motion: Motion, coordinates: CoordinateMotion
-) -> tuple[Floats | None, NDArray[np.bool_], int]:
+) -> tuple[Floats | None, Bools, int]:
     """Return what bearings that rub carry, the rows they lock, and rounds of iteration."""
     assert motion.timing is not None
     mechanism, timing, loads = motion.mechanism, motion.timing, Loads(motion.mechanism)
@@ -377,11 +377,11 @@ def _torques(masses: Inertia, forces: Floats, timing: Timing) -> Floats:
 
 def balancing(
     mechanism: Mechanism,
-    rows: tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats],
+    rows: tuple[Integers, Integers, Floats, Floats],
     timing: Timing,
     coordinates: CoordinateMotion,
-    rate_status: NDArray[np.int8],
-    locked: NDArray[np.bool_],
+    rate_status: SmallIntegers,
+    locked: Bools,
     forces: Floats | None = None,
     carried: Floats | None = None,
 ) -> InverseSolution:

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.dynamics.coordinates import inertia_matrix, reciprocal_condition
 from spherekit.dynamics.path import (
@@ -41,7 +41,7 @@ from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
 from spherekit.engine.integration import CROSSED, good_until
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import all_finite, max_abs
 
 FIRST_ARC = 0.1
 SHORTEST = 1e-11
@@ -227,7 +227,7 @@ class Collocation:
         scale = max(self.sizes[momenta][0], float(max_abs(state[momenta])))
         enough = MISSED * self._step_tolerance * (4 * NODES - 2) * scale / length
 
-        def look(_: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
+        def look(_: Indices, x: Floats) -> tuple[Floats, Floats]:
             when = t + x * length
             states = tried.step.at(when)
             nearest = np.argmin(np.abs(x[:, None] - self._nodes), axis=1)

@@ -18,6 +18,7 @@ from typing import final
 import numpy as np
 from numpy.polynomial import legendre
 
+from spherekit.arrays import Floats
 from spherekit.conventions import EPS
 from spherekit.dynamics.start import variable_of
 from spherekit.engine.integration import Run, Stretch
@@ -25,7 +26,6 @@ from spherekit.model.dynamics import Stop
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.numeric.zeros import ArrayRows, Function, zeros
-from spherekit.sphere.rotation import Floats
 
 NODES = 24
 """Measured: fewest evaluations on linkages at tolerances of 1e-7 to 1e-11."""

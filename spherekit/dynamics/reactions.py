@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.conventions import Status
 from spherekit.dynamics.forces import Driven, transmitted
 from spherekit.dynamics.inverse import InverseSolution, needed_torques
@@ -26,7 +26,7 @@ from spherekit.dynamics.state import Lacking, lacking
 from spherekit.model.dynamics import Bearings
 from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion
-from spherekit.sphere.rotation import Floats, max_abs, nans
+from spherekit.sphere.rotation import max_abs, nans
 
 ROUNDING = 1e-12
 """A contact pulls where it does so by more than this part of the largest reaction."""
@@ -54,15 +54,15 @@ class Reactions:
     frames: Floats
     moments: Floats
     forces: Floats
-    is_open: NDArray[np.bool_]
-    open_forces: NDArray[np.bool_]
-    slides: NDArray[np.bool_]
+    is_open: Bools
+    open_forces: Bools
+    slides: Bools
     lacking: Lacking
     unbalanced: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
 
     @property
-    def contacts(self) -> NDArray[np.bool_]:
+    def contacts(self) -> Bools:
         """(pairs,) which pairs are contacts."""
         pairs = self.torques.mechanism.pairs
         return np.array([not pair.kind.has_axis for pair in pairs])

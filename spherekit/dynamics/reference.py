@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import TURN, listing
 from spherekit.dynamics.forward import LEAST, simulate
@@ -12,7 +13,6 @@ from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.study import Start, StartGiven
 from spherekit.proof.balls import FEWEST, Digits
 from spherekit.proof.simulation import ExactSimulation
-from spherekit.sphere.rotation import Floats
 
 ENDS = ("time", "stop", "sticking")
 """The ends of simulations that a reference finds for itself."""
@@ -59,10 +59,7 @@ def reference_simulation(
 
 
 def refined(
-    simulation: Simulation,
-    start: Start,
-    until: float,
-    arithmetic: Digits | None = None,
+    simulation: Simulation, start: Start, until: float, arithmetic: Digits | None = None
 ) -> ExactSimulation:
     """Return a simulation in many digits: the same start, loads and stops.
 

@@ -15,6 +15,7 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import TURN, counted
 from spherekit.dynamics.coordinates import (
@@ -35,7 +36,7 @@ from spherekit.errors import SolveError
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Timing
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import all_finite
 
 EventKind = Literal[
     "dead_centre", "type_2", "crossing", "rest", "stop", "switch", "lift_off"

@@ -6,6 +6,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked_class
 from spherekit.conventions import (
     STATUS_MEANING,
@@ -29,7 +30,7 @@ from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.motion.turns import into_range as turned_into
 from spherekit.planning.inputs import driven_at
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import all_finite, max_abs
 
 NEAR = 0.1
 """A given configuration may be this far (rad) from one that closes."""

@@ -36,8 +36,8 @@ from functools import partial
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import Status, listing
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
@@ -68,7 +68,6 @@ from spherekit.model.load import Rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Timing
-from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -160,8 +159,8 @@ Answers = Callable[[Floats], tuple[Floats, Floats]]
 
 
 def rubbed(
-    every: Driven, loads: Loads, good: NDArray[np.bool_], answers: Answers
-) -> tuple[Floats, NDArray[np.bool_], int]:
+    every: Driven, loads: Loads, good: Bools, answers: Answers
+) -> tuple[Floats, Bools, int]:
     """Return what pairs that rub carry, given how a mechanism moves without.
 
     In rows that are `good`, (n, k) N on bearings and N m of contacts, in sum, else NaN;
@@ -246,9 +245,7 @@ def _need_determined(driven: Driven, solved: Balanced, rubbing: Sequence[Rubbing
             )
 
 
-def _solved(
-    still: Floats, change: Floats, factors: Floats
-) -> tuple[Floats, NDArray[np.bool_], int]:
+def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Bools, int]:
     """Return what is carried, given a, b and r of the module."""
     sizes = np.sum(np.linalg.norm(change, axis=3), axis=2)
     feedback = np.max(np.abs(np.linalg.eigvals(np.abs(factors)[..., None] * sizes)), axis=1)
@@ -472,7 +469,7 @@ class EquationOfMotion:
         speed: Floats,
         drive: Floats,
         t: Floats,
-    ) -> tuple[Floats, NDArray[np.bool_]]:
+    ) -> tuple[Floats, Bools]:
         """Return what bearings that rub carry (n, k), N, and where they lock (n,).
 
         `drive` (n, m) is what accelerates the coordinates while nothing rubs; rows that are

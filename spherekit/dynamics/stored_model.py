@@ -13,16 +13,14 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Floats
 from spherekit.conventions import AnyPath, choices, listing, nearest
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.dynamics import DRIVE
 from spherekit.model.expression import Expression, load_names, made_of, parse
 from spherekit.model.load import TorqueTable
 from spherekit.version import __version__
-
-Floats = NDArray[np.float64]
 
 SLACK = 1e-12
 """The ends of a range may be overstepped by this part of it, which is rounding."""
@@ -363,9 +361,7 @@ class Archive:
         np.savez_compressed(stream, header=np.array(json.dumps(words, indent=1)), **arrays)
         write_bytes(path, stream.getvalue())
 
-    def read(
-        self, path: AnyPath
-    ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    def read(self, path: AnyPath) -> tuple[dict[str, Any], dict[str, Array]]:
         """Return the heading, its lists as tuples, and the arrays of a file.
 
         Raises

@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
@@ -42,7 +42,7 @@ from spherekit.planning.poles import (
     PrimaryPole,
 )
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
+from spherekit.sphere.rotation import all_finite, max_abs, nans
 from spherekit.version import __version__
 
 PROBED_INPUTS = 24
@@ -159,13 +159,13 @@ class Sampler:
         return np.concatenate(parts, axis=1)
 
     @cached_property
-    def _nearest(self) -> Callable[[Floats], NDArray[np.intp]]:
+    def _nearest(self) -> Callable[[Floats], Indices]:
         from scipy.spatial import cKDTree
 
         tree = cKDTree(self.nodes.values[:, self.driven])
         return lambda q: np.asarray(tree.query(q)[1])
 
-    def closed(self, q: Floats) -> tuple[NewtonResult, NDArray[np.intp], Floats]:
+    def closed(self, q: Floats) -> tuple[NewtonResult, Indices, Floats]:
         """Return closed configurations at inputs (n, m), which known one each is from.
 
         And the step (n, m) from that.

@@ -22,6 +22,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.dynamics.stored_model import (
     StoredFunction,
@@ -41,7 +42,7 @@ from spherekit.planning.poles import (
     parse_pole,
 )
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
+from spherekit.sphere.rotation import all_finite, max_abs, nans
 
 FIRST_CELLS = 16
 """Cells of every stored function at first; fewer could miss a narrow feature."""

@@ -11,15 +11,15 @@ from functools import cached_property
 from typing import Any, TypeVar, final, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats, SmallIntegers
 from spherekit.checked import checked
 from spherekit.conventions import AnyPath, Status, choices, listing
 from spherekit.dynamics.stored_model import (
     DAMAGED,
     SLACK,
     Archive,
-    Floats,
     Single,
     StoredDynamics,
     StoredFunction,
@@ -28,9 +28,8 @@ from spherekit.dynamics.stored_model import (
 )
 from spherekit.errors import FileError, SolveError
 from spherekit.model.load import TorqueTable
-from spherekit.numeric.cells import TensorChebyshev
+from spherekit.numeric.cells import LocalPolynomials, TensorChebyshev
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
-from spherekit.numeric.local import LocalPolynomials
 from spherekit.numeric.zeros import zeros
 from spherekit.sphere.rotation import all_finite
 
@@ -168,7 +167,7 @@ class StoredModel:
         left = np.atleast_1d(np.asarray(torques) - needed)
         return np.asarray(np.linalg.solve(np.atleast_2d(self.inertia(q)), left))
 
-    def status(self, q: ArrayLike) -> NDArray[np.int8]:
+    def status(self, q: ArrayLike) -> SmallIntegers:
         """Return (n,) of places: OK, or OUT_OF_REACH outside the domain."""
         (places,), *_ = self._together(np.atleast_1d(q))
         inside = np.isfinite(self._rows(0, places)[:, 0])

@@ -18,13 +18,13 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.arrays import Floats
 from spherekit.engine.expression_graph import Expr, ExpressionNode, function
 from spherekit.errors import EngineError
 from spherekit.model.gears import COLLINEAR, axes_from_sizes, reference_frame
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, SizeGeometry
 from spherekit.model.pose_sizes import pose_sizes
-from spherekit.sphere.rotation import Floats
 
 Exprs = NDArray[np.object_]
 """An array of numbers, expressions or series."""

@@ -22,6 +22,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import EPS, EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector, vector_sum
 from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
@@ -45,7 +46,6 @@ from spherekit.rates.request import (
     Request,
     axis_pairs,
 )
-from spherekit.sphere.rotation import Floats
 
 REPEATED = 1e-9
 """Equations that are left smaller than this throughout repeat others."""

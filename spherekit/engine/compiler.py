@@ -11,11 +11,10 @@ from types import ModuleType
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Floats
 from spherekit.engine.expression_graph import Expr, ExpressionNode, in_order, rewrite
 from spherekit.errors import EngineMissing
-from spherekit.sphere.rotation import Floats
 
 MOST_SWITCHES = 100_000
 """A run in which more events than this occur ends: its switches chatter."""
@@ -108,7 +107,7 @@ class CompiledFunction:
     call: Callable[..., Any]
     seconds: float
 
-    def __call__(self, inputs: NDArray[Any], out: NDArray[Any] | None = None) -> Any:
+    def __call__(self, inputs: Array, out: Array | None = None) -> Any:
         """Return the values (outputs, n) at inputs (inputs, n), written to `out`."""
         return self.call(inputs) if out is None else self.call(inputs, outputs=out)
 

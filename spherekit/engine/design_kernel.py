@@ -13,11 +13,11 @@ analytic, and off the real axis their solutions neither meet nor vanish.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Floats
 from spherekit.engine.algebra import Exprs, constants, cross, dot
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
 from spherekit.engine.expression_graph import (
@@ -37,7 +37,6 @@ from spherekit.engine.kinematics import (
 from spherekit.engine.pose import spin_vectors
 from spherekit.engine.row_quantities import DesignTerms, RowQuantities
 from spherekit.engine.system import ArrayFunction, array_function
-from spherekit.sphere.rotation import Floats
 
 Parts = tuple[Expr, Expr]
 """The real and the imaginary part."""
@@ -54,7 +53,7 @@ class ComplexFunction:
 
     function: CompiledFunction
 
-    def __call__(self, values: NDArray[Any], numbers: Floats) -> NDArray[Any]:
+    def __call__(self, values: Array, numbers: Floats) -> Array:
         """Return the values (outputs, n) at variables (variables, n), numbers (k, n)."""
         columns = self.function(np.concatenate([values.real, values.imag, numbers]))
         half = len(columns) // 2
@@ -258,10 +257,6 @@ def arc_function(terms: DesignTerms) -> tuple[tuple[int, ...], ArrayFunction]:
     return links, array_function(arcs, terms.sizes)
 
 
-Numbers = NDArray[Any]
-"""An array of real or complex numbers."""
-
-
 @final
 @dataclass(frozen=True)
 class At:
@@ -271,10 +266,10 @@ class At:
     square of how far loops are open.
     """
 
-    step: Numbers
-    rates: Numbers
-    determinant: Numbers
-    open: Numbers
+    step: Array
+    rates: Array
+    determinant: Array
+    open: Array
 
 
 @final
@@ -292,7 +287,7 @@ class PathKernel:
     driven: list[int]
     prepare: ArrayFunction | CompiledFunction
     real: ArrayFunction | CompiledFunction
-    complex: Callable[[Numbers, Floats], Numbers] | None
+    complex: Callable[[Array, Floats], Array] | None
     groups: str
     turning: ArrayFunction
 
@@ -307,7 +302,7 @@ class PathKernel:
             for k in range(width)
         ]
 
-    def at(self, values: Numbers, prepared: Floats) -> At:
+    def at(self, values: Array, prepared: Floats) -> At:
         """Return what the equations are at values (variables, n) and prepared (k, n)."""
         if np.iscomplexobj(values) and self.complex is not None:
             columns = self.complex(values, prepared)
@@ -323,10 +318,10 @@ def _on_arrays(
     outputs: Sequence[Expr],
     variables: Sequence[ExpressionNode],
     numbers: Sequence[ExpressionNode],
-) -> Callable[[Numbers, Floats], Numbers]:
+) -> Callable[[Array, Floats], Array]:
     made = array_function(outputs, [*variables, *numbers], complex)
 
-    def at(values: Numbers, prepared: Floats) -> Numbers:
+    def at(values: Array, prepared: Floats) -> Array:
         return np.asarray(made(np.concatenate([values, prepared.astype(complex)])))
 
     return at

@@ -13,8 +13,8 @@ from typing import Any, TypeVar, final
 from weakref import finalize, ref
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats
 from spherekit.engine.algebra import Exprs, constants, cross, dot
 from spherekit.engine.expression_graph import (
     Expr,
@@ -34,7 +34,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import numbered
 from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
-from spherekit.sphere.rotation import Floats
 
 Made = TypeVar("Made")
 
@@ -308,7 +307,7 @@ def given_by(q: Floats, signs: Sequence[int], out: Floats) -> Floats:
     return out
 
 
-def lost_by(squares: Floats) -> NDArray[np.bool_]:
+def lost_by(squares: Floats) -> Bools:
     """Return (n,) where squares (dyads, n) say that there surely is no configuration.
 
     In solving order: one that follows a dyad in line says nothing.

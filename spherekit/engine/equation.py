@@ -12,6 +12,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.engine.compiler import (
     CompiledFunction,
     EventFunction,
@@ -40,7 +41,6 @@ from spherekit.errors import EngineError
 from spherekit.model.dynamics import Stop
 from spherekit.model.load import Rubbing, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
 
 LOOSEST = 1e-12
 """Largest tolerance of a step.

@@ -10,8 +10,8 @@ from functools import cache, partial
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import (
     EPS,
     NO_MOTION,
@@ -46,7 +46,7 @@ from spherekit.rates.request import (
     signed,
 )
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.sphere.rotation import Floats, nans
+from spherekit.sphere.rotation import nans
 
 INCONSISTENT = 1e-10
 """Velocity or acceleration equations that leave over more, relatively, have no solution."""
@@ -186,7 +186,7 @@ class _Rows:
         )
         return w_j - w, dw_j - dw
 
-    def _vouched(self, poles: Sequence[Pole]) -> NDArray[np.bool_]:
+    def _vouched(self, poles: Sequence[Pole]) -> Bools:
         """Return which rows (n,) norms vouch for: each pole is known or surely none."""
         flatness, _, curved = self._aside[:3]
         good = (flatness <= 1.0 / NEARLY_FLAT) & (curved <= 1.0)
@@ -202,7 +202,7 @@ class _Rows:
         self,
         functions: WideFunctions,
         signed_poles: Sequence[Pole],
-        rows: NDArray[np.intp],
+        rows: Indices,
     ) -> None:
         """Compute rows again, and what they may be off by."""
         tree = self.motion.linearisation.tree
@@ -257,7 +257,7 @@ class _Rows:
                 direction = np.where(rests, np.inf, direction)
             errors[:, rows] = direction, rate, change
 
-    def _doubt_turn(self, pole: Pole, rows: NDArray[np.intp], off: Floats) -> None:
+    def _doubt_turn(self, pole: Pole, rows: Indices, off: Floats) -> None:
         """Leave out how a direction turns where that may be off by too much (k,)."""
         turn = self._of["direction_dq"][pole].of(self._columns)
         unknown = ~(off < TURN_KNOWN * np.maximum(1.0, norm(turn[:, rows])))

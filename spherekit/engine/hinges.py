@@ -14,6 +14,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, about_z, cosine, sine
 from spherekit.engine.expression_graph import Expr
@@ -37,7 +38,6 @@ from spherekit.planning.wheels import (
     WheelTrain,
     wheel_train,
 )
-from spherekit.sphere.rotation import Floats
 
 
 @final

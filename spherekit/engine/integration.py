@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.engine.compiler import MOST_SWITCHES, Integrator, StepEnd
 from spherekit.engine.equation import CompiledEquation
@@ -29,7 +29,6 @@ from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats
 
 EVEN = 17
 """Places in a step that are always looked at, both ends among them,"""
@@ -43,7 +42,7 @@ FINER = 9
 ROUNDS = 6
 """and the number of such rounds."""
 
-Look = Callable[[NDArray[np.intp], Floats], tuple[Floats, Floats]]
+Look = Callable[[Indices, Floats], tuple[Floats, Floats]]
 """Of steps by number (n,) at parts x (n,) of them, from 0 to 1: what the equation of motion
 misses there (n,), and the steep arguments (n, arguments)."""
 
@@ -79,7 +78,7 @@ def good_until(look: Look, steps: int) -> Floats:
     return good
 
 
-def _turns(look: Look, even: Floats, shaped: Floats) -> tuple[NDArray[np.intp], Floats]:
+def _turns(look: Look, even: Floats, shaped: Floats) -> tuple[Indices, Floats]:
     """Return steps and places at which arguments (steps, even, arguments) turn back."""
     slopes = np.diff(shaped, axis=1)
     step, place, argument = np.nonzero(slopes[:, :-1] * slopes[:, 1:] < 0.0)
@@ -100,11 +99,11 @@ def _turns(look: Look, even: Floats, shaped: Floats) -> tuple[NDArray[np.intp], 
     return step, low + 0.5 * width * (1.0 + np.where(np.isfinite(shift), shift, 0.0))
 
 
-def _zeros(look: Look, even: Floats, shaped: Floats) -> tuple[NDArray[np.intp], Floats]:
+def _zeros(look: Look, even: Floats, shaped: Floats) -> tuple[Indices, Floats]:
     """Return steps and places at which arguments (steps, even, arguments) are zero."""
     step, place, argument = np.nonzero(shaped[:, :-1] * shaped[:, 1:] < 0.0)
 
-    def value(x: Floats, which: NDArray[np.intp]) -> Floats:
+    def value(x: Floats, which: Indices) -> Floats:
         arguments = look(step[which], x)[1]
         return np.asarray(arguments[np.arange(len(x)), argument[which]])
 
@@ -114,10 +113,10 @@ def _zeros(look: Look, even: Floats, shaped: Floats) -> tuple[NDArray[np.intp], 
 
 def _finer(
     look: Look,
-    step: NDArray[np.intp],
+    step: Indices,
     low: Floats,
     width: Floats,
-    argument: NDArray[np.intp],
+    argument: Indices,
 ) -> Floats:
     """Return one argument of each bracket (n,) at its places (n, FINER)."""
     x = low[:, None] + width[:, None] * np.linspace(0.0, 1.0, FINER)
@@ -431,7 +430,7 @@ class Integration:
         sides = np.array([sides for _, sides in marks])
         constants = self._constants(integrator)
 
-        def look(step: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
+        def look(step: Indices, x: Floats) -> tuple[Floats, Floats]:
             h = x * lengths[step]
             states, rates = _powers(series[step], h)
             width = states.shape[1]

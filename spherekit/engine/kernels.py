@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Array, Floats
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.engine.algebra import SeriesExpressions, by_coordinate, length, vector
@@ -19,7 +20,6 @@ from spherekit.engine.system import ArrayFunction, array_function, inertia, tens
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole, all_poles, pole_of
-from spherekit.sphere.rotation import Floats
 
 Source = Literal["variables", "input"]
 Coordinate = Literal["input", "arc"]
@@ -80,7 +80,7 @@ class Kernel:
     function: CompiledFunction | ArrayFunction
 
     @checked(EngineError)
-    def __call__(self, inputs: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
+    def __call__(self, inputs: ArrayLike, out: Array | None = None) -> Array:
         """Return the output (columns, n), written to `out` where that is given.
 
         Raises

@@ -32,6 +32,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.engine.algebra import (
     Exprs,
     SeriesExpressions,
@@ -60,7 +61,7 @@ from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
 from spherekit.planning.poles import Pole
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 
 @final

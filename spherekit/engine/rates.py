@@ -21,13 +21,13 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.engine.algebra import Exprs, cofactors, cross, determinant, dot, vector
 from spherekit.engine.expression_graph import WITHOUT_EXPRESSIONS, Expr
 from spherekit.errors import EngineError
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, Group
-from spherekit.sphere.rotation import Floats
 
 
 @final

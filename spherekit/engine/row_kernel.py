@@ -13,8 +13,8 @@ from functools import cache, cached_property
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.engine.algebra import sum_of
 from spherekit.engine.columns import (
@@ -41,7 +41,7 @@ from spherekit.engine.turns import PARTS, ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import Request
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 NEARLY_FLAT = 1e-3
 """Rows whose equations are flatter than this are not vouched for."""
@@ -85,7 +85,7 @@ class WideRows:
     columns: Floats
     aside: Floats
     spread: Floats
-    closed: NDArray[np.bool_]
+    closed: Bools
 
 
 @final
@@ -154,7 +154,7 @@ class WideFunctions:
             spread += np.abs(self.slopes(self._given(x, values)).imag) / SMALL
         return spread
 
-    def _given(self, x: NDArray[Any], base: Floats) -> NDArray[Any]:
+    def _given(self, x: Array, base: Floats) -> Array:
         """Return variables with the columns of profiles, by their derivatives at `base`."""
         if not self.profiles:
             return x
@@ -198,7 +198,7 @@ class _InputPlaces:
     first: int
     turning: int
     still: Floats
-    poles: tuple[NDArray[np.intp], NDArray[np.intp]]
+    poles: tuple[Indices, Indices]
 
 
 @final
@@ -242,15 +242,15 @@ class RowFunction:
         """Return (2, n) by how much loops are open, rad, and errors of configurations."""
         return columns[self.variables + 1 : self.variables + 3]
 
-    def closed(self, columns: Floats) -> NDArray[np.bool_]:
+    def closed(self, columns: Floats) -> Bools:
         """Return which rows (n,) have loops no more open than numbers are rounded."""
         return np.asarray(self.closure(columns)[0] <= self.open_by_rounding)
 
-    def lost(self, columns: Floats) -> NDArray[np.bool_]:
+    def lost(self, columns: Floats) -> Bools:
         """Return which rows (n,) the inputs surely do not reach."""
         return lost_by(columns[self.width - self.squares :])
 
-    def vouched(self, columns: Floats) -> NDArray[np.bool_]:
+    def vouched(self, columns: Floats) -> Bools:
         """Return which rows (n,) the kernel vouches for, if their loops are closed.
 
         Of these the numbers are as good as those that are found with care.
@@ -463,7 +463,7 @@ def _deciding(
     return outputs.columns[variables:], (flatness, bent, tuple(inputs))
 
 
-def _ends(poles: Sequence[Pole]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _ends(poles: Sequence[Pole]) -> tuple[Indices, Indices]:
     first, second = np.array(poles, dtype=np.intp).reshape(-1, 2).T
     return first, second
 

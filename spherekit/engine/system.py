@@ -48,8 +48,8 @@ from dataclasses import dataclass
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Floats
 from spherekit.conventions import TURN
 from spherekit.engine.algebra import (
     Exprs,
@@ -79,7 +79,7 @@ from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.engine.turns import Entries
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 (MOMENT,) = symbols(["moment"])
 
@@ -261,10 +261,7 @@ def inertia(flow: RateExpressions, by_link: Mapping[int, Entries]) -> SeriesExpr
     plain = [
         plain_tensor for plain_tensor in by_link.values() if plain_tensor.dtype != object
     ]
-    unit = (
-        max((float(max_abs(plain_tensor)) for plain_tensor in plain), default=1.0)
-        or 1.0
-    )
+    unit = max((float(max_abs(plain_tensor)) for plain_tensor in plain), default=1.0) or 1.0
     total: list[Expr] = [0.0] * (flow.order + 1)
     for link, tensor in by_link.items():
         if link == 0 or not np.any(tensor):
@@ -372,7 +369,7 @@ class ArrayFunction:
     number: type[Any]
     seconds: float
 
-    def __call__(self, inputs: NDArray[Any], out: NDArray[Any] | None = None) -> Any:
+    def __call__(self, inputs: Array, out: Array | None = None) -> Any:
         """Return the values (outputs, n) at inputs (inputs, n), written to `out`."""
         count = inputs.shape[1]
         if out is None:

@@ -15,6 +15,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.engine.algebra import DesignGeometry, Exprs, cross, revolute_frames, vector
 from spherekit.engine.expression_graph import (
     WITHOUT_EXPRESSIONS,
@@ -29,7 +30,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import contact_tracks, numbered
 from spherekit.sphere.profile import Curve
 from spherekit.sphere.profile_series import ProfileSeries
-from spherekit.sphere.rotation import Floats, frame_from, transpose
+from spherekit.sphere.rotation import frame_from, transpose
 
 PARTS = ("tx", "ty", "tz", "px", "py", "pz", "k", "dk")
 """The tangent, the point, the curvature and its derivative by the arc length."""

@@ -15,6 +15,7 @@ from typing import final
 import numpy as np
 
 from spherekit.analysis.link_scenes import link_shapes
+from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import Mass, moments_of_point
@@ -28,7 +29,7 @@ from spherekit.motion.loops import Linearisation
 from spherekit.planning.wheels import (
     on_carrier,
 )
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import all_finite
 
 
 @final

@@ -11,15 +11,15 @@ from itertools import product
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from spherekit.analysis.frames import frame_of
+from spherekit.arrays import Array, Bools, Floats, Integers
 from spherekit.checked import checked
 from spherekit.conventions import AnyPath, counted, listing
 from spherekit.dynamics.stored_model import DAMAGED, Archive
 from spherekit.errors import FileError, SolveError
 from spherekit.files.atomic import write_text
-from spherekit.sphere.rotation import Floats
 
 ARCHIVE = Archive("spherekit coupling table", 1, "write one with `--to coupling`")
 
@@ -80,8 +80,8 @@ class CouplingTable:
     tolerance: float
     start: Floats
     step: Floats
-    count: NDArray[np.int64]
-    periodic: NDArray[np.bool_]
+    count: Integers
+    periodic: Bools
     rise: Floats
     angles: Floats
     coefficients: Floats
@@ -89,7 +89,7 @@ class CouplingTable:
     turning: Floats
     turning_derivatives: Floats
     error: Floats
-    sure: NDArray[np.bool_]
+    sure: Bools
     coefficient_error: float
 
     def __repr__(self) -> str:
@@ -154,7 +154,7 @@ class CouplingTable:
             part[~good] = np.nan
         return coupled
 
-    def blended(self, mode: int, cells: NDArray[np.int64], at: Floats) -> Coupled:
+    def blended(self, mode: int, cells: Integers, at: Floats) -> Coupled:
         """Return what the mode of a number is at places from 0 to 1 in cells (n, m)."""
         parts: list[Any] = [0.0] * 4
         for corner in product((0, 1), repeat=len(self.inputs)):
@@ -445,7 +445,7 @@ def _enum(name: str, words: Iterable[str]) -> str:
     )
 
 
-def _array(head: str, values: NDArray[Any]) -> str:
+def _array(head: str, values: Array) -> str:
     """Return an array of C, a line for each node of each mode."""
     shape = "".join(f"[{size}]" for size in values.shape)
     modes = (",\n".join(f"    {_braced(node)}" for node in mode) for mode in values)
@@ -453,7 +453,7 @@ def _array(head: str, values: NDArray[Any]) -> str:
     return f"static const {head}{shape} = {{\n{lines}}};"
 
 
-def _braced(values: NDArray[Any]) -> str:
+def _braced(values: Array) -> str:
     """Return numbers of C; places without a mode are never read, and zero."""
     return json.dumps(np.nan_to_num(values).tolist()).replace("[", "{").replace("]", "}")
 

@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.coordinates import by_variables
@@ -19,7 +20,7 @@ from spherekit.motion.motion import Tracer, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, parse_pole
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
+from spherekit.sphere.rotation import all_finite, max_abs, nans
 from spherekit.version import __version__
 
 FIRST_NODES = (61, 13, 5)

@@ -12,8 +12,8 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.model.parts import AngleUnit
-from spherekit.sphere.rotation import Floats
 
 ONE_LINE = 1e-6
 """Sine below which two axes are one."""

@@ -8,6 +8,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import MAX_NAME_LENGTH, listing, numbered
 from spherekit.errors import FileError
 from spherekit.exchange.foreign_axes import (
@@ -22,7 +23,7 @@ from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
 from spherekit.model.dynamics import moved_to_sphere_centre
 from spherekit.model.parts import AngleUnit
 from spherekit.motion.loops import LoopTree
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 WITHIN = 1e-6
 """Axes may miss the centre by this part of the model's size."""

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from spherekit.analysis.link_scenes import Shape, link_shapes
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.engine.expression_graph import (
@@ -44,7 +45,7 @@ from spherekit.model.dynamics import (
 from spherekit.model.expression import Expression
 from spherekit.model.load import Called, Component, Load, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, max_abs, quaternion
+from spherekit.sphere.rotation import max_abs, quaternion
 from spherekit.view.colours import Colour, link_colour
 
 Bias = tuple[float, float, float]

@@ -16,9 +16,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import counted, listing
 from spherekit.errors import FileError
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 Element = ElementTree.Element
 

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import counted, listing
 from spherekit.dynamics.start import at_inputs
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Tracer, going_on
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import all_finite
 
 SAMPLES = 61
 """Places on the way through the inputs' ranges where a configuration is looked for."""

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
+from spherekit.arrays import Floats
 from spherekit.figures import style
 from spherekit.figures.sdk import Figure, Line2D, PatchCollection, Rectangle
 from spherekit.figures.sheet import Drawing
-from spherekit.sphere.rotation import Floats
 
 CONTAINS, UNDECIDED = "type II in the cell", "undecided"
 CONTAINING, DOUBTFUL = "#B2182B", "#222222"

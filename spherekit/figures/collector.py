@@ -7,15 +7,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from spherekit.analysis.scene import (
-    Axis,
-    Floats,
-    Page,
-    Primitive,
-    RecordingHead,
-    Scene,
-    rows_of,
-)
+from spherekit.analysis.scene import Axis, Page, Primitive, RecordingHead, Scene, rows_of
+from spherekit.arrays import Floats
 
 if TYPE_CHECKING:
     from spherekit.analysis.running.recording import Recorder

@@ -20,7 +20,6 @@ from spherekit.analysis.scene import (
     Arrow,
     Axis,
     Diagram,
-    Floats,
     InputMarks,
     Page,
     Portrait,
@@ -33,6 +32,7 @@ from spherekit.analysis.scene import (
     in_degrees,
     titled,
 )
+from spherekit.arrays import Floats
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
 from spherekit.figures import style

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.plotted import TURNS, broken, map_range, plotted_range, scale_of
 from spherekit.analysis.scene import (
     Arrow,
     Axis,
-    Floats,
     InputMarks,
     Page,
     Series,
@@ -23,6 +21,7 @@ from spherekit.analysis.scene import (
     in_signs,
     titled,
 )
+from spherekit.arrays import Bools, Floats
 from spherekit.figures import style
 from spherekit.figures.projection import (
     EQUAL_AREA,
@@ -176,7 +175,7 @@ def _panel(
         panel.axhline(0.0, color=style.FAINT, linewidth=0.6, zorder=0.5)
 
 
-def _alone(values: Floats) -> NDArray[np.bool_]:
+def _alone(values: Floats) -> Bools:
     """Return which values are known beside none, so that no stroke shows them."""
     finite = np.concatenate([[False], np.isfinite(values), [False]])
     return np.asarray(finite[1:-1] & ~finite[:-2] & ~finite[2:])

@@ -11,7 +11,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.analysis.scene import Floats
+from spherekit.arrays import Floats
 
 AXES = ("x", "y", "z")
 TINY = 1e-300

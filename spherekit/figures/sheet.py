@@ -10,7 +10,8 @@ from typing import Any, Literal, ParamSpec, final
 import numpy as np
 
 from spherekit.analysis.plotted import placed_labels
-from spherekit.analysis.scene import Axis, Floats, Page, titled
+from spherekit.analysis.scene import Axis, Page, titled
+from spherekit.arrays import Floats
 from spherekit.figures import style
 from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator, Normalize
 

@@ -10,6 +10,7 @@ from typing import Any, NoReturn, TypeVar, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import TURN, AnyPath, choices, nearest
 from spherekit.errors import FileError, ModelError
@@ -50,7 +51,6 @@ from spherekit.model.parts import (
     SizeGeometry,
     Source,
 )
-from spherekit.sphere.rotation import Floats
 
 Given = TypeVar("Given")
 

@@ -8,6 +8,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, AnyPath, choices, listing
 from spherekit.errors import FileError, ModelError
@@ -20,7 +21,6 @@ from spherekit.model.locking import lock
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import AngleUnit, Input
 from spherekit.model.study import KINDS, Law, Start, Study, Tabulated
-from spherekit.sphere.rotation import Floats
 
 Subject = Study | Mechanism | str | os.PathLike[str]
 """What is run: a study, a mechanism, or the path or shipped name of either."""

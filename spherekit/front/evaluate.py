@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.frames import to_frame
@@ -20,6 +20,7 @@ from spherekit.analysis.tables import (
     Table,
     input_columns,
 )
+from spherekit.arrays import Array, Floats, Integers, SmallIntegers
 from spherekit.checked import checked
 from spherekit.conventions import counted, listing, nearest
 from spherekit.dynamics.start import into_range, reaching, traced
@@ -30,7 +31,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, all_poles, parse_pole
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import all_finite
 
 TABLE = Table(
     "poles",
@@ -100,17 +101,17 @@ class Kinematics:
         return self._batch.inputs
 
     @property
-    def sample(self) -> NDArray[np.int64]:
+    def sample(self) -> Integers:
         """(n,) numbers of the inputs, from 0."""
         return self._batch.sample
 
     @property
-    def assembly_mode(self) -> NDArray[np.int64]:
+    def assembly_mode(self) -> Integers:
         """(n,) numbers of the assembly modes."""
         return self._batch.assembly_mode
 
     @property
-    def status(self) -> NDArray[np.int8]:
+    def status(self) -> SmallIntegers:
         """(n,) codes of `spherekit.Status`."""
         return self._batch.status
 
@@ -188,10 +189,10 @@ class Kinematics:
         asked = [(pole, moved) for moved in self.input_pairs for pole in self.poles]
         n, k = len(self), len(asked)
 
-        def spread(values: NDArray[Any]) -> NDArray[Any]:
+        def spread(values: Array) -> Array:
             return np.repeat(values, k)
 
-        def gathered(values: list[NDArray[Any]]) -> NDArray[Any]:
+        def gathered(values: list[Array]) -> Array:
             return np.stack(values, axis=1).reshape(n * k, *values[0].shape[1:])
 
         u = gathered([self.direction(*wanted) for wanted in asked])

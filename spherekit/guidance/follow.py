@@ -10,8 +10,9 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats, SmallIntegers
 from spherekit.checked import checked
 from spherekit.conventions import SINGULAR_RATIO, Status
 from spherekit.errors import SolveError
@@ -36,7 +37,6 @@ from spherekit.numeric.zeros import hermite
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
     TURN_MEANING,
-    Floats,
     TurnStatus,
     all_finite,
     arc,
@@ -95,7 +95,7 @@ class RotationSamples:
     departure: Floats
     drift: Floats
     type_2: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
 
 
 @final

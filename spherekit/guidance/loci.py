@@ -24,8 +24,8 @@ from itertools import product
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.checked import checked
 from spherekit.conventions import CLOSURE_TOLERANCE, listing
 from spherekit.errors import ModelError
@@ -49,7 +49,6 @@ from spherekit.singular.locus import solver_of
 from spherekit.singular.several import LocusName, View
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import (
-    Floats,
     all_finite,
     arc,
     cross,
@@ -361,7 +360,7 @@ class _Modes:
     def _name(self, leg: int) -> str:
         return self.form.mechanism.pairs[self.form.legs[leg].base].name
 
-    def _why(self, normals: Floats, modes: NDArray[np.int64]) -> str:
+    def _why(self, normals: Floats, modes: Integers) -> str:
         """Return why inputs at rest allow a motion at the mid-planes of one line."""
         first, second = self.form.plane.driven
         elbows, _ = self.form.plane.elbows(normals, modes)
@@ -371,10 +370,10 @@ class _Modes:
             return f"elbows of the legs of {names} along one line"
         return "the loops lose rank"
 
-    def _roots(self, low: Floats, high: Floats, modes: NDArray[np.int64]) -> Floats:
+    def _roots(self, low: Floats, high: Floats, modes: Integers) -> Floats:
         """Return where the determinant vanishes between normals (n, 3)."""
 
-        def between(part: Floats, rows: NDArray[np.intp]) -> Floats:
+        def between(part: Floats, rows: Indices) -> Floats:
             normals = low[rows] + part[:, None] * (high - low)[rows]
             return np.asarray(unit_rows(normals))
 
@@ -388,11 +387,11 @@ class _Modes:
         )
         return between(part, every)
 
-    def _values(self, normals: Floats, modes: NDArray[np.int64]) -> Floats:
+    def _values(self, normals: Floats, modes: Integers) -> Floats:
         values, _ = self.form.values(self.form.place(normals, modes))
         return np.where(all_finite(values, 1)[:, None], values, np.nan)
 
-    def _determinants(self, normals: Floats, modes: NDArray[np.int64]) -> Floats:
+    def _determinants(self, normals: Floats, modes: Integers) -> Floats:
         """Return (n,) the determinant of the locked mechanism, NaN out of reach."""
         values = self._values(normals, modes)
         determinants = nans(len(normals))
@@ -401,9 +400,7 @@ class _Modes:
         determinants[rows] = np.linalg.det(jacobian[:, :, self.passive])
         return determinants
 
-    def _curve(
-        self, normals: Floats, modes: NDArray[np.int64], closed: bool, why: str
-    ) -> CurveSeen:
+    def _curve(self, normals: Floats, modes: Integers, closed: bool, why: str) -> CurveSeen:
         """Return a curve; points that do not close, at a limit, are left out.
 
         The residual is the least singular value of the loops' velocity equations together
@@ -426,7 +423,7 @@ class _Modes:
         return CurveSeen(points.rows(kept), none, s[kept], whole, why, signs)
 
 
-def _lines(sides: NDArray[np.intp], count: int) -> Iterator[tuple[list[int], bool]]:
+def _lines(sides: Indices, count: int) -> Iterator[tuple[list[int], bool]]:
     """Yield the numbers of the roots in order along each line, and whether it closes.
 
     `sides` (triangles, 3) has the number of the root on each side, -1 for none, of `count`.
@@ -450,7 +447,7 @@ def _lines(sides: NDArray[np.intp], count: int) -> Iterator[tuple[list[int], boo
         yield [*line, start] if closed else line, closed
 
 
-def _runs(wanted: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], bool]]:
+def _runs(wanted: Bools) -> Iterator[tuple[Indices, bool]]:
     """Yield the rows of each part of a closed line that is wanted, and if it closes."""
     if np.all(wanted):
         yield np.arange(len(wanted)), True

@@ -14,6 +14,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import FollowedRotation, follow_rotation, turn_to, unit
@@ -26,7 +27,6 @@ from spherekit.motion.loops import rank_mobility, turns_of
 from spherekit.rates.transmission import Transmission
 from spherekit.region.mesh import spread
 from spherekit.sphere.rotation import (
-    Floats,
     MirrorAngles,
     cross,
     frame_toward,

@@ -13,9 +13,10 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats
 from spherekit.conventions import REACH_SLACK
 from spherekit.numeric.crossings import wrap
-from spherekit.sphere.rotation import Floats, cross, nans, upward
+from spherekit.sphere.rotation import cross, nans, upward
 
 
 @final

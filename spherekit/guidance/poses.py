@@ -11,8 +11,8 @@ from itertools import product
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import FollowedRotation, follow_rotation, follow_to, unit
@@ -30,7 +30,6 @@ from spherekit.output.inverse import InverseKinematics
 from spherekit.output.virtual_output import with_wrist
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
-    Floats,
     arc,
     max_abs,
     mirror_angles,
@@ -111,7 +110,7 @@ class PoseCandidates:
     inputs: Floats
     orientations: Floats
     labels: tuple[str, ...]
-    singular: NDArray[np.bool_]
+    singular: Bools
 
     def __len__(self) -> int:
         return len(self.values)
@@ -126,7 +125,7 @@ class PoseCandidates:
         """Return them with the singular ones last."""
         return self._ordered(np.argsort(self.singular, kind="stable"))
 
-    def _ordered(self, order: NDArray[np.intp]) -> "PoseCandidates":
+    def _ordered(self, order: Indices) -> "PoseCandidates":
         return PoseCandidates(
             self.values[order],
             self.inputs[order],
@@ -230,7 +229,7 @@ class PoseFinder:
         closure = Closure.of(made, geometry_of(made).joints)
         return Target(closure, made.link_number[self.output.link], len(made.inputs))
 
-    def _singular(self, values: Floats) -> NDArray[np.bool_]:
+    def _singular(self, values: Floats) -> Bools:
         near = self._target.at(values, np.broadcast_to(np.eye(3), (len(values), 3, 3)))
         free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
         transmission = Transmission.of(self.mechanism, self.output)

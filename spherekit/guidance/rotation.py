@@ -11,15 +11,16 @@ from types import MappingProxyType
 from typing import Literal, Protocol, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats, SmallIntegers
 from spherekit.checked import checked
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import RotationSamples
 from spherekit.model.study import Cycloidal, Law, Polynomial
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import all_finite
 
 DEAD = 1e3
 """An input that turns by more for each rad of the output link is at a dead centre."""
@@ -125,7 +126,7 @@ class Timetable:
     rates: Floats
     accelerations: Floats
     type_2: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
 
 
 @final

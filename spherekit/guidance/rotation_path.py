@@ -23,15 +23,14 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.motion.closure import Closure, NewtonSteps, Rows, newton
+from spherekit.motion.closure import Closure, NewtonSteps, newton
 from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.steps import Verification, follow_paths
 from spherekit.numeric.zeros import hermite
 from spherekit.sphere.rotation import (
-    Floats,
     LogRate,
     all_finite,
     cross,
@@ -240,7 +239,7 @@ class Optimality:
         open_by = self.at.gap
         return np.asarray(np.maximum(open_by, max_abs(pull, axis=1)))
 
-    def rates(self, axis: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    def rates(self, axis: Floats) -> tuple[Floats, Floats, Bools]:
         """Return first and second derivatives (n, variables) by theta.
 
         As the target turns about an `axis` (3,), a unit vector in the axes of body 0; and
@@ -437,14 +436,14 @@ class March:
         return np.asarray(back @ first.near.reached[0])
 
     @property
-    def going(self) -> Rows:
+    def going(self) -> Indices:
         """Number 0, until the way ends."""
         arrived = self.nodes[-1].theta >= self.angle
         if not arrived and len(self.nodes) >= MOST_NODES:
             self.end = Status.MODE_LOST
         return np.arange(0 if arrived or self.end != Status.OK else 1)
 
-    def allowed(self, rows: Rows, step: Floats) -> Floats:
+    def allowed(self, rows: Indices, step: Floats) -> Floats:
         """Return the step that the bend of the way allows."""
         at = self.nodes[-1]
         bend = float(max_abs(np.nan_to_num(at.second))) + 1e-300
@@ -452,7 +451,7 @@ class March:
         nearer = NEARER * float(max_abs(at.first)) / bend
         return np.minimum(step, nearer) if nearer < SHORT else step
 
-    def advance(self, rows: Rows, step: Floats) -> Floats:
+    def advance(self, rows: Indices, step: Floats) -> Floats:
         """Go on by a step, or by a leap over a singular configuration."""
         at, length = self.nodes[-1], float(step[0])
         if length < SMALLEST_STEP:
@@ -473,7 +472,7 @@ class March:
         self.nodes.append(made)
         return np.array([growth])
 
-    def smallest(self, rows: Rows) -> Floats:
+    def smallest(self, rows: Indices) -> Floats:
         """Return the step at which the way ends."""
         return np.full(len(rows), SMALLEST_STEP)
 
@@ -583,7 +582,7 @@ def corrected(
     `exact` says that the output link can follow.
     """
 
-    def change(some: Floats, rows: Rows) -> Floats:
+    def change(some: Floats, rows: Indices) -> Floats:
         near = target.at(some, wanted[rows])
         return np.nan_to_num(near.exact_step() if exact else near.step())
 

@@ -8,10 +8,10 @@ about the centre of the sphere.
 
 from collections.abc import Sequence
 
+from spherekit.arrays import Floats
 from spherekit.model.expression import Expression
 from spherekit.model.load import Component, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats
 
 
 def used_pairs(mechanism: Mechanism) -> frozenset[str]:

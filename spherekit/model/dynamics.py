@@ -11,8 +11,8 @@ from types import MappingProxyType
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked_class
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
@@ -35,7 +35,7 @@ from spherekit.model.load import (
     vector_of,
 )
 from spherekit.model.parts import need_finite
-from spherekit.sphere.rotation import Floats, cross, frame_from, max_abs
+from spherekit.sphere.rotation import cross, frame_from, max_abs
 
 PARALLEL = 1e-9
 """Below this sine two axes count as one line, which has no arc and gives no frame."""
@@ -158,9 +158,7 @@ class Bearings(Rubbing):
         """See `Rubbing`."""
         return self.axial is not None
 
-    def carried(
-        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64]:
+    def carried(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the forces (..., bearings, 3) N on the bearings, in pair axes.
 
         They have the moment about the centre that the pair transmits (..., 3) N m and,
@@ -246,9 +244,7 @@ class ContactFriction(Rubbing):
         """The friction (N m) per push (N m)."""
         return self.coefficient
 
-    def carried(
-        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64]:
+    def carried(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the push (..., 1, 3) N m, see `Rubbing`."""
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 

@@ -13,8 +13,9 @@ from types import MappingProxyType
 from typing import Any, TypeVar, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats
 from spherekit.conventions import listing, nearest
 from spherekit.errors import ModelError
 
@@ -178,7 +179,7 @@ class Expression:
         nodes = dict.fromkeys(_steep(self.root, kinked))
         return tuple(Expression(self.text, _names(x), x) for x in nodes)
 
-    def evaluate(self, values: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
+    def evaluate(self, values: Mapping[str, ArrayLike]) -> Floats:
         """Return the expression's value for every sample.
 
         Parameters
@@ -235,7 +236,7 @@ class Expression:
 
     def _arrays(
         self, values: Mapping[str, ArrayLike]
-    ) -> tuple[dict[str, NDArray[np.float64]], tuple[int, ...]]:
+    ) -> tuple[dict[str, Floats], tuple[int, ...]]:
         missing = sorted(self.names - set(values))
         if missing:
             raise ModelError(f'"{self.text}": give a value for {listing(missing)}')

@@ -12,13 +12,14 @@ from typing import Generic, Literal, TypeVar, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import EPS, choices, listing
 from spherekit.errors import ModelError
 from spherekit.model.joints import Joint, Revolute, Rolling, Sliding
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
 from spherekit.sphere.profile import Curve, circle, fourier, great_circle, through
-from spherekit.sphere.rotation import Floats, about_z, arc, cross, frame_from, perpendicular
+from spherekit.sphere.rotation import about_z, arc, cross, frame_from, perpendicular
 from spherekit.sphere.touching import nearest_frames
 
 Vector = tuple[float, float, float]

@@ -15,11 +15,11 @@ from types import MappingProxyType
 from typing import ClassVar, Literal, Self, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats
 from spherekit.errors import ModelError
 from spherekit.sphere.profile import Curve
-from spherekit.sphere.rotation import Floats, all_finite, cross
+from spherekit.sphere.rotation import all_finite, cross
 
 PairType = Literal["R", "Cr", "Cs"]
 Ends = tuple[float, float]
@@ -45,7 +45,7 @@ class PairStates:
     second: Floats
     curvatures: Floats
     curvature_rates: Floats
-    inside: NDArray[np.bool_]
+    inside: Bools
 
     @staticmethod
     def blank(n: int, pairs: int) -> "PairStates":

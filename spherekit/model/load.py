@@ -9,8 +9,9 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked_class
 from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
@@ -55,7 +56,7 @@ class Called:
         """What it depends on, as an expression would say it."""
         return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
 
-    def evaluate(self, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    def evaluate(self, values: Mapping[str, Floats]) -> Floats:
         """Return the torque (n,) N m at the values of its names, each (n,).
 
         Raises
@@ -194,9 +195,7 @@ class Rubbing(Load):
         return False
 
     @abstractmethod
-    def carried(
-        self, moments: NDArray[np.float64], forces: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64]:
+    def carried(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the vectors (..., places, 3) whose lengths in sum the friction follows.
 
         `moments` (..., 3) N m and `forces` (..., 3) N are those of the pair, in its axes.
@@ -223,7 +222,7 @@ class TorqueTable(Load):
     torques: tuple[float, ...]
     periodic: bool = False
 
-    def at(self, t: ArrayLike) -> NDArray[np.float64]:
+    def at(self, t: ArrayLike) -> Floats:
         """Return the torque (N m) at times (s) of any shape.
 
         Raises

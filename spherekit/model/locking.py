@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
@@ -29,7 +30,7 @@ from spherekit.model.parts import (
     SizeGeometry,
     in_radians,
 )
-from spherekit.sphere.rotation import Floats, about_z
+from spherekit.sphere.rotation import about_z
 
 Turns = Mapping[str, Floats]
 """Rotations (3, 3) from the old axes of links to the new ones, by link."""

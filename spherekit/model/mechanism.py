@@ -236,6 +236,14 @@ class Mechanism:
         return replace(self, inputs=made, modes=self.modes if as_named else ())
 
     @checked(ModelError)
+    def _need_none(self, form: str, **given: object) -> None:
+        """Refuse sizes of the form in which the geometry is not given."""
+        for key in (key for key, value in given.items() if value is not None):
+            raise ModelError(
+                f"{self.name}: with_sizes: {key} belongs to the other form of geometry; "
+                f"this mechanism is given by {form}"
+            )
+
     def with_sizes(
         self,
         *,
@@ -273,19 +281,8 @@ class Mechanism:
         >>> longer = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 25.0})
         """
         geometry = self.geometry
-        by_size = isinstance(geometry, SizeGeometry)
-        for key, given in (
-            (("axes", axes), ("values", values))
-            if by_size
-            else (("arcs", arcs), ("angles", angles), ("zeros", zeros))
-        ):
-            if given is not None:
-                raise ModelError(
-                    f"{self.name}: with_sizes: {key} belongs to the other form of "
-                    "geometry; this mechanism is given by "
-                    + ("arcs, angles and zeros" if by_size else "axes and values in a pose")
-                )
         if isinstance(geometry, SizeGeometry):
+            self._need_none("arcs, angles and zeros", axes=axes, values=values)
             links = self._changed_links(
                 geometry, {"arcs": arcs, "angles": angles}, angle_unit
             )
@@ -293,6 +290,8 @@ class Mechanism:
                 links, {**geometry.zeros, **self._by_pair(zeros, angle_unit)}
             )
         else:
+            given = {"arcs": arcs, "angles": angles, "zeros": zeros}
+            self._need_none("axes and values in a pose", **given)
             turned = {
                 self.pair(name).name: along(f"{self.name}: pairs.{name}", axis)
                 for name, axis in (axes or {}).items()

@@ -5,10 +5,11 @@ from typing import Literal, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.model.gears import COLLINEAR
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import cross
 
 
 @final

@@ -13,12 +13,12 @@ from typing import Any, Literal, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats
 from spherekit.checked import check_fields, checked_class
 from spherekit.conventions import DEFAULT_SAMPLES, counted
 from spherekit.errors import AnalysisError, ModelError, SpherekitError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import need_finite, need_increasing
-from spherekit.sphere.rotation import Floats
 
 States = tuple[Floats, Floats, Floats]
 """The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""

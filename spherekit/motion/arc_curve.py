@@ -19,8 +19,9 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure, NewtonSteps, newton
@@ -28,7 +29,7 @@ from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.turns import less_periods
 from spherekit.numeric.zeros import ArrayRows, Zeros, hermite, zeros
 from spherekit.sphere.paths import ArcLength, measure
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans, unit_rows
+from spherekit.sphere.rotation import all_finite, max_abs, nans, unit_rows
 
 MOST_CORRECTIONS = 6
 CORRECTED = 1e-10
@@ -105,7 +106,7 @@ def correct(
     has a residual; the caller judges.
     """
 
-    def change(here: Floats, rows: NDArray[np.intp]) -> Floats:
+    def change(here: Floats, rows: Indices) -> Floats:
         miss = targets[rows] - np.sum(borders[rows] * here, axis=1)
         return bordered_step(closure.take(rows).at(here), borders[rows], miss)
 
@@ -138,11 +139,11 @@ class Chords:
         """Unit vectors (k - 1, variables) of the chords."""
         return np.asarray(np.diff(self.nodes.values, axis=0) / self.chords[:, None])
 
-    def predict(self, which: NDArray[np.intp], along: Floats) -> Floats:
+    def predict(self, which: Indices, along: Floats) -> Floats:
         """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""
         e = self.directions[which]
 
-        def end(node: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
+        def end(node: Indices) -> tuple[Floats, Floats, Floats]:
             tangent, bend = self.nodes.tangents[node], self.nodes.bends[node]
             speed = np.sum(tangent * e, axis=1, keepdims=True)
             swing = np.sum(bend * e, axis=1, keepdims=True)
@@ -153,7 +154,7 @@ class Chords:
 
     def beside(
         self, values: Floats, periods: Floats
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats]:
+    ) -> tuple[Indices, Indices, Floats, Floats]:
         """Return which configurations (n, variables) lie beside which chords (m,).
 
         With the ways (m, variables) there from the chords' starts, less whole periods, and
@@ -199,12 +200,12 @@ class Segments(Chords):
         """Return the curve at u (n,), to closure precision."""
         return self.on(*self._places(u))
 
-    def _places(self, u: Floats) -> tuple[NDArray[np.intp], Floats]:
+    def _places(self, u: Floats) -> tuple[Indices, Floats]:
         """Return the chords (n,) of u (n,), and how far from their starts (n,) it is."""
         which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chords) - 1)
         return which, u - self.starts[which]
 
-    def on(self, which: NDArray[np.intp], way: Floats) -> CurvePoints:
+    def on(self, which: Indices, way: Floats) -> CurvePoints:
         """Return the curve where its projection on the chord `which` (n,) is `way` (n,)."""
         chords, e = self.chords[which], self.directions[which]
         guess = self.predict(which, way / chords)
@@ -276,7 +277,7 @@ class ArcCurve:
     segments: Segments
     periods: Floats
     closed: bool
-    winding: NDArray[np.int64]
+    winding: Integers
     ends: tuple[Status, Status]
     start: int
 
@@ -392,12 +393,12 @@ class ArcCurve:
         lengths[row] = self._lengths_at(number, along)
         return lengths
 
-    def passes(self, values: Floats) -> NDArray[np.bool_]:
+    def passes(self, values: Floats) -> Bools:
         """Return which configurations (n, variables) are on this curve, as `find` does."""
         row, _, _ = self._hits(values)
         return np.isin(np.arange(len(values)), row)
 
-    def _hits(self, values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    def _hits(self, values: Floats) -> tuple[Indices, Indices, Floats]:
         """Return which configurations are on which chords, and where along these."""
         segments = self.segments
         row, number, way, along = segments.beside(values, self.periods)
@@ -410,7 +411,7 @@ class ArcCurve:
         """Return differences of variables (..., variables) less whole periods."""
         return less_periods(differences, self.periods)
 
-    def _lengths_at(self, which: NDArray[np.intp], along: Floats) -> Floats:
+    def _lengths_at(self, which: Indices, along: Floats) -> Floats:
         """Return s (n,) where the projections on chords `which` (n,) are `along` (n,)."""
         table = self.table
         u = self.segments.starts[which] + along

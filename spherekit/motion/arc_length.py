@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, EQUAL_CURVATURE, Status
 from spherekit.errors import SolveError
 from spherekit.motion.arc_curve import (
@@ -26,7 +26,7 @@ from spherekit.motion.arc_curve import (
     correct,
     curve_points,
 )
-from spherekit.motion.closure import Closure, Rows, newton
+from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
 from spherekit.motion.steps import (
     GOING,
@@ -37,7 +37,7 @@ from spherekit.motion.steps import (
     follow_paths,
     taylor,
 )
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import all_finite, max_abs
 
 LONGEST = 500.0
 """Length (rad) after which a curve that does not close is ended."""
@@ -328,20 +328,20 @@ class _Arcs(Curves[_Nodes]):
     closure: Closure
     limits: tuple[_Limit, ...]
 
-    def exhaust(self, rows: Rows) -> None:
+    def exhaust(self, rows: Indices) -> None:
         """End curves at crossings."""
         flat = self.at.reciprocal_condition[rows] < SINGULAR
         self.end[rows[flat]] = Status.AT_SINGULARITY
 
-    def allowed(self, rows: Rows, step: Floats) -> Floats:
+    def allowed(self, rows: Indices, step: Floats) -> Floats:
         """Return the steps (k,) that the curvature allows."""
         bend = np.linalg.norm(self.at.bends[rows], axis=1)
         largest = np.minimum(self.largest, LARGEST_TURN / (bend + 1e-300))
         return np.asarray(np.minimum(step, largest))
 
     def steps_to(
-        self, rows: Rows, at: _Nodes, ways: Floats
-    ) -> tuple[_Nodes, NDArray[np.bool_], Floats]:
+        self, rows: Indices, at: _Nodes, ways: Floats
+    ) -> tuple[_Nodes, Bools, Floats]:
         """See `Curves`, as the further methods."""
         closure = self.closure.take(np.repeat(rows, 2))
         parts = ways[:, None] * STEP_PARTS
@@ -364,9 +364,7 @@ class _Arcs(Curves[_Nodes]):
         holds = self.judged(at, last, values[::2], ways, good, rounding)
         return last, holds, np.max(moved.reshape(-1, 2), axis=1)
 
-    def within(
-        self, rows: Rows, step: Floats, new: _Nodes, holds: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def within(self, rows: Indices, step: Floats, new: _Nodes, holds: Bools) -> Bools:
         """Take steps that pass no limit, and land on one that another passes."""
         taken = holds.copy()
         for limit in self.limits:
@@ -380,7 +378,9 @@ class _Arcs(Curves[_Nodes]):
                 self.end[row] = landed[1].status
         return taken
 
-    def _landing(self, row: Rows, at: _Nodes, step: float) -> tuple[_Nodes, _Limit] | None:
+    def _landing(
+        self, row: Indices, at: _Nodes, step: float
+    ) -> tuple[_Nodes, _Limit] | None:
         """Return the first limit within a step, and the node exactly on it."""
         best: tuple[_Nodes, _Limit] | None = None
         for limit in self.limits:
@@ -404,7 +404,7 @@ class _Arcs(Curves[_Nodes]):
     def _onto(self, closure: Closure, limit: _Limit, start: Floats) -> Floats:
         """Return the closed configuration (1, variables) on a limit, by Newton's method."""
 
-        def change(values: Floats, _: Rows) -> Floats:
+        def change(values: Floats, _: Indices) -> Floats:
             at = closure.at(values)
             bends = at.states.curvatures, at.states.curvature_rates
             margin, gradient = limit.margin(values, *bends)

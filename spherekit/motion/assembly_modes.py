@@ -19,8 +19,8 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status, listing
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
@@ -45,7 +45,7 @@ from spherekit.planning.wheels import (
     WheelTrain,
     wheel_train,
 )
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
+from spherekit.sphere.rotation import all_finite, max_abs, nans
 
 SAME = 0.3
 """Angles (rad) of a followed mode that are farther from a row's are another's."""
@@ -295,7 +295,7 @@ class Evaluated:
 
     values: Floats
     rotations: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
     residual: Floats
 
 
@@ -411,7 +411,7 @@ class Solver:
         return int(rank_mobility(self.closure.tree, vectors, dependent)[0])
 
     def evaluate(
-        self, assembly_mode: AssemblyMode, q: Floats, rows: NDArray[np.intp] | None = None
+        self, assembly_mode: AssemblyMode, q: Floats, rows: Indices | None = None
     ) -> Evaluated:
         """Return the mode at inputs q (n, inputs) in any order; failed samples are NaN.
 
@@ -435,9 +435,9 @@ class Solver:
         assembly_mode: AssemblyMode,
         number: int,
         q: Floats,
-        rows: NDArray[np.intp] | None,
+        rows: Indices | None,
         state: State,
-        status: NDArray[np.int8],
+        status: SmallIntegers,
     ) -> None:
         """Place a train of wheels or an irreducible group, and note in `status` how."""
         group = self.assembly.groups[number]
@@ -468,7 +468,7 @@ class Solver:
         _mark(status, penetrates(joints, states), Status.CURVATURE)
 
     def _finish(
-        self, assembly_mode: AssemblyMode, state: State, status: NDArray[np.int8]
+        self, assembly_mode: AssemblyMode, state: State, status: SmallIntegers
     ) -> Evaluated:
         values = state.values
         links = range(len(self.mechanism.links))
@@ -544,11 +544,11 @@ def label_of(signs: Iterable[float]) -> str:
     return "".join("~+-"[int(sign)] for sign in signs)
 
 
-def _good(status: NDArray[np.int8]) -> NDArray[np.bool_]:
+def _good(status: SmallIntegers) -> Bools:
     return np.asarray((status == Status.OK) | (status == Status.AT_SINGULARITY))
 
 
-def _mark(status: NDArray[np.int8], where: NDArray[np.bool_], code: Status) -> None:
+def _mark(status: SmallIntegers, where: Bools, code: Status) -> None:
     free = (status == Status.OK) | (_good(status) & (code != Status.AT_SINGULARITY))
     status[where & free] = code
 

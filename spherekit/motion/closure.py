@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
-from spherekit.sphere.rotation import Floats, max_abs, transpose
+from spherekit.sphere.rotation import max_abs, transpose
 
-Rows = NDArray[np.intp]
 
 @final
 class NewtonSteps:
@@ -34,7 +33,7 @@ class NewtonSteps:
         self.first, self.ratio, self.trust = np.zeros(count), np.zeros(count), trust
         self._taken = 0
 
-    def part(self, size: Floats, rows: NDArray[np.intp] | slice = slice(None)) -> Floats:
+    def part(self, size: Floats, rows: Indices | slice = slice(None)) -> Floats:
         """Note a step of sizes (k,) of some rows; return the part (k, 1) to take of it."""
         if self._taken == 0:
             self.first[rows] = size
@@ -45,7 +44,7 @@ class NewtonSteps:
 
 
 def newton(
-    change: Callable[[Floats, NDArray[np.intp]], Floats],
+    change: Callable[[Floats, Indices], Floats],
     values: Floats,
     most: int,
     settled: float = 0.0,
@@ -86,7 +85,7 @@ class Closure:
         """Return the closure of a whole mechanism, each link a body."""
         return Closure(LoopTree.of(mechanism), joints)
 
-    def take(self, rows: NDArray[np.intp]) -> "Closure":
+    def take(self, rows: Indices) -> "Closure":
         """Return the closure of some samples only."""
         if self.leads is None or len(self.leads[0]) == 1:
             return self

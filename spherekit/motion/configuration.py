@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Integers
 from spherekit.checked import checked
 from spherekit.conventions import TURN, Status, counted
 from spherekit.errors import SolveError
@@ -33,7 +33,7 @@ from spherekit.motion.search import SEED, STARTS, Census
 from spherekit.motion.turns import in_range, turns_in_range
 from spherekit.numeric.crossings import wrap
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 PROBED = 181
 """Inputs over the range from which curves are followed where none is known yet."""
@@ -181,7 +181,7 @@ class Configurations:
     claim: Claim
     drive: str
     inputs: Floats
-    counts: NDArray[np.int64]
+    counts: Integers
     mismatches: tuple[str, ...]
 
     @property

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.arc_curve import bordered_step
 from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import left_inverse
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, unit_rows
+from spherekit.sphere.rotation import all_finite, max_abs, unit_rows
 
 NEARLY_NULL = 3e-3
 """Relative singular values below this may vanish at the crossing nearby."""
@@ -102,7 +102,7 @@ def ways_out(closure: Closure, values: Floats) -> Floats:
         return np.zeros((0, len(values)))
     forms = _second_order(closure, values, left[:, rank:], motions)
 
-    def change(here: Floats, _: NDArray[np.intp]) -> Floats:
+    def change(here: Floats, _: Indices) -> Floats:
         away = here - values
         length = np.linalg.norm(away, axis=1)
         borders = away / length[:, None]

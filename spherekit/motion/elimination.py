@@ -30,11 +30,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, islice, permutations
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Complexes, Floats, Indices, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.motion.assembly_modes import Solver, determinant_signs
 from spherekit.motion.closure import Closure
@@ -57,19 +57,16 @@ from spherekit.motion.search import (
 )
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Group
-from spherekit.sphere.complex_rotation import dot, taking
-from spherekit.sphere.rotation import Floats, all_finite, cross, max_abs, transpose
+from spherekit.sphere.rotation import all_finite, cross, max_abs, transpose
 from spherekit.sphere.trigonometric import (
-    Bools,
-    Complexes,
     all_angles,
     common_angles,
     determinants,
+    dot,
     eliminated_degree,
     point,
+    taking,
 )
-
-Numbers = NDArray[Any]
 
 NEARLY_REAL = 0.03
 """Roots with a smaller imaginary part are tried: double ones have some by rounding."""
@@ -232,13 +229,13 @@ class Frames:
     """
 
     group: Group
-    sides: Numbers
+    sides: Array
 
-    def of_pair(self, pair: int, body: int) -> Numbers:
+    def of_pair(self, pair: int, body: int) -> Array:
         """Return the frames (n, 3, 3) of a pair in one of its bodies."""
         return np.asarray(self.sides[self.group.ends[pair].index(body), pair])
 
-    def _axes(self, bar: Bar) -> tuple[tuple[Numbers, ...], tuple[Numbers, ...]]:
+    def _axes(self, bar: Bar) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return the unit axes (n, 3) of a bar's pairs: in it, in the bodies it joins."""
         both = zip(bar.pairs, bar.bodies, strict=True)
         outer = tuple(self.of_pair(pair, body)[..., 2] for pair, body in both)
@@ -248,11 +245,11 @@ class Frames:
         """Return the least sine of a bar's arc; at 0 it spins between its neighbours."""
         return float(np.min(np.linalg.norm(cross(*self._axes(bar)[0]), axis=-1)))
 
-    def equations(self, order: Order) -> Numbers:
+    def equations(self, order: Order) -> Array:
         """Return the equations (n, t, 3, ..., 3) of bars in the tree's angles."""
         return np.stack([self._equation(order, k) for k in range(len(order.bars))], axis=1)
 
-    def _equation(self, order: Order, number: int) -> Numbers:
+    def _equation(self, order: Order, number: int) -> Array:
         way, bar = order.ways[number], order.bars[number]
         inner, (spread, moving) = self._axes(bar)
         body, count = bar.bodies[0], len(order.pairs)
@@ -273,7 +270,7 @@ class Frames:
         equation.reshape(len(spread), -1)[:, 0] -= dot(*inner)
         return equation
 
-    def placed(self, order: Order, angles: Numbers) -> Numbers:
+    def placed(self, order: Order, angles: Array) -> Array:
         """Return orientations (n, m, bodies, 3, 3) at angles (n, m, t) of the tree."""
         ends = self.group.ends
         placed = np.empty((*angles.shape[:2], len(self.group.bodies), 3, 3), angles.dtype)
@@ -526,7 +523,7 @@ def signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
     return tuple(signs)
 
 
-def group_signs(solver: Solver, values: Floats) -> NDArray[np.int8]:
+def group_signs(solver: Solver, values: Floats) -> SmallIntegers:
     """Return the signs (n, groups) that tell modes of closed configurations apart.
 
     Of the triple product of a dyad's axes and of the determinant of another group's
@@ -573,7 +570,7 @@ class RangeSearch:
         self._least, self._most = (np.full(len(self._low), x) for x in (-np.inf, np.inf))
         self._least[driven], self._most[driven] = low, high
 
-    def _drawn(self) -> tuple[Floats, NDArray[np.intp]]:
+    def _drawn(self) -> tuple[Floats, Indices]:
         """Return the starts (n, variables) of a round, and the sample (n,) of each."""
         starts = self._random.uniform(self._low, self._high, (STARTS, len(self._low)))
         if self.samples is None:
@@ -582,7 +579,7 @@ class RangeSearch:
         starts[:, list(self.solver.driven)] = self.samples[rows]
         return starts, rows
 
-    def rounds(self, count: int = 1) -> tuple[Floats, NDArray[np.intp]]:
+    def rounds(self, count: int = 1) -> tuple[Floats, Indices]:
         """Return closed configurations (k, variables) that so many rounds lead to.
 
         With them the sample (k,) of each where the inputs are kept. Those whose contacts

@@ -6,11 +6,11 @@ axes (those of one of its links); `State` holds them for a batch of samples.
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Floats
 from spherekit.conventions import REACH_SLACK
 from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, revolute
@@ -18,7 +18,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure, NewtonResult
 from spherekit.motion.loops import LoopTree, pair_states
 from spherekit.planning.inputs import Assembly, Group
-from spherekit.sphere.rotation import Bools, Floats, about_z, close_dyad, nans, transpose
+from spherekit.sphere.rotation import about_z, close_dyad, nans, transpose
 
 
 @final
@@ -196,17 +196,17 @@ def train_ways(group: Group, fixed: Collection[int]) -> tuple[tuple[int, int, in
 
 def train_turns(
     group: Group,
-    within: Mapping[int, NDArray[Any]] | Sequence[NDArray[Any]],
+    within: Mapping[int, Array] | Sequence[Array],
     ends: Sequence[tuple[int, int]],
     joints: Sequence[Joint],
     angles: Mapping[int, Floats],
-) -> list[NDArray[Any]]:
+) -> list[Array]:
     """Return the rotations (..., 3, 3) of the bodies of a train, in order, to the first.
 
     `within[link]` (..., 3, 3) are those of links in their bodies, of any real or complex
     numbers, `angles` (...,) rad those of pairs by number.
     """
-    turns: dict[int, NDArray[Any]] = {0: np.eye(3)}
+    turns: dict[int, Array] = {0: np.eye(3)}
     for place, parent, child in train_ways(group, angles):
         pair = group.pairs[place]
         joint, (first, second) = revolute(joints[pair]), ends[pair]

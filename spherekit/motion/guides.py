@@ -18,15 +18,15 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import Status
 from spherekit.motion.closure import Closure
 from spherekit.motion.crossing import ways_out
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.steps import InputPaths, Nodes, nodes_at, walk
 from spherekit.numeric.zeros import cubic
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
+from spherekit.sphere.rotation import all_finite, max_abs, nans
 
 AT_DEAD_CENTRE = 1e-9
 """Nodes of a smaller relative singular value are dead centres of the input."""
@@ -35,8 +35,7 @@ NEAR_DEAD_CENTRE = 1e-4
 NEAREST = 8
 """Samples nearest to a configuration that straight ways are tried to."""
 
-Rows = NDArray[np.intp]
-Predicted = tuple[Floats, Floats, NDArray[np.int8]]
+Predicted = tuple[Floats, Floats, SmallIntegers]
 """Variables (n, variables), how far (n,) rad they may be off, (n,) why there are none."""
 
 
@@ -66,20 +65,20 @@ class ModeCurve:
         out = cubic(start, stop, h, (q - self.inputs[k])[:, None] / h)
         return out, max_abs(stop[0] - start[0], axis=1)
 
-    def at(self, q: Floats, rows: Rows | None) -> Predicted:
+    def at(self, q: Floats, rows: Indices | None) -> Predicted:
         """Return what is predicted at inputs q (n, 1)."""
         along = q[:, 0]
         beyond = np.where(along < self.inputs[0], *self.ends)
         why = np.where(self.covers(along), Status.OK, beyond).astype(np.int8)
         return (*self.predict(along), why)
 
-    def covers(self, q: Floats) -> NDArray[np.bool_]:
+    def covers(self, q: Floats) -> Bools:
         """Return (n,) whether each input lies on the curve."""
         slack = 1e-14 * np.maximum(1.0, np.abs(q))
         inside = (q >= self.inputs[0] - slack) & (q <= self.inputs[-1] + slack)
         return np.asarray(inside)
 
-    def ends_before(self, q: Floats) -> NDArray[np.bool_]:
+    def ends_before(self, q: Floats) -> Bools:
         """Return (n,) which inputs are beyond an end that the mode does not reach past."""
         return np.asarray(self.at(q[:, None], None)[2] == Status.OUT_OF_REACH)
 
@@ -94,9 +93,9 @@ class ModeOverGrid:
     """
 
     values: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
 
-    def at(self, q: Floats, rows: Rows | None) -> Predicted:
+    def at(self, q: Floats, rows: Indices | None) -> Predicted:
         """Return what is known of samples, rows (n,) of the grid."""
         assert rows is not None
         return self.values[rows], np.zeros(len(q)), self.status[rows]
@@ -229,7 +228,7 @@ def spread_each(
     closure: Closure,
     driven: Sequence[int],
     input_grid: InputGrid,
-    rows: Rows,
+    rows: Indices,
     values: Floats,
 ) -> list[ModeOverGrid]:
     """Return the sheets through closed configurations (k, variables), side by side.
@@ -248,7 +247,7 @@ def spread_each(
         open_ways = stop.ravel() >= 0
         start = np.tile(front, len(beside))[open_ways]
         stop = (stop + front - sample).ravel()[open_ways]
-        new: list[Rows] = [np.zeros(0, dtype=np.intp)]
+        new: list[Indices] = [np.zeros(0, dtype=np.intp)]
         while len(stop):
             wanted = status[stop] != Status.OK
             start, stop = start[wanted], stop[wanted]

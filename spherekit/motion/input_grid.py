@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import counted, listing
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import all_finite
 
 
 @final
@@ -39,7 +39,7 @@ class InputGrid:
         """The least and the greatest sampled value (rad) of a single input."""
         return float(np.min(self.q)), float(np.max(self.q))
 
-    def neighbours(self) -> NDArray[np.intp]:
+    def neighbours(self) -> Indices:
         """Return (2 axes, n): the next and the previous sample along each axis, or -1."""
         number = np.arange(len(self)).reshape(self.shape)
         neighbours = []
@@ -52,7 +52,7 @@ class InputGrid:
                 neighbours.append(beside.ravel())
         return np.stack(neighbours)
 
-    def nearest(self, q: Floats, count: int) -> NDArray[np.intp]:
+    def nearest(self, q: Floats, count: int) -> Indices:
         """Return the rows of the `count` samples nearest to inputs q (inputs,)."""
         distance = np.linalg.norm(self.q - q, axis=1)
         return np.argsort(distance, kind="stable")[:count]

@@ -22,6 +22,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Complexes, Floats
 from spherekit.conventions import counted
 from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
@@ -32,8 +33,7 @@ from spherekit.motion.groups import train_turns
 from spherekit.numeric.crossings import MOST_CELLS, crossings
 from spherekit.planning.inputs import Group, plan_assembly
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
-from spherekit.sphere.trigonometric import Complexes
+from spherekit.sphere.rotation import all_finite, max_abs
 
 MOST_COMPLEX = 64
 """Complex modes of a mechanism up to which all of them are followed."""

@@ -17,14 +17,13 @@ from functools import cached_property, lru_cache
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, Kind, PairRates, PairStates, Revolute, Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import (
-    Floats,
     all_finite,
     arc,
     max_abs,
@@ -57,12 +56,12 @@ class LoopTree:
         return LoopTree(len(mechanism.links), mechanism.ends, mechanism.variable_owners)
 
     @cached_property
-    def firsts(self) -> NDArray[np.intp]:
+    def firsts(self) -> Indices:
         """The first body of each pair."""
         return np.array([first for first, _ in self.ends], dtype=np.intp)
 
     @cached_property
-    def seconds(self) -> NDArray[np.intp]:
+    def seconds(self) -> Indices:
         """The second body of each pair."""
         return np.array([second for _, second in self.ends], dtype=np.intp)
 
@@ -91,7 +90,7 @@ class LoopTree:
         return tuple(pair for pair in range(len(self.ends)) if pair not in tree)
 
     @cached_property
-    def closing(self) -> NDArray[np.intp]:
+    def closing(self) -> Indices:
         """(3, loops): the chords, and the first and the second body of each."""
         chords = np.array(self.chords, dtype=np.intp)
         return np.stack([chords, self.firsts[chords], self.seconds[chords]])
@@ -374,7 +373,7 @@ def pair_rates(
     return rates
 
 
-def penetrates(joints: Sequence[Joint], states: PairStates) -> NDArray[np.bool_]:
+def penetrates(joints: Sequence[Joint], states: PairStates) -> Bools:
     """Return (n,) whether a contact's profiles curve into each other, or alike."""
     contact = [bool(joint.tracks) for joint in joints]
     relative = states.curvatures[:, contact, 0] - states.curvatures[:, contact, 1]
@@ -490,7 +489,7 @@ class Linearisation:
         turned = self.turned(self.body_rates(rates)).vectors
         return np.asarray(np.einsum("nij,nj->ni", self.tree.jacobian(turned), rates))
 
-    def take(self, rows: NDArray[np.intp] | slice) -> "Linearisation":
+    def take(self, rows: Indices | slice) -> "Linearisation":
         """Return some rows, with what is known of them."""
         leads = self.leads
         if leads is not None and len(leads[0]) > 1:

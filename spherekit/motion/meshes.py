@@ -16,6 +16,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN
 from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
@@ -27,7 +28,7 @@ from spherekit.planning.wheels import (
     SAME_LENGTH,
     WheelTrain,
 )
-from spherekit.sphere.rotation import Floats, nans
+from spherekit.sphere.rotation import nans
 
 SAME_RATIO = 1e-9
 """Laps in a turn of an input that differ by less are the same."""

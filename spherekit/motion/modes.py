@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, Status, counted
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Claim, Guarantee
@@ -42,9 +42,7 @@ from spherekit.motion.search import SAME_MODE, STARTS, Census
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
-
-Rows = NDArray[np.intp]
+from spherekit.sphere.rotation import all_finite, max_abs
 
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
@@ -383,8 +381,8 @@ class ModeSearch:
                 self._add_new(values, np.repeat(row, len(values)))
 
     def _add_new(
-        self, values: Floats, rows: Rows, family: int | None = None, ahead: int = AHEAD
-    ) -> Rows:
+        self, values: Floats, rows: Indices, family: int | None = None, ahead: int = AHEAD
+    ) -> Indices:
         """Add assembly modes of configurations (n, variables) that none of them has.
 
         `rows` (n,) are the samples they belong to, read if assembly modes are known at
@@ -411,7 +409,7 @@ class ModeSearch:
             families[left] = self._families_of(values[left], rows[left], before)
         return families
 
-    def _families_of(self, values: Floats, rows: Rows, first: int) -> Rows:
+    def _families_of(self, values: Floats, rows: Indices, first: int) -> Indices:
         """Return the family (n,) of configurations on modes from `first` on, or -1.
 
         A configuration is on a mode if Newton's method leads there from near the guide.

@@ -14,8 +14,8 @@ from functools import cached_property
 from typing import Any, Self, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, EPS, TURN, Status, counted, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
@@ -31,7 +31,7 @@ from spherekit.motion.loops import Linearisation, LoopTree, condition, left_inve
 from spherekit.motion.modes import ModeSearch
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
-from spherekit.sphere.rotation import Floats, all_finite, cross, nans, quaternion
+from spherekit.sphere.rotation import all_finite, cross, nans, quaternion
 
 
 @final
@@ -125,11 +125,11 @@ class Motion(ArrayRows):
     assembly: Assembly
     assembly_modes: tuple[AssemblyMode, ...]
     samples: int
-    sample: NDArray[np.int64]
-    assembly_mode: NDArray[np.int64]
+    sample: Integers
+    assembly_mode: Integers
     inputs: Floats
     values: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
     residual: Floats
     placed: Floats | None = None
     is_path: bool = True
@@ -146,7 +146,7 @@ class Motion(ArrayRows):
             f"{counted(len(self.assembly_modes), 'assembly mode')}; {statuses}>"
         )
 
-    def rows(self, chosen: slice | NDArray[Any]) -> Self:
+    def rows(self, chosen: slice | Array) -> Self:
         """Return some rows only, as a motion of one nameless assembly mode."""
         part = super().rows(chosen)
         return replace(part, samples=len(part))
@@ -291,7 +291,7 @@ class Motion(ArrayRows):
         return quaternion(self.rotations[:, link])
 
     @cached_property
-    def failed(self) -> NDArray[np.bool_]:
+    def failed(self) -> Bools:
         """(n,) rows that hold no configuration."""
         held = (self.status == Status.OK) | (self.status == Status.AT_SINGULARITY)
         return np.asarray(~held)
@@ -481,7 +481,7 @@ class Tracer:
         """Return closed configurations (n, variables) as a motion; see `motion_of`."""
         return motion_of(self.solver, values)
 
-    def _at(self, q: Floats, rows: NDArray[np.intp] | None, first_sample: int) -> Motion:
+    def _at(self, q: Floats, rows: Indices | None, first_sample: int) -> Motion:
         if not self.assembly_modes:
             none = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(motion_of(self.solver, none), samples=len(q))
@@ -529,7 +529,7 @@ class Tracer:
         rows = np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
         return self.samples(rows)
 
-    def samples(self, rows: NDArray[np.intp]) -> Motion:
+    def samples(self, rows: Indices) -> Motion:
         """Return the motion at some of the samples, by their numbers."""
         return self._at(self.input_grid.q[rows], rows, 0)
 

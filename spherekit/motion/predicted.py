@@ -10,9 +10,9 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import TURN, Status
 from spherekit.motion.motion import Tracer
-from spherekit.sphere.rotation import Floats
 
 DEGREE = 7
 """Of the splines."""

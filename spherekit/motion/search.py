@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import penetrates, rolled_lengths
 from spherekit.numeric.descent import descent
 from spherekit.progress import Working
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 SEED = 20240616
 """The random starts are the same ones every time."""
@@ -64,7 +64,7 @@ class Census:
     starts: int = 0
     counts: Sequence[int] = ()
 
-    def add(self, starts: int, met: NDArray[np.intp], total: int) -> None:
+    def add(self, starts: int, met: Indices, total: int) -> None:
         """Count starts; `met` are the numbers, below `total`, of what they led to."""
         self.starts += starts
         counts = np.bincount(met[met >= 0], minlength=total)
@@ -126,7 +126,7 @@ def damped(
     held: Sequence[int] = (),
     low: Floats | float = -np.inf,
     high: Floats | float = np.inf,
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Bools]:
     """Go down the sum of squared gaps from starts; return where that leads.
 
     Parameters
@@ -148,7 +148,7 @@ def damped(
     least, most = (np.broadcast_to(x, values.shape[1])[free] for x in (low, high))
     values = values.copy()
 
-    def gaps(some: Floats, rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    def gaps(some: Floats, rows: Indices) -> tuple[Floats, Floats]:
         whole = values[rows]
         whole[:, free] = some
         at = closure.take(rows).at(whole)
@@ -176,7 +176,7 @@ class Distinct:
         self._loose = 0
         self._rolling = rolled_lengths(closure.joints)
 
-    def add(self, values: Floats) -> NDArray[np.intp]:
+    def add(self, values: Floats) -> Indices:
         """Add those of closed configurations (n, variables) that are new.
 
         Those that have rolled least come first; those whose contacts do not exist are

@@ -26,15 +26,15 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Generic, Protocol, TypeVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.motion.arc_curve import Chords, CurvePoints
-from spherekit.motion.closure import Closure, Rows
+from spherekit.motion.closure import Closure
 from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, unit_rows
+from spherekit.sphere.rotation import all_finite, max_abs, unit_rows
 
 CONTRACTION = 0.1
 """The second step of Newton's method may be this part of the first."""
@@ -72,20 +72,18 @@ class Verification:
     turn: float = 0.9
     middle: float = 1e-4
 
-    def corrected(
-        self, first: Floats, ratio: Floats, size: Floats | float
-    ) -> NDArray[np.bool_]:
+    def corrected(self, first: Floats, ratio: Floats, size: Floats | float) -> Bools:
         """Return (n,) whether Newton's first steps (n,), and second by first, are fine."""
         near = first <= self.correction * size + self.slack
         return np.asarray(near & ((first <= self.settled) | (ratio <= CONTRACTION)))
 
-    def regular(self, change: Floats, cosine: Floats | float = 1.0) -> NDArray[np.bool_]:
+    def regular(self, change: Floats, cosine: Floats | float = 1.0) -> Bools:
         """Return (n,) whether equations and tangents changed little enough."""
         return np.asarray((change < self.change) & (np.asarray(cosine) > self.turn))
 
     def predicted(
         self, miss: Floats | float, size: Floats | float, rounding: Floats | float = 0.0
-    ) -> NDArray[np.bool_]:
+    ) -> Bools:
         """Return (n,) whether the middles of steps lie where both ends predict them."""
         return np.asarray(miss <= self.middle * size + rounding)
 
@@ -94,16 +92,16 @@ class Paths(Protocol):
     """Paths that are followed side by side, each by steps of its own length."""
 
     @property
-    def going(self) -> Rows:
+    def going(self) -> Indices:
         """The paths that have not ended."""
 
-    def allowed(self, rows: Rows, step: Floats) -> Floats:
+    def allowed(self, rows: Indices, step: Floats) -> Floats:
         """Return the steps (k,) to try on these paths, at most as long as `step`."""
 
-    def advance(self, rows: Rows, step: Floats) -> Floats:
+    def advance(self, rows: Indices, step: Floats) -> Floats:
         """Go on by steps that hold; return how (k,) the next may grow, 0 if none holds."""
 
-    def smallest(self, rows: Rows) -> Floats:
+    def smallest(self, rows: Indices) -> Floats:
         """Return the steps (k,) at which these paths end if not even they hold."""
 
     def stop(self, row: int) -> None:
@@ -173,28 +171,24 @@ class Curves(ABC, Generic[Node]):
         self.at = self.start.rows(np.arange(n))
         self.end = np.full(n, GOING, dtype=np.int8)
         self.closed, self.way = np.zeros(n, dtype=bool), np.zeros(n)
-        self._count, self._trail = np.zeros(n, dtype=np.intp), list[tuple[Rows, Node]]()
+        self._count, self._trail = np.zeros(n, dtype=np.intp), list[tuple[Indices, Node]]()
 
     @abstractmethod
-    def steps_to(
-        self, rows: Rows, at: Node, ways: Floats
-    ) -> tuple[Node, NDArray[np.bool_], Floats]:
+    def steps_to(self, rows: Indices, at: Node, ways: Floats) -> tuple[Node, Bools, Floats]:
         """Return the nodes at projections (k,) on the tangents at nodes of some curves.
 
         And which of them pass all tests, and the relative changes of the equations.
         """
 
     @abstractmethod
-    def within(
-        self, rows: Rows, step: Floats, new: Node, holds: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def within(self, rows: Indices, step: Floats, new: Node, holds: Bools) -> Bools:
         """Return which of the steps that hold are to be taken.
 
         Where a limit is reached the end of a curve is set.
         """
 
     @abstractmethod
-    def exhaust(self, rows: Rows) -> None:
+    def exhaust(self, rows: Indices) -> None:
         """End curves of which there is a reason not to go on from the last node."""
 
     @abstractmethod
@@ -206,7 +200,7 @@ class Curves(ABC, Generic[Node]):
         return replace(start, values=values)
 
     @property
-    def going(self) -> Rows:
+    def going(self) -> Indices:
         """The curves that have not ended."""
         rows = np.flatnonzero(self.end == GOING)
         self.exhaust(rows)
@@ -214,15 +208,15 @@ class Curves(ABC, Generic[Node]):
         self.end[rows[self.way[rows] >= self.longest]] = Status.OK
         return np.flatnonzero(self.end == GOING)
 
-    def allowed(self, rows: Rows, step: Floats) -> Floats:
+    def allowed(self, rows: Indices, step: Floats) -> Floats:
         """Return the steps (k,), no longer than the longest."""
         return np.minimum(step, self.largest)
 
-    def smallest(self, rows: Rows) -> Floats:
+    def smallest(self, rows: Indices) -> Floats:
         """Return the steps (k,) at which curves end."""
         return np.full(len(rows), self.smallest_step)
 
-    def advance(self, rows: Rows, step: Floats) -> Floats:
+    def advance(self, rows: Indices, step: Floats) -> Floats:
         """Go on by a step each."""
         at = self.at.rows(rows)
         new, holds, change = self.steps_to(rows, at, step)
@@ -234,7 +228,7 @@ class Curves(ABC, Generic[Node]):
         growth = np.clip(AIMED * self.tests.change / (change + 1e-300), 0.5, 2.0)
         return np.where(on, growth, np.where(self.end[rows] == GOING, 0.0, 1.0))
 
-    def reach(self, rows: Rows, new: Node) -> None:
+    def reach(self, rows: Indices, new: Node) -> None:
         """Go on to nodes."""
         if len(rows):
             way = np.linalg.norm(new.values - self.at.values[rows], axis=1)
@@ -244,8 +238,8 @@ class Curves(ABC, Generic[Node]):
             self._trail.append((rows, new))
 
     def _closing(
-        self, rows: Rows, at: Node, new: Node, step: Floats, holds: NDArray[np.bool_]
-    ) -> tuple[Node, NDArray[np.bool_]]:
+        self, rows: Indices, at: Node, new: Node, step: Floats, holds: Bools
+    ) -> tuple[Node, Bools]:
         """Return starts, whole periods on, and which of the steps run through them."""
         start, tests = self.start.rows(rows), self.tests
         middle = 0.5 * (at.values + new.values)
@@ -273,9 +267,9 @@ class Curves(ABC, Generic[Node]):
         last: CurvePoints,
         middles: Floats,
         ways: Floats,
-        good: NDArray[np.bool_],
+        good: Bools,
         rounding: Floats | float,
-    ) -> NDArray[np.bool_]:
+    ) -> Bools:
         """Return (k,) which steps hold whose halves are `good` (2 k,).
 
         Those whose middles (k, variables) lie where nodes at both ends predict them.
@@ -395,7 +389,7 @@ def safe_step(at: Nodes, longest: Floats) -> Floats:
 
 def _advanced(
     closure: Closure, driven: Sequence[int], at: Nodes, step: Floats, q: Floats
-) -> tuple[Nodes, NDArray[np.bool_]]:
+) -> tuple[Nodes, Bools]:
     """Return the nodes one step (n,) on, at inputs q (n, inputs), and which hold."""
     h = step[:, None]
     guess = at.values + h * at.slope + 0.5 * h * h * at.bend
@@ -465,7 +459,7 @@ class InputPaths:
         direction = way / np.maximum(length, 1e-300)[:, None]
         self.at = nodes_at(closure.at(values.copy()), driven, direction)
         self.status = np.full(len(q), Status.OK, dtype=np.int8)
-        self.trail: list[tuple[Rows, Nodes]] | None = [] if keeps_trail else None
+        self.trail: list[tuple[Indices, Nodes]] | None = [] if keeps_trail else None
         self.going = np.flatnonzero(length > 0.0)
         self.tried = np.zeros(len(q), dtype=np.intp)
         self._left = np.full(len(q), MOST_NODES)
@@ -477,7 +471,7 @@ class InputPaths:
         ]
         follow_paths(self, np.full(len(q), np.inf))
 
-    def allowed(self, rows: Rows, step: Floats) -> Floats:
+    def allowed(self, rows: Indices, step: Floats) -> Floats:
         """See `Paths`, as the further methods."""
         at = self.at.rows(rows)
         step = safe_step(at, step)
@@ -489,7 +483,7 @@ class InputPaths:
             step = np.minimum(step, np.maximum(way, SMALLEST_STEP))
         return step
 
-    def advance(self, rows: Rows, step: Floats) -> Floats:
+    def advance(self, rows: Indices, step: Floats) -> Floats:
         """Go on by steps, the last ones exactly to the inputs wanted."""
         self.tried[rows] += 1
         at, q = self.at.rows(rows), self.q[rows]
@@ -510,7 +504,7 @@ class InputPaths:
         self.going = np.setdiff1d(self.going, ended, assume_unique=True)
         return np.where(holds, 2.0, 0.0)
 
-    def smallest(self, rows: Rows) -> Floats:
+    def smallest(self, rows: Indices) -> Floats:
         """Return the steps below which inputs cannot go on."""
         q = max_abs(self.at.values[rows][:, self.driven], axis=1)
         return np.asarray(2 * SMALLEST_STEP * np.maximum(1.0, q))
@@ -532,7 +526,7 @@ class InputPaths:
 
 def walk(
     closure: Closure, driven: Sequence[int], values: Floats, q: Floats
-) -> tuple[Floats, NDArray[np.int8]]:
+) -> tuple[Floats, SmallIntegers]:
     """Return configurations reached by straight ways of the inputs, and statuses (n,).
 
     Parameters

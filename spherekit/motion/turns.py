@@ -1,10 +1,9 @@
 """Which whole turns of an input stand for one configuration, and which one is meant."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN
-from spherekit.sphere.rotation import Floats
 
 ROUNDED = 1e-12
 """An input outside a range by less (rad) is at its end."""
@@ -40,7 +39,7 @@ def whole_laps(differences: Floats, periods: Floats) -> Floats:
 
 def turns_in_range(
     q: Floats, low: float, high: float, period: float
-) -> tuple[Floats, NDArray[np.intp]]:
+) -> tuple[Floats, Indices]:
     """Return the whole periods (k,) of inputs (m,) that lie in a range, and whose they are.
 
     Of an input without one the nearest. A range of whole periods ends where it begins.
@@ -76,6 +75,6 @@ def whole_periods(low: float, high: float, period: float) -> int:
     return count if abs(high - low - count * period) <= ROUNDED * (1 + count) else 0
 
 
-def in_range(q: Floats, low: Floats | float, high: Floats | float) -> NDArray[np.bool_]:
+def in_range(q: Floats, low: Floats | float, high: Floats | float) -> Bools:
     """Return whether inputs (rad) are in a range, its ends included."""
     return np.asarray((q >= low - ROUNDED) & (q <= high + ROUNDED))

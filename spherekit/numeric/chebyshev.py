@@ -8,9 +8,9 @@ from typing import final
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from spherekit.arrays import Floats, Indices
 
 DEGREE = 15
 MOST_CELLS = 2**13
@@ -113,7 +113,7 @@ class PiecewiseChebyshev:
             return sums
         return self._in_runs(x, cell)
 
-    def _in_runs(self, x: Floats, cell: NDArray[np.intp]) -> Floats:
+    def _in_runs(self, x: Floats, cell: Indices) -> Floats:
         """Return the functions (m, n) at x (n,) in cells (n,), run by run."""
         series = self._by_function
         sums = np.empty((series.shape[1], len(x)))
@@ -165,6 +165,7 @@ class PiecewiseChebyshev:
                     values[function] = y[top]
                     places[function] = low + 0.5 * (high - low) * (1.0 + x[top])
         return places, values
+
 
 @cache
 def nodes(degree: int) -> Floats:

@@ -16,12 +16,13 @@ from typing import final
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import EPS, TURN
-from spherekit.numeric.chebyshev import Floats, real_zeros, trimmed
+from spherekit.numeric.chebyshev import real_zeros, trimmed
 
-Indexed = Callable[[Floats, NDArray[np.intp]], Floats]
+Indexed = Callable[[Floats, Indices], Floats]
 """Values (m,) of the functions with numbers (m,) at places (m,)."""
 
 MOST_STEPS = 80
@@ -42,10 +43,8 @@ def bracketed_zeros(
     ----------
     function
         Values of the functions asked for; they need not be continuous.
-    low, high
-        Ends (n,) of the brackets.
-    at_low, at_high
-        Values (n,) at the ends, one not negative and the other negative.
+    low, high, at_low, at_high
+        Ends (n,) of the brackets; values there, one not negative, the other negative.
     tolerance
         Width (n,) of a bracket that is narrow enough, besides rounding.
 
@@ -272,7 +271,7 @@ SAME_ANGLE = 1e-9
 """Angles (rad) that differ by less are one."""
 
 
-def wrap(angles: ArrayLike) -> NDArray[np.float64]:
+def wrap(angles: ArrayLike) -> Floats:
     """Return angles (rad) less whole turns, in (-pi, pi]; those within it as they are."""
     given = np.asarray(angles, dtype=float)
     turned = given - TURN * np.round(given / TURN)
@@ -285,7 +284,7 @@ def return_by_turns(first: ArrayLike, last: ArrayLike) -> bool:
     return bool(np.any(away != 0.0) and np.all(np.abs(wrap(away)) < SAME_ANGLE))
 
 
-def widest_swing(angles: NDArray[np.float64], returns: bool) -> tuple[float, int, int]:
+def widest_swing(angles: Floats, returns: bool) -> tuple[float, int, int]:
     """Return how far angles (n,) rad swing in one piece, and where it is least, greatest.
 
     NaN parts pieces; where the way `returns`, the last goes on with the first if they meet.

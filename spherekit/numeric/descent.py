@@ -3,11 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spherekit.numeric.chebyshev import Floats
+from spherekit.arrays import Floats, Indices
 
-Residuals = Callable[[Floats, NDArray[np.intp]], tuple[Floats, Floats]]
+Residuals = Callable[[Floats, Indices], tuple[Floats, Floats]]
 """Residuals (k, m) of starts (k,) at values (k, variables), and their derivatives."""
 
 STEPS = 60

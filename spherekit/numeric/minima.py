@@ -3,9 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spherekit.numeric.chebyshev import Floats
+from spherekit.arrays import Floats, Indices
 
 Function = Callable[[Floats], Floats]
 """Values (n,) at places (n,)."""
@@ -65,7 +64,7 @@ def _resolved(function: Function, grid: Floats) -> tuple[Floats, Floats]:
     return x, y
 
 
-def _cubic(x: Floats, y: Floats, cells: NDArray[np.intp], at: Floats) -> Floats:
+def _cubic(x: Floats, y: Floats, cells: Indices, at: Floats) -> Floats:
     """Return the polynomials through the four values about cells, at a place in each."""
     count = min(4, len(x))
     first = np.clip(cells - 1, 0, len(x) - count)

@@ -17,14 +17,14 @@ from functools import partial
 from typing import Any, ClassVar, Protocol, final
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
-from spherekit.numeric.chebyshev import Floats
+from spherekit.arrays import Array, Floats
 
 IN_CACHE = 2048
 """Rows that are put in place at once."""
 
-Reader = Callable[[slice, Sequence[NDArray[Any]]], None]
+Reader = Callable[[slice, Sequence[Array]], None]
 """Takes some rows and what columns hold there, which is there during the call."""
 
 
@@ -49,9 +49,7 @@ class Unread:
     def __len__(self) -> int:
         return self.count
 
-    def __array__(
-        self, dtype: DTypeLike | None = None, copy: bool | None = None
-    ) -> NDArray[Any]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
         return array_of([self], dtype, copy)
 
 
@@ -65,8 +63,8 @@ class Interleaved:
 
     ndim = 1
 
-    def __init__(self, parts: Sequence[NDArray[Any] | Unread]) -> None:
-        self.parts: tuple[NDArray[Any] | Unread, ...] = tuple(
+    def __init__(self, parts: Sequence[Array | Unread]) -> None:
+        self.parts: tuple[Array | Unread, ...] = tuple(
             part if isinstance(part, Unread) else np.asarray(part) for part in parts
         )
         self.dtype = np.result_type(*{part.dtype for part in self.parts})
@@ -74,22 +72,20 @@ class Interleaved:
     def __len__(self) -> int:
         return len(self.parts) * len(self.parts[0])
 
-    def __array__(
-        self, dtype: DTypeLike | None = None, copy: bool | None = None
-    ) -> NDArray[Any]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
         return array_of(self.parts, dtype, copy)
 
 
-Column = NDArray[Any] | Unread | Interleaved
+Column = Array | Unread | Interleaved
 Span = tuple[slice, int]
 """Rows of a column, and from where on they belong in an array."""
 
 
 def array_of(
-    parts: Sequence[NDArray[Any] | Unread],
+    parts: Sequence[Array | Unread],
     dtype: DTypeLike | None = None,
     copy: bool | None = None,
-) -> NDArray[Any]:
+) -> Array:
     """Return the rows of one or several subjects as an array (subjects n,)."""
     if copy is False:
         raise ValueError("what is put together cannot be read without a copy")
@@ -99,7 +95,7 @@ def array_of(
     return made
 
 
-def read(columns: Iterable[Column]) -> list[NDArray[Any]]:
+def read(columns: Iterable[Column]) -> list[Array]:
     """Return columns of equal length as arrays; those that are none are read together."""
     given = list(columns)
     made = [x if isinstance(x, np.ndarray) else np.empty(len(x), x.dtype) for x in given]
@@ -109,7 +105,7 @@ def read(columns: Iterable[Column]) -> list[NDArray[Any]]:
     return made
 
 
-def put(columns: Iterable[tuple[Column, NDArray[Any]]], spans: Sequence[Span]) -> None:
+def put(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
     """Write rows of columns into arrays; what a source makes is made once for all."""
     unread: dict[int, tuple[Source, defaultdict[Hashable, list[_Target]]]] = {}
     for column, out in columns:
@@ -125,7 +121,7 @@ def put(columns: Iterable[tuple[Column, NDArray[Any]]], spans: Sequence[Span]) -
         source.read(list(wanted), partial(_take, list(wanted.values()), spans))
 
 
-_Target = tuple[NDArray[Any], int]
+_Target = tuple[Array, int]
 """An array from the first row of a subject on, and how many subjects there are."""
 
 
@@ -133,7 +129,7 @@ def _take(
     targets: Sequence[Sequence[_Target]],
     spans: Sequence[Span],
     rows: slice,
-    held: Sequence[NDArray[Any]],
+    held: Sequence[Array],
 ) -> None:
     """Write some rows of all columns, few at a time."""
     for start in range(rows.start, rows.stop, IN_CACHE):
@@ -146,7 +142,7 @@ def _write(
     targets: Sequence[Sequence[_Target]],
     spans: Sequence[Span],
     rows: slice,
-    held: Sequence[NDArray[Any]],
+    held: Sequence[Array],
 ) -> None:
     """Write some rows of columns, as far as they are wanted."""
     counts = {count for every in targets for _, count in every}
@@ -157,9 +153,7 @@ def _write(
                 out[there] = values[here]
 
 
-def _places(
-    count: int, spans: Sequence[Span], rows: slice
-) -> list[tuple[slice, slice]]:
+def _places(count: int, spans: Sequence[Span], rows: slice) -> list[tuple[slice, slice]]:
     """Return where rows of one of `count` subjects go, and which of these rows."""
     made = []
     for wanted, first in spans:
@@ -170,7 +164,6 @@ def _places(
             here = slice(low - rows.start, high - rows.start)
             made.append((slice(at, end, count), here))
     return made
-
 
 
 LARGE_PAGE = 1 << 21

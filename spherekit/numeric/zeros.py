@@ -10,10 +10,9 @@ from dataclasses import dataclass, fields
 from typing import Any, Self, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.conventions import EPS
-from spherekit.numeric.chebyshev import Floats
 from spherekit.numeric.crossings import bracketed_zeros
 
 Function = Callable[[Floats], tuple[Floats, Floats]]
@@ -37,7 +36,7 @@ class Zeros:
     """Places (k,) in rising order, and whether the function only touches zero there."""
 
     places: Floats
-    double: NDArray[np.bool_]
+    double: Bools
 
     def once(self, length: float) -> "Zeros":
         """Return those of a lap of this length, one at its end as one at its start."""
@@ -104,7 +103,7 @@ def _halved(function: Function, cells: Floats) -> tuple[Floats, Floats]:
     return np.concatenate([left, right], axis=1), np.tile(error, 2)
 
 
-def _kinds(cells: Floats, error: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _kinds(cells: Floats, error: Floats) -> tuple[Bools, Bools]:
     """Return which cells have no zero, and which are monotone, by Bernstein's bounds."""
     a, b, fa, da, fb, db = cells
     third = (b - a) / 3.0
@@ -189,7 +188,7 @@ def _guess(cells: Floats) -> Floats:
     return np.asarray(a + width * np.where(inside, x, secant))
 
 
-def _changes(one: Floats, other: Floats) -> NDArray[np.bool_]:
+def _changes(one: Floats, other: Floats) -> Bools:
     return np.asarray((one >= 0.0) != (other >= 0.0))
 
 
@@ -250,13 +249,13 @@ class ArrayRows:
     So have those of its records of this kind, dictionaries and tuples; the rest is kept.
     """
 
-    def rows(self, chosen: slice | NDArray[Any]) -> Self:
+    def rows(self, chosen: slice | Array) -> Self:
         """Return some rows, chosen by a mask, a slice or numbers."""
         return type(self)(
             **{name: _taken(part, chosen) for name, part in _parts(self).items()}
         )
 
-    def put(self, rows: NDArray[np.intp], new: Self) -> None:
+    def put(self, rows: Indices, new: Self) -> None:
         """Replace some rows of all arrays."""
         others = _parts(new)
         for name, part in _parts(self).items():

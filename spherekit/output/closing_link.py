@@ -18,8 +18,8 @@ from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.conventions import REACH_SLACK
 from spherekit.errors import CountError
 from spherekit.model.joints import revolutes
@@ -30,7 +30,7 @@ from spherekit.output.virtual_output import VirtualOutputChain
 from spherekit.planning.inputs import Assembly, merged, split
 from spherekit.rates.request import cross, dot
 from spherekit.sphere.dyad import middle_axis, triple_square
-from spherekit.sphere.rotation import Floats, frame_from, frame_toward, perpendicular
+from spherekit.sphere.rotation import frame_from, frame_toward, perpendicular
 
 
 @final
@@ -169,7 +169,7 @@ class Placed:
         halves = self.dyads.stands[group].cones.halves
         return np.asarray(triple_square(*halves, u, v))
 
-    def sound(self, group: int, signs: Signs) -> NDArray[np.bool_]:
+    def sound(self, group: int, signs: Signs) -> Bools:
         """Return whether a dyad closes and is neither stretched nor folded (n,)."""
         return np.asarray(self._beside(group, signs, "sound"))
 
@@ -389,9 +389,7 @@ class DyadsWithClosingLink:
             placed.along(normal, other, second, signs),
         )
 
-    def close(
-        self, directions: Floats, turn: Floats, signs: Signs
-    ) -> tuple[Floats, NDArray[np.bool_]]:
+    def close(self, directions: Floats, turn: Floats, signs: Signs) -> tuple[Floats, Bools]:
         """Return turns (n,) that close the bar, by Newton's method, and which converged."""
         turn = turn.copy()
         active = np.arange(len(turn))
@@ -410,9 +408,7 @@ class DyadsWithClosingLink:
                 break
         return turn, converged
 
-    def roots(
-        self, directions: Floats, signs: Signs
-    ) -> tuple[NDArray[np.intp], Floats, Floats]:
+    def roots(self, directions: Floats, signs: Signs) -> tuple[Indices, Floats, Floats]:
         """Return every turn found at directions (3, n): rows, turns, senses of f.
 
         Looked for where f changes its sign between equally spaced samples, between one
@@ -421,7 +417,7 @@ class DyadsWithClosingLink:
         """
         row, low, high, at_low, at_high = self._brackets(directions, signs)
 
-        def gap(turn: Floats, some: NDArray[np.intp]) -> Floats:
+        def gap(turn: Floats, some: Indices) -> Floats:
             return self.gap(self.place(directions[:, row[some]], turn), signs)
 
         turns, _ = bracketed_zeros(gap, low, high, at_low, at_high)
@@ -434,7 +430,7 @@ class DyadsWithClosingLink:
         row, turns = row[new], turns[new]
         return row, turns, self.sense(directions[:, row], turns, signs)
 
-    def _brackets(self, directions: Floats, signs: Signs) -> list[NDArray[Any]]:
+    def _brackets(self, directions: Floats, signs: Signs) -> list[Array]:
         """Return rows, two turns with a root of f between, and f at these."""
         n = directions.shape[1]
         spacing = 2 * np.pi / SAMPLES
@@ -447,10 +443,10 @@ class DyadsWithClosingLink:
         both = np.isfinite(gap) & np.isfinite(after)
         turns_back = both & ((gap <= 0.0) == (after <= 0.0))
         turns_back &= (gap * slope < 0.0) & (after * tilt > 0.0)
-        parts: list[list[NDArray[Any]]] = []
+        parts: list[list[Array]] = []
 
         def keep(
-            row: NDArray[np.intp], one: Floats, value: Floats, other: Floats, last: Floats
+            row: Indices, one: Floats, value: Floats, other: Floats, last: Floats
         ) -> None:
             crossed = (value >= 0.0) != (last >= 0.0)
             parts.append([part[crossed] for part in (row, one, other, value, last)])
@@ -494,7 +490,7 @@ class DyadsWithClosingLink:
         Alike in that all dyads are in reach, or, given its slope, in the sign of that.
         """
 
-        def unlike(at: Floats, some: NDArray[np.intp]) -> Floats:
+        def unlike(at: Floats, some: Indices) -> Floats:
             placed = self.place(directions[:, some], at)
             good = np.isfinite(self.gap(placed, signs))
             if slope is not None:

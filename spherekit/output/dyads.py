@@ -14,12 +14,13 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.model.gears import COLLINEAR
 from spherekit.model.joints import Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.dyad import HalfArc
-from spherekit.sphere.rotation import Floats, cross
+from spherekit.sphere.rotation import cross
 
 Signs = tuple[int, ...]
 

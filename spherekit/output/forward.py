@@ -19,8 +19,9 @@ from itertools import islice, product
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.checked import checked
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status
 from spherekit.errors import SolveError
@@ -42,7 +43,7 @@ from spherekit.motion.motion import Motion
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.wheels import SAME_LENGTH
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans, transpose
+from spherekit.sphere.rotation import all_finite, max_abs, nans, transpose
 
 
 def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | None:
@@ -131,13 +132,13 @@ class PoseSolutions:
     missing.
     """
 
-    row: NDArray[np.intp]
+    row: Indices
     inputs: Floats
     values: Floats
     rotations: Floats
     directions: Floats | None
     signs: tuple[tuple[int, ...], ...]
-    complete: NDArray[np.bool_]
+    complete: Bools
 
 
 def pose_of(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
@@ -200,7 +201,7 @@ class Forward:
     modes: tuple[tuple[int, ...], ...]
     rotations: Floats
     directions: Floats | None
-    status: NDArray[np.int8]
+    status: SmallIntegers
 
 
 @final
@@ -295,7 +296,7 @@ def _signs(groups: int) -> list[tuple[int, ...]]:
     return list(product((1, -1), repeat=groups))
 
 
-def _closed(evaluated: Evaluated) -> NDArray[np.bool_]:
+def _closed(evaluated: Evaluated) -> Bools:
     status = evaluated.status
     return np.asarray((status == Status.OK) | (status == Status.AT_SINGULARITY))
 

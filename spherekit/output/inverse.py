@@ -16,11 +16,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Array, Floats, SmallIntegers
 from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
@@ -36,7 +37,7 @@ from spherekit.output.virtual_output import VirtualOutputChain, with_wrist
 from spherekit.planning.inputs import plan_assembly
 from spherekit.rates.request import cross, dot
 from spherekit.rates.transmission import Transmission
-from spherekit.sphere.rotation import Floats, azimuth_tilt, euler_zyz
+from spherekit.sphere.rotation import azimuth_tilt, euler_zyz
 
 
 @final
@@ -78,9 +79,9 @@ class Inverse:
 
     modes: tuple[Signs, ...]
     inputs: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
     margin: Floats
-    limiting: NDArray[np.int8]
+    limiting: SmallIntegers
     type_1: Floats
     measure: Callable[[], Floats] = field(repr=False)
     normals: Floats | None = None
@@ -249,10 +250,10 @@ class InverseKinematics:
         starts = self._starts(near, len(given))
         bar = self._turned is not None
 
-        def told(view: PosedMode) -> list[NDArray[Any]]:
+        def told(view: PosedMode) -> list[Array]:
             reach, rates = view.reach, [view.rate(pair) for pair in view.driven]
             inputs = np.stack([view.input(pair) for pair in view.driven])
-            arrays: list[NDArray[Any]] = [inputs, np.stack([rate.speed for rate in rates])]
+            arrays: list[Array] = [inputs, np.stack([rate.speed for rate in rates])]
             arrays += [reach.status, reach.margin, reach.limiting]
             if normals:
                 arrays.append(np.stack([rate.unit for rate in rates]))
@@ -277,11 +278,11 @@ class InverseKinematics:
         given: Floats,
         starts: Floats,
         modes: Sequence[Signs],
-        told: Callable[[PosedMode], Sequence[NDArray[Any]]],
-    ) -> list[NDArray[Any]]:
+        told: Callable[[PosedMode], Sequence[Array]],
+    ) -> list[Array]:
         """Return what is told (..., n) of each mode at poses, as arrays (m, ..., n)."""
         n = len(given)
-        arrays: list[NDArray[Any]] = []
+        arrays: list[Array] = []
         with np.errstate(invalid="ignore", divide="ignore"):
             for start in range(0, max(n, 1), ROWS):
                 rows = slice(start, start + ROWS)

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import REACH_SLACK, Status
 from spherekit.output.closing_link import Fraction, Placed
 from spherekit.output.dyads import Signs
 from spherekit.rates.request import dot, norm
-from spherekit.sphere.rotation import Floats
 
 
 @final
@@ -21,8 +20,8 @@ class Reachability:
 
     key: Hashable
     margin: Floats
-    limiting: NDArray[np.int8]
-    status: NDArray[np.int8]
+    limiting: SmallIntegers
+    status: SmallIntegers
 
 
 def reach_of(placed: Placed, signs: Signs) -> Reachability:

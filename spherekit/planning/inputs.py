@@ -486,21 +486,14 @@ def split(
         members = {body: _links_of(body, body_of) for body in part}
         order = [base, *sorted(part - {base}, key=lambda body: members[body])]
         position = {body: k for k, body in enumerate(order)}
-        inside = [
-            n
-            for n, ends in open_pairs.items()
-            if body_of[ends[0]] in part and body_of[ends[1]] in part
-        ]
+        between = {n: (body_of[a], body_of[b]) for n, (a, b) in open_pairs.items()}
+        inside = [n for n, (a, b) in between.items() if a in part and b in part]
         groups.append(
             Group(
                 bodies=tuple(members[body] for body in order),
                 pairs=tuple(inside),
                 ends=tuple(
-                    (
-                        position[body_of[open_pairs[n][0]]],
-                        position[body_of[open_pairs[n][1]]],
-                    )
-                    for n in inside
+                    (position[a], position[b]) for a, b in map(between.__getitem__, inside)
                 ),
                 revolute=all(mechanism.pairs[n].kind.has_axis for n in inside),
                 redundant=any(n in meshes for n in inside),

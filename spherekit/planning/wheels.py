@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Integers
 from spherekit.conventions import TURN
 from spherekit.model.gears import (
     ONE_LINE as ONE_LINE,
@@ -30,7 +30,7 @@ from spherekit.model.gears import (
 )
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 SAME_LENGTH = 1e-7
 """Lengths (rad) that differ by less are one."""
@@ -136,7 +136,7 @@ def mesh_of(
 
 def least_rolled(
     lengths: Floats, laps: Floats, first: Floats, square: Floats
-) -> NDArray[np.int64] | None:
+) -> Integers | None:
     """Return the whole turns (m, 2) of wheels with which they have rolled least.
 
     Of those that have rolled as far, the ones with the greatest first length; None where

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.tables import Table as Table
     from spherekit.analysis.tables import TableData as TableData
     from spherekit.analysis.tables import input_columns as input_columns
+    from spherekit.arrays import Floats as Floats
     from spherekit.conformance import conformance as conformance
     from spherekit.conventions import Status as Status
     from spherekit.conventions import counted as counted
@@ -63,7 +64,6 @@ if TYPE_CHECKING:
     from spherekit.planning.poles import all_poles as all_poles
     from spherekit.planning.poles import parse_pole as parse_pole
     from spherekit.planning.poles import pole_of as pole_of
-    from spherekit.sphere.rotation import Floats as Floats
 
 
 def _offer(value: _Any, package: str) -> _Any:

@@ -16,12 +16,12 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.errors import SolveError
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Crossings
 from spherekit.proof.tubes import LONGEST, UP, Piece, corrected, piece_at
-from spherekit.sphere.rotation import Floats
 
 FORWARD = 0.9
 """Where the next centre is looked for, over the half length of a piece."""

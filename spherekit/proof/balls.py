@@ -16,26 +16,20 @@ from fractions import Fraction
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Array, Floats
 from spherekit.checked import checked_class
 from spherekit.errors import EngineError
 from spherekit.model.gears import COLLINEAR, axes_from_sizes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, SizeGeometry
-from spherekit.sphere.rotation import Floats
 
 Ball = Any
 """A real ball, `flint.arb`, or a complex one, `flint.acb`."""
 BallMatrix = Any
 """A matrix of complex balls, `flint.acb_mat`."""
 
-Balls = NDArray[Any]
-"""An array of real balls, or of power series of them in one variable, `flint.arb_series`.
-
-An operation takes both, element by element. A single series is never one of its sides, as
-NumPy would take it for an array of its coefficients.
-"""
 
 UNIT = 2.0**-53
 """Relative error of one rounding to float64."""
@@ -95,17 +89,17 @@ square_root = np.frompyfunc(lambda ball: ball.sqrt(), 1, 1)
 middles = np.frompyfunc(lambda ball: ball.mid(), 1, 1)
 
 
-def exactly(values: ArrayLike) -> Balls:
+def exactly(values: ArrayLike) -> Array:
     """Return float64 numbers without error."""
     return np.asarray(np.frompyfunc(library().arb, 1, 1)(np.asarray(values, dtype=float)))
 
 
-def floats(balls: Balls) -> Floats:
+def floats(balls: Array) -> Floats:
     """Return the float64 numbers next to the centres of real balls."""
     return np.asarray(balls, dtype=float)
 
 
-def series(*coefficients: Balls) -> Balls:
+def series(*coefficients: Array) -> Array:
     """Return power series with coefficients (...), that of the power 0 first."""
     made, rows = library().arb_series, np.stack(coefficients, axis=-1)
     out = np.empty(rows.shape[:-1], dtype=object)
@@ -114,7 +108,7 @@ def series(*coefficients: Balls) -> Balls:
     return out
 
 
-def coefficient(of: Balls, power: int) -> Balls:
+def coefficient(of: Array, power: int) -> Array:
     """Return the coefficients (...) of a power in series; a ball is its own of power 0."""
     flint = library()
     zero = flint.arb(0)
@@ -157,7 +151,7 @@ def solved(square: BallMatrix, right: BallMatrix) -> BallMatrix:
     return square.solve(right)
 
 
-def solved_exactly(square: Balls, right: Balls) -> list[Fraction]:
+def solved_exactly(square: Array, right: Array) -> list[Fraction]:
     """Return the solution of linear equations whose real numbers have no radius.
 
     Raises
@@ -214,7 +208,7 @@ def complex_ball(number: complex | Ball) -> Ball:
     return flint.acb(number)
 
 
-def matrix(rows: Sequence[Sequence[Any]] | Balls) -> BallMatrix:
+def matrix(rows: Sequence[Sequence[Any]] | Array) -> BallMatrix:
     """Return a matrix of complex balls."""
     return library().acb_mat([list(row) for row in rows])
 
@@ -259,8 +253,8 @@ def circle(angles: Sequence[Ball] | Floats) -> Floats:
     return out
 
 
-Vector = Balls
-Frame = Balls
+Vector = Array
+Frame = Array
 Frames = dict[str, tuple[Frame, Frame]]
 """The frames of R pairs in their first and their second link, by name."""
 Arcs = tuple[list[Ball], list[Ball]]

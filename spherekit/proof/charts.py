@@ -13,14 +13,11 @@ from itertools import combinations_with_replacement
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
 from spherekit.proof.equations import Equations
-from spherekit.proof.harmonics import Complexes
 from spherekit.proof.tubes import ROUNDING, UP
-from spherekit.sphere.rotation import Floats
 
-Bools = NDArray[np.bool_]
 WIDEST = 0.05
 """Largest radius of a tube: the bounds of derivatives are for it."""
 MARGIN = 4.0
@@ -43,14 +40,14 @@ class Polynomials:
     slopes: tuple[Complexes, ...]
     error: Floats
     constant: Floats
-    degrees: NDArray[np.intp]
+    degrees: Indices
 
     @staticmethod
     def at(
         equations: Equations,
         rows: Sequence[int],
         unknowns: Sequence[int],
-        given: NDArray[Any],
+        given: Array,
     ) -> "Polynomials":
         """Return those of equations `rows` in `unknowns`.
 
@@ -75,10 +72,10 @@ class ChartRoots:
 
     z: Complexes
     inverse: Bools
-    row: NDArray[np.intp]
+    row: Indices
 
     @staticmethod
-    def of(points: Complexes, row: NDArray[np.intp]) -> "ChartRoots":
+    def of(points: Complexes, row: Indices) -> "ChartRoots":
         """Return e^(i angle) (n, k), infinite ones too, in the chart where it is small."""
         inverse = ~(np.abs(points) <= 1.0)
         with np.errstate(all="ignore"):
@@ -189,7 +186,7 @@ class Given:
     rates: Floats
     off: Floats
 
-    def take(self, rows: NDArray[np.intp]) -> "Given":
+    def take(self, rows: Indices) -> "Given":
         """Return those of some boxes."""
         return Given(self.half[rows], self.rates[rows], self.off[rows])
 
@@ -387,7 +384,7 @@ def are_real(roots: ChartRoots, proven: Tubes) -> tuple[Bools, Bools]:
     return np.asarray(real), np.asarray(off)
 
 
-def stepped(made: Polynomials, roots: ChartRoots, ways: NDArray[Any]) -> ChartRoots:
+def stepped(made: Polynomials, roots: ChartRoots, ways: Array) -> ChartRoots:
     """Return roots moved by their rates where what is given moves by `ways` (m, given)."""
     with np.errstate(all="ignore"):
         _, first, by_input = values_at(made, roots)
@@ -400,7 +397,7 @@ def continued(
     equations: Equations,
     system: tuple[Sequence[int], Sequence[int]],
     roots: ChartRoots,
-    start: NDArray[Any],
+    start: Array,
     goal: Floats,
     steps: int,
 ) -> ChartRoots:
@@ -424,6 +421,6 @@ def continued(
     return roots
 
 
-def turns_of(q: NDArray[Any]) -> NDArray[Any]:
+def turns_of(q: Array) -> Array:
     """Return cosines and sines (..., 2) of angles, for approximations."""
     return np.stack([np.cos(q), np.sin(q)], axis=-1)

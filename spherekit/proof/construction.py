@@ -26,8 +26,8 @@ from math import lcm
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Indices
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.planning.inputs import merged
@@ -103,7 +103,7 @@ class Construction:
         return tuple(step for step in self.steps if isinstance(step, Onto))
 
     @cached_property
-    def degrees(self) -> NDArray[np.intp]:
+    def degrees(self) -> Indices:
         """(equations, variables): the degree of each equation in e^(i angle), halved."""
         ranks = Ranks(self)
         rows = [ranks.between(*step.parents)[1] for step in self.equations]
@@ -140,7 +140,7 @@ def systems_of(made: Construction) -> list[tuple[list[int], list[int]]] | None:
 
 
 def _system(
-    used: NDArray[np.bool_], left: list[int], determined: set[int], size: int
+    used: Bools, left: list[int], determined: set[int], size: int
 ) -> tuple[list[int], list[int]] | None:
     for rows in combinations(left, size):
         unknowns = (
@@ -151,7 +151,7 @@ def _system(
     return None
 
 
-def permanent(matrix: NDArray[np.intp]) -> int:
+def permanent(matrix: Indices) -> int:
     """Return the sum over permutations of the products of a square matrix's entries."""
     sums = {0: 1}
     for row in matrix:
@@ -176,7 +176,7 @@ class Ranks:
     def __init__(self, construction: Construction) -> None:
         count = len(construction.pairs)
         self.parent: dict[int, int | None] = {construction.root: None}
-        self.local: dict[int, NDArray[np.intp]] = {}
+        self.local: dict[int, Indices] = {}
         self.parents: dict[int, tuple[int, int] | None] = {}
         for step in construction.steps:
             if isinstance(step, Across):
@@ -202,7 +202,7 @@ class Ranks:
         shared = next(link for link in first if link in second)
         return shared, first[: first.index(shared)], second[: second.index(shared)]
 
-    def between(self, one: int, other: int) -> tuple[int, NDArray[np.intp]]:
+    def between(self, one: int, other: int) -> tuple[int, Indices]:
         """Return the last link shared, and the degrees of the relative orientation."""
         shared, first, second = self.apart(one, other)
         total = sum(self.local[link] for link in [*first, *second])

@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
@@ -26,7 +27,6 @@ from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.saddles import Saddle
 from spherekit.proof.search import OVERLAPPING, Search
 from spherekit.proof.tubes import Piece
-from spherekit.sphere.rotation import Floats
 
 PRECISION = 80
 SMALLEST = 1e-6

@@ -18,12 +18,12 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Array, Floats
 from spherekit.errors import PlanError
 from spherekit.proof.balls import (
     UNIT,
     Ball,
     BallMatrix,
-    Balls,
     Frame,
     complex_ball,
     exact,
@@ -33,7 +33,6 @@ from spherekit.proof.balls import (
 from spherekit.proof.construction import Across, Construction, Onto, Ranks
 from spherekit.proof.gears import Written
 from spherekit.proof.harmonics import Harmonics
-from spherekit.sphere.rotation import Floats
 
 Jet = Mapping[tuple[int, ...], Any]
 """A matrix under (), its derivatives under (j,) and (j, l) with j <= l; zero if missing."""
@@ -172,11 +171,11 @@ class Equations:
         ]
         return Putting(axes[0], axes[1], (rows[0], rows[1], rows[2]), a @ b, sine)
 
-    def at(self, places: Sequence[Ball] | Balls, order: int = 1) -> list[Jet]:
+    def at(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Jet]:
         """Return the jets of f of each equation at balls of all variables."""
         return self._placed(places, order)[0]
 
-    def arrays(self, places: Sequence[Ball] | Balls, order: int = 1) -> list[Balls]:
+    def arrays(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
         """Return f (k,), and its derivatives (k, v), (k, v, v), at balls of variables."""
         jets, zero, count = self.at(places, order), complex_ball(0j), self.variables
         arrays = []
@@ -200,7 +199,7 @@ class Equations:
         return placed
 
     def _placed(
-        self, places: Sequence[Ball] | Balls, order: int
+        self, places: Sequence[Ball] | Array, order: int
     ) -> tuple[list[Jet], dict[int, Jet]]:
         """Return the jets of f, and of links' orientations in the link that `ranks` say."""
         turns = [complex_ball(place).sin_cos() for place in places]

@@ -17,8 +17,8 @@ from itertools import pairwise
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats
 from spherekit.files.document import LiteralNumber
 from spherekit.model.parts import SizeGeometry
 from spherekit.numeric.crossings import wrap
@@ -38,7 +38,6 @@ from spherekit.proof.gears import Written
 from spherekit.proof.roots import zero_within
 from spherekit.proof.saddles import Quadrant, Saddle, saddle_near
 from spherekit.proof.tubes import Piece
-from spherekit.sphere.rotation import Floats
 
 NEAR = 1e-9
 """Variables (rad) that differ by less are tried as the same."""
@@ -321,7 +320,7 @@ class Crossings:
         """Return whether a configuration, off by at most `off`, may be in a saddle."""
         return any(saddle.may_hold(place, off) for saddle in self.saddles)
 
-    def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
+    def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes of radii (n, v) are in the part of space of a saddle."""
         out = np.zeros(len(centres), dtype=bool)
         for saddle in self.saddles:

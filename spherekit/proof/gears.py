@@ -26,6 +26,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Array
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.files.document import Document, LiteralNumber, parse
@@ -39,7 +40,6 @@ from spherekit.planning.wheels import Mesh, Way, back, least_rolled, mesh_of
 from spherekit.proof.balls import (
     Arcs,
     Ball,
-    Balls,
     Frame,
     Frames,
     Vector,
@@ -210,7 +210,7 @@ class Train:
     touching: Sequence[Touching]
     starts: Sequence[tuple[Ball, Ball]]
     frames: Sequence[tuple[Frame, Frame]]
-    reference: Balls | None
+    reference: Array | None
     turns: tuple[tuple[int, int], ...] = ()
 
     @property
@@ -293,7 +293,7 @@ class Train:
             )
         return replace(self, turns=tuple((int(one), int(other)) for one, other in turns))
 
-    def _rows(self) -> Balls:
+    def _rows(self) -> Array:
         """Return the factors (meshes, pairs) of sums of angles that stay the same."""
         rows = exactly(np.zeros((len(self.meshes), len(self.frames))))
         for row, mesh, touch in zip(rows, self.meshes, self.touching, strict=True):
@@ -302,7 +302,7 @@ class Train:
                 row[pair] = factor
         return rows
 
-    def _rolled(self, turns: Sequence[tuple[int, int]]) -> Balls:
+    def _rolled(self, turns: Sequence[tuple[int, int]]) -> Array:
         """Return the lengths (meshes, 2) rolled along circles with all angles zero.
 
         It is the sine of the radius times the azimuth of the contact, less where it starts;
@@ -328,7 +328,7 @@ class Train:
             rolled.append(lengths)
         return np.array(rolled)
 
-    def _solved(self, rows: Balls, right: Balls) -> list[list[Ball]]:
+    def _solved(self, rows: Array, right: Array) -> list[list[Ball]]:
         """Return the angles that follow, or their rates, from the columns of `right`."""
         made = solved(matrix(rows[:, list(self.followers)]), matrix(right)).tolist()
         return [[entry.real for entry in row] for row in made]

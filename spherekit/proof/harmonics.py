@@ -13,14 +13,12 @@ from math import prod
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Complexes, Floats, Indices
 from spherekit.proof.balls import UNIT, Ball, exact, middle, pi, upper
-from spherekit.sphere.rotation import Floats
 
 CHUNK = 2000
 """Configurations at once, so that the sums stay in the processor's cache."""
-Complexes = NDArray[np.complex128]
 Values = Callable[[Sequence[Ball]], list[Ball]]
 """Equations at angles (rad) of all variables."""
 
@@ -32,7 +30,7 @@ class Harmonics:
     Derivatives are off by at most `error` (k,) times products of degrees.
     """
 
-    def __init__(self, degrees: NDArray[np.intp], values: Values) -> None:
+    def __init__(self, degrees: Indices, values: Values) -> None:
         self.count, self.variables = degrees.shape
         self.waves = int(np.max(degrees, initial=1))
         self.terms = [_Term(row) for row in degrees]
@@ -66,7 +64,7 @@ class Harmonics:
         return values, slopes, curvatures
 
     def powers(
-        self, k: int, unknowns: Sequence[int], given: NDArray[Any]
+        self, k: int, unknowns: Sequence[int], given: Array
     ) -> tuple[Complexes, Complexes]:
         """Return equation k as a polynomial in e^(i angle) of angles, the others given.
 
@@ -76,13 +74,13 @@ class Harmonics:
         others = [j for j in range(self.variables) if j not in unknowns]
         waves = _waves(np.moveaxis(given, 0, -1), self.waves, 1)
         sides = [2 * degree + 1 for degree in self.terms[k].degrees]
-        left: NDArray[Any] = self.terms[k].coefficients.reshape(sides)
+        left: Array = self.terms[k].coefficients.reshape(sides)
         left = left.transpose([*others, *unknowns])
         for _ in unknowns:
             left = np.tensordot(left, _to_powers(left.shape[len(others)]), (len(others), 1))
         made = []
         for moved in (None, *others):
-            part: NDArray[Any] = np.broadcast_to(left, (len(given), *left.shape))
+            part: Array = np.broadcast_to(left, (len(given), *left.shape))
             for wave, j in zip(waves, others, strict=True):
                 part = np.einsum("nw...,wn->n...", part, wave[int(j == moved), : sides[j]])
             made.append(part)

@@ -18,6 +18,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Array, Floats
 from spherekit.errors import EngineError
 from spherekit.model.gears import geometry_of
 from spherekit.model.graph import spanning
@@ -25,7 +26,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, Profile
 from spherekit.proof.balls import (
     Ball,
-    Balls,
     Frame,
     Frames,
     axes_about,
@@ -45,12 +45,11 @@ from spherekit.proof.balls import (
 )
 from spherekit.sphere.paths import SplinePath
 from spherekit.sphere.profile import spline_through
-from spherekit.sphere.rotation import Floats
 
 MOST_PANELS = 10_000
 
 
-def harmonic(parts: Balls, angles: Balls) -> Balls:
+def harmonic(parts: Array, angles: Array) -> Array:
     """Return (n, 3, 3) parts[0] + parts[1] cos + parts[2] sin of angles (n,) rad."""
     sine, cosine = (np.asarray(x)[:, None, None] for x in sine_cosine(angles))
     return np.asarray(parts[0] + parts[1] * cosine + parts[2] * sine)
@@ -63,10 +62,10 @@ class BallCurve(ABC):
     closed: bool
 
     @abstractmethod
-    def frame(self, s: Balls) -> Balls:
+    def frame(self, s: Array) -> Array:
         """Return frames (n, 3, 3), columns t, n = p x t, p, at arc lengths s (n,) rad."""
 
-    def backwards(self, s: Balls) -> Balls:
+    def backwards(self, s: Array) -> Array:
         """Return frames run backwards: from the old end, or a closed one from its start."""
         made = self.frame(-s if self.closed else self.length - s)
         return np.asarray(made * np.array([-1.0, -1.0, 1.0]))
@@ -96,7 +95,7 @@ class _Circle(BallCurve):
 
     closed = True
 
-    def __init__(self, axes: Balls, sine: Ball, cosine: Ball) -> None:
+    def __init__(self, axes: Array, sine: Ball, cosine: Ball) -> None:
         (x, y, z), nothing = axes, exactly(np.zeros(3))
         self._sine, self.length = sine, 2 * pi() * sine
         still = [nothing, sine * z, cosine * z]
@@ -104,20 +103,20 @@ class _Circle(BallCurve):
         odd = [-x, -cosine * y, sine * y]
         self._parts = np.array([still, even, odd]).swapaxes(1, 2)
 
-    def frame(self, s: Balls) -> Balls:
+    def frame(self, s: Array) -> Array:
         return harmonic(self._parts, s / self._sine)
 
 
 class _Path(ABC):
     """A curve in a parameter of its own; between its `edges` it is analytic."""
 
-    edges: Balls
+    edges: Array
 
     @abstractmethod
-    def at(self, u: Balls) -> tuple[Balls, Balls]:
+    def at(self, u: Array) -> tuple[Array, Array]:
         """Return points (n, 3) and their derivatives by u (n,)."""
 
-    def speed(self, u: Balls) -> Balls:
+    def speed(self, u: Array) -> Array:
         """Return |dp/du|."""
         return _length(self.at(u)[1])
 
@@ -157,7 +156,7 @@ class _Measured(BallCurve):
                     low = end.mid()
         self._starts, self.length = np.array(starts), starts[-1]
         self._near = floats(self._starts)
-        self._pieces: Balls = np.array(pieces)
+        self._pieces: Array = np.array(pieces)
 
     def _expanded(self, u: Ball, count: int) -> tuple[list[Ball], list[Ball]]:
         """Return the coefficients of the arc length from u on, and of u by it."""
@@ -167,7 +166,7 @@ class _Measured(BallCurve):
         ahead, back = ([x[k].mid() for k in range(count)] for x in (arc, arc.reversion()))
         return ahead, back
 
-    def frame(self, s: Balls) -> Balls:
+    def frame(self, s: Array) -> Array:
         if self.closed and len(s):
             laps = np.floor(floats(coefficient(s, 0)) / self._near[-1])
             s = s - exactly(laps) * self.length
@@ -203,13 +202,13 @@ class _Fourier(_Path):
     """A colatitude about the third of `axes`; its parameter is the azimuth."""
 
     def __init__(
-        self, axes: Balls, cosines: tuple[float, ...], sines: tuple[float, ...]
+        self, axes: Array, cosines: tuple[float, ...], sines: tuple[float, ...]
     ) -> None:
         self._axes = axes
         self._even, self._odd = exactly(cosines), exactly(sines)
         self.edges = exactly([0.0, 2.0]) * pi()
 
-    def at(self, u: Balls) -> tuple[Balls, Balls]:
+    def at(self, u: Array) -> tuple[Array, Array]:
         colatitude, slope = 0 * u, 0 * u
         for amplitudes, derived in ((self._even, 1), (self._odd, 0)):
             for wave, size in enumerate(amplitudes):
@@ -239,7 +238,7 @@ class _Spline(_Path):
         slopes = degree * (control[1:] - control[:-1]) / width[:, None]
         self._levels = (degree, knots, control), (degree - 1, knots[1:-1], slopes)
 
-    def at(self, u: Balls) -> tuple[Balls, Balls]:
+    def at(self, u: Array) -> tuple[Array, Array]:
         knots = self._path.knots
         span = np.searchsorted(knots, floats(coefficient(u, 0)), side="right") - 1
         span = np.clip(span, 0, len(knots) - 2)
@@ -254,8 +253,8 @@ class _Spline(_Path):
         return point, (rate - outward * point) / size
 
     def _combined(
-        self, u: Balls, span: Any, degree: int, knots: Balls, control: Balls
-    ) -> Balls:
+        self, u: Array, span: Any, degree: int, knots: Array, control: Array
+    ) -> Array:
         """Return a spline of a degree at u (n, 1) in spans (n,) by de Boor's algorithm."""
         points = [control[span - degree + r] for r in range(degree + 1)]
         for level in range(1, degree + 1):
@@ -267,7 +266,7 @@ class _Spline(_Path):
         return np.asarray(points[degree])
 
 
-def _length(vectors: Balls) -> Balls:
+def _length(vectors: Array) -> Array:
     """Return lengths (n,) of vectors (n, 3)."""
     return np.asarray(square_root(np.sum(vectors * vectors, axis=1)))
 
@@ -279,7 +278,7 @@ SINGULAR = 1.0 / 64.0
 """A matrix whose condition times rounding is more has less than full column rank."""
 
 
-Curve = Callable[[Balls], Balls]
+Curve = Callable[[Array], Array]
 """Frames (n, 3, 3), columns t, n = p x t, p, of a curve at arc lengths (n,) rad."""
 
 
@@ -287,14 +286,14 @@ class _Joint(ABC):
     """A pair as declared, with the variables (n, m) of its own."""
 
     @abstractmethod
-    def turn(self, values: Balls) -> Balls:
+    def turn(self, values: Array) -> Array:
         """Return rotations (n, 3, 3) of the second link in the first's axes."""
 
     @abstractmethod
-    def axis(self, values: Balls) -> Balls:
+    def axis(self, values: Array) -> Array:
         """Return the axis, or the contact point, (n, 3) in the first link's axes."""
 
-    def vectors(self, values: Balls) -> Balls:
+    def vectors(self, values: Array) -> Array:
         """Return the variables' vectors (n, m, 3) in the first link's axes, of balls."""
         vectors = []
         for column in range(values.shape[1]):
@@ -315,13 +314,13 @@ class _Revolute(_Joint):
         self._parts = np.array(moved).swapaxes(1, 2) @ second
         self._axis = z
 
-    def turn(self, values: Balls) -> Balls:
+    def turn(self, values: Array) -> Array:
         return harmonic(self._parts, values[:, 0])
 
-    def axis(self, values: Balls) -> Balls:
+    def axis(self, values: Array) -> Array:
         return np.broadcast_to(self._axis, (len(values), 3))
 
-    def vectors(self, values: Balls) -> Balls:
+    def vectors(self, values: Array) -> Array:
         return self.axis(values)[:, None]
 
 
@@ -334,21 +333,21 @@ class _Contact(_Joint):
     """
 
     def __init__(
-        self, curves: Sequence[Curve], variables: tuple[int, int], start: Balls
+        self, curves: Sequence[Curve], variables: tuple[int, int], start: Array
     ) -> None:
         self._curves, self._variables, self.start = curves, variables, start
 
-    def turn(self, values: Balls) -> Balls:
+    def turn(self, values: Array) -> Array:
         one, other = (self._frame(side, values) for side in (0, 1))
         return np.asarray(one @ other.swapaxes(1, 2))
 
-    def axis(self, values: Balls) -> Balls:
+    def axis(self, values: Array) -> Array:
         return self._frame(0, values)[:, :, 2]
 
-    def _frame(self, side: int, values: Balls) -> Balls:
+    def _frame(self, side: int, values: Array) -> Array:
         return self._curves[side](values[:, self._variables[side]] + self.start[side])
 
-    def touching(self) -> Balls:
+    def touching(self) -> Array:
         """Return the arc lengths (2,) near the start at which aligned links touch.
 
         Least squares, as profiles may miss each other by what the float64 geometry allows.
@@ -418,7 +417,7 @@ class Linkage:
         # the sense in which the way to a link, or a loop, passes the pair of a variable
         self._ways, self._passes = ways[:, owners], passes[:, owners]
 
-    def place(self, values: Balls) -> tuple[Balls, Balls]:
+    def place(self, values: Array) -> tuple[Array, Array]:
         """Return link orientations (n, links, 3, 3), and by how much the loops stay open.
 
         At all pair variables (n, variables); gaps (n, 3 loops) rad.
@@ -437,7 +436,7 @@ class Linkage:
         orientations = np.stack([placed[link] for link in range(len(placed))], axis=1)
         return orientations, np.concatenate(gaps, axis=1)
 
-    def vectors(self, values: Balls, placed: Balls) -> Balls:
+    def vectors(self, values: Array, placed: Array) -> Array:
         """Return the variables' vectors (n, variables, 3) in ground axes, of balls.
 
         A variable's vector is the angular velocity of its pair's second link relative to
@@ -449,7 +448,7 @@ class Linkage:
         ]
         return np.concatenate(vectors, axis=1)
 
-    def axes(self, values: Balls, placed: Balls) -> Balls:
+    def axes(self, values: Array, placed: Array) -> Array:
         """Return (n, pairs, 3): the axis of each R pair, the contact point of others."""
         axes = [
             (placed[:, ends[0]] @ joint.axis(values[:, columns])[..., None])[..., 0]
@@ -457,29 +456,29 @@ class Linkage:
         ]
         return np.stack(axes, axis=1)
 
-    def velocities(self, vectors: Balls, rates: Balls) -> Balls:
+    def velocities(self, vectors: Array, rates: Array) -> Array:
         """Return angular velocities (n, links, 3) relative to the ground, in its axes.
 
         At `vectors` (n, variables, 3) and rates (n, variables) of the variables.
         """
         return np.asarray(self._ways @ (vectors * rates[:, :, None]))
 
-    def jacobian(self, vectors: Balls) -> Balls:
+    def jacobian(self, vectors: Array) -> Array:
         """Return (n, 3 loops, variables): gaps change by it times the variables' rates."""
         moved = self._passes[:, None] * vectors.swapaxes(1, 2)[:, None]
         return np.asarray(
             moved.reshape(len(vectors), 3 * len(self._passes), vectors.shape[1])
         )
 
-    def inverse(self, values: Balls, free: Sequence[int]) -> tuple[Balls, Floats, Balls]:
+    def inverse(self, values: Array, free: Sequence[int]) -> tuple[Array, Floats, Array]:
         """Return the inverse of the Jacobian's free columns, its condition, and gaps."""
         placed, gaps = self.place(values)
         jacobian = self.jacobian(self.vectors(values, placed))[:, :, list(free)]
         return *left_inverse(jacobian), gaps
 
     def motion(
-        self, values: Balls, inverse: Balls, free: Sequence[int], moved: int, order: int
-    ) -> list[Balls]:
+        self, values: Array, inverse: Array, free: Sequence[int], moved: int, order: int
+    ) -> list[Array]:
         """Return the coefficients (k, variables) of all variables' series in one.
 
         At closed configurations (k, variables); `inverse` is that of the Jacobian's columns
@@ -495,7 +494,7 @@ class Linkage:
         return coefficients
 
 
-def turning_rates(placed: Balls, order: int) -> list[Balls]:
+def turning_rates(placed: Array, order: int) -> list[Array]:
     """Return w, dw, ddw (..., 3) so far, of series (..., 3, 3) of rotations."""
     parts = [coefficient(placed, power) for power in range(order + 1)]
     rates = []
@@ -508,13 +507,13 @@ def turning_rates(placed: Balls, order: int) -> list[Balls]:
     return rates
 
 
-def skew_part(a: Balls) -> Balls:
+def skew_part(a: Array) -> Array:
     """Return the vectors (..., 3) of the skew parts of matrices (..., 3, 3)."""
     turns = ((2, 1), (0, 2), (1, 0))
     return np.stack([(a[..., p, q] - a[..., q, p]) / 2 for p, q in turns], axis=-1)
 
 
-def left_inverse(matrices: Balls) -> tuple[Balls, Floats]:
+def left_inverse(matrices: Array) -> tuple[Array, Floats]:
     """Return the pseudo-inverses (n, k, m) of matrices (n, m, k) of full column rank.
 
     And their conditions (n,) in Frobenius norms, 1 at least. NaN where a matrix has less.

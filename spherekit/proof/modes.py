@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Complexes, Floats
 from spherekit.conventions import TURN
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.numeric.crossings import wrap
@@ -31,12 +31,10 @@ from spherekit.proof.balls import (
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations, Jet
 from spherekit.proof.gears import Written
-from spherekit.proof.harmonics import Complexes
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.roots import Root, root_near
 from spherekit.proof.systems import SEEDS, SolvedSystem, Systems, modes_near
 from spherekit.proof.tubes import UP
-from spherekit.sphere.rotation import Floats
 
 SMALLEST = 1e-6
 MOST_BOXES = 500_000
@@ -69,7 +67,7 @@ class RealModes:
         self.roots.append(root)
         return True
 
-    def _covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
+    def _covers(self, centres: Floats, radii: Floats) -> Bools:
         out = np.zeros(len(centres), dtype=bool)
         count = self.equations.unknowns
         for root in self.roots:

@@ -25,8 +25,8 @@ from itertools import combinations
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
 from spherekit.guarantee import Claim, Guarantee
@@ -37,13 +37,12 @@ from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.systems import Guide, SolvedSystem, Systems
 from spherekit.proof.tubes import ROUNDING, UP
-from spherekit.sphere.rotation import Floats
 
 FLATTEST = 1e-9
 """Least determinant of slopes by which weights are computed."""
 
 
-def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> NDArray[np.bool_]:
+def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> Bools:
     """Return which boxes are proven to have no zero (n,).
 
     Parameters
@@ -90,7 +89,7 @@ def _normals(slopes: Floats, kept: tuple[int, ...]) -> Floats:
 
 def _beyond(
     weights: Floats, values: Floats, slopes: Floats, radii: Floats, bent: Floats
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Return whether one of the sums of equations cannot vanish."""
     size = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(slopes), radii)
     reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
@@ -102,7 +101,6 @@ def _beyond(
 CHUNK = 20000
 FIRST = -2.4
 """Where turns of unknown angles begin (rad): at no place that special geometry prefers."""
-Bools = NDArray[np.bool_]
 
 
 @final
@@ -117,16 +115,16 @@ class Axis:
         self.start, self.extent = middle(low), middle(width)
         self._known: dict[float, Floats] = {}
 
-    def radii(self, levels: NDArray[np.int64]) -> Floats:
+    def radii(self, levels: Integers) -> Floats:
         """Return half widths after so many halvings, about the centres, rounded up."""
         off = 8.0 * UNIT * (abs(self.start) + abs(self.extent)) if self.extent else 0.0
         return np.asarray(upper(self.width) * UP * np.exp2(-1.0 - levels) + off)
 
-    def centres(self, levels: NDArray[np.int64], places: NDArray[np.int64]) -> Floats:
+    def centres(self, levels: Integers, places: Integers) -> Floats:
         """Return float64 numbers next to the centres, or to the angle if it is only one."""
         return np.asarray(self.start + self.extent * (places + 0.5) * np.exp2(-levels))
 
-    def turns(self, levels: NDArray[np.int64], places: NDArray[np.int64]) -> Floats:
+    def turns(self, levels: Integers, places: Integers) -> Floats:
         """Return cosines and sines (n, 2) of these numbers, each rounded once."""
         centres, back = np.unique(self.centres(levels, places), return_inverse=True)
         fresh = [centre for centre in centres.tolist() if centre not in self._known]
@@ -140,8 +138,8 @@ class Axis:
 class Boxes:
     """Boxes (n, variables) by how often each side was halved, and which part they are."""
 
-    levels: NDArray[np.int64]
-    places: NDArray[np.int64]
+    levels: Integers
+    places: Integers
 
     def __len__(self) -> int:
         return len(self.levels)
@@ -165,7 +163,7 @@ class Boxes:
         """Return some of them."""
         return Boxes(self.levels[rows], self.places[rows])
 
-    def halved(self, sides: NDArray[np.intp]) -> "Boxes":
+    def halved(self, sides: Indices) -> "Boxes":
         """Return both halves of each across its side in `sides` (n,)."""
         rows = np.arange(len(self))
         levels, places = self.levels.copy(), self.places.copy()
@@ -293,8 +291,8 @@ class InputMap:
     range_texts: tuple[tuple[str, str], ...]
     centres: Floats
     radii: Floats
-    kind: NDArray[np.intp]
-    modes: NDArray[np.intp]
+    kind: Indices
+    modes: Indices
     systems: tuple[SolvedSystem, ...]
 
     def share(self, kind: int) -> float:
@@ -396,9 +394,9 @@ class _Map:
         widths = np.array([axis.extent for axis in axes])
         self.cell = np.maximum(np.ceil(np.log2(widths / cell)), 0).astype(np.int64)
         self.finest = self.cell + finer
-        self.done: list[tuple[Floats, Floats, NDArray[np.intp], NDArray[np.intp]]] = []
+        self.done: list[tuple[Floats, Floats, Indices, Indices]] = []
 
-    def judged(self) -> tuple[Floats, Floats, NDArray[np.intp], NDArray[np.intp]]:
+    def judged(self) -> tuple[Floats, Floats, Indices, Indices]:
         """Return centres, radii, kinds and numbers of modes of all boxes."""
         zero = np.zeros((1, len(self.axes)), dtype=np.int64)
         boxes = Boxes(zero, zero)
@@ -446,7 +444,7 @@ class _Map:
         centres, radii, kinds, modes_of = (np.concatenate(part) for part in parts)
         return centres, radii, kinds, modes_of
 
-    def _keep(self, boxes: Boxes, kind: NDArray[np.intp], modes: NDArray[np.intp]) -> None:
+    def _keep(self, boxes: Boxes, kind: Indices, modes: Indices) -> None:
         self.done.append((boxes.centres(self.axes), boxes.radii(self.axes), kind, modes))
 
     def _cell_of(self, boxes: Boxes, row: int) -> tuple[int, ...]:
@@ -454,7 +452,7 @@ class _Map:
         return tuple((boxes.places[row] >> shift).tolist())
 
     def _split(
-        self, boxes: Boxes, guides: list[Guide], left: NDArray[np.intp]
+        self, boxes: Boxes, guides: list[Guide], left: Indices
     ) -> tuple[Boxes, list[Guide]]:
         """Return the halves of boxes across the side that has farthest to go."""
         chosen = np.zeros(len(boxes), dtype=bool)

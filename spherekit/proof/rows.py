@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.checked import checked
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status, listing
 from spherekit.errors import SolveError
@@ -20,7 +20,6 @@ from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
 from spherekit.proof.balls import (
     FEWEST,
-    Balls,
     Digits,
     Frames,
     exactly,
@@ -32,7 +31,6 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.linkage import Linkage, turning_rates
 from spherekit.rates.request import PoleField, Request
-from spherekit.sphere.rotation import Floats
 
 RADIUS = 1e-6
 """A solution farther (rad) from the row than this is not taken for the one meant."""
@@ -75,27 +73,27 @@ class ExactRows:
     arithmetic: Digits
     mechanism: Mechanism
     driven: int
-    values: Balls
-    rates: Balls
-    rotations: Balls
-    axes: Balls
-    w: Balls
-    dw: Balls | None
-    ddw: Balls | None
+    values: Array
+    rates: Array
+    rotations: Array
+    axes: Array
+    w: Array
+    dw: Array | None
+    ddw: Array | None
     distance: Floats
     residual: Floats
     condition: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
 
 
 @checked(SolveError)
 def exact_rows(
     motion: Motion,
-    rows: NDArray[np.bool_],
+    rows: Bools,
     driven: int,
     arithmetic: Digits | None = None,
     order: int = 2,
-    inputs: Balls | None = None,
+    inputs: Array | None = None,
 ) -> ExactRows:
     """Return reference values of some rows of a motion.
 
@@ -129,11 +127,11 @@ def exact_rows(
 
 def exact_rows_by_input(
     motion: Motion,
-    rows: NDArray[np.bool_],
+    rows: Bools,
     driven: Sequence[int],
     arithmetic: Digits | None = None,
     order: int = 2,
-    inputs: Balls | None = None,
+    inputs: Array | None = None,
     frames: Frames | None = None,
 ) -> tuple[ExactRows, ...]:
     """Return `exact_rows` for each of some inputs that move alone, the others held.
@@ -180,14 +178,14 @@ def exact_rows_by_input(
     return tuple(made)
 
 
-def _where(good: NDArray[np.bool_], balls: Balls) -> Balls:
+def _where(good: Bools, balls: Array) -> Array:
     """Return balls (n, ...) with NaN in the rows that are not good."""
     kept = balls.copy()
     kept[~good] = exactly(np.nan)[()]
     return kept
 
 
-def _start(motion: Motion, held: Sequence[int], inputs: Balls) -> Balls:
+def _start(motion: Motion, held: Sequence[int], inputs: Array) -> Array:
     """Return the starts (k, variables), with the inputs exactly as given.
 
     Variables may have been brought into one turn; then so are the inputs.
@@ -210,20 +208,20 @@ class Closed:
     NOT_CONVERGED or AT_SINGULARITY.
     """
 
-    values: Balls
+    values: Array
     free: list[int]
-    inverse: Balls
+    inverse: Array
     condition: Floats
     residual: Floats
     first: Floats
     second: Floats
     distance: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
     rounding: Floats
 
 
 def closed(
-    linkage: Linkage, start: Balls, held: Sequence[int], arithmetic: Digits
+    linkage: Linkage, start: Array, held: Sequence[int], arithmetic: Digits
 ) -> Closed:
     """Return the solutions nearest to starts (k, variables), some of which are held.
 
@@ -266,7 +264,7 @@ def closed(
     )
 
 
-def _judged(motion: Motion, solution: Closed) -> NDArray[np.int8]:
+def _judged(motion: Motion, solution: Closed) -> SmallIntegers:
     """Return the status of rows: that of the motion, where this has failed already."""
     status = solution.status.copy()
     ok = status == Status.OK
@@ -282,12 +280,12 @@ def _judged(motion: Motion, solution: Closed) -> NDArray[np.int8]:
     return np.where(unknown, given, status).astype(np.int8)
 
 
-def _largest(values: Balls) -> Floats:
+def _largest(values: Array) -> Floats:
     """Return the largest size (k,) in each row of values (k, m)."""
     return np.asarray(np.max(np.abs(floats(values)), axis=1, initial=0.0))
 
 
-def exact_motion(motion: Motion, rows: NDArray[np.bool_], exact: ExactRows) -> Motion:
+def exact_motion(motion: Motion, rows: Bools, exact: ExactRows) -> Motion:
     """Return some rows (n,) of a motion with the configurations that `exact` has of them.
 
     The residual is that by which the geometry as declared stays open.
@@ -301,7 +299,7 @@ def exact_motion(motion: Motion, rows: NDArray[np.bool_], exact: ExactRows) -> M
     )
 
 
-def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Balls:
+def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Array:
     """Return the unit vectors (n, 3) along a pole, on the side of `toward` (n, 3).
 
     That is the axis or contact point of a pair of the two links, or else the direction of
@@ -391,7 +389,7 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     return replace(field, status=status, **made)
 
 
-def _turn(exact: ExactRows, pole: Pole, unit: Balls) -> Floats:
+def _turn(exact: ExactRows, pole: Pole, unit: Array) -> Floats:
     """Return (n, 3) how a direction turns: carried by a link, or from v = r u."""
     assert exact.dw is not None
     pairs, joined = exact.mechanism.pairs, exact.mechanism.pole_pairs.get(pole)
@@ -403,17 +401,17 @@ def _turn(exact: ExactRows, pole: Pole, unit: Balls) -> Floats:
         return np.asarray(floats(across) / floats(np.sum(v * unit, axis=1))[:, None])
 
 
-def _relative(w: Balls, pole: Pole) -> Balls:
+def _relative(w: Array, pole: Pole) -> Array:
     return np.asarray(w[:, pole[1]] - w[:, pole[0]])
 
 
-def _above(vectors: Balls, rates: Balls, pole: Pole, floor: Floats) -> NDArray[np.bool_]:
+def _above(vectors: Array, rates: Array, pole: Pole, floor: Floats) -> Bools:
     """Return (n,) whether differences (n, 3) of the rates of two links are not rounding."""
     size = np.max(np.abs(floats(rates[:, list(pole)])), axis=(1, 2))
     largest = np.max(np.abs(floats(vectors)), axis=1)
     return np.asarray(largest > floor * np.maximum(size, 1.0))
 
 
-def _lengths(vectors: Balls) -> Balls:
+def _lengths(vectors: Array) -> Array:
     """Return lengths (n,) of the centres of vectors (n, 3): a ball about 0 has no root."""
     return np.asarray(square_root(np.sum(middles(vectors) ** 2, axis=1)))

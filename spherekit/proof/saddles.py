@@ -21,9 +21,9 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Array, Floats
 from spherekit.proof.balls import (
     Ball,
-    Balls,
     bits,
     circle,
     exact,
@@ -39,7 +39,6 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import Zone
-from spherekit.sphere.rotation import Floats
 
 DIRECTIONS = 100
 """Parts of each side of the square of directions in which slopes are enclosed."""
@@ -56,7 +55,7 @@ class _Arms:
     slopes of g are g'' (u, v), each with some g'' of the rectangle.
     """
 
-    def __init__(self, ways: Balls, bend: Balls, units: Floats) -> None:
+    def __init__(self, ways: Array, bend: Array, units: Floats) -> None:
         self.ways, self.bend, self.units = ways, bend, exactly(units)
 
     def outward(
@@ -102,7 +101,7 @@ class _Arms:
 
     def _directions(
         self, kept: Callable[[Ball], bool], off: float
-    ) -> Iterator[tuple[Balls, Balls, Balls, Balls]]:
+    ) -> Iterator[tuple[Array, Array, Array, Array]]:
         """Yield those directions with whose form of g'' something is to be `kept`.
 
         With them the ways, the slopes of g, off by at most so much, and the rates.
@@ -117,7 +116,7 @@ class _Arms:
 
 
 @cache
-def _square() -> Balls:
+def _square() -> Array:
     """Return parts of the sides of a square (n, 2), which together are all of them."""
     half = 1.0 / DIRECTIONS
     starts = (2 * np.arange(DIRECTIONS) + 1) * half - 1.0
@@ -284,14 +283,14 @@ class _Form:
         frame = np.asarray(np.roll(right, 2, axis=0).T)
         return _Form(equations, place, frame, left[:, -1], np.ones(2), np.ones(0))
 
-    def open(self, place: Balls) -> tuple[Ball, Balls]:
+    def open(self, place: Array) -> tuple[Ball, Array]:
         """Return a number near g at a place, and by how much F differs from it (k,)."""
         (values,) = self.equations.arrays(place, 0)
         missed, open_ = exactly(self.missed), np.array([e.real for e in values])
         level = (missed @ open_).mid()
         return level, open_ - level * missed
 
-    def solved(self, places: Balls, residual: Balls, order: int = 2) -> list[Balls]:
+    def solved(self, places: Array, residual: Array, order: int = 2) -> list[Array]:
         """Return how (z, g) moves, (v + 1, 3): by a residual of F, and with u and v.
 
         With it, at an order of 2, its second derivatives (v + 1, 3, 3). At balls of all
@@ -310,7 +309,7 @@ class _Form:
             made.append(_real(square, right).reshape(-1, 3, 3))
         return made
 
-    def critical(self, place: Balls) -> Balls | None:
+    def critical(self, place: Array) -> Array | None:
         """Return centres next to where the slopes of g are 0; nothing rests on them."""
         try:
             for _ in range(NEWTON):
@@ -371,12 +370,12 @@ class _Form:
             passes=arms.through(level, steep) if _sign(level) else (),
         )
 
-    def _over(self, limits: Floats) -> Balls:
+    def _over(self, limits: Floats) -> Array:
         """Return balls of all variables over a part of space, a little more than it."""
         reach = np.abs(self.frame) @ limits * (1.0 + 1e-9) + 1e-12
         return np.asarray(exactly(self.centre) + _about(reach))
 
-    def _there(self, place: Balls, level: Ball, moved: Balls) -> tuple[Ball, Balls]:
+    def _there(self, place: Array, level: Ball, moved: Array) -> tuple[Ball, Array]:
         """Return g and its slopes (2,) at the u and v of a place.
 
         `moved` (v + 1,) is how far (z, g) is from the place and its level.
@@ -384,7 +383,7 @@ class _Form:
         (near,) = self.solved(place + moved[:-1], 0 * exactly(self.missed), 1)
         return level + moved[-1], near[-1, 1:]
 
-    def _level(self, limits: Floats, value: Ball, slope: Balls) -> tuple[Ball, float]:
+    def _level(self, limits: Floats, value: Ball, slope: Array) -> tuple[Ball, float]:
         """Return the level of the saddle, and the largest slope at a place next to it.
 
         `value` and `slope` are those of g at the centre.
@@ -411,7 +410,7 @@ class _Form:
         return wide(value, most * steep), steep
 
 
-def _sides(limits: Floats, value: Ball, slope: Balls, bend: Balls) -> bool:
+def _sides(limits: Floats, value: Ball, slope: Array, bend: Array) -> bool:
     """Return whether g is positive on the sides of u and the arms are in quadrants."""
     u, v = float(limits[0]), float(limits[1])
     level, steep = upper(value), [upper(e) for e in slope]
@@ -423,12 +422,12 @@ def _sides(limits: Floats, value: Ball, slope: Balls, bend: Balls) -> bool:
     return bool(out > 1e-12 * u * u and down > 1.001 * max(level, 2.0 * u * steep[0]))
 
 
-def _real(square: Balls, right: Balls) -> Balls:
+def _real(square: Array, right: Array) -> Array:
     """Return the solutions of linear equations whose balls are real."""
     made = solved(matrix(square), matrix(right)).tolist()
     return np.array([[entry.real for entry in row] for row in made])
 
 
-def _about(radii: Floats) -> Balls:
+def _about(radii: Floats) -> Array:
     """Return balls about 0."""
     return np.array([wide(exact(0.0), float(radius)) for radius in radii])

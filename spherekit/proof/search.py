@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.along import Chain, Range, chain_through, laps
@@ -15,7 +15,6 @@ from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
 from spherekit.proof.paving import Paved
 from spherekit.proof.saddles import QUADRANTS, Saddle
 from spherekit.proof.tubes import LONGEST, UP, corrected, piece_at
-from spherekit.sphere.rotation import Floats
 
 NEIGHBOURS = 8
 """Pieces with the nearest centres that a box is tried against."""
@@ -44,7 +43,7 @@ class Cover:
         box = np.full(self._centres.shape[1], TURN)
         self._tree = cKDTree(_turned(self._centres), boxsize=box)
 
-    def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
+    def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes (n, v) of radii (n, v) are inside a piece."""
         out = np.zeros(len(centres), dtype=bool)
         if not self.count:
@@ -107,7 +106,7 @@ class Search:
         self.vain = 0
         self.lost = False
 
-    def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
+    def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes (n, v) of radii (n, v) are in a piece or at a crossing."""
         return self.cover.covers(centres, radii) | self.crossings.covers(centres, radii)
 

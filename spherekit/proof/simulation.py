@@ -24,8 +24,8 @@ from typing import Any, Literal, final
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Floats
 from spherekit.conventions import Status
 from spherekit.errors import EngineError
 from spherekit.model.expression import KINKED, ON_ARRAYS, fold
@@ -33,7 +33,6 @@ from spherekit.model.load import LinkMoment, TorqueTable, expression_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.proof.balls import (
     Ball,
-    Balls,
     Digits,
     coefficient,
     exact,
@@ -46,9 +45,8 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.linkage import Linkage, left_inverse, turning_rates
 from spherekit.proof.rows import Closed, ExactRows, closed
-from spherekit.sphere.rotation import Floats
 
-Sides = NDArray[np.float64] | None
+Sides = Floats | None
 """The sides (switches,) +1 or -1 of all conditions; None takes those they are on."""
 
 
@@ -62,15 +60,15 @@ class Moving:
     (n, links, 3, 3); `speed` (n,) the rate of the coordinate by time; `t` (n,) s.
     """
 
-    values: Balls
-    rates: Balls
-    w: Balls
-    rotations: Balls
-    speed: Balls
-    t: Balls
+    values: Array
+    rates: Array
+    w: Array
+    rotations: Array
+    speed: Array
+    t: Array
 
 
-def exact_inertia(exact: ExactRows) -> tuple[Balls, Balls]:
+def exact_inertia(exact: ExactRows) -> tuple[Array, Array]:
     """Return the equivalent inertia B (n,), kg m2, and its derivative by the input (n,).
 
     Twice the kinetic energy per squared rate of the input that moves (Di Gregorio 2024,
@@ -88,8 +86,8 @@ def exact_inertia(exact: ExactRows) -> tuple[Balls, Balls]:
 
 
 def inertia(
-    mechanism: Mechanism, rotations: Balls, w: Balls, dw: Balls
-) -> tuple[Balls, Balls]:
+    mechanism: Mechanism, rotations: Array, w: Array, dw: Array
+) -> tuple[Array, Array]:
     """Return B (n,) of a coordinate and its derivative by it, see `exact_inertia`.
 
     From orientations (n, links, 3, 3), angular velocities (n, links, 3) per unit rate of
@@ -111,9 +109,9 @@ class _Switches:
 
     def __init__(self, sides: Sides) -> None:
         self.sides = sides
-        self.conditions: list[Balls] = []
+        self.conditions: list[Array] = []
 
-    def side(self, condition: Balls) -> Any:
+    def side(self, condition: Array) -> Any:
         """Return the side of the next condition (n,)."""
         self.conditions.append(np.atleast_1d(condition))
         if self.sides is None:
@@ -168,7 +166,7 @@ class Forces:
         inside = {float(t): t for t in knots if 0.0 < float(t) < until}
         return [inside[t] for t in sorted(inside)]
 
-    def at(self, moving: Moving, sides: Sides, inside: float) -> tuple[Balls, list[Balls]]:
+    def at(self, moving: Moving, sides: Sides, inside: float) -> tuple[Array, list[Array]]:
         """Return the generalised force of all loads (n,), and the switches' conditions.
 
         `inside` is a time (s) between the knots that the rows lie between.
@@ -196,7 +194,7 @@ class Forces:
                 total = total + magnitude * self._power(moment, moving)
         return total, switches.conditions
 
-    def _power(self, moment: LinkMoment, moving: Moving) -> Balls:
+    def _power(self, moment: LinkMoment, moving: Moving) -> Array:
         """Return the power (n,) of a moment per unit rate of the coordinate."""
         link = self.mechanism.link_number[moment.link]
         w, turn = moving.w[:, link], moving.rotations[:, link]
@@ -207,7 +205,7 @@ class Forces:
         return np.asarray(np.sum(w * direction, axis=1))
 
 
-def _of_table(table: TorqueTable, t: Balls, inside: float) -> Balls:
+def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
     """Return a table's torque along the line that it has at the time `inside`."""
     times, torques = exactly(table.times), exactly(table.torques)
     period = times[-1] - times[0]
@@ -263,10 +261,10 @@ class ExactStates:
     their first and second derivative by time.
     """
 
-    t: Balls
-    values: Balls
-    rates: Balls
-    second: Balls
+    t: Array
+    values: Array
+    rates: Array
+    second: Array
 
 
 @final
@@ -286,7 +284,7 @@ class _Legendre:
         self.from_values = middles((polynomials * weights[:, None] * odd).T)
         self.to_integrals = middles(self.integrals(self.nodes) @ self.from_values)
 
-    def integrals(self, x: Balls) -> Balls:
+    def integrals(self, x: Array) -> Array:
         """Return (n, count): the integrals from -1 to x (n,) of the polynomials.
 
         From (2 k + 1) P_k = (P_{k+1} - P_{k-1})'.
@@ -296,7 +294,7 @@ class _Legendre:
         inner = (every[:, 2:] - every[:, :-2]) / odd
         return np.concatenate([(x + 1)[:, None], inner], axis=1)
 
-    def value(self, coefficients: Balls, x: Ball) -> Ball:
+    def value(self, coefficients: Array, x: Ball) -> Ball:
         """Return the series with coefficients (count,) at x."""
         return (legvander(np.array([x]), self.count - 1) @ coefficients)[0]
 
@@ -317,11 +315,11 @@ class _Step:
     along: int
     c: Ball
     p: Ball
-    moves: Balls
-    pushes: Balls
+    moves: Array
+    pushes: Array
     sides: Floats
-    conditions: list[Balls]
-    values: Balls
+    conditions: list[Array]
+    values: Array
     error: float
     sweeps: int
 
@@ -400,7 +398,7 @@ class ExactSimulation:
                 states[:, rows] = self._states(self._steps[number], times[rows])
         return ExactStates(times, *states)
 
-    def _states(self, step: _Step, t: Balls) -> list[Balls]:
+    def _states(self, step: _Step, t: Array) -> list[Array]:
         """Return the variables and their two derivatives by time within a step."""
         along = step.along
         c, p = self._reached(step, 2 * (t - step.start) / step.length - 1)
@@ -418,7 +416,7 @@ class ExactSimulation:
         rates, square = way[1] * speed[:, None], (speed * speed)[:, None]
         return [configuration.values, rates, way[1] * change[:, None] + 2 * way[2] * square]
 
-    def _closed(self, t: Balls, c: Balls, along: int) -> Closed:
+    def _closed(self, t: Array, c: Array, along: int) -> Closed:
         """Return the closed configurations at times with a variable held."""
         values = exactly(self._guess(floats(t))[0])
         values[:, along] = c
@@ -430,7 +428,7 @@ class ExactSimulation:
             )
         return configuration
 
-    def _moving(self, values: Balls, along: int, t: Balls) -> tuple[Moving, Balls, Balls]:
+    def _moving(self, values: Array, along: int, t: Array) -> tuple[Moving, Array, Array]:
         """Return rates and inertia by a coordinate, and a step that closes the loops."""
         linkage = self._linkage
         free = [v for v in range(values.shape[1]) if v != along]
@@ -525,7 +523,7 @@ class ExactSimulation:
         near, pace = self._guess(floats(t))
         values, speed = exactly(near), exactly(pace[:, along])
         here = values[:, along] = middles(c + half * (series.to_integrals @ speed))
-        push: Balls | None = None
+        push: Array | None = None
         last = first = np.inf
         for sweep in range(1, SWEEPS + 1):
             moving, size, miss = self._moving(values, along, t)
@@ -568,7 +566,7 @@ class ExactSimulation:
             last = change
         return None
 
-    def _reached(self, step: _Step, x: Balls) -> tuple[Balls, Balls]:
+    def _reached(self, step: _Step, x: Array) -> tuple[Array, Array]:
         """Return the coordinate and p at places x (n,) in [-1, 1] of a step."""
         integrals = self._series.integrals(x) * (step.length / 2)
         reached = step.c + integrals @ step.moves, step.p + integrals @ step.pushes

@@ -19,11 +19,11 @@ systems but for unlucky random numbers.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.charts import (
@@ -44,8 +44,6 @@ from spherekit.proof.charts import (
 )
 from spherekit.proof.construction import permanent, systems_of
 from spherekit.proof.equations import Equations
-from spherekit.proof.harmonics import Complexes
-from spherekit.sphere.rotation import Floats
 
 MOST_STEPS = 600
 FIRST_STEP, LEAST_STEP, LARGEST_STEP = 0.02, 1e-7, 0.1
@@ -195,7 +193,7 @@ WIDEST_ANGLE = 0.3
 class KnownRoots:
     """All roots of a system at one choice of what is given to it, to start from."""
 
-    at: NDArray[Any]
+    at: Array
     points: ChartRoots
 
 
@@ -309,8 +307,8 @@ class Systems:
         turns: Floats,
         half: Floats,
         guides: Sequence[Guide],
-        hard: NDArray[np.bool_],
-    ) -> tuple[NDArray[np.bool_], NDArray[np.intp], list[Guide]]:
+        hard: Bools,
+    ) -> tuple[Bools, Indices, list[Guide]]:
         """Return over which boxes of the inputs (m, inputs) all is proven, and the modes.
 
         Those are the numbers of real ones; with them the roots of each box.
@@ -435,8 +433,8 @@ class Systems:
         turns: Floats,
         moving: Given,
         guides: Sequence[Guide],
-        hard: NDArray[np.bool_],
-    ) -> tuple[ChartRoots, Tubes, NDArray[np.bool_]]:
+        hard: Bools,
+    ) -> tuple[ChartRoots, Tubes, Bools]:
         """Return the roots at all boxes, what is proven, and where none were lost."""
         system, bound = self.parts[number], self.bounds[number]
         made = Polynomials.at(self.equations, *system, turns)
@@ -488,14 +486,14 @@ class Systems:
 
 def _judged(
     made: Polynomials, roots: ChartRoots, moving: Given, bound: int
-) -> tuple[ChartRoots, Tubes, NDArray[np.bool_]]:
+) -> tuple[ChartRoots, Tubes, Bools]:
     """Return roots polished, what is proven of them, and where all are different."""
     tried, ended = polished(made, roots)
     proven = tubes(made, tried, moving)
     return tried, proven, are_apart(tried, proven.radius, ended, bound)
 
 
-def _replaced(roots: ChartRoots, rows: NDArray[np.intp], other: ChartRoots) -> ChartRoots:
+def _replaced(roots: ChartRoots, rows: Indices, other: ChartRoots) -> ChartRoots:
     """Return roots with others in some of their rows."""
     z, inverse = roots.z.copy(), roots.inverse.copy()
     z[rows], inverse[rows] = other.z, other.inverse
@@ -521,7 +519,7 @@ def _angles(
     return np.asarray(sense * np.angle(roots.z)), rates.real, off
 
 
-def _first_of_each(roots: ChartRoots) -> NDArray[np.intp]:
+def _first_of_each(roots: ChartRoots) -> Indices:
     over = np.where(roots.inverse, 1.0, roots.z)
     under = np.where(roots.inverse, roots.z, 1.0)
     gap = np.max(np.abs(over[:, None] * under - under[:, None] * over), axis=2)

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.equations import Equations
-from spherekit.sphere.rotation import Floats
 
 LONGEST = 0.4
 """Largest half length (rad) of a piece."""
@@ -77,12 +76,12 @@ class Zone:
         inside = np.abs(self.coordinates(places)) + off + 1e-13
         return bool(np.all(inside <= self.limits))
 
-    def may_hold(self, places: Floats, off: Floats | float) -> NDArray[np.bool_]:
+    def may_hold(self, places: Floats, off: Floats | float) -> Bools:
         """Return whether places (..., v), off by at most `off` (...), may be in it."""
         inside = np.abs(self.coordinates(places)) - np.asarray(off)[..., None] - 1e-13
         return np.asarray(np.all(inside <= self.limits, axis=-1))
 
-    def covers(self, centres: Floats, radii: Floats) -> NDArray[np.bool_]:
+    def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes (n, v) of radii (n, v) are in it."""
         reach = radii @ np.abs(self.frame) * UP + 1e-13
         inside = np.abs(self.coordinates(centres)) + reach <= self.limits

@@ -11,8 +11,8 @@ from functools import lru_cache
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
 from spherekit.numeric.zeros import ArrayRows, cubic
@@ -28,7 +28,7 @@ from spherekit.planning.poles import (
     PrimaryPole,
     pole_of,
 )
-from spherekit.sphere.rotation import Floats, all_finite
+from spherekit.sphere.rotation import all_finite
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -220,10 +220,10 @@ class PoleField(ArrayRows):
     planes: MutableMapping[Pole, Floats] = field(default_factory=dict)
     w: MutableMapping[int, Floats] = field(default_factory=dict)
     dw: MutableMapping[int, Floats] = field(default_factory=dict)
-    status: NDArray[np.int8]
-    pole_status: MutableMapping[Pole, NDArray[np.int8]] = field(default_factory=dict)
-    by_equations: NDArray[np.bool_]
-    by_kernel: NDArray[np.bool_]
+    status: SmallIntegers
+    pole_status: MutableMapping[Pole, SmallIntegers] = field(default_factory=dict)
+    by_equations: Bools
+    by_kernel: Bools
     loss: Floats
     direction_dq: MutableMapping[Pole, Floats] = field(default_factory=dict)
 
@@ -337,8 +337,8 @@ class Stops:
     to the next.
     """
 
-    rows: NDArray[np.intp]
-    linked: NDArray[np.bool_]
+    rows: Indices
+    linked: Bools
 
 
 @final
@@ -349,9 +349,9 @@ class TurnedRows:
     All (k,). Over a grid of inputs each row is turned to a side, `sides` (modes, 3).
     """
 
-    pole: NDArray[np.intp]
-    start: NDArray[np.intp]
-    stop: NDArray[np.intp]
+    pole: Indices
+    start: Indices
+    stop: Indices
     sides: Floats | None = None
 
     @classmethod
@@ -362,9 +362,7 @@ class TurnedRows:
         pole, start, stop = np.array(ranges, dtype=np.intp).reshape(-1, 3).T
         return cls(pole, start, stop, sides)
 
-    def signs(
-        self, k: int, unit: Floats, rows: NDArray[np.intp], modes: NDArray[np.intp]
-    ) -> Floats:
+    def signs(self, k: int, unit: Floats, rows: Indices, modes: Indices) -> Floats:
         """Return (n,) -1 where pole k, with directions (n, 3), is turned round at rows."""
         if self.sides is not None:
             across = np.sum(self.sides[modes] * unit, axis=1)
@@ -392,7 +390,7 @@ def signs_at_stops(
     motion: Motion,
     signed: Sequence[Pole],
     stops: Mapping[int, Stops],
-    at: Callable[[NDArray[np.intp]], Iterable[Floats]],
+    at: Callable[[Indices], Iterable[Floats]],
     memory: SignMemory,
 ) -> TurnedRows:
     """Return which directions are turned round to go on along each assembly mode.
@@ -444,7 +442,7 @@ def signs_at_stops(
     return TurnedRows.of(ranges)
 
 
-def sides_of(motion: Motion, held: NDArray[np.bool_], memory: SignMemory) -> TurnedRows:
+def sides_of(motion: Motion, held: Bools, memory: SignMemory) -> TurnedRows:
     """Return that directions are turned to the side that modes start on.
 
     `held` (modes, samples) says which rows have a configuration.
@@ -457,7 +455,7 @@ def sides_of(motion: Motion, held: NDArray[np.bool_], memory: SignMemory) -> Tur
     return TurnedRows.of([], sides)
 
 
-def _way(motion: Motion, rows: NDArray[np.intp]) -> Floats:
+def _way(motion: Motion, rows: Indices) -> Floats:
     """Return (k,) how far rows are: their input, or of several the number of the sample."""
     single = motion.inputs.shape[1] == 1
     return motion.q[rows] if single else motion.sample[rows].astype(float)
@@ -479,7 +477,7 @@ def _chain(
     key: tuple[int, Pole],
     side: float,
     path: Path,
-    linked: NDArray[np.bool_],
+    linked: Bools,
 ) -> Floats:
     """Return the signs (k,) that go on along a path, and keep where it ends.
 

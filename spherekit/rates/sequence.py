@@ -14,6 +14,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import EPS
 from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
@@ -27,7 +28,7 @@ from spherekit.planning.poles import (
     pole_of,
 )
 from spherekit.rates.request import Route, cross, dot, norm
-from spherekit.sphere.rotation import Floats, nans, unit_rows
+from spherekit.sphere.rotation import nans, unit_rows
 
 TRUSTED_ERROR = 1e-12
 """A direction with a smaller bound (rad) is surely good."""

@@ -24,12 +24,13 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, nans
+from spherekit.sphere.rotation import all_finite, max_abs, nans
 
 SINGULAR = 1e-6
 """A configuration whose transmission is less is at a singularity of type II: the output is

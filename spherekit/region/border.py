@@ -13,11 +13,12 @@ from typing import final
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EPS
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.region.mesh import Bools, Evaluator, Indices, active, chosen, least, unit
-from spherekit.sphere.rotation import Floats, arc, cross, nans
+from spherekit.region.mesh import Evaluator, active, chosen, least, unit
+from spherekit.sphere.rotation import arc, cross, nans
 
 ORDERS = (2, 4, 8, 16)
 """Steps between the nodes of a piece, doubled until its area is known well enough."""

@@ -13,13 +13,11 @@ from enum import IntEnum
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.errors import RegionError
-from spherekit.sphere.rotation import Floats, arc, cross, max_abs, pointing
-
-Indices = NDArray[np.intp]
-Bools = NDArray[np.bool_]
+from spherekit.sphere.rotation import arc, cross, max_abs, pointing
 
 EDGES = ((0, 1), (1, 2), (2, 0))
 _TILT = np.array([[0.36, 0.48, -0.8], [-0.8, 0.60, 0.0], [0.48, 0.64, 0.6]])

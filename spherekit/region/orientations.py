@@ -7,22 +7,14 @@ all orientations have 8 pi^2 of it, as with Euler angles and sin(b) da db dc.
 """
 
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.progress import Working
-from spherekit.region.mesh import (
-    VALUE_SLACK,
-    Bools,
-    Evaluator,
-    Indices,
-    Margins,
-    check_positive,
-    least,
-)
-from spherekit.sphere.rotation import Floats, max_abs, unit_rows
+from spherekit.region.mesh import VALUE_SLACK, Evaluator, Margins, check_positive, least
+from spherekit.sphere.rotation import max_abs, unit_rows
 
 ALL_ORIENTATIONS = 8.0 * np.pi**2
 """Volume of all orientations."""
@@ -36,7 +28,7 @@ COST_OF_CUT = 120
 """Evaluations that halving a cell three ways costs, about."""
 
 
-def _cube(axis: NDArray[Any]) -> NDArray[Any]:
+def _cube(axis: Array) -> Array:
     """Return the points (n**3, 3) of a cubic grid, the last coordinate fastest."""
     return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
 

@@ -10,13 +10,12 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EPS
 from spherekit.errors import RegionError
 from spherekit.region.border import ORDERS, BoundarySegments, corners, crossings, nearest_on
 from spherekit.region.mesh import (
-    Bools,
     Evaluator,
-    Indices,
     Margins,
     TriangleClass,
     bisected,
@@ -30,7 +29,6 @@ from spherekit.region.mesh import (
     triangle_areas,
     unit,
 )
-from spherekit.sphere.rotation import Floats
 
 FINEST = 1e-6
 """Triangles with edges shorter than this (rad) are not cut further."""

@@ -11,6 +11,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import EPS
 from spherekit.errors import PlanError
 from spherekit.motion.arc_curve import ArcCurve, CurvePoints, bordered, bordered_condition
@@ -20,7 +21,6 @@ from spherekit.numeric.zeros import ArrayRows, Zeros, zeros
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.sphere.rotation import Floats
 
 NEAR_REST = 1e-6
 """Relative rates below this part of their derivative take its direction."""

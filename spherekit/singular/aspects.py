@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import TURN, Status
 from spherekit.errors import AnalysisError
 from spherekit.guarantee import Budget
@@ -27,7 +27,7 @@ from spherekit.region.mesh import labels
 from spherekit.singular.locus import Locus, configurations, solver_of
 from spherekit.singular.several import TypeName
 from spherekit.singular.stationarity import InputsLocked, OutputStationary, output_of
-from spherekit.sphere.rotation import Floats, max_abs, nans
+from spherekit.sphere.rotation import max_abs, nans
 
 SINGULAR = 1e-8
 """Configurations with a smaller singular value are singular themselves."""
@@ -69,14 +69,14 @@ class Aspects:
     """
 
     input_grid: InputGrid
-    row: NDArray[np.int64]
+    row: Integers
     values: Floats
     inputs: Floats
-    label: NDArray[np.int64]
-    sizes: NDArray[np.int64]
-    sign_two: NDArray[np.int8]
-    sign_one: NDArray[np.int8]
-    modes: NDArray[np.int64]
+    label: Integers
+    sizes: Integers
+    sign_two: SmallIntegers
+    sign_one: SmallIntegers
+    modes: Integers
     free_of: tuple[TypeName, ...]
     singular: int
     note: str
@@ -152,7 +152,7 @@ def aspects(
 
 def _lattice(
     mechanism: Mechanism, samples: list[int], whole_turn: bool
-) -> tuple[InputGrid, NDArray[np.intp]]:
+) -> tuple[InputGrid, Indices]:
     """Return the input grid and its neighbours (2 axes, n), over whole turns."""
     if not whole_turn:
         made = grids.grid(mechanism.inputs, samples)
@@ -169,7 +169,7 @@ def _lattice(
     return made, np.stack(rolled)
 
 
-def _starts(solver: Solver, input_grid: InputGrid) -> tuple[Floats, NDArray[np.intp]]:
+def _starts(solver: Solver, input_grid: InputGrid) -> tuple[Floats, Indices]:
     """Return configurations (n, V) and their samples (n,): all of dyads, of groups some."""
     if solver.assembly.has_closed_form:
         rows = np.arange(len(input_grid))
@@ -195,8 +195,8 @@ class _Nodes(ArrayRows):
     """
 
     values: Floats
-    row: NDArray[np.intp]
-    regular: NDArray[np.bool_]
+    row: Indices
+    regular: Bools
     two: Floats
     one: Floats
     slope: Floats
@@ -218,7 +218,7 @@ class _Spread:
         self,
         solver: Solver,
         input_grid: InputGrid,
-        beside: NDArray[np.intp],
+        beside: Indices,
         output: OutputStationary | None,
         divides: bool,
         budget: Budget,
@@ -234,7 +234,7 @@ class _Spread:
         self.done = np.zeros((0, len(beside)), dtype=bool)
         self.joined = [np.zeros((0, 2), dtype=np.intp)]
 
-    def _judged(self, values: Floats, row: NDArray[np.intp]) -> _Nodes:
+    def _judged(self, values: Floats, row: Indices) -> _Nodes:
         closure, count = self.solver.closure, len(self.driven)
         locus = Locus(closure, count, InputsLocked(self.solver.driven))
         space = locus.space(values)
@@ -254,7 +254,7 @@ class _Spread:
                 slope = np.einsum("ng,ngi->ni", measure.gradient, inverse)
         return _Nodes(values, row, least > SINGULAR, signs, one, slope)
 
-    def add(self, values: Floats, row: NDArray[np.intp]) -> NDArray[np.intp]:
+    def add(self, values: Floats, row: Indices) -> Indices:
         """Return the numbers (n,) of configurations (n, V) at samples, new or known."""
         numbers = np.full(len(values), -1)
         left = np.arange(len(values))
@@ -290,7 +290,7 @@ class _Spread:
                 start, way = np.nonzero(~self.done[new, sense::2])
                 self._walk(new[start], 2 * way + sense)
 
-    def _walk(self, start: NDArray[np.intp], way: NDArray[np.intp]) -> None:
+    def _walk(self, start: Indices, way: Indices) -> None:
         """Go from configurations (n,) to the samples beside them; join what is there."""
         stop = self.beside[way, self.nodes.row[start]]
         start, way, stop = (part[stop >= 0] for part in (start, way, stop))
@@ -307,7 +307,7 @@ class _Spread:
         moved = (arrived - values)[good][:, self.driven]
         self.joined.append(ends[self._clear(ends, moved)])
 
-    def _clear(self, ends: NDArray[np.intp], moved: Floats) -> NDArray[np.bool_]:
+    def _clear(self, ends: Indices, moved: Floats) -> Bools:
         """Return (n,) whether nothing singular that divides is between, by cubics."""
         regular = np.all(self.nodes.regular[ends], axis=1)
         if not self.divides:
@@ -347,7 +347,7 @@ class _Spread:
         )
 
 
-def _signs(value: Floats, label: NDArray[np.int64], count: int) -> NDArray[np.int8]:
+def _signs(value: Floats, label: Integers, count: int) -> SmallIntegers:
     """Return the sign that all configurations of each aspect have, or 0."""
     signs = np.zeros(count, dtype=np.int8)
     for number in range(count):

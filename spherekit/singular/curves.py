@@ -19,8 +19,8 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError
@@ -28,7 +28,6 @@ from spherekit.guarantee import Budget, Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import NEAR, Chords, CurvePoints
 from spherekit.motion.arc_length import periods_of
-from spherekit.motion.closure import Rows
 from spherekit.motion.steps import (
     GOING,
     STEP_PARTS,
@@ -47,7 +46,7 @@ from spherekit.singular.several import (
 )
 from spherekit.singular.starts import EVERYWHERE, Seeding
 from spherekit.singular.stationarity import output_of
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 GAUSS = np.polynomial.legendre.leggauss(8)
 NOTHING = 1e-6
@@ -107,7 +106,7 @@ class SingularCurve:
         """The arc length of the curve, of one lap if it is closed (rad)."""
         return float(self.s[-1])
 
-    def on(self, which: NDArray[np.intp], parts: Floats) -> LocusPoints:
+    def on(self, which: Indices, parts: Floats) -> LocusPoints:
         """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
         chord, nodes, ahead = self.chord, self.nodes, which + 1
         direction, length = chord.directions[which], chord.chords[which]
@@ -136,7 +135,7 @@ class SingularCurve:
         points.turns[:] *= flip
         return points
 
-    def find(self, values: Floats, motions: Floats) -> NDArray[np.bool_]:
+    def find(self, values: Floats, motions: Floats) -> Bools:
         """Return which configurations (n, V) with their singular motions are on the curve.
 
         Whole periods of the variables and signs of the motions do not matter.
@@ -261,7 +260,7 @@ class _Nodes(CurvePoints):
     """
 
     point: LocusPoints
-    inside: NDArray[np.bool_]
+    inside: Bools
 
 
 def _turned(points: LocusPoints, sense: Floats | float) -> LocusPoints:
@@ -290,7 +289,7 @@ class _LocusCurves(Curves[_Nodes]):
     locus: Locus
     budget: Budget
 
-    def exhaust(self, rows: Rows) -> None:
+    def exhaust(self, rows: Indices) -> None:
         """End curves that have closed in the other sense, and all when time is over."""
         half = len(self.end) // 2
         second = rows[rows >= half]
@@ -300,8 +299,8 @@ class _LocusCurves(Curves[_Nodes]):
             self.end[left] = Status.MODE_LOST
 
     def steps_to(
-        self, rows: Rows, at: _Nodes, ways: Floats
-    ) -> tuple[_Nodes, NDArray[np.bool_], Floats]:
+        self, rows: Indices, at: _Nodes, ways: Floats
+    ) -> tuple[_Nodes, Bools, Floats]:
         """See `Curves`, as the further methods."""
         here, tangents = at.point, at.tangents
         parts = ways[:, None] * STEP_PARTS
@@ -350,9 +349,7 @@ class _LocusCurves(Curves[_Nodes]):
         )
         return replace(start, values=point.values, point=point)
 
-    def within(
-        self, rows: Rows, step: Floats, new: _Nodes, holds: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def within(self, rows: Indices, step: Floats, new: _Nodes, holds: Bools) -> Bools:
         """End curves that leave a profile."""
         self.end[rows[holds & ~new.inside]] = Status.OFF_PROFILE
         return holds & new.inside

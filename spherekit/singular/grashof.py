@@ -19,6 +19,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spherekit.arrays import Floats
 from spherekit.conventions import Status
 from spherekit.model.gears import link_axes
 from spherekit.model.mechanism import Mechanism
@@ -27,7 +28,6 @@ from spherekit.numeric.minima import minima
 from spherekit.rates.transmission import SINGULAR
 from spherekit.singular.relation import Type
 from spherekit.singular.sampled import SampledSingularities
-from spherekit.sphere.rotation import Floats
 
 FOLDS = 1e-9
 """Sums of arcs (rad) below this are zero: the links can lie in one great circle."""

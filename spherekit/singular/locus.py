@@ -19,8 +19,8 @@ from itertools import product
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, Status, counted
 from spherekit.errors import CountError
 from spherekit.guarantee import Budget
@@ -40,7 +40,7 @@ from spherekit.singular.stationarity import (
     TangentSpace,
     tangent_space,
 )
-from spherekit.sphere.rotation import Floats, all_finite, max_abs, unit_rows
+from spherekit.sphere.rotation import all_finite, max_abs, unit_rows
 
 MOST_CORRECTIONS = 8
 CORRECTED = 1e-10
@@ -136,7 +136,7 @@ class LocusPoints(ArrayRows):
         return len(self.values)
 
     @property
-    def good(self) -> NDArray[np.bool_]:
+    def good(self) -> Bools:
         """(n,) points on the locus."""
         return self.residual < ON_LOCUS
 
@@ -369,7 +369,7 @@ def solver_of(mechanism: Mechanism) -> Solver:
         return Solver(mechanism, plan_assembly(mechanism, by_rank=True))
 
 
-def configurations(solver: Solver, q: Floats) -> tuple[Floats, NDArray[np.intp]]:
+def configurations(solver: Solver, q: Floats) -> tuple[Floats, Indices]:
     """Return the closed configurations (n, V) of all modes at inputs q (k, inputs).
 
     With them the row (n,) of q that each belongs to.
@@ -494,7 +494,7 @@ def cut(
     return Cut(tuple(sections), gaps, "; ".join(notes))
 
 
-def _spread_out(count: int) -> NDArray[np.intp]:
+def _spread_out(count: int) -> Indices:
     """Return numbers below `count` in an order whose every beginning is spread out."""
     digits = max(1, (count - 1).bit_length())
     order = sorted(range(count), key=lambda k: f"{k:0{digits}b}"[::-1])

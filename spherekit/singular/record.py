@@ -14,6 +14,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.motion.crossing import Crossing
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.singular.relation import (
@@ -26,7 +27,7 @@ from spherekit.singular.relation import (
     Type,
     plane_normal,
 )
-from spherekit.sphere.rotation import Floats, all_finite, cross, max_abs, nans
+from spherekit.sphere.rotation import all_finite, cross, max_abs, nans
 
 TOLERANCE = 1e-9
 """Sines up to this are taken for zero where the error of the axes is not larger."""

@@ -12,9 +12,10 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.sphere.paths import dot
-from spherekit.sphere.rotation import Floats, all_finite, cross
+from spherekit.sphere.rotation import all_finite, cross
 
 AXES = ("os", "ir", "io", "or_", "is_", "rs")
 """The axes of `SixPoles` by their links: the output's and the input's first."""

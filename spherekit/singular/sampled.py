@@ -11,11 +11,11 @@ about unless it stops the input. A group that is left out has no dead centre any
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Array, Floats, Integers
 from spherekit.conventions import Status
 from spherekit.motion.configuration import SAME_CONFIGURATION, Configurations, Piece
 from spherekit.motion.input_turning_points import input_turning_points
@@ -29,7 +29,7 @@ from spherekit.rates.transmission import STILL, Transmission, hold
 from spherekit.singular.record import AlongOutput, Singularities
 from spherekit.singular.relation import Form, Type
 from spherekit.singular.single import SingleFreedom, rate_between
-from spherekit.sphere.rotation import Floats, all_finite, cross, max_abs, nans
+from spherekit.sphere.rotation import all_finite, cross, max_abs, nans
 
 COMPARED = 9
 """Samples at which assembly modes of the part and of the whole are compared."""
@@ -159,7 +159,7 @@ class SampledSingularities:
         tracer: Tracer,
         outputs: Sequence[tuple[int, int]],
         values: Floats,
-        assembly_mode: NDArray[np.int64],
+        assembly_mode: Integers,
         passed: Floats | None = None,
     ) -> None:
         links = tracer.mechanism.links
@@ -180,7 +180,7 @@ class SampledSingularities:
             self.range = float(np.min(passed)), float(np.max(passed))
             self._ways = self._passed(passed)
 
-    def _place(self, values: Floats, assembly_mode: NDArray[np.int64]) -> None:
+    def _place(self, values: Floats, assembly_mode: Integers) -> None:
         """Find the place of each row on its curve; those alike in the part only once."""
         n = len(values)
         first, row = np.arange(n), np.arange(n)
@@ -206,7 +206,7 @@ class SampledSingularities:
             status[away < NEAR_CROSSING] = Status.AT_SINGULARITY
             crossed |= (away < AT_CROSSING) & (crossing.crossing is not None)
         self._row, self._curve, self._s = row.reshape(-1), curve, s
-        parts: tuple[NDArray[Any], ...] = curve, s, status, crossed
+        parts: tuple[Array, ...] = curve, s, status, crossed
         self.curve, self.s, self.status, self.crossed = (part[self._row] for part in parts)
 
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:

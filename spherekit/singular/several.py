@@ -17,8 +17,8 @@ from itertools import combinations
 from typing import Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.engine.fields import evaluate
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.closure import Closure
@@ -33,7 +33,7 @@ from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import Locus, LocusPoints, adjugate
 from spherekit.singular.relation import FourLinks, SixPoles, form_i
 from spherekit.singular.stationarity import InputsLocked, OutputPart, OutputStationary
-from spherekit.sphere.rotation import Floats, all_finite, cross, nans, unit_rows
+from spherekit.sphere.rotation import all_finite, cross, nans, unit_rows
 
 ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
@@ -109,8 +109,8 @@ class MotionMeasures:
     hold: Floats
     type_one: Floats
     reciprocal_condition: Floats
-    type: NDArray[np.int8]
-    group: NDArray[np.int8]
+    type: SmallIntegers
+    group: SmallIntegers
 
 
 @final
@@ -329,9 +329,7 @@ def by_motions(
     )
 
 
-def _type_one(
-    inputs: Floats, output: Floats, tolerance: float
-) -> tuple[Floats, NDArray[np.bool_]]:
+def _type_one(inputs: Floats, output: Floats, tolerance: float) -> tuple[Floats, Bools]:
     """Return `MotionMeasures.type_one` (n,), and where there are self-motions (n,).
 
     From rates of g inputs (n, g, g) and of the output (n, m, g) in g motions. Of these an
@@ -472,11 +470,11 @@ class SingularPoints(ArrayRows):
     """
 
     kind: LocusName
-    type: NDArray[np.int8]
+    type: SmallIntegers
     values: Floats
     motion: Floats
     inputs: Floats
-    inside: NDArray[np.bool_]
+    inside: Bools
     orientation: Floats
     pointing: Floats | None
     input_rate: Floats
@@ -523,11 +521,11 @@ class View:
         rest = self.output if kind == "I" else InputsLocked(driven)
         return Locus(self.solver.closure, len(self.solver.driven), rest, self.part)
 
-    def types(self, values: Floats) -> NDArray[np.int8]:
+    def types(self, values: Floats) -> SmallIntegers:
         """Return the types (n,) of configurations for the output."""
         return by_motions(motion_of(self.solver, values), self.output).type
 
-    def is_own(self, types: NDArray[np.int8]) -> NDArray[np.bool_]:
+    def is_own(self, types: SmallIntegers) -> Bools:
         """Return which types (n,) are those of the locus."""
         return np.isin(types, OWN[self.kind])
 

@@ -15,8 +15,8 @@ from itertools import pairwise
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
@@ -45,7 +45,7 @@ from spherekit.singular.relation import (
     form_i,
     form_ii,
 )
-from spherekit.sphere.rotation import Floats, cross, max_abs
+from spherekit.sphere.rotation import cross, max_abs
 
 BESIDE = 100.0
 """Places nearer than this times their error bounds, but not within, are undecided."""
@@ -59,7 +59,7 @@ class Roots:
     """Zeros at s (k,), whether each is double, and bounds of the errors of s."""
 
     s: Floats
-    double: NDArray[np.bool_]
+    double: Bools
     error: Floats
 
 

@@ -5,6 +5,7 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.guarantee import Budget, Claim, Guarantee
 from spherekit.model.mechanism import Mechanism
@@ -12,7 +13,6 @@ from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.search import starting_range
 from spherekit.singular.locus import Cut, Locus, LocusPoints, cut, seeds
 from spherekit.singular.several import View
-from spherekit.sphere.rotation import Floats
 
 CLOSING_STEPS = 40
 """Newton's steps that a random start may take to closed loops."""

@@ -18,8 +18,8 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import nearest
 from spherekit.errors import AnalysisError
 from spherekit.model.gears import link_axes
@@ -27,7 +27,7 @@ from spherekit.model.mechanism import Mechanism, chosen_output
 from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
 from spherekit.planning.inputs import Assembly
 from spherekit.planning.part import moving_pairs
-from spherekit.sphere.rotation import Floats, all_finite, cross, perpendicular
+from spherekit.sphere.rotation import all_finite, cross, perpendicular
 
 TINY = float(np.finfo(float).tiny)
 
@@ -106,7 +106,7 @@ class TangentSpace:
 
     at: Linearisation
     tree: LoopTree
-    kept: NDArray[np.intp]
+    kept: Indices
     basis: Floats
     inverse: Floats
     reciprocal_condition: Floats

@@ -14,8 +14,8 @@ from itertools import islice
 from typing import Self, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.errors import AnalysisError
 from spherekit.guarantee import Budget, Claim
 from spherekit.model.mechanism import Mechanism
@@ -25,9 +25,6 @@ from spherekit.singular.locus import Cut, Locus, LocusPoints, solver_of
 from spherekit.singular.several import LocusName, SingularPoints, View
 from spherekit.singular.starts import EVERYWHERE, Seeding
 from spherekit.singular.stationarity import output_of
-from spherekit.sphere.rotation import Floats
-
-Indices = NDArray[np.int64]
 
 SIDES = ((0, 1), (1, 2), (2, 0))
 
@@ -51,12 +48,12 @@ class Mesh:
 
     locus: Locus
     points: LocusPoints
-    triangles: Indices
-    component: Indices
-    held: NDArray[np.bool_]
+    triangles: Integers
+    component: Integers
+    held: Bools
 
     @property
-    def border(self) -> Indices:
+    def border(self) -> Integers:
         """(k, 2) the edges with one triangle."""
         edges, _, often = self._edges()
         return np.asarray(edges[often == 1])
@@ -84,7 +81,7 @@ class Mesh:
         mesh = self._cut(driven, low, high, low, 1.0)
         return mesh._cut(driven, low, high, high, -1.0)
 
-    def only(self, wanted: NDArray[np.bool_]) -> Self:
+    def only(self, wanted: Bools) -> Self:
         """Return the triangles whose vertices are all wanted (n,)."""
         if np.all(wanted):
             return self
@@ -124,7 +121,7 @@ class Mesh:
         held[:, driven] = True
         return self._with(made, held, crossing, triangles)
 
-    def _edges(self) -> tuple[Indices, Indices, Indices]:
+    def _edges(self) -> tuple[Integers, Integers, Integers]:
         """Return edges (k, 2), those (m, 3) of triangles, and how many have each."""
         sides = np.stack([self.triangles[:, pair] for pair in SIDES], axis=1)
         edges, which, often = np.unique(
@@ -135,7 +132,7 @@ class Mesh:
         )
         return edges, which.reshape(-1, 3), often
 
-    def _between(self, edges: Indices, part: Floats) -> tuple[Floats, Floats]:
+    def _between(self, edges: Integers, part: Floats) -> tuple[Floats, Floats]:
         """Return values and motions (k, V) at a part (k,) of the way along edges."""
         values, motions = self.points.values, self.points.motions
         one, other = edges.T
@@ -146,7 +143,7 @@ class Mesh:
         return values[one] + step * away, motions[one] + step * turned
 
     def _found(
-        self, guess: Floats, motions: Floats, borders: Floats, edges: Indices
+        self, guess: Floats, motions: Floats, borders: Floats, edges: Integers
     ) -> LocusPoints:
         """Return the locus near guesses, NaN where that is not between the edge's ends."""
         targets = np.einsum("nkv,nv->nk", borders, guess)
@@ -162,8 +159,8 @@ class Mesh:
     def _with(
         self,
         points: LocusPoints,
-        held: NDArray[np.bool_],
-        edges: Indices,
+        held: Bools,
+        edges: Integers,
         triangles: list[tuple[int, int, int]],
     ) -> Self:
         """Return the mesh with the good points on edges (k, 2), and other triangles.
@@ -270,9 +267,9 @@ class SingularSurface:
 
     kind: LocusName
     points: SingularPoints
-    triangles: NDArray[np.int64]
-    border: NDArray[np.int64]
-    component: NDArray[np.int64]
+    triangles: Integers
+    border: Integers
+    component: Integers
     side: float
     claim: Claim
     irregular: int
@@ -400,11 +397,11 @@ class _Front:
                 mesh = mesh.within(number, *item.range)
         return mesh.only(self.view.is_own(self.view.types(mesh.points.values)))
 
-    def away(self, origin: Floats, rows: NDArray[np.intp] | slice) -> Floats:
+    def away(self, origin: Floats, rows: Indices | slice) -> Floats:
         """Return vertices (n, V) as seen from a configuration, less whole periods."""
         return less_periods(self.values[rows] - origin, self.periods)
 
-    def near(self, values: Floats, motion: Floats, radius: float) -> NDArray[np.intp]:
+    def near(self, values: Floats, motion: Floats, radius: float) -> Indices:
         """Return the vertices within a radius on the same sheet of the surface."""
         distance = np.linalg.norm(self.away(values, slice(None)), axis=1)
         same = np.abs(self.motions @ motion) > TURNED

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Protocol, final
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EPS
 from spherekit.numeric import chebyshev
-from spherekit.sphere.rotation import Floats, arc, cross, frame_from, max_abs
+from spherekit.sphere.rotation import arc, cross, frame_from, max_abs
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -310,7 +311,7 @@ def check_simple(path: SplinePath) -> None:
             )
 
 
-def _straddle(a: Floats, b: Floats, c: Floats, d: Floats) -> NDArray[np.bool_]:
+def _straddle(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
     """Return where c and d (n, 3) are not strictly on one side of the circle a, b."""
     normal = cross(a, b)
     normal = normal / np.sqrt(dot(normal, normal))[:, None]
@@ -372,7 +373,7 @@ class ArcLength:
         return np.asarray(self.edges[panel] + half * (1.0 + _within_panel(x)))
 
     @cached_property
-    def _inverse(self) -> tuple[Floats, NDArray[np.bool_]]:
+    def _inverse(self) -> tuple[Floats, Bools]:
         """Powers (order, panels) of x less the part of a panel's length, -1 to 1, by that.
 
         And which of them are exact, measured between the places at which they are made.
@@ -393,7 +394,7 @@ class ArcLength:
                 break
         return powers, exact
 
-    def _solved(self, panel: NDArray[np.intp], target: Floats, x: Floats) -> Floats:
+    def _solved(self, panel: Indices, target: Floats, x: Floats) -> Floats:
         """Return x (n,) at lengths from panels' starts, by Newton steps from x (n,)."""
         low, high = np.full(x.shape, -1.0), np.full(x.shape, 1.0)
         done = ~np.isfinite(x)
@@ -417,7 +418,7 @@ class ArcLength:
         covered, _ = self.within(panel, (2.0 * u - low - high) / (high - low))
         return np.asarray(self.starts[panel] + covered)
 
-    def within(self, panel: NDArray[np.intp], x: Floats) -> tuple[Floats, Floats]:
+    def within(self, panel: Indices, x: Floats) -> tuple[Floats, Floats]:
         """Return the arc length from a panel's start to x, and ds/dx, both (n,)."""
         before, here = np.ones_like(x), x
         rate = self.speeds[0, panel]
@@ -509,7 +510,7 @@ def _within_panel(x: Floats) -> Floats:
     return np.minimum(np.maximum(x, -1.0), 1.0)
 
 
-def _sum(powers: Floats, panel: NDArray[np.intp], x: Floats) -> Floats:
+def _sum(powers: Floats, panel: Indices, x: Floats) -> Floats:
     """Return polynomials (order, panels) of panels (n,) at x (n,), by Horner's scheme."""
     rows = powers.take(panel, axis=1)
     total: Floats = rows[-1]

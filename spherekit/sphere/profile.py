@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import EPS
 from spherekit.sphere.paths import (
     FEWEST_POINTS,
@@ -30,7 +31,7 @@ from spherekit.sphere.paths import (
     quintic,
     turned,
 )
-from spherekit.sphere.rotation import Floats, all_finite, arc, slope_of, stepped
+from spherekit.sphere.rotation import all_finite, arc, slope_of, stepped
 
 __all__ = [
     "FEWEST_POINTS",
@@ -45,7 +46,6 @@ __all__ = [
     "through",
 ]
 
-Bools = NDArray[np.bool_]
 
 _REFITS = 4
 

@@ -5,9 +5,10 @@ from typing import final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.sphere.profile import Curve
-from spherekit.sphere.rotation import Floats, max_abs
+from spherekit.sphere.rotation import max_abs
 
 ROUNDING = 1e-9
 """What curvatures, and more so their derivatives, may lose of their size to rounding."""

@@ -34,13 +34,12 @@ from enum import IntEnum
 from typing import Any, cast, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.conventions import EPS, REACH_SLACK, USABLE_DIRECTION
 from spherekit.errors import SolveError
 from spherekit.numeric.crossings import wrap
-
-Floats = NDArray[np.float64]
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -140,7 +139,7 @@ def quaternion(matrix: Floats) -> Floats:
     return np.asarray(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))
 
 
-def from_quaternion(quaternions: NDArray[Any]) -> NDArray[Any]:
+def from_quaternion(quaternions: Array) -> Array:
     """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4) xyzw.
 
     Complex ones are taken as they are: the squares of their parts must have the sum 1.
@@ -159,8 +158,6 @@ def arc(a: Floats, b: Floats) -> Floats:
     sine = np.linalg.norm(cross(a, b), axis=-1)
     return np.asarray(np.arctan2(sine, np.sum(a * b, axis=-1)))
 
-
-Bools = NDArray[np.bool_]
 
 SHORTEST = 1e-12
 """Rounding alone turns a body whose arc (rad) is nearer to 0 or pi than this."""
@@ -199,6 +196,16 @@ def vertex_angles(
     at_first = 2 * np.arctan2(np.sqrt(by_near * by_base), np.sqrt(total * by_far))
     at_second = 2 * np.arctan2(np.sqrt(by_far * by_base), np.sqrt(total * by_near))
     return at_first, at_second, closes
+
+
+def _frame_toward(outer: Floats, middle: Floats) -> Floats:
+    """Return frames with z along an axis and the other, if it lies aside, at positive x."""
+    side = cross(cross(outer, middle), outer)
+    norm = np.linalg.norm(side, axis=-1, keepdims=True)
+    short = norm[:, 0] == 0.0
+    if np.any(short):
+        side[short], norm[short] = perpendicular(outer[short]), 1.0
+    return frame_from(outer, side / norm)
 
 
 def close_dyad(
@@ -255,14 +262,7 @@ def close_dyad(
     ) -> Floats:
         swing = (sign * np.sin(angle))[:, None]
         tangent = np.cos(angle)[:, None] * toward + swing * normal
-        outer, middle = body
-        side = cross(cross(outer, middle), outer)
-        norm = np.linalg.norm(side, axis=-1, keepdims=True)
-        short = norm[:, 0] == 0.0
-        if np.any(short):
-            side[short], norm[short] = perpendicular(outer[short]), 1.0
-        frame = frame_from(outer, side / norm)
-        return frame_from(axis, tangent) @ transpose(frame)
+        return frame_from(axis, tangent) @ transpose(_frame_toward(*body))
 
     near_rotation = placed(first, cross(normal, first), at_first, near)
     far_rotation = placed(second, -cross(normal, second), at_second, far)
@@ -305,7 +305,7 @@ class Turns:
 
     axis: Floats
     angle: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
 
 
 def turns_between(first: Floats, second: Floats) -> Turns:

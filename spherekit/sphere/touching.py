@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.numeric.descent import descent
 from spherekit.sphere.profile import Curve
-from spherekit.sphere.rotation import Floats, rotation_vector, transpose
+from spherekit.sphere.rotation import rotation_vector, transpose
 
 TURN = 0.03
 """Angle (rad) by which the frame of a curve turns from one sample to the next."""

@@ -9,6 +9,12 @@ A form (c0, c1, c2) stands for c0 + c1 cos + c2 sin, a point (1, cos, sin) for a
 real or complex. Of a system of t equations in t angles, `equations` (t, 3, ..., 3) with t
 threes, equation k has the value `equations[k]` times the points of all angles. Arrays
 (n, t, 3, ..., 3) are n systems that are solved side by side.
+
+Complex rotations: matrices R with R^T R = 1 and complex entries.
+
+Real solutions of trigonometric equations meet and become complex ones; what is to stay
+analytic while they do has to be known on both. Products here are bilinear, a . b = sum
+a_k b_k without conjugation, so a formula for real unit vectors holds word for word.
 """
 
 from dataclasses import dataclass
@@ -17,12 +23,10 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
+from spherekit.sphere.rotation import all_finite, max_abs
 
 Numbers = NDArray[np.inexact[Any]]
-Complexes = NDArray[np.complex128]
-Bools = NDArray[np.bool_]
-Rows = NDArray[np.intp]
 
 OFFSET = 0.3183
 """The first sample (rad): sizes in round degrees meet no special place there."""
@@ -150,7 +154,7 @@ def _eliminate(
     angles: Complexes,
     equations: Numbers,
     involves: Bools,
-    rows: Rows,
+    rows: Indices,
     most: int,
 ) -> None:
     """Set the solutions of some systems, from the best starts of each root, so many."""
@@ -172,7 +176,9 @@ def _eliminate(
     _put(angles, rows, polished, near)
 
 
-def _put(angles: Complexes, rows: Rows, polished: "_Polished", near: Bools | bool) -> None:
+def _put(
+    angles: Complexes, rows: Indices, polished: "_Polished", near: Bools | bool
+) -> None:
     """Set the solutions of systems whose solutions, without copies, are all there are."""
     good = (polished.residual < CLOSED) & near
     for row, solutions, fine in zip(rows, polished.angles, good, strict=True):
@@ -390,3 +396,30 @@ def _jets(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
     turned = np.eye(angles.shape[2], dtype=int)
     columns = [jets[..., *column] for column in turned]
     return jets[..., *np.zeros_like(turned[0])], np.stack(columns, axis=3)
+
+
+def dot(a: Complexes, b: Complexes) -> Complexes:
+    """Return a . b (...,) of arrays (..., 3), without conjugation."""
+    return np.asarray(np.sum(a * b, axis=-1))
+
+
+def cross(a: Complexes, b: Complexes) -> Complexes:
+    """Return a x b of arrays (..., 3)."""
+    return np.asarray(np.cross(a, b), dtype=complex)
+
+
+def taking(
+    first: Array, second: Array, to_first: Complexes, to_second: Complexes
+) -> Complexes:
+    """Return the rotations (..., 3, 3) that take two unit vectors (..., 3) to two others.
+
+    Both pairs have the same scalar product; NaN where it is 1 or -1.
+    """
+    base = dot(first, second)
+    square = 1.0 - base * base
+    dual = (first - base[..., None] * second, second - base[..., None] * first)
+    normal, to_normal = cross(first, second), cross(to_first, to_second)
+    out = to_first[..., :, None] * dual[0][..., None, :]
+    out = out + to_second[..., :, None] * dual[1][..., None, :]
+    out = out + to_normal[..., :, None] * normal[..., None, :]
+    return np.asarray(out / square[..., None, None])

@@ -15,8 +15,9 @@ from itertools import product
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from spherekit.arrays import Floats, Indices
 from spherekit.sphere.paths import (
     ArcLength,
     FourierPath,
@@ -29,7 +30,7 @@ from spherekit.sphere.paths import (
     measure,
 )
 from spherekit.sphere.profile import Curve, azimuth_panels, fourier_path, spline_fits
-from spherekit.sphere.rotation import Floats, cross, slope_of, stepped
+from spherekit.sphere.rotation import cross, slope_of, stepped
 
 
 @final
@@ -237,7 +238,7 @@ class DrawnCurves:
             both[1],
         )
 
-    def at(self, s: Floats, curve: NDArray[np.intp]) -> Floats:
+    def at(self, s: Floats, curve: Indices) -> Floats:
         """Return tangent, point, k and dk/ds (8, n) at arc lengths (n,) of curves (n,)."""
         forward = np.mod(-s if self.backwards else s, self.starts[-1, curve])
         path = FourierPath(
@@ -248,7 +249,7 @@ class DrawnCurves:
         tangent, point = frame[:, :, 0].T, frame[:, :, 2].T
         return np.concatenate([sense * tangent, point, sense * bend[None], slope[None]])
 
-    def _azimuth(self, s: Floats, curve: NDArray[np.intp]) -> Floats:
+    def _azimuth(self, s: Floats, curve: Indices) -> Floats:
         u = self.table.invert(s * (self.table.length / self.starts[-1, curve]))
         edges = self.table.edges
         panel = np.searchsorted(edges[1:-1], u, side="right")

@@ -9,10 +9,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar, Protocol, final
+from typing import ClassVar, Protocol, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.computed import computed
@@ -24,6 +23,7 @@ from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.study import requests_for
 from spherekit.analysis.tables import Column, Table, TableArrays, arrays
+from spherekit.arrays import Array, Floats, Indices
 from spherekit.checked import check_fields
 from spherekit.conventions import EPS, TURN, Status
 from spherekit.dynamics.forward import LEAST, simulate
@@ -36,7 +36,7 @@ from spherekit.model.study import Start, Study
 from spherekit.motion.motion import AngleMemory, Motion, Timing
 from spherekit.numeric.crossings import wrap
 from spherekit.progress import Working
-from spherekit.proof.balls import FEWEST, Balls, exactly, floats, pi
+from spherekit.proof.balls import FEWEST, exactly, floats, pi
 from spherekit.proof.rows import exact_field, exact_motion, exact_rows
 from spherekit.rates.request import (
     ROUTES,
@@ -44,7 +44,6 @@ from spherekit.rates.request import (
     Request,
     SignMemory,
 )
-from spherekit.sphere.rotation import Floats
 from spherekit.tradeoff.record import Measured
 
 ROUNDS = 5
@@ -171,8 +170,8 @@ def _scale(largest: Mapping[str, float], unit: str) -> float:
 def _of_column(
     table: str,
     column: Column,
-    ours: NDArray[Any],
-    theirs: NDArray[Any],
+    ours: Array,
+    theirs: Array,
     scale: float,
 ) -> Deviation:
     if len(ours) != len(theirs):
@@ -345,7 +344,7 @@ class Benchmark:
         tracer = self.course.tracer
         return requests_for(tracer.mechanism, self.needs, tracer.by_rank)
 
-    def reference_at(self, motion: Motion, inputs: Balls | None = None) -> Reference:
+    def reference_at(self, motion: Motion, inputs: Array | None = None) -> Reference:
         """Return the tables at the rows of a motion, see `Reference`.
 
         They hold the float64 numbers nearest to configurations and rates that the closure
@@ -375,7 +374,7 @@ class Benchmark:
         return list(deviations(tables, given, reference))
 
 
-def _turned(field: PoleField, toward: PoleField, rows: NDArray[np.intp]) -> PoleField:
+def _turned(field: PoleField, toward: PoleField, rows: Indices) -> PoleField:
     """Return a field with directions on the side of another's at these rows of it."""
     signs = {
         pole: np.where(np.sum(u * toward.direction[pole][rows], axis=1) < 0.0, -1.0, 1.0)

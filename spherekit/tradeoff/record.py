@@ -23,6 +23,7 @@ from spherekit.analysis.folder import differences
 from spherekit.analysis.result import Columns
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
+from spherekit.arrays import Floats
 from spherekit.checked import checked as judged
 from spherekit.conventions import AnyPath, without_numbers
 from spherekit.errors import AnalysisError
@@ -30,7 +31,6 @@ from spherekit.files.plain import as_json
 from spherekit.files.write import mechanism_hash
 from spherekit.model.study import Study
 from spherekit.planning.inputs import driven_at
-from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Sweep
 from spherekit.analysis.registry import create
@@ -20,6 +19,7 @@ from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.study import Subject, requests_for, study_of, takes
 from spherekit.analysis.tables import TableArrays
+from spherekit.arrays import Floats, Indices
 from spherekit.checked import checked
 from spherekit.conventions import EPS
 from spherekit.engine.fields import evaluate
@@ -28,7 +28,7 @@ from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.motion.motion import Tracer
 from spherekit.proof.balls import FEWEST as DIGITS
 from spherekit.rates.request import Request
-from spherekit.sphere.rotation import Floats, all_finite, max_abs
+from spherekit.sphere.rotation import all_finite, max_abs
 from spherekit.tradeoff.measure import (
     Benchmark,
     Deviation,
@@ -46,7 +46,7 @@ PEAKS = 8
 """Places of worst conditioning around which more samples are taken, in every step."""
 
 
-def places(course: Sampling, most: int, wanted: Request) -> NDArray[np.intp]:
+def places(course: Sampling, most: int, wanted: Request) -> Indices:
     """Return numbers of samples: `most` evenly, and more where axes are least certain.
 
     There errors of rounding and of functions read from nodes are largest. Between the
@@ -74,7 +74,7 @@ def places(course: Sampling, most: int, wanted: Request) -> NDArray[np.intp]:
         bound = np.concatenate([bound, added], axis=1)[:, order]
 
 
-def at_places(course: Sampling, rows: NDArray[np.intp], search: bool) -> Sampling:
+def at_places(course: Sampling, rows: Indices, search: bool) -> Sampling:
     """Return the course that runs through some samples of another only."""
     tracer = course.tracer
     only = tracer.assembly_modes[0].number if len(tracer.assembly_modes) == 1 else None
@@ -88,7 +88,7 @@ def at_places(course: Sampling, rows: NDArray[np.intp], search: bool) -> Samplin
     )
 
 
-def _bounds(course: Sampling, rows: NDArray[np.intp], wanted: Request) -> Floats:
+def _bounds(course: Sampling, rows: Indices, wanted: Request) -> Floats:
     """Return (assembly modes, samples) the largest bound of a direction of the plan."""
     motion = course.tracer.samples(rows)
     field = evaluate(motion, wanted, route="conditioned")
@@ -98,7 +98,7 @@ def _bounds(course: Sampling, rows: NDArray[np.intp], wanted: Request) -> Floats
     return largest.reshape(-1, motion.samples)
 
 
-def _peaks(bound: Floats) -> NDArray[np.intp]:
+def _peaks(bound: Floats) -> Indices:
     """Return the flat numbers of the highest local maxima along the samples."""
     beside = np.pad(bound, ((0, 0), (1, 1)), constant_values=-1.0)
     top = (bound >= beside[:, :-2]) & (bound >= beside[:, 2:])

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.scene import Floats, Page, Primitive, Scene
+from spherekit.analysis.scene import Page, Primitive, Scene
+from spherekit.arrays import Floats, Integers
 from spherekit.view import charts, colours, entities
 from spherekit.view.sdk import rr, rrb
 from spherekit.view.sight import Sight
@@ -41,9 +41,9 @@ class InputTimeline:
         """Name of the timeline, such as ``input_deg`` or ``input_deg_x10``."""
         return INPUT if self.scale == 1 else f"{INPUT}_x{self.scale}"
 
-    def ticks(self, inputs: Floats) -> NDArray[np.int64]:
+    def ticks(self, inputs: Floats) -> Integers:
         """Return input angles (n,) rad as whole units of this timeline."""
-        ticks: NDArray[np.int64] = np.rint(np.degrees(inputs) * self.scale)
+        ticks: Integers = np.rint(np.degrees(inputs) * self.scale)
         return ticks.astype(np.int64)
 
     def describe(self) -> str:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.plotted import (
     MARGIN,
@@ -20,15 +19,8 @@ from spherekit.analysis.plotted import (
     plotted_range,
     scale_of,
 )
-from spherekit.analysis.scene import (
-    Axis,
-    Floats,
-    InputMarks,
-    Mark,
-    Portrait,
-    Series,
-    titled,
-)
+from spherekit.analysis.scene import Axis, InputMarks, Mark, Portrait, Series, titled
+from spherekit.arrays import Floats, Integers
 from spherekit.conventions import listing
 from spherekit.sphere.rotation import nans
 from spherekit.view import colours, shapes
@@ -493,7 +485,7 @@ def _part(values: Floats, low: float, high: float) -> Floats:
     return np.asarray((values - low) / (high - low if high > low else 1.0))
 
 
-def _nearest(values: Floats, span: tuple[float, float], pixels: int) -> NDArray[np.int64]:
+def _nearest(values: Floats, span: tuple[float, float], pixels: int) -> Integers:
     """Return the number of the known value nearest to each pixel of a span."""
     low, high = span
     at = low + (high - low) * (np.arange(pixels) + 0.5) / pixels

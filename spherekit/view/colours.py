@@ -9,6 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.arrays import Floats
+
 Colour = tuple[int, int, int]
 
 BACKGROUND: Colour = (20, 22, 30)
@@ -46,7 +48,7 @@ HEAT: tuple[Colour, ...] = (
 """From low to high; the map viridis of S. van der Walt and N. Smith (2015), in five."""
 
 
-def heat(parts: NDArray[np.float64]) -> NDArray[np.uint8]:
+def heat(parts: Floats) -> NDArray[np.uint8]:
     """Return the colours (n, 3) of values (n,) between 0 and 1."""
     places = np.linspace(0.0, 1.0, len(HEAT))
     columns = [np.interp(parts, places, channel) for channel in np.array(HEAT, float).T]

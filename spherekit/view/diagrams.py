@@ -5,7 +5,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from spherekit.analysis.plotted import placed_labels
-from spherekit.analysis.scene import Diagram, Floats
+from spherekit.analysis.scene import Diagram
+from spherekit.arrays import Floats
 from spherekit.view import charts, colours
 from spherekit.view.sdk import rr
 

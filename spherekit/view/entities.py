@@ -16,7 +16,6 @@ from spherekit.analysis.scene import (
     Arrow,
     Body,
     Diagram,
-    Floats,
     Graph,
     GreatCircle,
     InputMarks,
@@ -31,6 +30,7 @@ from spherekit.analysis.scene import (
     rows_of,
     titled,
 )
+from spherekit.arrays import Bools, Floats, Integers
 from spherekit.region.mesh import sphere_mesh
 from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
 from spherekit.view import charts, colours, diagrams, shapes
@@ -191,7 +191,7 @@ def check_rows(primitive: Primitive, count: int) -> None:
             )
 
 
-def present(rows: Floats) -> NDArray[np.bool_]:
+def present(rows: Floats) -> Bools:
     """Return which rows (n, k) hold numbers throughout."""
     return np.asarray(np.isfinite(rows).all(axis=1))
 
@@ -225,17 +225,17 @@ def failure_label() -> rr.Points3D:
     )
 
 
-def failure_columns(failed: NDArray[np.bool_]) -> Iterable[rr.ComponentColumn]:
+def failure_columns(failed: Bools) -> Iterable[rr.ComponentColumn]:
     """Return the columns that show the failure label at the failed samples only."""
     return _points(np.zeros((int(failed.sum()), 3)), failed.astype(np.int64))
 
 
-def _points(positions: Floats, count: NDArray[np.int64]) -> Iterable[rr.ComponentColumn]:
+def _points(positions: Floats, count: Integers) -> Iterable[rr.ComponentColumn]:
     return rr.Points3D.columns(positions=positions).partition(count)
 
 
 def _shared_labels(
-    directions: Floats, labels: NDArray[np.object_], shown: NDArray[np.bool_]
+    directions: Floats, labels: NDArray[np.object_], shown: Bools
 ) -> Iterable[rr.ComponentColumn]:
     """Return labels (n,) of arrows that cover each other, at the rows that are `shown`."""
     shown = shown & (labels != "")
@@ -249,7 +249,7 @@ def _shared_labels(
     ).partition(shown.astype(np.int64))
 
 
-def _turned(quaternions: Floats, good: NDArray[np.bool_]) -> Iterable[rr.ComponentColumn]:
+def _turned(quaternions: Floats, good: Bools) -> Iterable[rr.ComponentColumn]:
     scale = np.where(good, 1.0, HIDDEN)[:, None] * np.ones(3)
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     turn = np.where(good[:, None], quaternions, upright)

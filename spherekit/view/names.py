@@ -10,7 +10,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.scene import Arrow, Body, Floats, Primitive
+from spherekit.analysis.scene import Arrow, Body, Primitive
+from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.sphere.rotation import from_quaternion
 from spherekit.view.sight import Sight

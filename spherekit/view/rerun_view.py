@@ -14,7 +14,6 @@ from types import TracebackType
 from typing import Self, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.plotted import map_range
 from spherekit.analysis.scene import (
@@ -22,7 +21,6 @@ from spherekit.analysis.scene import (
     Axis,
     Body,
     Diagram,
-    Floats,
     Graph,
     GreatCircle,
     InputMarks,
@@ -40,6 +38,7 @@ from spherekit.analysis.scene import (
     in_degrees,
     titled,
 )
+from spherekit.arrays import Floats, Integers
 from spherekit.checked import checked_class
 from spherekit.errors import OutputError
 from spherekit.view import charts, colours, diagrams, entities, shapes
@@ -345,7 +344,7 @@ class RerunRecorder:
     def log(
         self,
         scene: Scene,
-        samples: NDArray[np.int64],
+        samples: Integers,
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
@@ -416,7 +415,7 @@ class RerunRecorder:
         self._outputs.each(lambda output: output.flush())
 
     def _time(
-        self, samples: NDArray[np.int64], inputs: Floats | None, times: Floats | None
+        self, samples: Integers, inputs: Floats | None, times: Floats | None
     ) -> list[rr.TimeColumn]:
         """Return where rows are on the timelines."""
         lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
@@ -432,7 +431,7 @@ class RerunRecorder:
         return lines
 
     def _axis(
-        self, samples: NDArray[np.int64], inputs: Floats | None, times: Floats | None
+        self, samples: Integers, inputs: Floats | None, times: Floats | None
     ) -> tuple[Axis, ...]:
         """Return what a scene that does not say it is plotted over."""
         if times is not None and self._span is not None:

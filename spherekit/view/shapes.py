@@ -3,9 +3,8 @@
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spherekit.analysis.scene import Floats
+from spherekit.arrays import Bools, Floats, Integers
 from spherekit.sphere.rotation import unit_rows
 
 LONGEST_CHORD = np.radians(3.0)
@@ -31,7 +30,7 @@ def box(low: Floats, high: Floats) -> list[Floats]:
     return [np.array([a, b]) for a, b in combinations(corners, 2) if np.sum(a != b) == 1]
 
 
-def vertex_normals(vertices: Floats, triangles: NDArray[np.int64]) -> Floats:
+def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
     """Return unit normals (v, 3) of a mesh, means of those of the triangles around.
 
     Where these have no common side, they are turned to agree with the first one.
@@ -69,7 +68,7 @@ def path_on_sphere(directions: Floats, row: int | None = None) -> list[Floats]:
     sample to the next, and after every `row` samples if that is given. A direction that
     does not move has no path.
     """
-    finite: NDArray[np.bool_] = np.asarray(np.isfinite(directions).all(axis=1))
+    finite: Bools = np.asarray(np.isfinite(directions).all(axis=1))
     joined = finite[1:] & finite[:-1]
     joined &= np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.0
     if row is not None:
@@ -81,7 +80,7 @@ def path_on_sphere(directions: Floats, row: int | None = None) -> list[Floats]:
 
 def unbroken(points: Floats) -> list[Floats]:
     """Return the polylines between the NaN rows of points (n, k)."""
-    finite: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
+    finite: Bools = np.asarray(np.isfinite(points).all(axis=1))
     pieces = np.split(points, np.flatnonzero(~(finite[1:] & finite[:-1])) + 1)
     return [piece for piece in pieces if len(piece) > 1]
 

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from spherekit.analysis.scene import Floats
+from spherekit.arrays import Floats
 
 DISTANCE = 3.0
 ASIDE = 0.3

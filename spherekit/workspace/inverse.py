@@ -12,8 +12,8 @@ from itertools import product
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.errors import AnalysisError, ModelError, SolveError, SpherekitError
 from spherekit.guidance.loci import mid_plane_form
@@ -32,7 +32,7 @@ from spherekit.output.virtual_output import COORDINATES, with_wrist
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.part import of_pairs
 from spherekit.planning.wheels import WheelTrain, wheel_train
-from spherekit.sphere.rotation import Floats, cross, nans
+from spherekit.sphere.rotation import cross, nans
 from spherekit.workspace.rows import InverseRows, Rows, Span
 from spherekit.workspace.workspace import ClosedKinematics, OutputKinematics
 
@@ -88,7 +88,7 @@ class MidPlaneKinematics(ClosedKinematics):
         upward = plane.normals(inputs)
         away = -np.sign(upward @ form.home)[:, None]  # from the image of the output
         normals, driven_modes = away * upward, away * plane.modes(inputs)
-        parts: list[tuple[NDArray[np.intp], Floats, list[Signs]]] = []
+        parts: list[tuple[Indices, Floats, list[Signs]]] = []
         for signs in self.modes:
             same = np.all(driven_modes == np.array(signs)[list(plane.driven)], axis=1)
             row = np.flatnonzero(same)
@@ -520,7 +520,7 @@ class GraphKinematics(OutputKinematics):
         )
 
 
-def _filled(array: Floats, rows: NDArray[np.intp]) -> Floats:
+def _filled(array: Floats, rows: Indices) -> Floats:
     """Return some rows, NaN where their number is negative."""
     filled = nans((len(rows), *array.shape[1:]))
     filled[rows >= 0] = array[rows[rows >= 0]]

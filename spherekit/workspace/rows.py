@@ -14,6 +14,7 @@ from typing import Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import AnalysisError
 from spherekit.guidance.mid_plane_architecture import axis_in
@@ -24,7 +25,7 @@ from spherekit.motion.assembly_modes import FLAT_DYAD
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.output.dyads import DyadArcs, InputRates, reciprocal
-from spherekit.sphere.rotation import Floats, arc
+from spherekit.sphere.rotation import arc
 
 
 class Rows(Protocol):
@@ -125,12 +126,12 @@ class InverseRows(ArrayRows):
         Names of the limits.
     """
 
-    pose: NDArray[np.intp]
+    pose: Indices
     mode: NDArray[np.str_]
     inputs: Floats
-    status: NDArray[np.int8]
+    status: SmallIntegers
     margin: Floats
-    limiting: NDArray[np.intp]
+    limiting: Indices
     type_1: Floats
     type_2: Floats
     rates: Floats
@@ -141,15 +142,15 @@ class InverseRows(ArrayRows):
         return len(self.pose)
 
     @property
-    def solved(self) -> NDArray[np.bool_]:
+    def solved(self) -> Bools:
         """Which rows (k,) have a configuration."""
         return np.asarray(self.status != Status.OUT_OF_REACH)
 
     @staticmethod
     def judged(
-        pose: NDArray[np.intp],
+        pose: Indices,
         mode: NDArray[np.str_],
-        limit: tuple[Floats, NDArray[np.intp], tuple[str, ...]],
+        limit: tuple[Floats, Indices, tuple[str, ...]],
         *,
         inputs: Floats,
         type_1: Floats,
@@ -199,7 +200,7 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     return np.swapaxes(turns, 1, 2)
 
 
-def sense_of(rates: Floats, directions: Floats | None) -> NDArray[np.int64]:
+def sense_of(rates: Floats, directions: Floats | None) -> Integers:
     """Return the sign (k,) of the determinant of rates (k, inputs, 3), 0 for none.
 
     It changes at singularities only: poses of one mode and one sign that hang together
@@ -308,7 +309,7 @@ def bounds_of(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...
     return bounds or (_NO_LIMIT,)
 
 
-def left_of(bounds: Sequence[AngleLimit], rows: Rows) -> tuple[Floats, NDArray[np.intp]]:
+def left_of(bounds: Sequence[AngleLimit], rows: Rows) -> tuple[Floats, Indices]:
     """Return what is left (n,) rad to the nearest bound, and its number.
 
     Negative outside; the number is -1 where no limit says why the pose cannot be taken.

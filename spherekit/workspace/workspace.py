@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import TypeVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
@@ -30,7 +30,7 @@ from spherekit.rates.transmission import Transmission
 from spherekit.region.mesh import spread
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.refine import Region, find_region
-from spherekit.sphere.rotation import Floats, from_quaternion, nans
+from spherekit.sphere.rotation import from_quaternion, nans
 from spherekit.workspace.rows import (
     AngleLimit,
     Constraints,
@@ -211,13 +211,13 @@ class Judged:
     """
 
     margin: Floats
-    limiting: NDArray[np.intp]
+    limiting: Indices
     inputs: Floats
     type_1: Floats
     type_2: Floats
 
     @property
-    def inside(self) -> NDArray[np.bool_]:
+    def inside(self) -> Bools:
         """Which poses (n,) keep to all bounds."""
         return self.margin >= 0.0
 
@@ -434,7 +434,7 @@ def nearest_orientations(
     inside enters the workspace for good; None if none of them is.
     """
 
-    def inside(places: Floats) -> NDArray[np.bool_]:
+    def inside(places: Floats) -> Bools:
         return judge(kinematics, bounds, signs, places).inside
 
     held = samples[inside(samples)]
@@ -486,9 +486,7 @@ def _beyond(start: Floats, aim: Floats, step: float) -> Floats:
     return turned / np.linalg.norm(turned)
 
 
-def _on_way(
-    outside: Floats, held: Floats, inside: Callable[[Floats], NDArray[np.bool_]]
-) -> Floats:
+def _on_way(outside: Floats, held: Floats, inside: Callable[[Floats], Bools]) -> Floats:
     """Return the quaternion on the way to `held` from which on all samples are inside."""
     low, high = 0.0, 1.0
     for _ in range(WAY_ROUNDS):

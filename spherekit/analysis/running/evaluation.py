@@ -7,13 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from spherekit.analysis.batch import Needs
 from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.rows_at_once import RowsAtOnce
 from spherekit.analysis.running.sampling import Sampling
+from spherekit.arrays import Floats, Indices
 from spherekit.checked import checked_class
 from spherekit.engine.compiler import heyoka
 from spherekit.engine.fields import RowEngine, evaluate
@@ -26,7 +24,6 @@ from spherekit.rates.request import (
     Route,
     SignMemory,
 )
-from spherekit.sphere.rotation import Floats
 
 Integrator = Literal["auto", "numpy", "compiled"]
 
@@ -135,7 +132,7 @@ class Evaluation:
             return
         yield from self.course.blocks(size, first)
 
-    def motion_at(self, rows: NDArray[np.intp]) -> Motion:
+    def motion_at(self, rows: Indices) -> Motion:
         """Return the motion at some samples, by their numbers in rising order."""
         course = self.course
         if self.at_once is not None:

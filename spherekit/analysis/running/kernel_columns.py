@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.running.in_turn import each_at_once
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.conventions import Status
 from spherekit.engine.columns import ERRORS, SIGNED
 from spherekit.engine.fields import add_locked, found
@@ -17,14 +17,13 @@ from spherekit.numeric.unread import LentMemory, Reader, Unread
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import PoleField, Request, TurnedRows
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.sphere.rotation import Floats, nans
+from spherekit.sphere.rotation import nans
 
 SLICE = 8184
 """Rows of a slice: no power of two, for columns would then share the lines of the cache."""
 MEMORY = LentMemory()
 """What blocks are in, of this run and the next."""
 
-Numbers = NDArray[np.intp]
 Part = tuple[int, slice]
 """A slice of successive rows, and the number of their assembly mode."""
 ColumnKey = tuple[int, str, Any, int]
@@ -54,7 +53,7 @@ class KernelColumns:
         kernel: RowKernel,
         motion: Motion,
         requests: Sequence[Request],
-        doubtful: Numbers,
+        doubtful: Indices,
     ) -> None:
         self.kernel, self.doubtful, self.requests = kernel, doubtful, requests
         self.careful: list[PoleField] = []
@@ -68,7 +67,7 @@ class KernelColumns:
             pairs = zip(requests, kernel.rates, strict=False)
             self.careful = [_careful(rows, item, at.signed) for item, at in pairs]
 
-    def relative_at(self, number: int, rows: Numbers) -> tuple[Floats, Floats, Floats]:
+    def relative_at(self, number: int, rows: Indices) -> tuple[Floats, Floats, Floats]:
         """Return of an input the directions without a sense, not turned round, at rows.
 
         With relative angular velocities and their derivatives, each (3, poles, k).
@@ -203,7 +202,7 @@ class UnreadField:
         source: KernelColumns,
         number: int,
         motion: Motion,
-        vouched: NDArray[np.bool_],
+        vouched: Bools,
         errors: Sequence[float],
         whole: Callable[[], Floats],
     ) -> None:
@@ -214,7 +213,7 @@ class UnreadField:
         late = source.careful[number] if source.careful else None
         n, rows = len(motion), source.doubtful
 
-        def put(column: NDArray[Any], name: str, pole: Pole | None = None) -> NDArray[Any]:
+        def put(column: Array, name: str, pole: Pole | None = None) -> Array:
             if late is None:
                 return column
             values = getattr(late, name)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.link_scenes import (
     graph_scene,
@@ -16,11 +15,11 @@ from spherekit.analysis.link_scenes import (
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.scene import Axis, Portrait, Primitive, RecordingHead, Scene
+from spherekit.arrays import Bools, Floats, Integers
 from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Plan
-from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
 
 MOST_LOGGED = 20_000
@@ -70,7 +69,7 @@ class Thinning:
     row: int
     total: int
 
-    def chosen(self, sample: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def chosen(self, sample: Integers) -> Bools:
         """Return (n,) whether samples (n,) are logged."""
         last = (sample == self.total - 1) & (self.row == self.total)
         return np.asarray((sample % self.row % self.every == 0) | last)
@@ -210,7 +209,7 @@ class RecordingSession:
             ]
         self._log(scenes, motion, source)
 
-    def _chosen(self, motion: Motion) -> NDArray[np.bool_]:
+    def _chosen(self, motion: Motion) -> Bools:
         """Return (n,) which rows of a block are logged."""
         fresh = motion.sample >= self._logged_to
         return np.asarray(self._thinning.chosen(motion.sample) & fresh)

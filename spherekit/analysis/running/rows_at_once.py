@@ -16,19 +16,18 @@ from functools import cache, partial
 from typing import Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.running.in_turn import each_at_once, in_turn
 from spherekit.analysis.running.kernel_columns import (
     MEMORY,
     SLICE,
     KernelColumns,
-    Numbers,
     Part,
     UnreadField,
     slices_of,
 )
 from spherekit.analysis.running.sampling import Sampling
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
 from spherekit.engine.dyads import given_by
@@ -44,14 +43,14 @@ from spherekit.rates.request import (
     sides_of,
     signs_at_stops,
 )
-from spherekit.sphere.rotation import Floats, max_abs, nans
+from spherekit.sphere.rotation import max_abs, nans
 
 SHORTEST_RUN = 64
 """Rows without a configuration that follow each other less often are left out by number."""
 SMALL_STEP = 1e-6
 """A step of Newton's method (rad) from what was predicted stays in its mode."""
 
-NONE: Numbers = np.empty(0, dtype=np.intp)
+NONE: Indices = np.empty(0, dtype=np.intp)
 FEW = 128
 """So many angular velocities are compared one by one where their box leaves it open."""
 PARTS = 8
@@ -90,7 +89,7 @@ class Rows:
             self._close(open_)
         return [seen for seen, _ in made]
 
-    def put(self, rows: Numbers, residual: Floats | None = None) -> None:
+    def put(self, rows: Indices, residual: Floats | None = None) -> None:
         """Fill rows by their numbers, whose values are known, and the residual may be."""
         judging, values = self.kernel.judging, self.values[:, rows]
         judged = judging(values)
@@ -104,10 +103,10 @@ class Rows:
         if np.any(good):
             self.late.append(largest(judging, judged, good))
 
-    def leave_out(self, failed: NDArray[np.bool_]) -> None:
+    def leave_out(self, failed: Bools) -> None:
         """Give rows (n,) that hold no configuration no numbers."""
         edges = np.flatnonzero(np.diff(failed, prepend=False, append=False)).tolist()
-        runs: list[slice | Numbers] = [
+        runs: list[slice | Indices] = [
             slice(*run) for run in zip(edges[::2], edges[1::2], strict=True)
         ]
         if len(runs) * SHORTEST_RUN > len(failed):
@@ -126,17 +125,17 @@ class Rows:
         ]
         return [(mode, here) for mode, here in made if here is not None]
 
-    def _looked_at(self, rows: Numbers) -> "Seen | None":
+    def _looked_at(self, rows: Indices) -> "Seen | None":
         """Return what is seen of some rows, found again."""
         if not len(rows):
             return None
         judging = self.kernel.judging
         return Seen.of(judging, judging(self.values[:, rows]), rows)
 
-    def _fill(self, part: Part) -> "tuple[Seen | None, Numbers]":
+    def _fill(self, part: Part) -> "tuple[Seen | None, Indices]":
         """Fill a slice; return what is seen of it, and rows that a step may close."""
         mode, rows = part
-        lost: NDArray[np.bool_] | None = None
+        lost: Bools | None = None
         first, count = mode * self._q.shape[1], rows.stop - rows.start
         q = self._q[:, rows.start - first : rows.stop - first]
         by_inputs, judging = self.positions.by_inputs, self.positions.deciding
@@ -168,7 +167,7 @@ class Rows:
                 seen = Seen.of(judging, columns[:, well], numbers[well])
             return seen, numbers[open_]
 
-    def _close(self, open_: Numbers) -> None:
+    def _close(self, open_: Indices) -> None:
         """Take a step of Newton's method at some rows; keep what that closes, near by."""
         before = self.values[:, open_]
         after = before.copy()
@@ -223,7 +222,7 @@ class Positions:
         """Return the signs of a mode's dyads."""
         return self.tracer.assembly_modes[number].signs
 
-    def lost(self, number: int, q: Floats, values: Floats) -> NDArray[np.bool_]:
+    def lost(self, number: int, q: Floats, values: Floats) -> Bools:
         """Return (n,) which samples a mode surely does not reach.
 
         At inputs q (inputs, n), where no variables (variables, n) are read.
@@ -250,7 +249,7 @@ class Seen:
     first: int
     last: int
     ends: tuple[Floats, ...]
-    gaps: tuple[Numbers, ...]
+    gaps: tuple[Indices, ...]
     errors: tuple[tuple[float, ...], ...]
 
     @classmethod
@@ -258,8 +257,8 @@ class Seen:
         cls,
         deciding: RowFunction,
         columns: Floats,
-        rows: Numbers,
-        counted: NDArray[np.bool_] | None = None,
+        rows: Indices,
+        counted: Bools | None = None,
     ) -> "Seen":
         """Return what is seen of successive rows; errors are those of the `counted`."""
         every = range(len(deciding.inputs))
@@ -277,7 +276,7 @@ class Seen:
 
 
 def largest(
-    deciding: RowFunction, columns: Floats, chosen: NDArray[np.bool_]
+    deciding: RowFunction, columns: Floats, chosen: Bools
 ) -> tuple[tuple[float, ...], ...]:
     """Return the largest errors of chosen rows by input: directions, rates, changes."""
     some = slice(None) if np.all(chosen) else chosen
@@ -291,15 +290,15 @@ def largest(
 def stops_of(
     seen: Sequence[tuple[int, Seen]],
     number: int,
-    held: NDArray[np.bool_],
-    careful: Numbers,
+    held: Bools,
+    careful: Indices,
 ) -> dict[int, Stops]:
     """Return where directions of an input are looked at, by the modes' places.
 
     `seen` are slices with their modes, in order; `held` (modes, samples) says which rows
     have a configuration, `careful` are those that were found with care.
     """
-    gaps: dict[int, list[Numbers]] = defaultdict(list)
+    gaps: dict[int, list[Indices]] = defaultdict(list)
     for mode, here in seen:
         gaps[mode].append(here.gaps[number])
     ends = np.array([here.ends[number] for _, here in seen])
@@ -326,7 +325,7 @@ def stops_of(
     return stops
 
 
-def _stops(ends: Numbers, parts: Sequence[Numbers]) -> Stops:
+def _stops(ends: Indices, parts: Sequence[Indices]) -> Stops:
     gaps = np.concatenate([np.empty((2, 0), dtype=np.intp), *parts], axis=1)
     rows = np.unique(np.concatenate([ends, gaps.ravel()]))
     depth = np.zeros(len(rows), dtype=np.intp)
@@ -336,7 +335,7 @@ def _stops(ends: Numbers, parts: Sequence[Numbers]) -> Stops:
     return Stops(rows, np.cumsum(depth)[:-1] > 0)
 
 
-def _along(one: Floats, two: Floats) -> NDArray[np.bool_]:
+def _along(one: Floats, two: Floats) -> Bools:
     """Return which directions (..., 3) do not reverse from one to the other."""
     sizes = np.sum(one * one, axis=-1) * np.sum(two * two, axis=-1)
     return np.asarray(np.sum(one * two, axis=-1) >= ASIDE * np.sqrt(sizes))
@@ -348,7 +347,7 @@ def _gaps(
     number: int,
     box: tuple[Floats, Floats] | None = None,
     first: int = 0,
-) -> Numbers:
+) -> Indices:
     """Return after which rows a direction of an input may reverse to the next one.
 
     By the angular velocities (links, 3, n) of what turns: within their `box`, least and
@@ -406,10 +405,10 @@ class _Block:
     """
 
     rows: Rows
-    held: NDArray[np.bool_]
-    doubtful: Numbers
+    held: Bools
+    doubtful: Indices
     stops: Sequence[Mapping[int, Stops]]
-    errors: NDArray[np.float64]
+    errors: Floats
 
 
 @final
@@ -519,7 +518,7 @@ class RowsAtOnce:
         at = partial(columns.relative_at, number)
         return signs_at_stops(motion, signed, block.stops[number], at, memory)
 
-    def motion_at(self, samples: Numbers) -> Motion:
+    def motion_at(self, samples: Indices) -> Motion:
         """Return the motion at some samples, by their numbers."""
         course, tracer = self.course, self.course.tracer
         modes, count = len(tracer.assembly_modes), len(samples)
@@ -583,7 +582,7 @@ class RowsAtOnce:
         self._found[id(motion)] = block
         return motion
 
-    def _with_care(self, rows: Rows, samples: Numbers, late: Numbers) -> None:
+    def _with_care(self, rows: Rows, samples: Indices, late: Indices) -> None:
         """Find rows as the tracer does, and what the kernel says of them."""
         tracer, count = self.course.tracer, len(samples)
         residual = np.empty(len(late))

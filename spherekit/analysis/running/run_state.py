@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Self, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.batch import Batch, run_status
 from spherekit.analysis.contract import AbstractAnalysis, Findings
@@ -16,6 +15,7 @@ from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.tables import Table, TableData
+from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.files.plain import as_json
 from spherekit.files.write import mechanism_hash
@@ -23,7 +23,6 @@ from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import AngleMemory, Motion, Tracer
 from spherekit.numeric.unread import Interleaved
 from spherekit.rates.request import PoleField, SignMemory
-from spherekit.sphere.rotation import Floats
 from spherekit.version import __version__
 
 Counts = dict[str, int]
@@ -166,13 +165,13 @@ class RunStatistics:
         }
 
 
-def _good(status: NDArray[np.int8]) -> slice | NDArray[np.bool_]:
+def _good(status: SmallIntegers) -> slice | Bools:
     """Return which rows are well: a slice, if all are."""
     held = status == Status.OK
     return slice(None) if np.all(held) else np.asarray(held)
 
 
-def _counts(status: NDArray[np.int8]) -> Counts:
+def _counts(status: SmallIntegers) -> Counts:
     """Return how often each code is there."""
     if not np.any(status != Status.OK):
         return {Status.OK.name: len(status)} if len(status) else {}
@@ -190,10 +189,10 @@ def _in_order(counts: Mapping[str, int]) -> Counts:
 
 
 def _counted_once(
-    arrays: Iterable[NDArray[Any]],
-) -> Iterable[tuple[NDArray[Any], int]]:
+    arrays: Iterable[Array],
+) -> Iterable[tuple[Array, int]]:
     """Return arrays without those that are there again, and how often each is."""
-    counted: dict[tuple[int, tuple[int, ...]], tuple[NDArray[Any], int]] = {}
+    counted: dict[tuple[int, tuple[int, ...]], tuple[Array, int]] = {}
     for array in arrays:
         key = array.__array_interface__["data"][0], array.strides
         counted[key] = array, counted.get(key, (array, 0))[1] + 1

@@ -6,9 +6,9 @@ from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
+from spherekit.arrays import Floats, Integers
 from spherekit.conventions import TURN, Status
 from spherekit.dynamics.forward import Solving, need_allowed, solving
 from spherekit.dynamics.simulation import Simulation
@@ -28,7 +28,6 @@ from spherekit.motion.motion import (
 )
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import Floats
 
 UNIT_SPEED = 1.0
 """An input without a law turns at this speed (rad/s), as in the source's example."""
@@ -117,7 +116,7 @@ class Sampling:
                 timing = timing.rows(rows).repeated(len(motion.assembly_modes))
             yield replace(motion, timing=timing)
 
-    def simulated(self, sample: NDArray[np.int64]) -> Motion:
+    def simulated(self, sample: Integers) -> Motion:
         """Return the motion of the simulation at some samples (n,)."""
         assert self.simulation is not None and self.timing is not None
         return motion_of(self.simulation, self.tracer, self.timing.t[sample], sample)
@@ -409,7 +408,7 @@ def _over_time(
 
 
 def motion_of(
-    simulation: Simulation, tracer: Tracer, t: Floats, sample: NDArray[np.int64]
+    simulation: Simulation, tracer: Tracer, t: Floats, sample: Integers
 ) -> Motion:
     """Return a simulation as a motion, at times t (n,) of these samples."""
     states = simulation.at(t)

@@ -377,14 +377,8 @@ def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
             for name, finding in findings.items()
             for text in finding.remarks
         ],
-        "warnings": [
-            *course.warnings,
-            *(
-                f"{name}: {text}"
-                for name, finding in findings.items()
-                for text in finding.warnings
-            ),
-        ],
+        "warnings": [*course.warnings]
+        + [f"{name}: {text}" for name, item in findings.items() for text in item.warnings],
     }
 
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.computed import computed
@@ -30,6 +29,7 @@ from spherekit.analysis.tables import (
     TableArrays,
     arrays,
 )
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.errors import SpherekitError
 from spherekit.motion.motion import Motion
@@ -45,7 +45,7 @@ from spherekit.proof.rows import (
     exact_rows_by_input,
 )
 from spherekit.rates.request import PoleField, Request
-from spherekit.sphere.rotation import Floats, nans
+from spherekit.sphere.rotation import nans
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 """Multiples of it, without their whole parts, are spread evenly over 0 to 1."""
@@ -80,7 +80,7 @@ class _Kept(ArrayRows):
         scores = (self.motion.residual, self.bound, self.condition)
         return [int(np.argmax(np.nan_to_num(score, nan=-1.0))) for score in scores]
 
-    def chosen(self, count: int) -> NDArray[np.bool_]:
+    def chosen(self, count: int) -> Bools:
         """Return which rows to keep: the worst, and as many others as fit, spread."""
         wanted = dict.fromkeys([*self.worst(), *map(int, np.argsort(self.spread))])
         rows = np.zeros(len(self.spread), dtype=bool)
@@ -250,11 +250,11 @@ class _Rows:
     """
 
     motion: Motion
-    has_reference: NDArray[np.bool_]
+    has_reference: Bools
     condition: Floats
     allowed: Floats
 
-    def of(self, data: TableArrays) -> NDArray[np.intp]:
+    def of(self, data: TableArrays) -> Indices:
         """Return the row that each row of a table belongs to, -1 if none."""
         number = {
             place: row
