@@ -8,12 +8,16 @@ import mpmath as mp
 import numpy as np
 import pytest
 from exact_four_bar import cross, dot
+from random_mechanisms import random_mechanism
 from refusals import text_of
 from special_mechanisms import special_mechanism
-from stated_errors import KINDS, judged_special, stated
+from stated_errors import KINDS, evaluate, judged_special, stated
 
 import spherekit as sk
+from spherekit.conventions import EPS
 from spherekit.motion.motion import Tracer
+from spherekit.planning.poles import all_poles
+from spherekit.rates.request import request
 
 FOUR_BAR = text_of("special")
 """Four-bars as files state them, in decimal degrees."""
@@ -157,3 +161,13 @@ def test_shipped_mechanisms_keep_to_what_is_stated(name):
 def test_special_mechanisms_are_of_all_kinds():
     kinds = {special_mechanism(seed)[0] for seed in range(200)}
     assert len(kinds) == 21
+
+
+def test_bounds_of_rows_in_quad_precision_are_those_of_rounding_at_least():
+    """An axis of the ground counted as what changes when loops open, by its components."""
+    made = random_mechanism(2)[1]
+    tracer = Tracer(made, search=False, samples=3, assembly_mode=0)
+    poles = all_poles(len(made.links))
+    field = evaluate(tracer.motion(), request(made, made.inputs[0].pair, poles, poles))
+    assert np.all(field.by_equations)
+    assert all(np.all(error > EPS) for error in field.error.values())

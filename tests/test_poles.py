@@ -202,8 +202,9 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
             distance = off_axis(field.direction[i, j][1], vector)
             bound = max(field.error[i, j][1], 1e-14 / (gap * size))
             assert distance < bound, (i, j, distance, bound)
+            # In quad precision loops are closed first, beside the configuration of w.
             if field.by_equations[1]:
-                assert distance < 1e-14 / (gap * size)
+                assert distance < 1e-13 / (gap * size)
     assert 5 <= taken <= 35
 
 

@@ -216,7 +216,8 @@ class _Rows:
         turns = np.sqrt(3.0 * len(tree.chords)) * aside[3 : 3 + tree.count]
 
         def spread(name: str, key: Any) -> Floats:
-            return np.asarray(np.sum(self._of[name][key].of(made.spread), axis=0))
+            place = self._of[name][key]
+            return np.asarray(np.sum(place.of(made.spread) * (not place.numbers), axis=0))
 
         def of_links(name: str) -> tuple[Floats, Floats]:
             places = [self._of[name][link] for link in range(tree.count)]
