@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section, median, ratio, rounds
 from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.path import through_runs
+from spherekit.dynamics.path import on_curve, through_runs
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import prepare
 from spherekit.engine.compiler import available, heyoka
@@ -169,7 +169,7 @@ def _exact(times: Floats) -> tuple[Floats, str]:
         1.0,
         equation.closed,
     ).run([10.0])
-    traced = through_runs([found], [(1.0, found.equation.rates)]).at(times)
+    traced = through_runs([found], [on_curve(found.equation)]).at(times)
     count = traced.turns.shape[1]
     values = traced.states[:, :count] + 2.0 * np.pi * traced.turns
     return values[:, problem.driven[0]], "in quadruple precision"

@@ -155,7 +155,6 @@ def test_a_stop_beyond_a_singularity_of_type_2_ends_both_engines_alike():
     assert ends[0].events[-1].inputs == pytest.approx(ends[1].events[-1].inputs, abs=1e-12)
 
 
-@pytest.mark.long  # creeps through the crossing since momenta are rates over one unit
 def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
     """Chen et al. 2021, Table 3: from pose to pose, straight on where sets cross.
 

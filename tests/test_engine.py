@@ -19,7 +19,7 @@ from newton_euler import body
 from scipy.integrate import solve_ivp
 
 from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.path import through_runs
+from spherekit.dynamics.path import on_curve, through_runs
 from spherekit.dynamics.start import PoseStart, prepare
 from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.dyads import Cache
@@ -451,7 +451,7 @@ def reference_path(made, assembly_mode):
         1.0,
         problem.equation.closed,
     ).run([10.0])
-    path = through_runs([found], [(1.0, found.equation.rates)])
+    path = through_runs([found], [on_curve(found.equation)])
     traced = path.at(np.linspace(0.0, 10.0, 101))
     return (traced.states[:, :4] + 2.0 * np.pi * traced.turns)[:, problem.driven[0]]
 

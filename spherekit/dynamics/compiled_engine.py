@@ -14,7 +14,13 @@ from spherekit.dynamics.coordinates import (
     reciprocal_condition,
 )
 from spherekit.dynamics.forces import rates_by_time
-from spherekit.dynamics.path import Frames, StatePath, through_runs
+from spherekit.dynamics.path import (
+    Frames,
+    StatePath,
+    in_coordinates,
+    on_curve,
+    through_runs,
+)
 from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
@@ -142,7 +148,7 @@ def _along_curve(
         problem.equation.closed,
     ).run((*problem.switches, problem.until))
     _need_stretches(problem, run)
-    return [run], [(sense, made.rates)]
+    return [run], [on_curve(made, sense)]
 
 
 def _by_coordinates(
@@ -178,7 +184,7 @@ def _by_coordinates(
         _need_stretches(problem, run)
         frame = np.eye(equation.variables)[list(places)]
         runs.append(run)
-        framed.append((1.0, frame))
+        framed.append(in_coordinates(equation, frame))
         if run.end == "singularity" and not fine:
             most = LOOSEST
         elif run.end != "coordinates":

@@ -268,7 +268,7 @@ class Collocation:
         problem = self.problem
         dynamics = self.equation.at(np.zeros(1), state[None], self.frame, problem.whole)
         pace = float(np.linalg.norm(dynamics.speed[0])) / FIRST_ARC
-        push = float(np.linalg.norm(dynamics.push[0]) / dynamics.root[0])
+        push = float(np.linalg.norm(dynamics.roots.solved(dynamics.push)[0]))
         pace = max(pace, np.sqrt(push / FIRST_ARC))
         until = problem.until
         length = min(until, 1.0 / max(pace, 1e-300), 1.0)

@@ -20,8 +20,12 @@ from numpy.polynomial import legendre
 
 from spherekit.arrays import Floats
 from spherekit.conventions import EPS
+from spherekit.dynamics.coordinates import inertia
 from spherekit.dynamics.start import variable_of
+from spherekit.dynamics.state import EquationOfMotion, Roots
+from spherekit.engine.equation import CompiledEquation
 from spherekit.engine.integration import Run, Stretch
+from spherekit.engine.system import mass_size
 from spherekit.model.dynamics import Stop
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
@@ -394,15 +398,40 @@ def _in_step(step: Step, frames: Floats, turns: Floats, t: Floats) -> Traced:
     return Traced(step.at(t), step.rate(t), frames[nearest], whole)
 
 
-Frames = tuple[float, Floats | Callable[[Floats], Floats]]
-"""The sense of momenta, and frames (m, variables), or (n, m, variables) of variables."""
+Frames = Callable[[Floats, Floats], Floats]
+"""Sets the momenta of a run's states and rates (n, states), returns their frames."""
+
+
+def on_curve(equation: CompiledEquation, sense: float = 1.0) -> Frames:
+    """Return the frames of one freedom: homogeneous rates, in the sense of a tangent."""
+    count = equation.layout.variables
+
+    def framed(states: Floats, changes: Floats) -> Floats:
+        for array in (states, changes):
+            array[:, count] *= sense
+        return sense * equation.rates(states[:, :count])
+
+    return framed
+
+
+def in_coordinates(equation: EquationOfMotion, frame: Floats) -> Frames:
+    """Return those of several freedoms: a frame (m, variables), momenta from rates."""
+    root, momenta = np.sqrt(mass_size(equation.mechanism)), equation.momenta
+
+    def framed(states: Floats, changes: Floats) -> Floats:
+        u, change = states[:, momenta] / root, changes[:, momenta] / root
+        motion = equation.motion(states[:, : equation.variables], frame, order=2)
+        masses = inertia(equation.mechanism, motion)
+        roots = Roots.of(masses.M)
+        states[:, momenta] = roots.times(u)
+        changes[:, momenta] = roots.changing(masses.dM, u) + roots.times(change)
+        return np.broadcast_to(frame, (len(states), *frame.shape))
+
+    return framed
 
 
 def through_runs(runs: Sequence[Run], framed: Sequence[Frames]) -> StatePath:
-    """Return the path of compiled runs, one after the other, with their frames.
-
-    `framed` gives the sense of momenta in them as well.
-    """
+    """Return the path of compiled runs, one after the other, with their frames."""
     every = [
         (x, frames) for run, frames in zip(runs, framed, strict=True) for x in run.stretches
     ]
@@ -415,11 +444,7 @@ def through_runs(runs: Sequence[Run], framed: Sequence[Frames]) -> StatePath:
     )
 
 
-def _in_stretch(stretch: Stretch, frames: Frames, t: Floats) -> Traced:
+def _in_stretch(stretch: Stretch, framed: Frames, t: Floats) -> Traced:
     states, rates = stretch.at(t)
-    count, (sense, framed) = len(stretch.turns), frames
-    for array in (states, rates):
-        array[:, stretch.layout.momenta] *= sense
-    frame = framed if isinstance(framed, np.ndarray) else framed(states[:, :count]) * sense
-    whole = np.broadcast_to(stretch.turns, (len(t), count))
-    return Traced(states, rates, np.broadcast_to(frame, (len(t), *frame.shape[-2:])), whole)
+    whole = np.broadcast_to(stretch.turns, (len(t), len(stretch.turns)))
+    return Traced(states, rates, framed(states, rates), whole)

@@ -330,7 +330,7 @@ class Simulation:
             speed=speed,
             M=masses.M_parts,
             Q=dynamics.forces,
-            kinetic=dynamics.kinetic,
+            kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
             power=dynamics.power,
             work=states[:, equation.works],
             residual=equation.closure.at(values).gap,
@@ -378,7 +378,7 @@ class Simulation:
         equation = self.equation
         gap = equation.closure.at(states[:, : equation.variables]).residual
         momenta = states[:, equation.momenta]
-        kinetic = dynamics.kinetic
+        kinetic = 0.5 * np.sum(momenta**2, axis=1)
         work = np.sum(states[:, equation.works], axis=1)
         missed = rates[:, equation.momenta] - dynamics.push
         missed[t >= self.end.t] = 0.0
@@ -389,7 +389,7 @@ class Simulation:
         return Checks(
             energy=float(np.max(np.abs(kinetic - work - (kinetic[0] - work[0])))),
             energy_scale=float(max(np.max(kinetic), np.max(np.abs(work)))),
-            power=float(np.max(np.abs(dynamics.working(missed)))),
+            power=float(np.max(np.abs(np.sum(momenta * missed, axis=1)))),
             momentum=float(np.max(push * steps)) / size,
             closure=max(path.drift, float(np.max(np.abs(gap), initial=0.0))),
             error=self.error,

@@ -1,14 +1,15 @@
 """The equation of motion on the configurations of a mechanism, of any mobility.
 
-The state is the pair variables v, the momenta p = r u, with u the rates of m coordinates,
-and the work W of each load. With the rates N of the variables by the coordinates, and
-M u' + C u = Q,
+The state is the pair variables v, the momenta p = R u, with u the rates of m coordinates
+and R the symmetric root of the inertia matrix M = R R, and the work W of each load. With
+the rates N of the variables by the coordinates, and M u' + C u = Q,
 
-    dv/dt = N u,   dp/dt = r M^-1 (Q - C u),   dW/dt = Q u.
+    dv/dt = N u,   dp/dt = R^-1 Q + S p,   dW/dt = Q u,   u = R^-1 p,
+    S = R' R^-1 - R^-1 C R^-1.
 
-Of several freedoms r is the root of the sum of the links' largest moments of inertia. Of
-one it is that of M: then dp/dt = Q / r, so that p is constant where no load acts, the rate
-of the arc length in the metric of the kinetic energy, and no derivative of M is needed.
+S is skew, for R^-1 (M' - 2 C) R^-1 is; so the kinetic energy p^2 / 2 changes by the work of
+the loads alone. Of one freedom S is zero: p is constant where no load acts, the rate of the
+arc length in the metric of the kinetic energy, and no derivative of M is needed.
 
 Of one freedom the coordinate is the arc length s of the configuration curve, along which
 every dead centre is an ordinary point (Eksergian's equation B du/dt + 1/2 dB/ds u^2 = Q, Di
@@ -61,13 +62,13 @@ from spherekit.dynamics.forces import (
     rates_by_time,
     without_centre,
 )
-from spherekit.engine.system import mass_size
 from spherekit.errors import SolveError
 from spherekit.model.joints import Joint
 from spherekit.model.load import Rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Timing
+from spherekit.sphere.rotation import transpose
 
 
 @final
@@ -293,16 +294,58 @@ LONGEST = 0.05
 """Longest of these (rad): near a crossing the first may lead far away."""
 
 
-def divided(x: Floats, M: Floats) -> Floats:
-    """Return M^-1 x (n, m) of M (n, m, m), NaN where M is not positive."""
-    if M.shape[1] == 1:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(M[:, 0] > 0.0, x / M[:, 0], np.nan)
-    good = np.all(np.isfinite(M), axis=(1, 2))
-    good[good] = np.linalg.eigvalsh(M[good])[:, 0] > 0.0
-    quotients = np.full(x.shape, np.nan)
-    quotients[good] = np.linalg.solve(M[good], x[good][..., None])[..., 0]
-    return quotients
+@final
+@dataclass(frozen=True)
+class Roots:
+    """The symmetric roots R of inertia matrices (n, m, m), by their eigenvectors.
+
+    `vectors` (n, m, m) in columns, `sizes` (n, m) the eigenvalues of R; NaN where M is not
+    positive.
+    """
+
+    vectors: Floats
+    sizes: Floats
+
+    @classmethod
+    def of(cls, M: Floats) -> "Roots":
+        """Return the roots of M (n, m, m)."""
+        finite = np.all(np.isfinite(M), axis=(1, 2))
+        squares, vectors = np.linalg.eigh(np.where(finite[:, None, None], M, 0.0))
+        with np.errstate(invalid="ignore"):
+            sizes = np.sqrt(np.where(finite[:, None] & (squares > 0.0), squares, np.nan))
+        return cls(vectors, sizes)
+
+    def times(self, x: Floats) -> Floats:
+        """Return R x (n, m)."""
+        return self._scaled(x, self.sizes)
+
+    def solved(self, x: Floats) -> Floats:
+        """Return R^-1 x (n, m)."""
+        return self._scaled(x, 1.0 / self.sizes)
+
+    def _scaled(self, x: Floats, by: Floats) -> Floats:
+        turned = by[..., None] * (transpose(self.vectors) @ x[..., None])
+        return np.asarray((self.vectors @ turned)[..., 0])
+
+    def changing(self, dM: Floats, u: Floats) -> Floats:
+        """Return R' u (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
+        along = transpose(self.vectors) @ u[..., None]
+        return np.asarray((self.vectors @ self._change(dM, u) @ along)[..., 0])
+
+    def _change(self, dM: Floats, u: Floats) -> Floats:
+        """Return R' (n, m, m) along the eigenvectors."""
+        change = (dM @ u[:, None, :, None])[..., 0]
+        sums = self.sizes[:, :, None] + self.sizes[:, None]
+        return np.asarray(transpose(self.vectors) @ change @ self.vectors / sums)
+
+    def turning(self, dM: Floats, u: Floats, p: Floats) -> Floats:
+        """Return S p (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
+        back = transpose(self.vectors)
+        root_change = self._change(dM, u)
+        pull = back @ coriolis(dM, u) @ self.vectors / self.sizes[:, :, None]
+        part = (root_change - pull) / self.sizes[:, None]
+        skew = 0.5 * (part - transpose(part))
+        return np.asarray((self.vectors @ skew @ back @ p[..., None])[..., 0])
 
 
 @final
@@ -311,18 +354,17 @@ class Dynamics:
     """Motion, inertia and generalised forces at n states.
 
     `motion` is of the first order where there is one coordinate and no bearing rubs,
-    otherwise of the second; its status is NOT_CONVERGED where bearings lock. `M` (n, m, m),
-    `root` (n,) the momenta per unit rate, `forces` (n, m, loads) the Q of each load,
-    `speed` (n, m) is u, `pull` (n, m) is C u, zero of one freedom; `carried` (n, k) N what
-    bearings that rub carry, None without any.
+    otherwise of the second; its status is NOT_CONVERGED where bearings lock. `M` (n, m, m)
+    with its `roots`, `forces` (n, m, loads) the Q of each load, `speed` (n, m) is u, `bend`
+    (n, m) is S p, `carried` (n, k) N what bearings that rub carry, None without any.
     """
 
     motion: CoordinateMotion
     M: Floats
-    root: Floats
+    roots: Roots
     forces: Floats
     speed: Floats
-    pull: Floats
+    bend: Floats
     carried: Floats | None = None
 
     @property
@@ -331,21 +373,9 @@ class Dynamics:
         return np.asarray((self.speed[:, None] @ self.forces)[:, 0])
 
     @property
-    def kinetic(self) -> Floats:
-        """(n,) kinetic energy, J."""
-        momentum = (self.M @ self.speed[..., None])[..., 0]
-        return np.asarray(0.5 * np.sum(self.speed * momentum, axis=1))
-
-    def working(self, push: Floats) -> Floats:
-        """Return the power (n,) of what changes momenta (n, m), W."""
-        momentum = (self.M @ self.speed[..., None])[..., 0]
-        return np.asarray(np.sum(momentum * push, axis=1) / self.root)
-
-    @property
     def push(self) -> Floats:
         """(n, m) rates of the momenta."""
-        drive = np.sum(self.forces, axis=2) - self.pull
-        return self.root[:, None] * divided(drive, self.M)
+        return self.roots.solved(np.sum(self.forces, axis=2)) + self.bend
 
 
 @final
@@ -364,15 +394,9 @@ class EquationOfMotion:
     def state(self, values: Floats, speed: Floats, frame: Floats) -> Floats:
         """Return the state (states,) at rates (m,), where no work has been done."""
         motion = self.motion(values[None], frame)
-        momenta = self.root(inertia_matrix(self.mechanism, motion))[0] * speed
+        roots = Roots.of(inertia_matrix(self.mechanism, motion))
+        momenta = roots.times(speed[None])[0]
         return np.concatenate([values, momenta, np.zeros(len(self.loads.names))])
-
-    def root(self, M: Floats) -> Floats:
-        """Return the momenta (n,) per unit rate, given M (n, m, m)."""
-        if self.freedoms > 1:
-            return np.full(len(M), np.sqrt(mass_size(self.mechanism)))
-        with np.errstate(invalid="ignore"):
-            return np.sqrt(M[:, 0, 0])
 
     def framed(self, state: Floats, frame: Floats) -> tuple[Floats, Floats]:
         """Return a state in a frame that is orthonormal there, and that frame."""
@@ -440,32 +464,34 @@ class EquationOfMotion:
         second = self.freedoms > 1 or bool(self.loads.rubbing)
         motion = self.motion(values, frame, 2 if second else 1)
         momenta = states[:, self.momenta]
-        masses = inertia(self.mechanism, motion) if second else None
-        M = inertia_matrix(self.mechanism, motion) if masses is None else masses.M
-        root = self.root(M)
-        speed = momenta / root[:, None]
-        pull = np.zeros_like(momenta)
-        if masses is not None:
-            pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
+        if second:
+            masses = inertia(self.mechanism, motion)
+            M = masses.M
+        else:
+            M = inertia_matrix(self.mechanism, motion)
+        roots = Roots.of(M)
+        speed = roots.solved(momenta)
+        bend = np.zeros_like(momenta)
+        if self.freedoms > 1:
+            bend = roots.turning(masses.dM, speed, momenta)
         seen = motion
         if whole is not None:
             seen = replace(motion, values=motion.values + whole)
         forces, carried = self.loads.parts(seen, speed, t), None
         if self.loads.rubbing:
+            pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
             drive = np.sum(forces, axis=2) - pull
-            carried, locked = self._carried(values, seen, M, speed, drive, t)
+            carried, locked = self._carried(values, seen, roots, speed, drive, t)
             forces = self.loads.parts(seen, speed, t, carried)
             status = np.where(locked, Status.NOT_CONVERGED, motion.status)
             motion = replace(motion, status=status.astype(np.int8))
-        if self.freedoms == 1:
-            pull = np.zeros_like(pull)
-        return Dynamics(motion, M, root, forces, speed, pull, carried)
+        return Dynamics(motion, M, roots, forces, speed, bend, carried)
 
     def _carried(
         self,
         values: Floats,
         seen: CoordinateMotion,
-        M: Floats,
+        roots: Roots,
         speed: Floats,
         drive: Floats,
         t: Floats,
@@ -475,7 +501,7 @@ class EquationOfMotion:
         `drive` (n, m) is what accelerates the coordinates while nothing rubs; rows that are
         not finite are NaN.
         """
-        change = divided(drive, M)
+        change = roots.solved(roots.solved(drive))
         good = np.all(np.isfinite(change), axis=1)
         none = np.zeros((len(t), len(self.mechanism.inputs)))
         at = self.closure.at(values)
@@ -483,7 +509,9 @@ class EquationOfMotion:
 
         def answers(velocities: Floats) -> tuple[Floats, Floats]:
             turned = np.moveaxis(velocities, 1, 0)
-            faster = np.stack([divided(column, M[good]) for column in turned], axis=1)
+            some = Roots(roots.vectors[good], roots.sizes[good])
+            twice = [some.solved(some.solved(column)) for column in turned]
+            faster = np.stack(twice, axis=1)
             return faster, np.zeros((*faster.shape[:2], none.shape[1]))
 
         return rubbed(Driven(self.mechanism, *given), self.loads, good, answers)[:2]

@@ -329,8 +329,8 @@ VERIFIED = Verification()
 CORRECTIONS = 8
 LARGEST_CHANGE = 0.5
 """Largest change of a variable (rad) in one step of Newton's method."""
-SETTLED = 1e-10
-"""A Newton step (rad) below this leaves an error that its square bounds."""
+SETTLED = 1e-14
+"""A Newton step (rad) below this is rounding; near crossings torques magnify the rest."""
 STATIONARY = 1e-11
 """How well (rad) a configuration has to be the nearest one."""
 LEAPS = (0.004, 0.01, 0.02, 0.04)
