@@ -262,12 +262,12 @@ class Inertia:
     @property
     def B(self) -> Floats:
         """(n,) equivalent inertia."""
-        return np.asarray(np.sum(self.B_parts, axis=1))
+        return self.M[:, 0, 0]
 
     @property
     def dB(self) -> Floats:
         """(n,) derivative of the equivalent inertia by the coordinate."""
-        return np.asarray(np.sum(self.dB_parts, axis=1))
+        return self.dM[:, 0, 0, 0]
 
 
 def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
