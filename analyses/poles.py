@@ -353,7 +353,7 @@ class Poles(AbstractAnalysis):
         planes = frozenset() if shown is None else frozenset([shown])
         stepwise = self._stepwise(mechanism)
         if stepwise:
-            planes = wanted - _primary(mechanism)
+            planes |= wanted - _primary(mechanism)
         turned = {mechanism.links[link] for pole in drawn for link in pole}
         return Needs(
             directions=wanted,

@@ -100,18 +100,6 @@ def any_inputs(random, made, freedoms):
     return None
 
 
-def dyads_on(random, places):
-    """Return a four-bar of links 1 to 4 with a dyad on each two links of `places`.
-
-    The dyad at position k has links 2k + 5 and 2k + 6.
-    """
-    edges = joints(FOUR_BAR)
-    for k, (one, other) in enumerate(places):
-        a, b = 2 * k + 5, 2 * k + 6
-        edges += [(one, a), (a, b), (other, b)]
-    return mechanism(edges, random_axes(random, len(edges)))
-
-
 POINTS = 96
 """Points that a profile runs through: its tangent there is a circle's but for 1e-9."""
 

@@ -65,7 +65,6 @@ class Stated:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
 
-RATIOS = tuple(f"{kind}, largest part" for kind in KINDS)
 
 
 def judged_special(seed: int) -> tuple[str, Stated]:

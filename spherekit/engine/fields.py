@@ -195,7 +195,8 @@ class _Rows:
             direction, rate, change = self.errors[pole]
             v, dv = map(norm, self.relative(pole))
             doubt = direction + 2.0 * LARGEST_ERROR / TURN_KNOWN * change / v
-            good &= (doubt <= LARGEST_ERROR) | ((v <= rate) & (dv <= change))
+            none = (v <= rate) & (dv <= change) & np.isfinite(change)
+            good &= (doubt <= LARGEST_ERROR) | none
         return np.asarray(good)
 
     def _widen(
@@ -206,22 +207,21 @@ class _Rows:
     ) -> None:
         """Compute rows again, and what they may be off by."""
         tree = self.motion.linearisation.tree
-        made = functions.at(self.motion.values[rows].T)
-        aside = made.aside
-        self._columns[:, rows], self._aside[:, rows] = made.columns, aside
+        columns, aside, spreads, closed = functions.at(self.motion.values[rows].T)
+        self._columns[:, rows], self._aside[:, rows] = columns, aside
         flatness, bend = aside[:2]
         _, over, over_bent, fast, swings = aside[-5:]
-        gap = np.where(made.closed, EPS * (2.0 + tree.longest_loop), self.motion.gap[rows])
+        gap = np.where(closed, EPS * (2.0 + tree.longest_loop), self.motion.gap[rows])
         numbers = EPS * (2.0 + tree.longest_path)
         turns = np.sqrt(3.0 * len(tree.chords)) * aside[3 : 3 + tree.count]
 
         def spread(name: str, key: Any) -> Floats:
             place = self._of[name][key]
-            return np.asarray(np.sum(place.of(made.spread) * (not place.numbers), axis=0))
+            return np.asarray(np.sum(place.of(spreads) * (not place.numbers), axis=0))
 
         def of_links(name: str) -> tuple[Floats, Floats]:
             places = [self._of[name][link] for link in range(tree.count)]
-            sizes = np.array([norm(place.of(made.columns)) for place in places])
+            sizes = np.array([norm(place.of(columns)) for place in places])
             return sizes, np.array([spread(name, link) for link in range(tree.count)])
 
         (size, ways), (swing, bent) = of_links("w"), of_links("dw")
@@ -289,7 +289,7 @@ def _add_pole(
     # Where constraints repeat each other, great circles may be one but for rounding.
     if np.any(open_) and not any(group.redundant for group in at.motion.assembly.groups):
         unit[:, open_] = planned().unit[body_pole][:, open_]
-        direction[open_] = planned().error[body_pole][open_]
+        direction[open_] = _off_by_plan(planned(), at.motion, body_pole)[open_]
         rate[open_], change[open_] = dot(v, unit)[open_], dot(dv, unit)[open_]
         e_rate[open_] += norm(v)[open_]
         e_change[open_] += norm(dv)[open_]
@@ -315,6 +315,11 @@ def _add_pole(
     )
 
 
+def _off_by_plan(planned: PlannedPoles, motion: Motion, pole: Pole) -> Floats:
+    """Return what directions (n,) by the plan may be off by, axes being off as they are."""
+    return planned.error[pole] * np.maximum(motion.orientation_error / EPS, 1.0)
+
+
 def _by_sequence(
     field: PoleField, motion: Motion, wanted: Request, route: Route
 ) -> PoleField:
@@ -328,7 +333,6 @@ def _by_sequence(
     field.status[lost] = Status.ILL_CONDITIONED
     field.by_equations[:] = field.by_kernel[:] = False
     unknown = field.status != Status.OK
-    drift = np.maximum(motion.orientation_error / EPS, 1.0)
     for pole in wanted.poles:
         at, (a, b) = plan.pole(*pole), (plan.body[link] for link in pole)
         if at is None:
@@ -342,7 +346,7 @@ def _by_sequence(
         )
         field.velocity_coefficient[pole] = rate
         field.acceleration_coefficient[pole][lost] = np.nan
-        error = np.fmax(field.error[pole], 0.0) + planned.error[at] * drift
+        error = np.fmax(field.error[pole], 0.0) + _off_by_plan(planned, motion, at)
         bad = motion.failed | ~(planned.error[at] < USABLE_DIRECTION)
         codes = field.pole_status[pole]
         codes[lost | (bad & (codes == Status.OK))] = Status.ILL_CONDITIONED

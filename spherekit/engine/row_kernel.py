@@ -73,19 +73,10 @@ def quad() -> Any:
     return QuadPrecDType()
 
 
-@final
-@dataclass(frozen=True)
-class WideRows:
-    """Columns of rows, rounded: `columns` (columns, n) and `aside`, see `Terms`.
-
-    `spread` (columns, n) is by how much columns change as loops open by one radian, all
-    ways added up; `closed` (n,) where Newton's method closed them.
-    """
-
-    columns: Floats
-    aside: Floats
-    spread: Floats
-    closed: Bools
+WideRows = tuple[Floats, Floats, Floats, Bools]
+"""All columns (columns, n) of rows, rounded, and those aside, see `Terms`; by how much
+columns change as loops open by one radian, all ways added up; where (n,) Newton's method
+closed them."""
 
 
 @final
@@ -110,13 +101,9 @@ class WideFunctions:
     def at(self, values: Floats) -> WideRows:
         """Return the rows of variables (variables, n) that are nearly closed."""
         starts = range(0, max(values.shape[1], 1), WIDE_PIECE)
-        parts = [self._at(values[:, k : k + WIDE_PIECE]) for k in starts]
-        return WideRows(
-            *(
-                np.concatenate([getattr(part, name) for part in parts], axis=-1)
-                for name in WideRows.__annotations__
-            )
-        )
+        parts = (self._at(values[:, k : k + WIDE_PIECE]) for k in starts)
+        columns, aside, spread, closed = zip(*parts, strict=True)
+        return np.hstack(columns), np.hstack(aside), np.hstack(spread), np.hstack(closed)
 
     def _at(self, values: Floats) -> WideRows:
         free = list(self.free)
@@ -133,12 +120,8 @@ class WideFunctions:
         x[:, ~closed] = start[:, ~closed]
         columns = self.whole(self._given(x, values))
         aside = self.aside(self._given(x, values))
-        return WideRows(
-            columns.astype(float),
-            aside.astype(float),
-            self._spread(x.astype(float), aside[self.inverse].astype(float)),
-            closed,
-        )
+        spread = self._spread(x.astype(float), aside[self.inverse].astype(float))
+        return columns.astype(float), aside.astype(float), spread, closed
 
     def _spread(self, values: Floats, inverse: Floats) -> Floats:
         """Return what columns change by as loops open, all ways added up.
