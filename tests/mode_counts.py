@@ -88,4 +88,3 @@ def _lacking(structure, made, modes, placed):
     seen = structure.seen(made.links, every[np.all(np.isfinite(every), axis=(1, 2, 3))])
     away = np.max(np.abs(modes[:, None] - seen[None]), axis=(2, 3, 4), initial=0.0)
     return int(np.sum(np.min(away, axis=1, initial=np.inf) > SAME))
-

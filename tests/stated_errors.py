@@ -65,8 +65,6 @@ class Stated:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
 
-
-
 def judged_special(seed: int) -> tuple[str, Stated]:
     """Return the family of a seed, and what is stated for its mechanism."""
     family, made, path = special_mechanism(seed)

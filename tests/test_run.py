@@ -224,10 +224,6 @@ def test_pruned_run_gives_the_numbers_of_the_whole():
         assert np.max(np.abs(ours - theirs)) < 1e-11
 
 
-
-
-
-
 def test_axes_that_coincide_are_drawn_once():
     for shape in link_shapes(sk.load("bevel_differential")):
         assert all(np.isfinite(curve).all() for curve in shape.curves)

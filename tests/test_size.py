@@ -14,15 +14,15 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 699_095,
-    "code lines": 57_124,
-    "files": 332,
+    "nodes": 696_658,
+    "code lines": 57_066,
+    "files": 331,
     "classes": 715,
     "dataclasses": 507,
-    "functions of 60 lines": 32,
+    "functions of 60 lines": 25,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 42_516, "benchmarks": 4_500}
+LINES = {"tests": 42_509, "benchmarks": 4_497}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 

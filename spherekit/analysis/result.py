@@ -145,8 +145,7 @@ class RunResult:
             raise AnalysisError(failed(name, self.failures[name]))
         if name not in self.results:
             raise AnalysisError(
-                f'this run has no result "{name}"'
-                f"{choices(name, self.results, 'Results')}"
+                f'this run has no result "{name}"{choices(name, self.results, "Results")}'
             )
         result = self.results[name]
         declared = {item.name: item for item in result.tables}

@@ -148,6 +148,7 @@ class _Rows:
         self.loss = np.zeros(n)
         self.sure, self.wide = np.zeros((2, n), dtype=bool)
         self.errors: dict[Pole, Floats] = {}
+        self.apart: dict[Pole, Floats] = {}
         self._of: Mapping[str, Mapping[Any, Place]] = {}
         if kernel is None:
             self.status[self.status == Status.OK] = Status.AT_SINGULARITY
@@ -255,7 +256,9 @@ class _Rows:
             if pole in signed_poles:
                 v, dv = (part[:, rows] for part in self.relative(pole))
                 rests = (norm(v) <= rate) & (norm(dv) <= change)
-                direction = np.where(rests, np.inf, direction)
+                # Numbers of the file are rounded before they become terms.
+                rounded = direction + numbers * fast * turned / norm(v)
+                direction = np.where(rests, np.inf, rounded)
             errors[:, rows] = direction, rate, change
 
     def _doubt_turn(self, pole: Pole, rows: Indices, off: Floats) -> None:
@@ -269,7 +272,8 @@ class _Rows:
         for links, errors in self.errors.items():
             if self.wanted.plan.pole(*links) == pole:
                 slack = SAME_AXIS * self._aside[-2]
-                errors[:2] += slack / norm(self.relative(links)[0]), slack
+                self.apart[links] = slack / norm(self.relative(links)[0])
+                errors[:2] += self.apart[links], slack
 
 
 def _add_pole(
@@ -289,7 +293,8 @@ def _add_pole(
     # Where constraints repeat each other, great circles may be one but for rounding.
     if np.any(open_) and not any(group.redundant for group in at.motion.assembly.groups):
         unit[:, open_] = planned().unit[body_pole][:, open_]
-        direction[open_] = _off_by_plan(planned(), at.motion, body_pole)[open_]
+        off = _off_by_plan(planned(), at.motion, body_pole) + at.apart.get(pole, 0.0)
+        direction[open_] = off[open_]
         rate[open_], change[open_] = dot(v, unit)[open_], dot(dv, unit)[open_]
         e_rate[open_] += norm(v)[open_]
         e_change[open_] += norm(dv)[open_]
@@ -317,7 +322,8 @@ def _add_pole(
 
 def _off_by_plan(planned: PlannedPoles, motion: Motion, pole: Pole) -> Floats:
     """Return what directions (n,) by the plan may be off by, axes being off as they are."""
-    return planned.error[pole] * np.maximum(motion.orientation_error / EPS, 1.0)
+    off = np.fmin(motion.orientation_error, motion.fold_error)
+    return planned.error[pole] * np.maximum(off / EPS, 1.0)
 
 
 def _by_sequence(

@@ -42,9 +42,7 @@ class Imported:
 
 
 @checked(FileError)
-def import_mechanism(
-    path: AnyPath, *, within: float | None = None
-) -> Imported:
+def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     """Return the spherical mechanism that an MJCF or URDF file describes.
 
     Hinges are pairs, and so is each point at which a loop is closed; bodies that are

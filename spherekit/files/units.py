@@ -140,6 +140,7 @@ def _decimal_text(number: Decimal) -> str:
 Part = TypeVar("Part")
 Table = Mapping[str, Any]
 
+
 def _same(names: str) -> dict[str, str]:
     """Return keys that have the names of their fields."""
     return {name: name for name in names.split()}

@@ -29,9 +29,7 @@ _Table = dict[str, Any]
 
 
 @checked(OutputError)
-def dump(
-    mechanism: AnyMechanism, path: AnyPath, angle_unit: AngleUnit = "deg"
-) -> None:
+def dump(mechanism: AnyMechanism, path: AnyPath, angle_unit: AngleUnit = "deg") -> None:
     """Write a mechanism file that reads back as exactly this mechanism.
 
     Raises

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from spherekit.analysis.running.recording import Recorder
 
 
-
 P = ParamSpec("P")
 
 ONCE = ("folder", "unfinished", "formats", "recorder", "progress", "verify", "tables")

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
 
 
-
 Vary = Mapping[str, str | Sequence[float]]
 
 
@@ -270,9 +269,7 @@ def size_of(
     return size(sizing_of(path, designs, seed), starts)
 
 
-def sizing_of(
-    path: AnyPath, designs: int = DESIGNS, seed: int = 0
-) -> Sizing:
+def sizing_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sizing:
     """Return what a sizing file asks for."""
     document = parse(read_text(Path(path)), str(path))
     check(document, "sizing")

@@ -254,13 +254,21 @@ class Motion(ArrayRows):
 
         Above 1/2 nothing says that the solution is near (Kantorovich's theorem).
         """
+        return np.asarray(self._curvature * self.sensitivity**2 * self.gap)
+
+    @cached_property
+    def _curvature(self) -> Floats:
+        """(n,) how much a turn of all variables by one radian bends the loops, at most."""
         vectors = self.vectors
         apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
         # Nearly parallel axes hardly turn each other.
         turn = np.minimum(2.0 * apart, np.max(np.sum(vectors**2, axis=2), axis=1))
-        return np.asarray(
-            self.linearisation.tree.longest_loop * turn * self.sensitivity**2 * self.gap
-        )
+        return np.asarray(self.linearisation.tree.longest_loop * turn)
+
+    @property
+    def fold_error(self) -> Floats:
+        """(n,) rad, about how far variables are off where branches meet."""
+        return np.sqrt(self.gap / self._curvature)
 
     @cached_property
     def configuration_error(self) -> Floats:
