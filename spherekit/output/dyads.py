@@ -2,14 +2,14 @@
 
 With the output held, a mechanism often falls apart into dyads that stand on the body of
 the two links that the output joins. Only the axes of pairs are needed then, no rotation
-matrix; `spherekit.output.closing_link` computes these over many rows.
+matrix; `spherekit.output.posed_mode` computes these over many rows.
 
 How inputs move with an output, and the measures of type I that follow.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import final
 
 import numpy as np
@@ -80,16 +80,6 @@ class DyadPlacement:
 
 
 @final
-@dataclass(frozen=True)
-class AxisCoefficients:
-    """How a link's axis follows from two others of it: a p + b q + c (p x q)."""
-
-    outer: int
-    middle: int
-    weights: tuple[float, float, float]
-
-
-@final
 class Dyads:
     """The dyads of an assembly that stand on one body, in solving order.
 
@@ -100,8 +90,16 @@ class Dyads:
     base
         The number of the link whose axes all vectors are given in.
     given
-        Numbers of links whose orientations, or at least pair axes, are given with the
-        rows; the rate of the output is that of these links relative to the base.
+        The number of the link whose orientation, or at least pair axes, is given with the
+        rows; the rate of the output is that of this link relative to the base.
+
+    Attributes
+    ----------
+    stands, placed_by
+        The dyads, and by which of them each link is placed.
+    needs, moving, reaching
+        Groups whose signs matter: for each dyad to its axes, for each to its rates, and to
+        whether all of them close.
     """
 
     def __init__(
@@ -110,26 +108,25 @@ class Dyads:
         joints: Sequence[Revolute],
         assembly: Assembly,
         base: int,
-        given: Sequence[int],
+        given: int,
     ) -> None:
-        self.ends = mechanism.ends
-        self.joints = joints
-        self.base = base
-        self.given = tuple(given)
-        self.spreads: dict[tuple[str, int, int], AxisCoefficients] = {}
-        self._coaxial: dict[tuple[int, int, int], bool] = {}
-        self._sources: dict[tuple[int, int], tuple[int, int, float]] = {}
-        self.stands = tuple(self._stand(group) for group in assembly.groups)
-        self.placed_by = {
-            link: number
-            for number, stand in enumerate(self.stands)
-            for link in (stand.first, stand.second)
-        }
+        self.ends, self.joints = mechanism.ends, joints
+        self.base, self.given = base, given
+        self.source, self.spread = cache(self._source), cache(self._spread)
+        self.stands = tuple(map(self._stand, assembly.groups))
+        self.placed_by: dict[int, int] = {}
         self.needs: list[frozenset[int]] = []
+        self.moving: list[frozenset[int]] = []
         for number, stand in enumerate(self.stands):
-            ends = ((stand.near, stand.foot), (stand.far, stand.hold))
-            before = (self.needs_of(self.source(*end)[1]) for end in ends)
-            self.needs.append(frozenset({number}).union(*before))
+            own = frozenset({number})
+            held = (stand.near, stand.foot), (stand.far, stand.hold)
+            axes = (self.needs_of(self.source(*end)[1]) for end in held)
+            feet = [self.placed_by[link] for _, link in held if link in self.placed_by]
+            self.needs.append(own.union(*axes))
+            self.moving.append(own.union(*(self.moving[foot] for foot in feet)))
+            self.placed_by |= {stand.first: number, stand.second: number}
+        others = (needed - {number} for number, needed in enumerate(self.needs))
+        self.reaching = frozenset[int]().union(*others)
         self.group_of = {
             pair: number
             for number, stand in enumerate(self.stands)
@@ -166,26 +163,26 @@ class Dyads:
         group = self.placed_by.get(link)
         return frozenset() if group is None else self.needs[group]
 
-    def source(self, pair: int, link: int) -> tuple[int, int, float]:
+    def stands_by(self, link: int) -> tuple[int, int]:
+        """Return by which outer pair of its dyad a link stands, and on which link."""
+        stand = self.stands[self.placed_by[link]]
+        if link == stand.first:
+            return stand.near, stand.foot
+        return stand.far, stand.hold
+
+    def _source(self, pair: int, link: int) -> tuple[int, int, float]:
         """Return where the axis of a pair comes from: pair, link, and sense.
 
         On a link that stands by an axis on the same line, it is that axis.
         """
-        asked = pair, link
-        if asked in self._sources:
-            return self._sources[asked]
-        sense = 1.0
-        while link in self.placed_by:
-            stand = self.stands[self.placed_by[link]]
-            at_first = link == stand.first
-            outer = stand.near if at_first else stand.far
-            if not self.is_coaxial(pair, outer, link):
-                break
-            ahead = self.axis_in(pair, link) @ self.axis_in(outer, link)
-            sense *= float(np.sign(ahead))
-            pair, link = outer, stand.foot if at_first else stand.hold
-        self._sources[asked] = pair, link, sense
-        return self._sources[asked]
+        if link not in self.placed_by:
+            return pair, link, 1.0
+        outer, foot = self.stands_by(link)
+        if not self.is_coaxial(pair, outer, link):
+            return pair, link, 1.0
+        ahead = self.axis_in(pair, link) @ self.axis_in(outer, link)
+        source, on, sense = self.source(outer, foot)
+        return source, on, sense * float(np.sign(ahead))
 
     def axis_in(self, pair: int, link: int) -> Floats:
         """Return the axis (3,) of a pair in the axes of one of its links."""
@@ -200,33 +197,21 @@ class Dyads:
         a, b = self.axis_in(one, link), self.axis_in(other, link)
         return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
-    def spread_of(self, vector: Floats, link: int) -> AxisCoefficients:
-        """Return how a vector (3,) of a placed link follows from its dyad's axes."""
-        stand = self.stands[self.placed_by[link]]
-        outer = stand.near if link == stand.first else stand.far
-        p, q = self.axis_in(outer, link), self.axis_in(stand.middle, link)
-        frame = np.stack([p, q, np.cross(p, q)], axis=1)
-        a, b, c = np.linalg.lstsq(frame, vector, rcond=None)[0]  # no error for a point
-        return AxisCoefficients(outer, stand.middle, (float(a), float(b), float(c)))
+    def _spread(self, link: int, *vector: float) -> Floats:
+        """Return how a vector of a placed link follows from its dyad's axes, p outer, q.
 
-    def moves_with(self, pair: int) -> frozenset[int]:
-        """Return groups that the rate of a dyad's pair depends on, at most."""
-        group = self.group_of[pair]
-        stand = self.stands[group]
-        groups = self.needs[group]
-        for link in (stand.foot, stand.hold):
-            if link in self.placed_by:
-                below = self.stands[self.placed_by[link]]
-                groups |= self.moves_with(below.near) | self.needs_of(link)
-        return groups
+        The weights (3,) of p, q and p x q.
+        """
+        middle = self.stands[self.placed_by[link]].middle
+        p, q = (self.axis_in(pair, link) for pair in (self.stands_by(link)[0], middle))
+        frame = np.stack([p, q, np.cross(p, q)], axis=1)
+        weights = np.linalg.lstsq(frame, vector, rcond=None)[0]  # no error for a point
+        return np.asarray(weights, dtype=float)
 
     def is_coaxial(self, one: int, other: int, link: int) -> bool:
         """Return whether two pairs of a link have their axes on one line."""
-        key = one, other, link
-        if key not in self._coaxial:
-            arc = self._arc(link, one, other)
-            self._coaxial[key] = min(arc, np.pi - arc) < COLLINEAR
-        return self._coaxial[key]
+        arc = self._arc(link, one, other)
+        return min(arc, np.pi - arc) < COLLINEAR
 
 
 @final

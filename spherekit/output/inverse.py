@@ -12,11 +12,11 @@ closed-loop kinematic chains (1990), made free of units. With the other inputs f
 locked input leaves the output a plane of angular velocities; n_i is its normal.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,10 +29,10 @@ from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import revolutes
 from spherekit.motion.assembly_modes import FLAT_DYAD, Solver, label_of
 from spherekit.motion.loops import turns_of
-from spherekit.output.closing_link import DyadsWithClosingLink, Placed, turned
+from spherekit.output.closing_link import DyadsWithClosingLink, turned
 from spherekit.output.dyads import DyadPlacement, Dyads, Signs, reciprocal
 from spherekit.output.forward import PoseSolutions, solved
-from spherekit.output.posed_mode import PosedMode, reach_of
+from spherekit.output.posed_mode import PosedMode
 from spherekit.output.virtual_output import VirtualOutputChain, with_wrist
 from spherekit.planning.inputs import plan_assembly
 from spherekit.rates.request import cross, dot
@@ -175,7 +175,7 @@ class InverseKinematics:
         if every and Dyads.fit(self._assembly, self.wrist.base):
             given = self.wrist.carrier if self.wrist.points else self.wrist.link
             self._dyads = Dyads(
-                self.mechanism, joints, self._assembly, self.wrist.base, [given]
+                self.mechanism, joints, self._assembly, self.wrist.base, given
             )
         else:
             self._turned = turned(self.wrist, self.solver)
@@ -251,12 +251,10 @@ class InverseKinematics:
         bar = self._turned is not None
 
         def told(view: PosedMode) -> list[Array]:
-            reach, rates = view.reach, [view.rate(pair) for pair in view.driven]
-            inputs = np.stack([view.input(pair) for pair in view.driven])
-            arrays: list[Array] = [inputs, np.stack([rate.speed for rate in rates])]
-            arrays += [reach.status, reach.margin, reach.limiting]
-            if normals:
-                arrays.append(np.stack([rate.unit for rate in rates]))
+            margin, limiting, _ = view.reach("")
+            by_input = [view.input, view.speed, *([view.normal] if normals else ())]
+            inputs, type_1, *more = (np.stack([*map(of, view.driven)]) for of in by_input)
+            arrays: list[Array] = [inputs, type_1, view.status, margin, limiting, *more]
             return [*arrays, view.slope] if bar else arrays
 
         parts = self._asked(given, starts, chosen, told)
@@ -307,17 +305,17 @@ class InverseKinematics:
         def measure(view: PosedMode) -> Floats:
             return self._transmission.at(view.axes(count), directions)
 
-        inputs_and_measure = self.wrist.driven, measure
-        if self._turned is not None:
-            for signs in modes:
-                yield _closed(self._turned, block, starts, signs, inputs_and_measure)
-            return
-        assert self._dyads is not None
-        placed = Placed(self._dyads, {}, block)
-        if self.wrist.points:
-            placed = Placed(self._dyads, {self.wrist.pairs[2]: block}, None)
+        known: dict[Hashable, Any] = {}
         for signs in modes:
-            yield PosedMode(placed, signs, reach_of(placed, signs), *inputs_and_measure)
+            if self._dyads is None:
+                assert self._turned is not None
+                view = _closed(self._turned, block, starts, signs)
+            elif self.wrist.points:
+                axes = {self.wrist.pairs[2]: block}
+                view = PosedMode(self._dyads, signs, axes, None, known=known)
+            else:
+                view = PosedMode(self._dyads, signs, {}, block, known=known)
+            yield replace(view, driven=self.wrist.driven, measure=measure)
 
     def no_closed_form(self, advice: str) -> SolveError:
         """Return the error that says so, with what to do instead."""
@@ -385,9 +383,9 @@ class InverseKinematics:
             block = np.ascontiguousarray(given[start : start + FEW].T)
             for mode in dict.fromkeys(mode[:-1] for mode in self.modes):
                 row, turn, sense = turned.roots(block, mode)
-                placed = turned.place(block[:, row], turn)
+                placed = turned.place(block[:, row], turn, mode)
                 assert placed.given_rotation is not None
-                links = turned.links_of(placed, mode, count)
+                links = turned.links_of(placed, count)
                 parts.append((row + start, links, placed.given_rotation.T))
                 signs += [(*mode, int(sign)) for sign in sense]
         row, links, rotations = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -458,24 +456,16 @@ class InverseKinematics:
 
 
 def _closed(
-    turned: DyadsWithClosingLink,
-    directions: Floats,
-    near: Floats,
-    signs: Signs,
-    inputs_and_measure: tuple[tuple[int, ...], Callable[[PosedMode], Floats]],
+    turned: DyadsWithClosingLink, directions: Floats, near: Floats, signs: Signs
 ) -> PosedMode:
     """Return one mode with the output turned so that the bar closes, next to `near`."""
     mode, wanted = signs[:-1], signs[-1]
     start = turned.turn_of(directions, near)
     turn, converged = turned.close(directions, start, mode)
-    placed = turned.place(directions, turn)
-    reach = reach_of(placed, mode)
-    view = PosedMode(
-        placed, mode, reach, *inputs_and_measure, (turned.rate(placed, mode), directions)
-    )
-    status = reach.status.copy()
+    placed = turned.place(directions, turn, mode)
+    slope, status = turned.slope(placed, directions), placed.status.copy()
     within = status != Status.OUT_OF_REACH
-    status[within & (np.abs(view.slope) < FLAT_DYAD)] = Status.AT_SINGULARITY
-    status[within & (view.slope * wanted <= 0.0)] = Status.MODE_LOST
+    status[within & (np.abs(slope) < FLAT_DYAD)] = Status.AT_SINGULARITY
+    status[within & (slope * wanted <= 0.0)] = Status.MODE_LOST
     status[within & ~converged] = Status.NOT_CONVERGED
-    return replace(view, reach=replace(reach, key=("closed", reach.key), status=status))
+    return replace(placed, turn=(turned.rate(placed), directions, status))

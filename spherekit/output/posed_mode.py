@@ -1,79 +1,107 @@
-"""One working mode of placed dyads: how it reaches, its inputs, rates, axes and angles."""
+"""One working mode of dyads placed one after another on one body, over many rows.
 
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass
-from typing import final
+The middle axis of a dyad follows from the outer ones (`spherekit.sphere.dyad`). The rates
+of its pairs follow from the triple product t of its axes, and with them how the inputs
+move per unit rate of the output. Arrays are (3, n), components first. What depends on the
+signs of some groups only is computed once for all modes that share these.
+"""
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
+from functools import wraps
+from typing import Any, TypeVar, final
 
 import numpy as np
 
-from spherekit.arrays import Floats, SmallIntegers
+from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.conventions import REACH_SLACK, Status
-from spherekit.output.closing_link import Fraction, Placed
-from spherekit.output.dyads import Signs
-from spherekit.rates.request import dot, norm
+from spherekit.motion.assembly_modes import FLAT_DYAD
+from spherekit.output.dyads import Dyads, Signs
+from spherekit.rates.request import cross, dot, norm
+from spherekit.sphere.dyad import middle_axis, triple_square
 
 
 @final
 @dataclass(frozen=True)
-class Reachability:
-    """Whether the dyads of a mode close (n,), see `Inverse`; `key` names what it is of."""
+class Fraction:
+    """A rate, linear in the output's angular velocity w: top . w / bottom.
 
-    key: Hashable
-    margin: Floats
-    limiting: SmallIntegers
-    status: SmallIntegers
+    `top` (3, n) and `bottom` (n,); both stay finite at a singular configuration.
+    """
 
+    top: Floats
+    bottom: Floats
 
-def reach_of(placed: Placed, signs: Signs) -> Reachability:
-    """Return whether the dyads of a mode close."""
-    numbers = range(len(signs))
-    key = ("reach", *(placed.reach_key(number, signs) for number in numbers))
-    if key not in placed.computed:
-        margin = placed.margin(0, signs)
-        limiting = np.zeros(len(margin), dtype=np.int8)
-        status = np.zeros(len(margin), dtype=np.int8)
-        for number in numbers:
-            another = placed.margin(number, signs)
-            limiting[another < margin] = number
-            margin = np.fmin(margin, another)
-            status[~placed.sound(number, signs)] = Status.AT_SINGULARITY
-        status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
-        placed.computed[key] = Reachability(key, margin, limiting, status)
-    reach: Reachability = placed.computed[key]
-    return reach
+    def __add__(self, other: "Fraction") -> "Fraction":
+        top = self.top * other.bottom + other.top * self.bottom
+        return Fraction(top, self.bottom * other.bottom)
 
 
-@final
-@dataclass(frozen=True)
-class Rate:
-    """How an input moves with the output: a vector (3, n) along its normal, and sizes."""
+def difference(one: Fraction | None, other: Fraction | None) -> Fraction:
+    """Return the difference of two rates; None stands for zero."""
+    if other is None:
+        assert one is not None, "what stands on the base alone does not move"
+        return one
+    minus = Fraction(-other.top, other.bottom)
+    return minus if one is None else one + minus
 
-    normal: Floats
-    size: Floats
-    sense: Floats
-    speed: Floats
 
-    @property
-    def unit(self) -> Floats:
-        """The unit normal (3, n)."""
-        return self.normal * (self.sense / self.size)
+Made = TypeVar("Made")
+Of = Callable[["PosedMode", Any], Made]
+"""A method of a mode that is asked about one thing."""
+
+
+Groups = Callable[[Dyads, Any], frozenset[int]]
+"""Which dyads' signs something depends on."""
+
+
+def _shared(groups: Groups) -> Callable[[Of[Made]], Of[Made]]:
+    """Compute what a method returns once for all modes with the same signs of groups."""
+
+    def once(method: Of[Made]) -> Of[Made]:
+        @wraps(method)
+        def known(mode: "PosedMode", what: Hashable) -> Made:
+            needed = groups(mode.dyads, what)
+            signs = (s if k in needed else 0 for k, s in enumerate(mode.signs))
+            key = (method, what, *signs)
+            if key not in mode.known:
+                mode.known[key] = method(mode, what)
+            made: Made = mode.known[key]
+            return made
+
+        return known
+
+    return once
+
+
+def _by_pair(dyads: Dyads, pair: int) -> frozenset[int]:
+    return frozenset[int]().union(*map(dyads.needs_of, dyads.ends[pair]))
+
+
+def _by_rate(dyads: Dyads, pair: int) -> frozenset[int]:
+    return dyads.moving[dyads.group_of[pair]]
 
 
 @final
 @dataclass(frozen=True)
 class PosedMode:
-    """One mode of placed dyads; `turn` are the rate of the bar's gap and the directions.
+    """The dyads at n poses of the output, in one mode.
 
-    `driven` are the pairs of the inputs, `measure` gives the measure of type II. What
-    other modes share is taken from what is known of `placed` already.
+    `given_axes` are the axes (3, n) of pairs on the given link, `given_rotation` the
+    columns (3, 3, n) of its orientation, for its other axes. `driven` are the pairs of the
+    inputs, `measure` gives the measure of type II. Where a bar gives the output's turn,
+    `turn` are the rate of its gap, the directions (3, n) and the status (n,). Modes of the
+    same poses have `known` in common.
     """
 
-    placed: Placed
+    dyads: Dyads
     signs: Signs
-    reach: Reachability
-    driven: tuple[int, ...]
-    measure: "Callable[[PosedMode], Floats]"
-    turn: tuple[Fraction, Floats] | None = None
+    given_axes: Mapping[int, Floats]
+    given_rotation: Floats | None
+    driven: tuple[int, ...] = ()
+    measure: "Callable[[PosedMode], Floats] | None" = None
+    turn: tuple[Fraction, Floats, SmallIntegers] | None = None
+    known: dict[Hashable, Any] = field(default_factory=dict)
 
     @property
     def inputs(self) -> Floats:
@@ -83,84 +111,248 @@ class PosedMode:
     @property
     def type_1(self) -> Floats:
         """(n, inputs) measures of type I, see `Inverse`."""
-        return np.stack([self.rate(pair).speed for pair in self.driven], axis=1)
+        return np.stack([self.speed(pair) for pair in self.driven], axis=1)
 
     @property
     def type_1_square(self) -> Floats:
         """(n, inputs) its squares, continued smoothly and negative beyond the reach."""
-        return np.stack([self.speed_square(pair) for pair in self.driven], axis=1)
+        return np.stack([self._speed_square(pair) for pair in self.driven], axis=1)
 
     @property
     def type_2(self) -> Floats:
         """(n,) measure of type II, NaN where the mode has no configuration."""
-        measure = self.measure(self)
-        held = np.isin(self.reach.status, (Status.OK, Status.AT_SINGULARITY))
-        return np.where(held, measure, np.nan)
+        assert self.measure is not None
+        return np.where(self._held, self.measure(self), np.nan)
 
     @property
     def rates(self) -> Floats:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output."""
-        rates = [self.rate(pair) for pair in self.driven]
-        return np.stack([(rate.unit / rate.speed).T for rate in rates], axis=1)
+        moved = [self.moved(pair)[0] for pair in self.driven]
+        return np.stack([(rate.top / rate.bottom).T for rate in moved], axis=1)
 
     @property
     def slope(self) -> Floats:
         """The derivative (n,) of the bar's gap by the turn."""
         assert self.turn is not None
-        gap, directions = self.turn
+        gap, directions, _ = self.turn
         return dot(gap.top, directions) / gap.bottom
 
+    @property
+    def status(self) -> SmallIntegers:
+        """(n,) whether the mode closes, see `Inverse`."""
+        return self.reach("")[2] if self.turn is None else self.turn[2]
+
+    @property
+    def _held(self) -> Bools:
+        return np.isin(self.status, (Status.OK, Status.AT_SINGULARITY))
+
+    @_shared(lambda dyads, _: dyads.reaching)
+    def reach(self, _dyads: str) -> tuple[Floats, SmallIntegers, SmallIntegers]:
+        """Return margin, limiting dyad and status of the dyads (n,), see `Inverse`."""
+        margins, sound = [], []
+        for number, stand in enumerate(self.dyads.stands):
+            root, (u, v) = self._halves(number)[2:]
+            half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
+            base = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
+            shortest, longest = stand.cones.shortest, stand.cones.longest
+            away = np.abs(base - 0.5 * (longest + shortest))
+            margins.append(0.5 * (longest - shortest) - away)
+            sound.append(root >= FLAT_DYAD * stand.flat)
+        margin, limiting = margins[0], np.zeros(len(margins[0]), dtype=np.int8)
+        for number, another in enumerate(margins):
+            limiting[another < margin] = number
+            margin = np.fmin(margin, another)
+        status = np.where(np.all(sound, axis=0), Status.OK, Status.AT_SINGULARITY)
+        status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
+        return margin, limiting, status.astype(np.int8)
+
+    def axis(self, pair: int, link: int) -> Floats:
+        """Return the axis (3, n) or (3, 1) of a pair, seen on one of its links."""
+        dyads = self.dyads
+        pair, link, sense = dyads.source(pair, link)
+        group = dyads.placed_by.get(link)
+        if link == dyads.given and pair in self.given_axes:
+            axis = self.given_axes[pair]
+        elif group is not None and pair == dyads.stands[group].middle:
+            axis = self.middle(group)[0]
+        else:
+            axis = self.vector(link, dyads.axis_in(pair, link))
+        return -axis if sense < 0.0 else axis
+
+    def vector(self, link: int, vector: Floats) -> Floats:
+        """Return a vector (3,) of a link in base axes, (3, n) or (3, 1)."""
+        if link == self.dyads.base:
+            return vector[:, None]
+        return self._carried((link, *vector.tolist()))
+
+    @_shared(lambda dyads, carried: dyads.needs_of(carried[0]))
+    def _carried(self, carried: tuple[int, float, float, float]) -> Floats:
+        link, *vector = carried
+        if link == self.dyads.given:
+            assert self.given_rotation is not None
+            return (np.array(vector) @ self.given_rotation.reshape(3, -1)).reshape(3, -1)
+        stand = self.dyads.stands[self.dyads.placed_by[link]]
+        p = self.axis(self.dyads.stands_by(link)[0], link)
+        q = self.axis(stand.middle, link)
+        a, b, c = self.dyads.spread(*carried)
+        return np.asarray(a * p + b * q + c * cross(p, q))
+
+    def _outer(self, group: int) -> tuple[Floats, Floats]:
+        """Return the axes of a dyad's near and far pair."""
+        stand = self.dyads.stands[group]
+        return self.axis(stand.near, stand.foot), self.axis(stand.far, stand.hold)
+
+    @_shared(lambda dyads, group: dyads.needs[group])
+    def middle(self, group: int) -> tuple[Floats, Floats]:
+        """Return the middle axis (3, n) and middle . (near x far), NaN out of reach."""
+        level, across, height, _ = self._halves(group)
+        sign = self.signs[group] * self.dyads.stands[group].parity
+        return level + sign * across, sign * height
+
+    @_shared(lambda dyads, group: dyads.needs[group] - {group})
+    def _halves(self, group: int) -> tuple[Floats, Floats, Floats, tuple[Floats, Floats]]:
+        """Return the part of the middle axis that both signs share, the other, and |t|.
+
+        With them the squares of the sum and the difference of the outer axes.
+        """
+        cones = self.dyads.stands[group].cones
+        a, c = self._outer(group)
+        total, rest = a + c, a - c
+        squares = dot(total, total), dot(rest, rest)
+        square = triple_square(*cones.halves, *squares)
+        grazes = np.abs(square) < REACH_SLACK
+        if np.any(grazes):
+            square[grazes] = np.maximum(square[grazes], 0.0)
+        root = np.sqrt(square)
+        along, beside, height = middle_axis(*cones.halves, *squares, root)
+        level = total * along
+        if cones.near != cones.far:
+            level += rest * beside
+        across = cross(rest, total)  # 2 a x c, to rounding of its own size
+        across *= 0.5 * height
+        return level, across, root, squares
+
+    @_shared(_by_pair)
+    def angle(self, pair: int) -> Floats:
+        """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach."""
+        dyads = self.dyads
+        a, b = dyads.ends[pair]
+        if dyads.base in (a, b):
+            other, part = self._side(pair, b if a == dyads.base else a)
+            turn = np.array([[part[0], part[1]], [-part[1], part[0]]])
+            x, y = turn @ dyads.frame_in(pair, dyads.base)[:, :2].T @ other
+            return np.asarray(np.arctan2(y if a == dyads.base else -y, x))
+        one, first = self._side(pair, a)
+        other, second = self._side(pair, b)
+        x = dot(one, other) - first[2] * second[2]
+        y = dot(self.axis(pair, b), cross(one, other))
+        turned = second[0] * first[0] + second[1] * first[1]
+        side = second[1] * first[0] - second[0] * first[1]
+        return np.asarray(np.arctan2(y * turned - x * side, x * turned + y * side))
+
+    def _side(self, pair: int, link: int) -> tuple[Floats, Floats]:
+        """Return a vector of a link off a pair's axis, and its components in the frame.
+
+        The components (3,) are those in the pair's frame in that link.
+        """
+        dyads = self.dyads
+        frame = dyads.frame_in(pair, link)
+        if link == dyads.given:
+            return self.vector(link, frame[:, 0]), np.array([1.0, 0.0, 0.0])
+        other = dyads.stands[dyads.placed_by[link]].middle
+        if pair == other or dyads.is_coaxial(pair, other, link):
+            other, _ = dyads.stands_by(link)
+        return self.axis(other, link), dyads.axis_in(other, link) @ frame
+
+    @_shared(lambda dyads, pair: dyads.reaching | _by_pair(dyads, pair))
     def input(self, pair: int) -> Floats:
         """Return an input (n,), NaN where the mode has no configuration."""
-        computed = self.placed.computed
-        angle, key = self.placed.angle(pair, self.signs)
-        masked = (key, self.reach.key)
-        if masked not in computed:
-            held = angle.copy()
-            status = self.reach.status
-            held[(status != Status.OK) & (status != Status.AT_SINGULARITY)] = np.nan
-            computed[masked] = held
-        return np.asarray(computed[masked])
+        return np.where(self._held, self.angle(pair), np.nan)
 
-    def rate(self, pair: int) -> Rate:
-        """Return how an input moves with the output, its turn being what the bar asks."""
-        placed, signs = self.placed, self.signs
-        key = ("size", placed.key("rate", pair, placed.dyads.moves_with(pair), signs))
-        if key not in placed.computed:
-            rate = placed.rate(pair, signs)
-            if self.turn is not None:
-                gap, directions = self.turn
-                along, about = dot(rate.top, directions), dot(gap.top, directions)
-                rate = Fraction(rate.top * about - gap.top * along, rate.bottom * about)
-            size = norm(rate.top)
-            speed = np.abs(rate.bottom) / size
-            placed.computed[key] = Rate(rate.top, size, np.sign(rate.bottom), speed)
-        output_rate: Rate = placed.computed[key]
-        return output_rate
+    @_shared(_by_rate)
+    def rate(self, pair: int) -> Fraction:
+        """Return the rate of a pair's variable per unit rate of the output.
 
-    def speed_square(self, pair: int) -> Floats:
-        """Return the square (n,) of the speed of `rate`, continued beyond the reach.
+        Notes
+        -----
+        The rates of the two bodies, w_foot + a A = w_hold + c C - b B, times the product
+        of two of the axes, leave the rate of the third pair.
+        """
+        group = self.dyads.group_of[pair]
+        stand = self.dyads.stands[group]
+        (a, c), (b, triple) = self._outer(group), self.middle(group)
+        near: int | None = stand.near
+        far: int | None = stand.far
+        if pair == stand.near:
+            across, body, near = cross(b, c), stand.first, None
+        elif pair == stand.middle:
+            across, body = cross(c, a), stand.second
+        else:
+            across, body, far = cross(b, a), stand.second, None
+        moved = self.along(across, stand.hold, far)
+        rate = difference(moved, self.along(across, stand.foot, near))
+        ahead = self.dyads.ends[pair][1] == body
+        return Fraction(rate.top, rate.bottom * (-triple if ahead else triple))
+
+    def along(self, vector: Floats, link: int, across: int | None) -> Fraction | None:
+        """Return vector . w of a link; None for zero.
+
+        The vector is at right angles to the axis of the pair `across` on that link, if
+        one is named.
+        """
+        dyads = self.dyads
+        if link == dyads.base:
+            return None
+        if link == dyads.given:
+            return Fraction(vector, np.ones(1))
+        pair, foot = dyads.stands_by(link)
+        if across is not None and dyads.is_coaxial(pair, across, link):
+            return self.along(vector, foot, pair)
+        carried, turning = self.along(vector, foot, None), self.rate(pair)
+        share = dot(vector, self.axis(pair, link))
+        ahead = dyads.ends[pair][1] == link
+        turned = Fraction(turning.top * (share if ahead else -share), turning.bottom)
+        return turned if carried is None else turned + carried
+
+    @_shared(_by_rate)
+    def moved(self, pair: int) -> tuple[Fraction, Floats]:
+        """Return the rate of an input, the turn being what the bar asks, and its size."""
+        rate = self.rate(pair)
+        if self.turn is not None:
+            gap, directions, _ = self.turn
+            along, about = dot(rate.top, directions), dot(gap.top, directions)
+            rate = Fraction(rate.top * about - gap.top * along, rate.bottom * about)
+        return rate, norm(rate.top)
+
+    def normal(self, pair: int) -> Floats:
+        """Return the unit normal (3, n) along which the output turns with an input."""
+        rate, size = self.moved(pair)
+        return rate.top * (np.sign(rate.bottom) / size)
+
+    @_shared(_by_rate)
+    def speed(self, pair: int) -> Floats:
+        """Return how fast (n,) the output turns about that per unit rate of the input."""
+        rate, size = self.moved(pair)
+        return np.abs(rate.bottom) / size
+
+    def _speed_square(self, pair: int) -> Floats:
+        """Return the square (n,) of the speed, continued beyond the reach.
 
         Smoothly, where the dyad of the pair stands on the base and the output alone.
         """
-        dyads, signs = self.placed.dyads, self.signs
-        square = self.rate(pair).speed ** 2
-        stand = dyads.stands[dyads.group_of[pair]]
+        group = self.dyads.group_of[pair]
+        stand, square = self.dyads.stands[group], self.speed(pair) ** 2
         other = stand.cones.far if pair == stand.near else stand.cones.near
-        beyond = self.placed.square(dyads.group_of[pair], signs) / np.sin(other) ** 2
-        return np.where(np.isnan(square), np.fmin(beyond, 0.0), square)
+        triple = triple_square(*stand.cones.halves, *self._halves(group)[3])
+        beyond = np.fmin(triple / np.sin(other) ** 2, 0.0)
+        return np.where(np.isnan(square), beyond, square)
 
     def axes(self, count: int) -> Floats:
         """Return the axes (n, count, 3) of the first pairs, NaN where the mode has none."""
-        n = len(self.reach.status)
-        axes = np.empty((n, count, 3))
+        axes = np.empty((len(self.status), count, 3))
         for pair in range(count):
             axes[:, pair] = self._axis(pair).T
         return axes
-
-    def angle(self, pair: int) -> Floats:
-        """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach."""
-        return self.placed.angle(pair, self.signs)[0]
 
     def cosine(self, one: int, other: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs.
@@ -168,13 +360,13 @@ class PosedMode:
         NaN where an axis cannot be placed; it may be known where the mode does not close.
         """
         cosine = dot(self._axis(one), self._axis(other))
-        return np.broadcast_to(cosine, len(self.reach.status))
+        return np.broadcast_to(cosine, len(self.status))
 
     def _axis(self, pair: int) -> Floats:
-        dyads = self.placed.dyads
-        placed = {dyads.base, *dyads.given, *dyads.placed_by}
+        dyads = self.dyads
+        placed = {dyads.base, dyads.given, *dyads.placed_by}
         nearest = min(
             (link for link in dyads.ends[pair] if link in placed),
             key=lambda link: len(dyads.needs_of(dyads.source(pair, link)[1])),
         )
-        return self.placed.axis(pair, nearest, self.signs)
+        return self.axis(pair, nearest)
