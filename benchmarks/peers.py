@@ -379,8 +379,8 @@ def _pinocchio_model(made: RigidBodies) -> tuple[Any, Any, Any]:
         model.appendBodyToJoint(number[hinge.child], inertia, here)
     cuts = pin.StdVec_RigidConstraintModel()
     for cut in made.cuts:
-        there = pin.SE3(np.eye(3), cut.point)
-        ends = (number[cut.first], there, number[cut.second], there)
+        there = pin.SE3(np.eye(3), cut.axis)
+        ends = (number[cut.parent], there, number[cut.child], there)
         held = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, *ends, pin.LOCAL)
         held.setBaumgarteCorrectorParameters(
             pin.BaumgarteCorrectorParameters(CORRECTION**2, 2.0 * CORRECTION)

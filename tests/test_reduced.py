@@ -352,5 +352,5 @@ def test_rigid_bodies_have_the_inertia_of_the_mechanism(four_bar, models):
         assert np.linalg.norm(body.centre) > 0.1
     assert abs(B - models[0].inertia(0.3)) < 1e-12
     (cut,) = made.cuts
-    across = w[cut.second] - w[cut.first]
-    assert np.max(np.abs(np.cross(across, cut.point))) < 1e-12
+    across = w[cut.child] - w[cut.parent]
+    assert np.max(np.abs(np.cross(across, cut.axis))) < 1e-12

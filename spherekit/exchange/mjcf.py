@@ -3,11 +3,10 @@
 The loads and stops of a mechanism in what MuJoCo has, and those that it has not.
 """
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
+from typing import Any, final
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,7 +27,6 @@ from spherekit.exchange.bodies import (
     SMALL,
     BodyInertia,
     Hinge,
-    LoopCut,
     RigidBodies,
     rigid_bodies,
     spokes,
@@ -43,120 +41,109 @@ from spherekit.model.dynamics import (
     Spring,
 )
 from spherekit.model.expression import Expression
-from spherekit.model.load import Called, Component, Load, TorqueTable
+from spherekit.model.load import Called, Component, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import max_abs, quaternion
-from spherekit.view.colours import Colour, link_colour
+from spherekit.view.colours import link_colour
 
-Bias = tuple[float, float, float]
-
-
-@final
-@dataclass
-class AtHinge:
-    """What a hinge holds: springs (stiffness and what it takes to zero), friction, stop."""
-
-    stiffness: float = 0.0
-    pull: float = 0.0
-    damping: float = 0.0
-    dry: float = 0.0
-    stop: tuple[float, float] | None = None
-
-    @property
-    def rest(self) -> float:
-        """The variable (rad) at which all springs together pull nowhere."""
-        return self.pull / self.stiffness if self.stiffness else 0.0
-
-
-@final
-@dataclass(frozen=True)
-class Actuated:
-    """A load that is an actuator without control.
-
-    At a pair it has the torque ``bias[0] + bias[1] variable + bias[2] rate``; otherwise it
-    is a force, or a moment, on a link, constant in the axes of the ground or of the link.
-    """
-
-    name: str
-    pair: str = ""
-    bias: Bias = (1.0, 0.0, 0.0)
-    load: PointForce | Moment | None = None
-    vector: tuple[float, ...] = ()
+Attributes = dict[str, Any]
+"""Of an element, as texts, numbers, or rows of numbers."""
 
 
 @final
 @dataclass(frozen=True)
 class MujocoLoads:
-    """What MuJoCo has of a mechanism's loads; `lost` are the others with the reason."""
+    """What MuJoCo has of a mechanism's loads; `lost` are the others with the reason.
 
-    hinges: Mapping[str, AtHinge]
-    actuated: Sequence[Actuated]
-    gravity: tuple[float, float, float]
+    `hinges` are the attributes of joints, by pair: springs, friction and stops. `actuated`
+    are the attributes of loads that are actuators without control: at a pair such a load
+    has a torque that is affine in its variable and rate; otherwise it is a force, or a
+    moment, on a link, constant in the axes of the ground or of the link.
+    """
+
+    hinges: Mapping[str, Attributes]
+    actuated: Sequence[tuple[PairTorque | PointForce | Moment, Attributes]]
+    gravity: Floats
     lost: Mapping[str, str]
-    otherwise: Sequence[str] = field(default=())
+    otherwise: Sequence[str]
 
     @property
     def held(self) -> list[str]:
         """The pairs that loads or stops need as hinges."""
-        pairs = [pair for pair, here in self.hinges.items() if here != AtHinge()]
-        return list(dict.fromkeys([*pairs, *(x.pair for x in self.actuated if x.pair)]))
+        pairs = [x.pair for x, _ in self.actuated if isinstance(x, PairTorque)]
+        return list(dict.fromkeys([*self.hinges, *pairs]))
+
+    def sites(self, link: str) -> list[PointForce | Moment]:
+        """Return the loads that act on a link."""
+        on_links = [x for x, _ in self.actuated if not isinstance(x, PairTorque)]
+        return [load for load in on_links if load.link == link]
 
 
 def mujoco_loads(mechanism: Mechanism) -> MujocoLoads:
     """Return the loads and stops of a mechanism as MuJoCo has them."""
-    hinges = {pair: AtHinge() for pair in mechanism.angles}
-    actuated: list[Actuated] = []
+    sums = {pair: dict.fromkeys(_SUMS, 0.0) for pair in mechanism.angles}
+    pulls = dict.fromkeys(sums, 0.0)
+    actuated: list[tuple[PairTorque | PointForce | Moment, Attributes]] = []
     lost: dict[str, str] = {}
     otherwise: list[str] = []
-    gravity = [0.0, 0.0, 0.0]
+    gravity = np.zeros(3)
     for load in mechanism.loads:
         if isinstance(load, Gravity):
-            gravity = [
-                a + float(b) for a, b in zip(gravity, load.acceleration, strict=True)
-            ]
+            gravity = gravity + load.acceleration
         elif isinstance(load, Spring):
-            hinges[load.pair].stiffness += load.stiffness
-            hinges[load.pair].pull += load.stiffness * load.rest
+            sums[load.pair]["stiffness"] += load.stiffness
+            pulls[load.pair] += load.stiffness * load.rest
         elif isinstance(load, Damper):
-            hinges[load.pair].damping += load.damping
+            sums[load.pair]["damping"] += load.damping
         elif isinstance(load, Friction):
-            hinges[load.pair].dry += load.torque
-            hinges[load.pair].damping += load.viscous
+            sums[load.pair]["frictionloss"] += load.torque
+            sums[load.pair]["damping"] += load.viscous
             otherwise.append(
                 f"load {load.name}: MuJoCo's dry friction jumps at rest, where the file "
                 f"smooths it below {load.speed:g} rad/s"
             )
-        elif isinstance(made := _constant(mechanism, load), Actuated):
-            actuated.append(made)
+        elif isinstance(load, PairTorque | PointForce | Moment):
+            made = _constant(mechanism, load)
+            if isinstance(made, str):
+                lost[load.name] = made
+            else:
+                actuated.append((load, made))
+        elif isinstance(load, TorqueTable):
+            lost[load.name] = "MuJoCo has no tables in time"
         else:
-            lost[load.name] = made
-    for stop in mechanism.stops:
-        if stop.pair in hinges:
-            hinges[stop.pair].stop = (stop.low, stop.high)
-    x, y, z = gravity
-    return MujocoLoads(hinges, actuated, (x, y, z), lost, tuple(otherwise))
+            lost[load.name] = f"MuJoCo has no load of kind {load.kind}"
+    hinges: dict[str, Attributes] = {}
+    stops = {stop.pair: (stop.low, stop.high) for stop in mechanism.stops}
+    for pair, here in sums.items():
+        rest = pulls[pair] / (here["stiffness"] or 1.0)
+        held = here | {"springref": rest, "range": stops.get(pair)}
+        if any(held.values()):
+            hinges[pair] = {key: value for key, value in held.items() if value}
+    return MujocoLoads(hinges, actuated, gravity, lost, otherwise)
 
 
-def _constant(mechanism: Mechanism, load: Load) -> Actuated | str:
-    """Return a load as an actuator, or why it is none."""
-    if isinstance(load, TorqueTable):
-        return "MuJoCo has no tables in time"
-    if not isinstance(load, PairTorque | PointForce | Moment):
-        return f"MuJoCo has no load of kind {load.kind}"
-    answers = [
-        _bias(part, getattr(load, "pair", "")) for part in load.components(mechanism)
-    ]
-    reasons = [answer for answer in answers if isinstance(answer, str)]
-    if reasons:
-        return reasons[0]
-    biases = [answer for answer in answers if not isinstance(answer, str)]
+_SUMS = ("stiffness", "damping", "frictionloss")
+
+
+def _constant(
+    mechanism: Mechanism, load: PairTorque | PointForce | Moment
+) -> Attributes | str:
+    """Return a load as the attributes of an actuator, or why it is none."""
+    pair = load.pair if isinstance(load, PairTorque) else ""
+    biases = [_bias(part, pair) for part in load.components(mechanism)]
+    for bias in biases:
+        if isinstance(bias, str):
+            return bias
     if isinstance(load, PairTorque):
-        return Actuated(load.name, load.pair, biases[0])
-    return Actuated(load.name, load=load, vector=tuple(bias[0] for bias in biases))
+        return {"joint": pair, "biasprm": biases[0]}
+    vector = [bias[0] for bias in biases]
+    gear = [*vector, *[0.0] * 3] if isinstance(load, PointForce) else [*[0.0] * 3, *vector]
+    axes = {"refsite": f"{load.name}_axes"} if load.axes == "ground" else {}
+    return {"site": load.name, **axes, "gear": gear, "biasprm": (1.0, 0.0, 0.0)}
 
 
-def _bias(part: Component, pair: str) -> Bias | str:
-    """Return a magnitude as a constant and factors of its pair's variable and rate."""
+def _bias(part: Component, pair: str) -> Floats | str:
+    """Return a magnitude as a constant and factors of its pair's variable and rate (3,)."""
     law = part.magnitude
     if isinstance(law, Called | TorqueTable):
         return "it is a Python function"
@@ -168,8 +155,7 @@ def _bias(part: Component, pair: str) -> Bias | str:
     factors = _affine(law, names)
     if factors is None:
         return f"it is not constant, and not in proportion to an angle or rate: {law.text}"
-    constant, of_variable, of_rate = map(float, (*factors, 0.0, 0.0)[:3])
-    return constant, of_variable, of_rate
+    return np.append(factors, [0.0, 0.0])[:3]
 
 
 def _affine(expression: Expression, names: Sequence[str]) -> Floats | None:
@@ -259,15 +245,36 @@ def mjcf(
             raise ModelError(f"mjcf: {name} is {value} {unit}; it has to be above 0")
     loads = mujoco_loads(mechanism)
     made = rigid_bodies(mechanism, values, loads.held)
-    distances = [np.linalg.norm(body.centre) for body in made.bodies if body.stated]
-    size = (
-        float(np.round(max(distances), 3) or max(distances))
-        if distances and not made.made_up
-        else 1.0
+    far = max(
+        (np.linalg.norm(body.centre) for body in made.bodies if body.stated), default=0
     )
-    writer = _Writer(made, loads, timestep, radius or size)
+    size = 1.0 if made.made_up else float(np.round(far, 3) or far or 1.0)
     notes = _notes(made, loads)
-    return MujocoModel(writer.text(notes), notes)
+    return MujocoModel(_Writer(made, loads, timestep, radius or size).text(notes), notes)
+
+
+FRAME = """<mujoco model="{name}">
+<compiler angle="radian" autolimits="true"/>
+<option timestep="{timestep!r}" integrator="RK4" gravity="{gravity}">
+<flag contact="disable"/></option>
+<statistic center="0 0 0" extent="{extent}"/>
+<visual><headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5"/></visual>
+<asset><texture type="skybox" builtin="gradient" rgb1="0.32 0.35 0.44"
+ rgb2="0.08 0.09 0.12" width="64" height="64"/></asset>
+<default><geom contype="0" conaffinity="0" group="0"/>
+<default class="arc"><geom type="capsule" size="{arc}"/></default>
+<default class="pin"><geom type="cylinder" size="{pin}" rgba="0.91 0.92 0.94 1"/></default>
+</default>
+<custom/>
+<worldbody>
+<light pos="{above}" dir="-1 1 -2"/>
+<light pos="{beside}" dir="1 1 -1" diffuse="0.4 0.4 0.4"/>
+<geom name="sphere" rgba="0.5 0.55 0.7 0.12" type="sphere" size="{ball}"/>
+<body name="{ground}"/>
+</worldbody>
+<tendon/><equality/><actuator/><sensor/><keyframe/>
+</mujoco>"""
+"""What the models of all mechanisms have, and places for what is each one's own."""
 
 
 @final
@@ -279,61 +286,44 @@ class _Writer:
     radius: float
 
     def text(self, notes: Sequence[str]) -> str:
-        made = self.made
-        root = Element("mujoco", model=made.mechanism.name)
-        source = made.mechanism.source
-        for note in [*([source.citation] if source else ()), *notes]:
-            root.append(ElementTree.Comment(f" {note.replace('--', '- -')} "))
-        _add(root, "compiler", angle="radian", autolimits="true")
-        gravity = (0.0, 0.0, 0.0) if made.made_up else self.loads.gravity
-        option = _add(
-            root,
-            "option",
-            timestep=repr(self.timestep),
-            integrator="RK4",
-            gravity=gravity,
+        made, radius, mechanism = self.made, self.radius, self.made.mechanism
+        far = 3.0 * radius
+        frame = FRAME.format(
+            name=mechanism.name,
+            timestep=self.timestep,
+            gravity=_text(np.zeros(3) if made.made_up else self.loads.gravity),
+            extent=_drawn(2.4 * radius),
+            arc=_drawn(LINK_RADIUS * radius),
+            pin=_drawn(PIN_RADIUS * radius),
+            above=_drawn((far, -far, 2.0 * far)),
+            beside=_drawn((-far, -far, far)),
+            ball=_drawn(0.97 * radius),
+            ground=mechanism.ground,
         )
-        _add(option, "flag", contact="disable")
-        _add(root, "statistic", center="0 0 0", extent=_drawn(2.4 * self.radius))
-        self.sky(root)
-        self.defaults(root)
-        self.ranges(root)
-        self.world(root)
-        self.equalities(root)
-        self.actuators(root)
-        self.sensors(root)
-        if made.made_up:
-            self.pose(root)
+        root = ElementTree.fromstring("".join(frame.splitlines()))
+        cited = (mechanism.source.citation,) if mechanism.source else ()
+        for k, note in enumerate((*cited, *notes)):
+            root.insert(k, ElementTree.Comment(f" {note.replace('--', '- -')} "))
+        part = {child.tag: child for child in root if isinstance(child.tag, str)}
+        self.kept(part["custom"])
+        self.world(part["worldbody"])
+        self.equalities(part["tendon"], part["equality"])
+        self.actuators(part["actuator"])
+        for output in mechanism.outputs:
+            ends = {"objtype": "body", "objname": output.link}
+            seen = {"reftype": "body", "refname": output.relative_to}
+            _add(part["sensor"], "framequat", name=output.name, **ends, **seen)
+        if made.made_up:  # servos hold the pose that the model is in
+            values = {hinge.pair: hinge.value for hinge in made.hinges}
+            held = [values[item.pair] for item in mechanism.inputs]
+            _add(part["keyframe"], "key", name="pose", ctrl=held)
+        for empty in [x for x in root if not len(x) and not x.attrib and x.text is None]:
+            root.remove(empty)
         ElementTree.indent(root)
         return ElementTree.tostring(root, encoding="unicode") + "\n"
 
-    def sky(self, root: Element) -> None:
-        visual = _add(root, "visual")
-        _add(visual, "headlight", ambient="0.45 0.45 0.45", diffuse="0.5 0.5 0.5")
-        _add(
-            _add(root, "asset"),
-            "texture",
-            type="skybox",
-            builtin="gradient",
-            rgb1="0.32 0.35 0.44",
-            rgb2="0.08 0.09 0.12",
-            width="64",
-            height="64",
-        )
-
-    def defaults(self, root: Element) -> None:
-        drawn = _add(root, "default")
-        looks = {"contype": "0", "conaffinity": "0", "group": "0"}
-        _add(drawn, "geom", **looks)
-        arc = _add(drawn, "default", **{"class": "arc"})
-        _add(arc, "geom", type="capsule", size=_drawn(LINK_RADIUS * self.radius))
-        pin = _add(drawn, "default", **{"class": "pin"})
-        rgba = "0.91 0.92 0.94 1"
-        _add(pin, "geom", type="cylinder", size=_drawn(PIN_RADIUS * self.radius), rgba=rgba)
-
-    def ranges(self, root: Element) -> None:
+    def kept(self, custom: Element) -> None:
         """Keep what MuJoCo has no place for and `spherekit import` reads again."""
-        custom = _add(root, "custom")
         for item in self.made.mechanism.inputs:
             _add(custom, "numeric", name=f"input_{item.pair}", data=(item.start, item.stop))
         for cut in self.made.cuts:
@@ -341,67 +331,47 @@ class _Writer:
         if self.made.made_up:
             _add(custom, "text", name="masses", data="made up")
 
-    def world(self, root: Element) -> None:
-        made, far = self.made, 3.0 * self.radius
-        world = _add(root, "worldbody")
-        _add(world, "light", pos=_drawn((far, -far, 2.0 * far)), dir="-1 1 -2")
-        _add(
-            world,
-            "light",
-            pos=_drawn((-far, -far, far)),
-            dir="1 1 -1",
-            diffuse="0.4 0.4 0.4",
-        )
-        ball = {"type": "sphere", "size": _drawn(0.97 * self.radius)}
-        _add(world, "geom", name="sphere", rgba="0.5 0.55 0.7 0.12", **ball)
-        ground = _add(world, "body", name=made.mechanism.ground)
-        self.turned(ground, made.rotations[0])
-        self.looks(ground, made.mechanism.ground)
-        self.bodies(ground, made.mechanism.ground)
-        for load in self.loads.actuated:
-            if load.load is not None and load.load.axes == "ground":
-                _add(
-                    world, "site", name=f"{load.name}_axes", size=_drawn(1e-3 * self.radius)
-                )
+    def world(self, world: Element) -> None:
+        name = self.made.mechanism.ground
+        ground = world.find("body")
+        assert ground is not None
+        self.turned(ground, self.made.rotations[0])
+        self.looks(ground, name)
+        self.bodies(ground, name)
+        for load, attributes in self.loads.actuated:
+            if "refsite" in attributes:
+                size = _drawn(1e-3 * self.radius)
+                _add(world, "site", name=f"{load.name}_axes", size=size)
 
     def bodies(self, parent: Element, link: str) -> None:
-        for hinge, inertia, name in self.tree:
+        """Add the bodies on the hinges of a link, second ones last, and those on these."""
+        inertia = {body.link: body for body in self.made.bodies}
+        for hinge in [*self.made.hinges, *self.twins]:
             if hinge.parent != link:
                 continue
-            body = _add(parent, "body", name=name)
+            twin = hinge in self.twins
+            body = _add(parent, "body", name=_twin(hinge) if twin else hinge.child)
             self.turned(body, self.turn(link).T @ self.turn(hinge.child))
-            self.joint(body, hinge)
-            self.inertia(body, inertia)
-            if name == hinge.child:
-                self.looks(body, name)
-                self.bodies(body, name)
-
-    @cached_property
-    def tree(self) -> list[tuple[Hinge, BodyInertia, str]]:
-        """Every hinge with the inertia and the name of its body, second bodies last."""
-        pairs = zip(self.made.hinges, self.made.bodies, strict=True)
-        shared = {body.link: body for body in self.made.bodies}
-        return [
-            *((hinge, body, hinge.child) for hinge, body in pairs),
-            *((twin, shared[twin.child], _twin(twin)) for twin in self.twins),
-        ]
+            axis = self.turn(hinge.child).T @ hinge.axis
+            held = self.loads.hinges.get(hinge.pair, {})
+            named = {"name": hinge.pair, "type": "hinge", "axis": axis, "ref": hinge.value}
+            _add(body, "joint", **named, **held)
+            self.inertia(body, inertia[hinge.child])
+            if not twin:
+                self.looks(body, hinge.child)
+                self.bodies(body, hinge.child)
 
     @cached_property
     def twins(self) -> list[Hinge]:
         """The hinges of second bodies, at cut pairs where loads act."""
-        held, ground = self.loads.held, self.made.mechanism.ground
+        ground = self.made.mechanism.ground
         return [
-            Hinge(cut.pair, cut.first, cut.second, cut.point, cut.value)
-            if cut.second != ground
-            else Hinge(cut.pair, cut.second, cut.first, -cut.point, cut.value)
+            replace(cut, parent=cut.child, child=cut.parent, axis=-cut.axis)
+            if cut.child == ground
+            else cut
             for cut in self.made.cuts
-            if cut.pair in held
+            if cut.pair in self.loads.held
         ]
-
-    @property
-    def connected(self) -> list[LoopCut]:
-        """The cut pairs that no load acts at."""
-        return [cut for cut in self.made.cuts if cut.pair not in self.loads.held]
 
     def turn(self, link: str) -> Floats:
         number = self.made.mechanism.link_number.get(link)
@@ -412,154 +382,82 @@ class _Writer:
         if abs(w) < 1.0:
             body.set("quat", _text((w, x, y, z)))
 
-    def joint(self, body: Element, hinge: Hinge) -> None:
-        here = self.loads.hinges.get(hinge.pair, AtHinge())
-        held = {
-            "stiffness": here.stiffness,
-            "springref": here.rest,
-            "damping": here.damping,
-            "frictionloss": here.dry,
-            "range": here.stop,
-        }
-        _add(
-            body,
-            "joint",
-            name=hinge.pair,
-            type="hinge",
-            axis=self.turn(hinge.child).T @ hinge.axis,
-            ref=hinge.value,
-            **{key: value for key, value in held.items() if value},
-        )
-
     def inertia(self, body: Element, inertia: BodyInertia) -> None:
         share = 1.0 / (1 + sum(twin.child == inertia.link for twin in self.twins))
         turn = self.turn(inertia.link)
         t = share * (turn.T @ inertia.tensor @ turn)
         excess = 2.0 * np.linalg.eigvalsh(t)[-1] - np.trace(t)
         t = t + (THICKNESS * np.trace(t) + max(excess, 0.0)) * np.eye(3)
-        inner = [t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2]]
-        _add(
-            body,
-            "inertial",
-            mass=share * inertia.mass,
-            pos=turn.T @ inertia.centre,
-            fullinertia=inner,
-        )
+        inner = t[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        mass, centre = share * inertia.mass, turn.T @ inertia.centre
+        _add(body, "inertial", mass=mass, pos=centre, fullinertia=inner)
         if not inertia.stated:
             body.set("gravcomp", "1")
 
     def looks(self, body: Element, link: str) -> None:
-        mechanism = self.made.mechanism
+        mechanism, radius = self.made.mechanism, self.radius
         number = mechanism.link_number.get(link)
         if number is None:
             return
         shape = self.shapes[number]
-        rgba = _rgba(link_colour(number))
-        for line in [*shape.curves, *(() if shape.curves else spokes(shape.joints))]:
+        rgba = " ".join(f"{part / 255:.3g}" for part in (*link_colour(number), 255))
+        for line in shape.curves or spokes(shape.joints):
             corners = line[sorted({*range(0, len(line), CHORD), len(line) - 1})]
-            for a, b in itertools.pairwise(corners):
-                ends = _drawn(self.radius * np.concatenate([a, b]))
-                _add(body, "geom", fromto=ends, rgba=rgba, **{"class": "arc"})
+            for ends in np.hstack([corners[:-1], corners[1:]]):
+                fromto = _drawn(radius * ends)
+                _add(body, "geom", fromto=fromto, rgba=rgba, **{"class": "arc"})
         for name, axis in zip(shape.names, shape.joints, strict=True):
             if mechanism.pair(name).links[0] == link:
                 half = 0.5 * PIN_LENGTH
-                place = self.radius * axis
-                ends = _drawn(np.concatenate([(1 - half) * place, (1 + half) * place]))
+                ends = _drawn(np.outer([1 - half, 1 + half], radius * axis))
                 _add(body, "geom", fromto=ends, **{"class": "pin"})
         for output in mechanism.outputs:
             if output.link == link and output.direction is not None:
-                place = self.radius * np.array(output.direction)
-                size = _drawn(PIN_RADIUS * self.radius)
-                _add(
-                    body, "site", name=output.name, pos=place, size=size, rgba="1 0.77 0 1"
-                )
-        for load in self.loads.actuated:
-            if load.load is not None and load.load.link == link:
-                point = load.load.point if isinstance(load.load, PointForce) else (0.0,) * 3
-                size = _drawn(1e-3 * self.radius)
-                _add(body, "site", name=load.name, pos=point, size=size)
+                place = radius * np.array(output.direction)
+                drawn = {"size": _drawn(PIN_RADIUS * radius), "rgba": "1 0.77 0 1"}
+                _add(body, "site", name=output.name, pos=place, **drawn)
+        for load in self.loads.sites(link):
+            point = load.point if isinstance(load, PointForce) else np.zeros(3)
+            _add(body, "site", name=load.name, pos=point, size=_drawn(1e-3 * radius))
 
     @cached_property
     def shapes(self) -> list[Shape]:
         return link_shapes(self.made.mechanism)
 
-    def equalities(self, root: Element) -> None:
+    def equalities(self, tendons: Element, equal: Element) -> None:
         rate = STIFF / self.timestep
         hold = {"solref": (-(rate**2), -2.0 * rate), "solimp": IMPEDANCE}
-        made = self.made
-        if made.ratios:
-            tendons = _add(root, "tendon")
-            for ratio in made.ratios:
-                fixed = _add(tendons, "fixed", name=ratio.pair)
-                for pair, factor in ratio.factors.items():
-                    _add(fixed, "joint", joint=pair, coef=factor)
-        equal = _add(root, "equality")
-        for cut in self.connected:
-            anchor = self.radius * (self.turn(cut.first).T @ cut.point)
-            ends = {"body1": cut.first, "body2": cut.second}
-            _add(equal, "connect", name=cut.pair, **ends, anchor=anchor, **hold)
+        for cut in self.made.cuts:
+            if cut.pair not in self.loads.held:
+                anchor = self.radius * (self.turn(cut.parent).T @ cut.axis)
+                ends = {"body1": cut.parent, "body2": cut.child, "anchor": anchor}
+                _add(equal, "connect", name=cut.pair, **ends, **hold)
         for twin in self.twins:
             ends = {"body1": twin.child, "body2": _twin(twin)}
             _add(equal, "weld", name=twin.pair, **ends, **hold)
-        for ratio in made.ratios:
-            _add(equal, "tendon", name=ratio.pair, tendon1=ratio.pair, **hold)
+        for name, factors in self.made.ratios.items():
+            fixed = _add(tendons, "fixed", name=name)
+            for pair, factor in factors.items():
+                _add(fixed, "joint", joint=pair, coef=factor)
+            _add(equal, "tendon", name=name, tendon1=name, **hold)
 
-    def actuators(self, root: Element) -> None:
+    def actuators(self, actuators: Element) -> None:
         made = self.made
-        actuators = _add(root, "actuator")
         inertia = sum(float(np.trace(mass.tensor)) for mass in made.bodies)
+        servo: Attributes = {"kp": float(f"{inertia * SERVO**2:.2g}"), "dampratio": "1"}
         for item in made.mechanism.inputs:
             ends = {"name": item.pair, "joint": item.pair}
             if made.made_up:
-                strength = float(f"{inertia * SERVO**2:.2g}")
-                _add(
-                    actuators,
-                    "position",
-                    **ends,
-                    kp=strength,
-                    dampratio="1",
-                    ctrlrange=item.range,
-                )
+                _add(actuators, "position", **ends, **servo, ctrlrange=item.range)
             else:
                 _add(actuators, "motor", **ends)
-        for load in () if made.made_up else self.loads.actuated:
-            _add(
-                actuators,
-                "general",
-                name=load.name,
-                **_transmission(load),
-                gainprm="0",
-                biastype="affine",
-                biasprm=load.bias,
-            )
-
-    def sensors(self, root: Element) -> None:
-        outputs = self.made.mechanism.outputs
-        sensors = _add(root, "sensor") if outputs else root
-        for output in outputs:
-            ends = {"objtype": "body", "objname": output.link}
-            seen = {"reftype": "body", "refname": output.relative_to}
-            _add(sensors, "framequat", name=output.name, **ends, **seen)
-
-    def pose(self, root: Element) -> None:
-        """Let servos hold the pose that the model is in."""
-        values = {hinge.pair: hinge.value for hinge in self.made.hinges}
-        held = [values[item.pair] for item in self.made.mechanism.inputs]
-        _add(_add(root, "keyframe"), "key", name="pose", ctrl=held)
+        affine = {"gainprm": "0", "biastype": "affine"}
+        for load, attributes in () if made.made_up else self.loads.actuated:
+            _add(actuators, "general", name=load.name, **affine, **attributes)
 
 
 def _twin(hinge: Hinge) -> str:
     return f"{hinge.child}_at_{hinge.pair}"
-
-
-def _transmission(load: Actuated) -> Mapping[str, object]:
-    if load.load is None:
-        return {"joint": load.pair}
-    none = (0.0, 0.0, 0.0)
-    force = isinstance(load.load, PointForce)
-    gear = [*load.vector, *none] if force else [*none, *load.vector]
-    axes = {"refsite": f"{load.name}_axes"} if load.load.axes == "ground" else {}
-    return {"site": load.name, **axes, "gear": gear}
 
 
 def _notes(made: RigidBodies, loads: MujocoLoads) -> tuple[str, ...]:
@@ -602,10 +500,6 @@ def _add(parent: Element, tag: str, **attributes: object) -> Element:
     """Return a new element whose attributes are texts, numbers, or rows of numbers."""
     texts = {k: x if isinstance(x, str) else _text(x) for k, x in attributes.items()}
     return ElementTree.SubElement(parent, tag, texts)
-
-
-def _rgba(colour: Colour) -> str:
-    return " ".join(f"{part / 255:.3g}" for part in (*colour, 255))
 
 
 def _drawn(numbers: object) -> str:
