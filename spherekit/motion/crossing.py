@@ -1,8 +1,8 @@
 """Configurations in which curves cross: the closure equations lose rank.
 
-There the velocity equations have k > 1 independent solutions. The configuration x and a
-basis T of them solve F(x) = 0, J(x) T = 0 together, and these equations are regular where
-the second-order terms below are not degenerate. A motion x' = T y goes on to second order
+There the velocity equations have k > 1 independent solutions T. The configuration x solves
+F(x) = 0 and l . J(x) T = 0 with every l that J loses there, and these equations are regular
+where the second-order terms below are not degenerate. A motion x' = T y goes on to second order
 if y . B y = 0 for B = T' (l . dJ/dx) T and every l with l J = 0: for k = 2 these are the
 directions of no or two curves, for k = 3 of up to four (Keller 1977 calls them the
 algebraic bifurcation equations).
@@ -144,58 +144,31 @@ def _spread(count: int) -> Floats:
 
 
 def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
-    """Solve F = 0, J T = 0, C . T = 1 for x and T by the Gauss-Newton method."""
-    count = len(start)
-    x = start.copy()
-    basis = np.linalg.svd(closure.at(x[None]).jacobian[0])[2][count - freedoms :].T
-    held = basis.copy()
-    error = np.inf
+    """Solve F = 0 and l . J t = 0 for x, all l and t that J loses there, by Gauss-Newton."""
+    x, rank, error = start.copy(), len(start) - freedoms, np.inf
     for _ in range(MOST_STEPS):
-        matrix, rest = _augmented(closure, x, basis, held)
+        at = closure.at(x[None])
+        left, sizes, right = np.linalg.svd(at.jacobian[0])
+        lost, null = left[:, rank:], right[rank:]
+        bends = np.einsum("bma,ml,ka->lkb", jacobian_rates(closure, x), lost, null)
+        matrix = np.concatenate([at.jacobian[0], bends.reshape(-1, len(x))])
+        rest = np.append(at.residual[0], lost.T @ at.jacobian[0] @ null.T)
         step = np.linalg.lstsq(matrix, -rest, rcond=1e-12)[0]
-        before, error = error, float(max_abs(step[:count]))
-        x = x + step[:count]
-        basis = basis + step[count:].reshape(freedoms, count).T
+        before, error = error, float(max_abs(step))
+        x = x + step
         if not all_finite(x) or max_abs(x - start) > FAR:
             return None
         if error < 4.0 * EPS or (error < 1e-11 and error > 0.25 * before):
             break
     at = closure.at(x[None])
-    rest = np.append(at.residual[0], (at.jacobian[0] @ np.linalg.qr(basis)[0]).ravel())
-    miss = float(max_abs(rest))
+    left, sizes, right = np.linalg.svd(at.jacobian[0])
+    miss = float(max_abs(np.append(at.residual[0], sizes[rank:])))
     if miss > MISSED or error > 1e-6:
         return None
-    left, _, right = np.linalg.svd(at.jacobian[0])
-    rank = count - freedoms
-    forms = _second_order(closure, x, left[:, rank:], right[rank:])
-    tangents = _directions(forms)
+    tangents = _directions(_second_order(closure, x, left[:, rank:], right[rank:]))
     resolved = tangents is not None
-    along = np.zeros((0, count)) if tangents is None else tangents @ right[rank:]
+    along = np.zeros((0, len(x))) if tangents is None else tangents @ right[rank:]
     return Crossing(x, rank, freedoms, along, resolved, miss, error)
-
-
-def _augmented(
-    closure: Closure, x: Floats, basis: Floats, held: Floats
-) -> tuple[Floats, Floats]:
-    """Return the matrix and the residual of the augmented equations."""
-    at = closure.at(x[None])
-    gap, jacobian = at.residual[0], at.jacobian[0]
-    rows, count = jacobian.shape
-    freedoms = basis.shape[1]
-    turned = jacobian_rates(closure, x)
-    matrix = np.zeros((rows * (1 + freedoms) + freedoms**2, count * (1 + freedoms)))
-    matrix[:rows, :count] = jacobian
-    rest = [gap]
-    for k in range(freedoms):
-        here = slice(rows * (1 + k), rows * (2 + k))
-        columns = slice(count * (1 + k), count * (2 + k))
-        matrix[here, :count] = (turned @ basis[:, k]).T
-        matrix[here, columns] = jacobian
-        last = rows * (1 + freedoms) + freedoms * k
-        matrix[last : last + freedoms, columns] = held.T
-        rest.append(jacobian @ basis[:, k])
-    norm = held.T @ basis - np.eye(freedoms)
-    return matrix, np.concatenate([*rest, norm.T.ravel()])
 
 
 def jacobian_rates(closure: Closure, values: Floats) -> Floats:
