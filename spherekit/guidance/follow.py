@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebfit, chebpts1, chebval
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats, SmallIntegers
@@ -22,18 +23,16 @@ from spherekit.guidance.rotation_path import (
     STATIONARY,
     UNFIXED,
     VERIFIED,
-    March,
-    Node,
+    Nodes,
     Optimality,
     Target,
-    corrected,
+    Way,
     least_about,
 )
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import chosen_output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import condition
-from spherekit.numeric.zeros import hermite
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
     TURN_MEANING,
@@ -100,7 +99,7 @@ class RotationSamples:
 
 @final
 @dataclass(frozen=True)
-class FollowedRotation:
+class FollowedRotation(Way):
     """A rotation about a fixed axis as far as a mechanism follows it.
 
     Attributes
@@ -109,6 +108,8 @@ class FollowedRotation:
         Names of the driven pairs.
     axis, angle
         Unit vector (3,) in the axes of the base, and the whole angle (rad), 0 or more.
+    exact
+        Whether the output link turns exactly about the axis, as far as it gets.
     end
         Status of what lies beyond: OUT_OF_REACH where the output link cannot turn further,
         AT_SINGULARITY where the loops stop fixing the links, MODE_LOST otherwise.
@@ -117,26 +118,18 @@ class FollowedRotation:
         the links there; rates near them are interpolated.
     """
 
-    target: Target
     transmission: Transmission
     driven: list[int]
     inputs: tuple[str, ...]
-    axis: Floats
     angle: float
-    start: Floats
-    nodes: tuple[Node, ...]
+    nodes: Nodes
     end: Status
     leaps: tuple[float, ...]
 
     @property
     def reached(self) -> float:
         """The angle (rad) at which following ended."""
-        return min(self.nodes[-1].theta, self.angle)
-
-    @property
-    def exact(self) -> bool:
-        """Whether the output link turns exactly about the axis, as far as it gets."""
-        return self.nodes[0].follows
+        return min(float(self.nodes.theta[-1]), self.angle)
 
     @cached_property
     def crossings(self) -> tuple[float, ...]:
@@ -157,61 +150,37 @@ class FollowedRotation:
 
     def _held(self, theta: Floats) -> Floats:
         """Return how surely (n,) the inputs hold the output at angles reached (n,)."""
-        wanted = rotation(self.axis, theta) @ self.start
-        near, _ = corrected(self.target, self._predict(theta)[0], wanted, self.exact)
+        near, _ = self.near(theta, self.nodes.between(theta)[0])
         return self.transmission.of_values(self.target.closure, near.values)
-
-    @cached_property
-    def _known(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Angle (k,), values, first and second derivatives (k, variables) of nodes."""
-        return (
-            np.array([node.theta for node in self.nodes]),
-            np.stack([node.values for node in self.nodes]),
-            np.stack([node.first for node in self.nodes]),
-            np.stack([node.second for node in self.nodes]),
-        )
-
-    def _predict(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return predicted variables (n, variables) and how far (n,) they may be off."""
-        angles, values, first, second = self._known
-        if len(angles) == 1:
-            return np.repeat(values, len(theta), axis=0), np.full(len(theta), 1e-8)
-        cell = np.clip(np.searchsorted(angles, theta) - 1, 0, len(angles) - 2)
-        h = angles[cell + 1] - angles[cell]
-        ends = [(values[c], first[c], second[c]) for c in (cell, cell + 1)]
-        predicted = hermite(ends[0], ends[1], h, (theta - angles[cell]) / h)
-        moved = max_abs(values[cell + 1] - values[cell], axis=1)
-        return predicted, 10.0 * VERIFIED.middle * np.maximum(h, moved) + 1e-8
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
         theta = within(theta, self.angle)
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
-        wanted = rotation(self.axis, theta) @ self.start
-        predicted, allowed = self._predict(np.minimum(theta, self.reached))
-        near, _ = corrected(self.target, predicted, wanted, self.exact)
-        beyond = theta > self.reached
+        predicted, size = self.nodes.between(np.minimum(theta, self.reached))
+        near, _ = self.near(theta, predicted)
         hold = np.nan_to_num(1.0 / condition(near.system))
         if not self.exact:
             hold = np.minimum(near.least_eigenvalue, near.loop_conditioning)
         unfixed = (status == Status.OK) & ~(hold > UNFIXED)
         if np.any(unfixed):
             values = np.where(unfixed[:, None], predicted, near.values)
-            near = self.target.at(values, wanted)
-            status[unfixed] = Status.AT_SINGULARITY
+            near = self.target.at(values, self.wanted(theta))
         off = max_abs(near.values - predicted, axis=1)
-        followed = status == Status.OK
-        status[followed & ~(near.miss(self.exact) < STATIONARY)] = Status.NOT_CONVERGED
-        status[(status == Status.OK) & ~(off <= allowed)] = Status.MODE_LOST
-        off_profile = (status == Status.OK) & ~np.all(near.at.states.inside, axis=1)
-        status[off_profile] = Status.OFF_PROFILE
         held = self.transmission.of_values(self.target.closure, near.values)
-        status[(status == Status.OK) & ~(held > SINGULAR)] = Status.AT_SINGULARITY
+        for wrong, why in (
+            (unfixed, Status.AT_SINGULARITY),
+            (~(near.miss(self.exact) < STATIONARY), Status.NOT_CONVERGED),
+            (~(off <= 10.0 * VERIFIED.middle * size + 1e-8), Status.MODE_LOST),
+            (~np.all(near.at.states.inside, axis=1), Status.OFF_PROFILE),
+            (~(held > SINGULAR), Status.AT_SINGULARITY),
+        ):
+            status[(status == Status.OK) & wrong] = why
         slopes, bends = self._rates(theta, near)
-        w = np.einsum("nkv,nv->nk", near.turning, slopes)
         with np.errstate(invalid="ignore", divide="ignore"):
-            w = unit_rows(w)
-        lost = beyond | ~np.isin(status, (Status.OK, Status.AT_SINGULARITY))
+            w = unit_rows(np.matvec(near.turning, slopes))
+        lost = theta > self.reached
+        lost |= ~np.isin(status, (Status.OK, Status.AT_SINGULARITY))
 
         def kept(array: Floats) -> Floats:
             array[lost] = np.nan
@@ -224,7 +193,7 @@ class FollowedRotation:
             second_rates=kept(bends[:, self.driven]),
             values=kept(near.values),
             orientation=kept(near.reached),
-            departure=kept(turns_between(near.reached, wanted).angle),
+            departure=kept(turns_between(near.reached, self.wanted(theta)).angle),
             drift=kept(arc(w, np.broadcast_to(self.axis, w.shape))),
             type_2=kept(held),
             status=status,
@@ -237,23 +206,18 @@ class FollowedRotation:
         from the polynomial through the derivatives at Chebyshev points around it.
         """
         slopes, bends, _ = near.rates(self.axis)
+        ends = self.nodes.theta[[0, -1]]
         for place in self.leaps:
-            low = max(place - AROUND, self.nodes[0].theta)
-            high = min(place + AROUND, self.nodes[-1].theta)
+            low, high = np.clip([place - AROUND, place + AROUND], *ends)
             rows = (theta > low) & (theta < high)
             if not np.any(rows):
                 continue
-            k = np.arange(POINTS) + 0.5
-            x = np.cos(k * np.pi / POINTS)
+            x = chebpts1(POINTS)
             points = 0.5 * (low + high) + 0.5 * (high - low) * x
-            wanted = rotation(self.axis, points) @ self.start
-            around, _ = corrected(self.target, self._predict(points)[0], wanted, self.exact)
-            first, second, _ = around.rates(self.axis)
-            distance = theta[rows, None] - points
-            distance[distance == 0.0] = 1e-300
-            weights = (-1.0) ** np.arange(POINTS) * np.sin(k * np.pi / POINTS) / distance
-            weights /= np.sum(weights, axis=1, keepdims=True)
-            slopes[rows], bends[rows] = weights @ first, weights @ second
+            around, _ = self.near(points, self.nodes.between(points)[0])
+            part = (2.0 * theta[rows] - low - high) / (high - low)
+            for known, rates in zip(around.rates(self.axis), (slopes, bends), strict=False):
+                rates[rows] = chebval(part, chebfit(x, known, POINTS - 1)).T
         return slopes, bends
 
 
@@ -352,19 +316,18 @@ def follow_rotation(
         Closure.of(made, geometry_of(made).joints), made.link_number[end.link], len(inputs)
     )
     start = _configuration(values, len(target.closure.tree.owners), made.name)
-    first = replace(_started(target, start, about, made.name), theta=0.0 - lead)
-    march = March(target, about, float(angle), first.follows, [first])
+    near = _started(target, start, made.name)
+    given = target, about, rotation(about, [lead])[0] @ near.reached[0]
+    way = Way(*given, bool(near.rates(about)[2][0]))
+    first = way.nodes_of(np.array([0.0 - lead]), near)
     return FollowedRotation(
-        target,
+        *given,
+        way.exact,
         Transmission.of(made, end),
         driven,
         inputs,
-        about,
         float(angle),
-        march.start,
-        tuple(march.nodes),
-        march.end,
-        tuple(march.leaps),
+        *way.follow(first, float(angle)),
     )
 
 
@@ -405,7 +368,8 @@ def _configuration(values: ArrayLike, count: int, name: str) -> Floats:
     return given
 
 
-def _started(target: Target, values: Floats, axis: Floats, name: str) -> Node:
+def _started(target: Target, values: Floats, name: str) -> Optimality:
+    """Return a configuration (variables,), closed exactly, from which a way may begin."""
     count = len(values)
     if target.freedoms > 3:
         raise SolveError(
@@ -425,7 +389,8 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> Node:
             f"{name}: the configuration to start from does not close: its residual is "
             f"{gap:.3g} rad, but at most {CLOSED_START:g} is allowed"
         )
-    near, _ = corrected(target, values[None], near.reached, False)
+    way = Way(target, np.eye(3)[2], near.reached[0], False)
+    near, _ = way.near(np.zeros(1), values[None])
     sizes = np.linalg.svd(near.at.jacobian[0], compute_uv=False)
     held = np.any(sizes[count - target.freedoms :] > UNFIXED * np.max(sizes, initial=0.0))
     if held or not near.loop_conditioning[0] > UNFIXED:
@@ -439,5 +404,4 @@ def _started(target: Target, values: Floats, axis: Floats, name: str) -> Node:
             f"are inputs ({target.freedoms}): it is at the limit of its reach, or does "
             "not move with all inputs; start elsewhere or choose another output"
         )
-    (first,), (second,), (follows,) = near.rates(axis)
-    return Node(0.0, near, first, second, bool(follows))
+    return near

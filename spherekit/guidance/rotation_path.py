@@ -2,10 +2,9 @@
 
 From a closed configuration the orientation wanted turns about the axis, and the
 configuration nearest to it is followed in steps that are verified as
-`spherekit.motion.steps` says, with exact first and second derivatives.
-Where the loops do not fix the links at
-one configuration on the way, that is stepped over at once, if the polynomials on both
-sides of it agree.
+`spherekit.motion.steps` says, with exact first and second derivatives. Where the loops do
+not fix the links at one configuration on the way, that is stepped over at once, if the
+polynomials on both sides of it agree.
 
 The configuration whose output link is nearest to an orientation, and how it moves.
 
@@ -18,7 +17,7 @@ twice by the angle turned through, the condition gives exact rates.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
@@ -28,8 +27,8 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.motion.closure import Closure, NewtonSteps, newton
 from spherekit.motion.loops import Linearisation, left_inverse
-from spherekit.motion.steps import Verification, follow_paths
-from spherekit.numeric.zeros import hermite
+from spherekit.motion.steps import STEP_PARTS, Verification
+from spherekit.numeric.zeros import ArrayRows, hermite
 from spherekit.sphere.rotation import (
     LogRate,
     all_finite,
@@ -53,16 +52,11 @@ class Target:
     link: int
     freedoms: int
 
-    @property
-    def reach(self) -> Floats:
-        """(variables,) sense in which the way to the output link uses each variable."""
-        return np.asarray(self.closure.tree.paths[self.link])
-
     def at(self, values: Floats, wanted: Floats) -> "Optimality":
         """Return n configurations (n, variables) beside orientations (n, 3, 3)."""
         at = self.closure.at(values)
         left = rotation_vector(wanted @ transpose(at.placed[:, self.link]))
-        turning = self.reach[None, None, :] * np.swapaxes(at.vectors, 1, 2)
+        turning = self.closure.tree.paths[self.link] * np.swapaxes(at.vectors, 1, 2)
         return Optimality(self, at, turning, left)
 
 
@@ -92,21 +86,14 @@ class Optimality:
     @cached_property
     def _split(self) -> tuple[Floats, Floats, Floats]:
         """The pseudo-inverse of J with its known rank, its null space, its flatness."""
-        n, rows, count = self.at.jacobian.shape
-        if rows == 0:
-            return np.zeros((n, count, 0)), np.tile(np.eye(count), (n, 1, 1)), np.ones(n)
-        rank = count - self.target.freedoms
+        rank = self.values.shape[1] - self.target.freedoms
         left, sizes, right = np.linalg.svd(self.at.jacobian)
-        kept = sizes[:, :rank]
-        with np.errstate(divide="ignore"):
-            inverse = np.swapaxes(right[:, :rank], 1, 2) / kept[:, None, :]
-        inverse = np.einsum("nvr,nmr->nvm", inverse, left[:, :, :rank])
-        return inverse, np.swapaxes(right[:, rank:], 1, 2), kept[:, -1] / kept[:, 0]
-
-    @property
-    def free(self) -> Floats:
-        """Orthonormal motions (n, variables, freedoms) that keep the loops closed."""
-        return self._split[1]
+        kept, flatness = sizes[:, :rank], np.ones(len(sizes))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = transpose(right[:, :rank]) / kept[:, None] @ transpose(left)[:, :rank]
+        if sizes.shape[1]:
+            flatness = kept[:, -1] / kept[:, 0]
+        return inverse, transpose(right[:, rank:]), flatness
 
     @property
     def loop_conditioning(self) -> Floats:
@@ -116,7 +103,7 @@ class Optimality:
     @cached_property
     def swing(self) -> Floats:
         """Angular velocities (n, 3, freedoms) of the output link by the free motions."""
-        return self.turning @ self.free
+        return self.turning @ self._split[1]
 
     @cached_property
     def output_singular_value(self) -> Floats:
@@ -130,22 +117,34 @@ class Optimality:
         return np.concatenate([self.at.jacobian, self.turning], axis=1)
 
     @cached_property
-    def _pseudo_inverse(self) -> Floats:
+    def system_inverse(self) -> Floats:
+        """(n, variables, 3 loops + 3) the pseudo-inverse of the system."""
         return np.asarray(np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14))
 
     @cached_property
-    def _pulls(self) -> Floats:
-        """Vectors f (n, variables, 3): the gradient by each variable is vector . f."""
-        inverse, _, _ = self._split
-        slope = np.einsum("nkv,nk->nv", self.turning, self.left)
-        return self._combined(self.left, -np.einsum("nvm,nv->nm", inverse, slope))
+    def _departed(self) -> Bools:
+        return np.asarray(np.linalg.norm(self.left, axis=1) > DEPARTED)
 
-    def _combined(self, at_output: Floats, at_loops: Floats) -> Floats:
-        """Return what rotations (n, 3) and multipliers (n, 3 loops) pull at variables."""
-        tree = self.target.closure.tree
-        loops = at_loops.reshape(len(at_loops), len(tree.chords), 3)
-        pulled = np.einsum("lv,nlk->nvk", tree.signs, loops)
-        return np.asarray(pulled + self.target.reach[:, None] * at_output[:, None])
+    @cached_property
+    def _pulls(self) -> Floats:
+        """Vectors f (n, variables, 3): the gradient by each variable is vector . f.
+
+        Zero where the link is as wanted.
+        """
+        slope = np.vecmat(self.left, self.turning)
+        pulls = self._combined(self.left, slope)
+        return np.where(self._departed[:, None, None], pulls, 0.0)
+
+    def _combined(self, at_output: Floats, slope: Floats) -> Floats:
+        """Return how rotations (n, 3), and loops that hold a slope, pull at variables.
+
+        Vectors (n, variables, 3); the slope is (n, variables).
+        """
+        tree = self.at.tree
+        at_loops = -np.vecmat(slope, self._split[0])
+        at_loops = at_loops.reshape(len(slope), len(tree.chords), 3)
+        reach = tree.paths[self.target.link][:, None]
+        return np.asarray(transpose(tree.signs) @ at_loops + reach * at_output[:, None])
 
     def _turned(self, rates: Floats) -> Floats:
         """Return how vectors change, (n, variables, 3), at rates (n, variables)."""
@@ -154,69 +153,63 @@ class Optimality:
     def _turned_twice(self, rates: Floats, turned: Floats) -> Floats:
         """Return the second derivatives (n, variables, 3) of vectors at constant rates.
 
-        NaN for contact pairs, whose profiles would be needed to one more derivative.
+        NaN for contact pairs, whose profiles would be needed to one more derivative; zero
+        where the link is as wanted, and they do not matter.
         """
         tree = self.at.tree
-        first = self.at.body_rates(rates)[:, tree.firsts]
-        change = tree.body_rates(turned, rates)[:, tree.firsts]
-        out = np.full_like(turned, np.nan)
-        for v, pair in enumerate(self.target.closure.tree.owners):
-            if self.target.closure.joints[pair].has_axis:
-                out[:, v] = cross(change[:, pair], self.at.vectors[:, v])
-                out[:, v] += cross(first[:, pair], turned[:, v])
+        firsts = tree.firsts[list(tree.owners)]
+        out = cross(tree.body_rates(turned, rates)[:, firsts], self.at.vectors)
+        out += cross(self.at.body_rates(rates)[:, firsts], turned)
+        out[:, [not self.at.joints[pair].has_axis for pair in tree.owners]] = np.nan
+        out[~self._departed] = 0.0
         return out
 
-    @property
-    def _departs(self) -> bool:
-        return bool(np.any(np.linalg.norm(self.left, axis=1) > DEPARTED))
-
-    @cached_property
-    def _curved(self) -> Floats:
-        """How the gradient by the free motions bends with them, (n, freedoms, freedoms)."""
-        if not self._departs:
-            return np.zeros((len(self.values), *2 * (self.free.shape[2],)))
-        columns = [
-            np.einsum("nvk,nvk->nv", self._turned(self.free[:, :, j]), self._pulls)
-            for j in range(self.free.shape[2])
-        ]
-        return np.asarray(np.swapaxes(self.free, 1, 2) @ np.stack(columns, axis=2))
+    def _stiff(self, motion: Floats) -> Floats:
+        """Return how the gradient of a^2 / 2 changes with motions (n, variables)."""
+        back = LogRate(self.left, -1.0).of(np.matvec(self.turning, motion))
+        change = np.vecmat(back, self.turning)
+        if np.any(self._departed):
+            change -= np.vecdot(self._turned(motion), self._pulls)
+        return np.asarray(change)
 
     @cached_property
     def stiffness(self) -> Floats:
         """Second derivative (n, freedoms, freedoms) of a^2 / 2 along configurations."""
-        log = LogRate(self.left, -1.0)
-        turned = [log.of(self.swing[:, :, j]) for j in range(self.swing.shape[2])]
-        return np.asarray(
-            np.swapaxes(self.swing, 1, 2) @ np.stack(turned, axis=2) - self._curved
-        )
+        free = self._split[1]
+        bent = [self._stiff(motion) for motion in np.moveaxis(free, 2, 0)]
+        return np.asarray(transpose(free) @ np.stack(bent, axis=2))
 
     @cached_property
     def least_eigenvalue(self) -> Floats:
         """(n,) least second derivative of a^2 / 2 along configurations; -1 if unknown."""
-        stiffness = 0.5 * (self.stiffness + np.swapaxes(self.stiffness, 1, 2))
+        stiffness = 0.5 * (self.stiffness + transpose(self.stiffness))
         finite = all_finite(stiffness, (1, 2))
         least = np.full(len(stiffness), -1.0)
         least[finite] = np.linalg.eigvalsh(stiffness[finite])[:, 0]
         return least
+
+    def _balanced(self, pull: Floats, gaps: Floats, stiffness: Floats) -> Floats:
+        """Return the motion (n, variables) that makes up for a pull and for gaps.
+
+        Of the pull (n, variables) what lies along configurations, by a stiffness of those.
+        """
+        inverse, free, _ = self._split
+        held = np.matvec(inverse, gaps)
+        along = np.matvec(
+            left_inverse(stiffness), np.vecmat(pull - self._stiff(held), free)
+        )
+        return np.asarray(held + np.matvec(free, along))
 
     def step(self) -> Floats:
         """Return the change (n, variables) of Newton's method towards the nearest one.
 
         Where a^2 / 2 is not convex the curvature is left out, which always descends.
         """
-        inverse, free, _ = self._split
-        closing = -np.einsum("nvm,nm->nv", inverse, self.at.residual)
-        turned = np.einsum("nkv,nv->nk", self.turning, closing)
-        left = self.left - LogRate(self.left, -1.0).of(turned)
-        pull = np.einsum("nkj,nk->nj", self.swing, left)
-        if self._departs:
-            force = np.einsum("nvk,nvk->nv", self._turned(closing), self._pulls)
-            pull += np.einsum("nvj,nv->nj", free, force)
-        plain = np.swapaxes(self.swing, 1, 2) @ self.swing
+        plain = transpose(self.swing) @ self.swing
         convex = self.least_eigenvalue > 1e-6 * self.output_singular_value**2
         used = np.where(convex[:, None, None], self.stiffness, plain)
-        along = np.einsum("nij,nj->ni", left_inverse(used), pull)
-        return np.asarray(np.einsum("nvj,nj->nv", free, along) + closing)
+        pull = np.vecmat(self.left, self.turning)
+        return self._balanced(pull, -self.at.residual, used)
 
     def exact_step(self) -> Floats:
         """Return the change (n, variables) of Newton's method where the link can follow.
@@ -225,19 +218,15 @@ class Optimality:
         loops alone do not.
         """
         right = np.concatenate([-self.at.residual, self.left], axis=1)
-        return np.asarray(np.einsum("nvm,nm->nv", self._pseudo_inverse, right))
+        return np.asarray(np.matvec(self.system_inverse, right))
 
     def miss(self, exact: bool) -> Floats:
         """Return by how much (n,) loops are open, and how far off the link is (rad).
 
         As the gradient of a^2 / 2, or with `exact` as the rotation left.
         """
-        if exact:
-            both = np.concatenate([self.at.residual, self.left], axis=1)
-            return np.asarray(max_abs(both, axis=1))
-        pull = np.einsum("nkj,nk->nj", self.swing, self.left)
-        open_by = self.at.gap
-        return np.asarray(np.maximum(open_by, max_abs(pull, axis=1)))
+        off = self.left if exact else np.vecmat(self.left, self.swing)
+        return np.asarray(np.maximum(self.at.gap, max_abs(off, axis=1)))
 
     def rates(self, axis: Floats) -> tuple[Floats, Floats, Bools]:
         """Return first and second derivatives (n, variables) by theta.
@@ -247,71 +236,44 @@ class Optimality:
         nearest ones. Where the link follows exactly, its rotation is one more equation of
         the motion, which also holds where the loops alone do not fix it.
         """
-        first, second, misfit = self._exact_rates(axis)
-        follows = np.linalg.norm(self.left, axis=1) < DEPARTED
-        follows &= misfit < DEPARTED
+        right = np.zeros(self.system.shape[:2])
+        right[:, -3:] = axis
+        first = np.matvec(self.system_inverse, right)
+        off = np.matvec(self.system, first) - right
+        bias = -np.concatenate(self._biases(first, self._turned(first)), axis=1)
+        second = np.matvec(self.system_inverse, bias)
+        further = np.matvec(self.system, second) - bias
+        size = 1.0 + max_abs(bias, axis=1)
+        misfit = np.maximum(max_abs(off, axis=1), max_abs(further, axis=1) / size)
+        follows = ~self._departed & (misfit < DEPARTED)
         if not np.all(follows):
             near, rows = self._nearest_rates(axis), follows[:, None]
             first, second = np.where(rows, first, near[0]), np.where(rows, second, near[1])
         return first, second, follows
 
-    def _exact_rates(self, axis: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the rates if the output link turns about the axis, and by how far not."""
-        rows = self.system.shape[1]
-        inverse = self._pseudo_inverse
-        right = np.zeros((len(self.values), rows))
-        right[:, -3:] = axis
-        first = np.einsum("nvm,nm->nv", inverse, right)
-        left = np.einsum("nmv,nv->nm", self.system, first) - right
-        turned = self._turned(first)
-        bias = np.zeros_like(right)
-        loops = self.target.closure.tree.jacobian(turned)
-        bias[:, :-3] = -np.einsum("nij,nj->ni", loops, first)
-        bias[:, -3:] = -np.einsum("v,nvk,nv->nk", self.target.reach, turned, first)
-        second = np.einsum("nvm,nm->nv", inverse, bias)
-        further = np.einsum("nmv,nv->nm", self.system, second) - bias
-        size = 1.0 + max_abs(bias, axis=1)
-        misfit = max_abs(left, axis=1)
-        misfit = np.maximum(misfit, max_abs(further, axis=1) / size)
-        return first, second, misfit
+    def _biases(self, rates: Floats, turned: Floats) -> tuple[Floats, Floats]:
+        """Return J' rates (n, 3 loops) and G' rates (n, 3) as vectors change."""
+        loops = np.matvec(self.at.tree.jacobian(turned), rates)
+        return loops, self.at.tree.body_rates(turned, rates)[:, self.target.link]
 
     def _nearest_rates(self, axis: Floats) -> tuple[Floats, Floats]:
         """Return the rates of the nearest configurations, from the condition for those."""
-        inverse, free, _ = self._split
         log, backward = LogRate(self.left), LogRate(self.left, -1.0)
-        tree, reach = self.target.closure.tree, self.target.reach
         about = np.broadcast_to(axis, self.left.shape)
-        soft = left_inverse(self.stiffness)
-
-        def along(gradient: Floats) -> Floats:
-            motion = np.einsum("nij,nj->ni", soft, gradient)
-            return np.asarray(np.einsum("nvj,nj->nv", free, motion))
-
-        def seen(change: Floats) -> Floats:
-            return np.asarray(np.einsum("nkj,nk->nj", self.swing, change))
-
-        first = along(seen(log.of(about)))
+        ahead = np.vecmat(log.of(about), self.turning)
+        first = self._balanced(ahead, np.zeros_like(self.at.residual), self.stiffness)
         turned = self._turned(first)
-        w = np.einsum("nkv,nv->nk", self.turning, first)
+        w = np.matvec(self.turning, first)
         left_rate = log.of(about) - backward.of(w)
-        pulls = self._pulls
-        slope = np.einsum("nvk,nvk->nv", turned, pulls)
-        slope += np.einsum("nkv,nk->nv", self.turning, left_rate)
-        pulls_rate = self._combined(left_rate, -np.einsum("nvm,nv->nm", inverse, slope))
-
-        bias = np.einsum("nij,nj->ni", tree.jacobian(turned), first)
-        held = -np.einsum("nvm,nm->nv", inverse, bias)
-        twice = self._turned_twice(first, turned) + self._turned(held)
-        departed = np.linalg.norm(self.left, axis=1) > DEPARTED
-        twice[~departed] = 0.0
-        force = np.einsum("nvk,nvk->nv", twice, pulls)
-        force += 2.0 * np.einsum("nvk,nvk->nv", turned, pulls_rate)
-        w_bias = np.einsum("nkv,nv->nk", self.turning, held)
-        w_bias += np.einsum("v,nvk,nv->nk", reach, turned, first)
+        slope = np.vecdot(turned, self._pulls) + np.vecmat(left_rate, self.turning)
+        pulls_rate = self._combined(left_rate, slope)
+        loops, swung = self._biases(first, turned)
         left_bias = log.changed(left_rate, about) - backward.changed(left_rate, w)
-        left_bias -= backward.of(w_bias)
-        second = held + along(np.einsum("nvj,nv->nj", free, force) + seen(left_bias))
-        return first, second
+        pull = np.vecdot(self._turned_twice(first, turned), self._pulls)
+        pull += np.vecmat(left_bias - backward.of(swung), self.turning)
+        force = 2.0 * np.vecdot(turned, pulls_rate)
+        force[~self._departed] = 0.0
+        return first, self._balanced(pull + force, -loops, self.stiffness)
 
 
 LARGEST_STEP = 0.2
@@ -374,218 +336,201 @@ def least_about(
 
 @final
 @dataclass(frozen=True)
-class Node:
-    """A configuration on the way with its derivatives by theta, one row each."""
+class Nodes(ArrayRows):
+    """n configurations on a way, with their derivatives by theta.
 
-    theta: float
-    near: Optimality
+    Attributes
+    ----------
+    theta, values, first, second
+        (n,) rad; (n, variables) the variables and their derivatives.
+    follows, holds
+        (n,) whether the link turns exactly as wanted; whether the configuration is the
+        nearest one, its derivatives finite.
+    system, condition
+        (n, 3 loops + 3, variables) the equations, (n,) their reciprocal condition.
+    firmness, reach
+        (n,) how firmly the nearest configuration is held, and how far the link is from a
+        limit of its reach.
+    """
+
+    theta: Floats
+    values: Floats
     first: Floats
     second: Floats
-    follows: bool
+    follows: Bools
+    holds: Bools
+    system: Floats
+    condition: Floats
+    firmness: Floats
+    reach: Floats
 
-    @property
-    def values(self) -> Floats:
-        """(variables,) of the configuration."""
-        return np.asarray(self.near.values[0])
-
-    def taylor(self, way: Floats) -> Floats:
-        """Return the variables (n, variables) at ways (n,) from here, by derivatives."""
+    def ahead(self, way: Floats) -> Floats:
+        """Return the variables (n, variables) at ways (n,) from the only node."""
         way = way[:, None]
         bend = np.nan_to_num(self.second)
         return np.asarray(self.values + way * self.first + 0.5 * way**2 * bend)
 
-    @cached_property
-    def inverse(self) -> Floats:
-        """(variables, rows) pseudo-inverse of the equations."""
-        return np.asarray(np.linalg.pinv(self.near.system[0]))
+    def between(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Return the variables (n, variables) at angles (n,) between nodes.
 
-    @cached_property
-    def condition(self) -> float:
-        """Reciprocal condition of the equations."""
-        size = np.linalg.norm(self.near.system[0]) * np.linalg.norm(self.inverse)
-        return float(1.0 / size)
+        With how far (n,) the nodes are apart, in theta or a variable.
+        """
+        if len(self.theta) == 1:
+            return np.repeat(self.values, len(theta), axis=0), np.zeros(len(theta))
+        cell = np.clip(np.searchsorted(self.theta, theta) - 1, 0, len(self.theta) - 2)
+        start, stop = (
+            (self.values[c], self.first[c], self.second[c]) for c in (cell, cell + 1)
+        )
+        h = np.diff(self.theta)[cell]
+        made = hermite(start, stop, h, (theta - self.theta[cell]) / h)
+        return made, np.maximum(h, max_abs(stop[0] - start[0], axis=1))
 
 
-@final
-@dataclass
-class March:
-    """The way from a node about `axis` (3,) by `angle` (rad).
+@dataclass(frozen=True)
+class Way:
+    """The configurations nearest to orientations that turn about a fixed axis.
 
-    `exact` says that the output link of the target can follow. `nodes` are what was
-    reached, `end` is the status of what lies beyond, `leaps` are the angles of singular
-    places that were stepped over.
+    `axis` (3,) is a unit vector, `start` (3, 3) the orientation at theta = 0, both in the
+    axes of body 0; `exact` says that the output link can follow.
     """
 
     target: Target
     axis: Floats
-    angle: float
+    start: Floats
     exact: bool
-    nodes: list[Node]
-    leaps: list[float] = field(default_factory=list, init=False)
-    end: Status = field(default=Status.OK, init=False)
-    leapt: float = field(default=-np.inf, init=False)
 
-    def __post_init__(self) -> None:
-        follow_paths(self, np.array([FIRST_STEP]))
+    def wanted(self, theta: Floats) -> Floats:
+        """Return the orientations (n, 3, 3) wanted at angles (n,) rad."""
+        return np.asarray(rotation(self.axis, theta) @ self.start)
 
-    @property
-    def start(self) -> Floats:
-        """The orientation (3, 3) from where the angle counts."""
-        first = self.nodes[0]
-        back = rotation(self.axis, [-first.theta])[0]
-        return np.asarray(back @ first.near.reached[0])
+    def near(self, theta: Floats, guess: Floats) -> tuple[Optimality, NewtonSteps]:
+        """Return the nearest configurations by Newton's method from (n, variables)."""
+        wanted = self.wanted(theta)
 
-    @property
-    def going(self) -> Indices:
-        """Number 0, until the way ends."""
-        arrived = self.nodes[-1].theta >= self.angle
-        if not arrived and len(self.nodes) >= MOST_NODES:
-            self.end = Status.MODE_LOST
-        return np.arange(0 if arrived or self.end != Status.OK else 1)
+        def change(some: Floats, rows: Indices) -> Floats:
+            near = self.target.at(some, wanted[rows])
+            return np.nan_to_num(near.exact_step() if self.exact else near.step())
 
-    def allowed(self, rows: Indices, step: Floats) -> Floats:
-        """Return the step that the bend of the way allows."""
-        at = self.nodes[-1]
-        bend = float(max_abs(np.nan_to_num(at.second))) + 1e-300
-        step = np.minimum(step, min(LARGEST_STEP, np.sqrt(2.0 * BEND / bend)))
-        nearer = NEARER * float(max_abs(at.first)) / bend
-        return np.minimum(step, nearer) if nearer < SHORT else step
+        values, steps = newton(change, guess, CORRECTIONS, SETTLED, LARGEST_CHANGE)
+        return self.target.at(values, wanted), steps
 
-    def advance(self, rows: Indices, step: Floats) -> Floats:
-        """Go on by a step, or by a leap over a singular configuration."""
-        at, length = self.nodes[-1], float(step[0])
-        if length < SMALLEST_STEP:
-            return np.zeros(1)
-        goal = min(at.theta + length, self.angle)
-        if self.angle - goal < SMALLEST_STEP:
-            goal = self.angle
-        made, growth = self._advance(at, goal), 2.0
-        if made is None and length < LEAP_FROM and at.theta > self.leapt + LEAP_FROM:
-            self.leapt = at.theta
-            leap = self._leap(at)
-            if leap is not None:
-                made, place = leap
-                self.leaps.append(place)
-                self.leapt, growth = made.theta, 2.0 * (made.theta - at.theta) / length
-        if made is None:
-            return np.zeros(1)
-        self.nodes.append(made)
-        return np.array([growth])
-
-    def smallest(self, rows: Indices) -> Floats:
-        """Return the step at which the way ends."""
-        return np.full(len(rows), SMALLEST_STEP)
-
-    def stop(self, row: int) -> None:
-        """End the way at its last node."""
-        self.end = self._why(self.nodes[-1])
-
-    def _nodes(self, theta: Floats, guess: Floats) -> tuple[list[Node], NewtonSteps]:
-        wanted = rotation(self.axis, theta) @ self.start
-        near, steps = corrected(self.target, guess, wanted, self.exact)
+    def nodes_of(self, theta: Floats, near: Optimality) -> Nodes:
+        """Return the nodes at angles (n,) with their nearest configurations."""
         first, second, follows = near.rates(self.axis)
-        made = []
-        for row, angle in enumerate(theta):
-            one = self.target.at(near.values[row : row + 1], wanted[row : row + 1])
-            made.append(
-                Node(float(angle), one, first[row], second[row], bool(follows[row]))
-            )
-        return made, steps
+        sizes = [np.linalg.norm(x, axis=(1, 2)) for x in (near.system, near.system_inverse)]
+        return Nodes(
+            theta,
+            near.values,
+            first,
+            second,
+            follows,
+            all_finite(first, 1) & (near.miss(self.exact) < STATIONARY),
+            near.system,
+            1.0 / (sizes[0] * sizes[1]),
+            np.minimum(near.least_eigenvalue, near.loop_conditioning),
+            near.output_singular_value,
+        )
 
-    def _advance(self, at: Node, goal: float) -> Node | None:
-        """Return the node at an angle if the way there passes all tests."""
-        step = goal - at.theta
-        guess = at.taylor(np.array([0.5, 1.0]) * step)
+    def _nodes(self, theta: Floats, guess: Floats) -> tuple[Nodes, NewtonSteps]:
+        near, steps = self.near(theta, guess)
+        return self.nodes_of(theta, near), steps
+
+    def step(self, at: Nodes, goal: float) -> Nodes | None:
+        """Return the node at an angle if the way there from a node passes all tests."""
+        parts = STEP_PARTS * (goal - at.theta)
+        guess = at.ahead(parts)
         if not all_finite(guess):
             return None
-        (middle, node), steps = self._nodes(np.array([at.theta + 0.5 * step, goal]), guess)
+        made, steps = self._nodes(np.append(at.theta + parts[:1], goal), guess)
+        middle, node = made.rows(slice(0, 1)), made.rows(slice(1, 2))
         moved = float(max_abs(node.values - at.values))
-        if not np.all(VERIFIED.corrected(steps.first, steps.ratio, moved)):
+        good = VERIFIED.corrected(steps.first, steps.ratio, moved)
+        if not np.all(good & made.holds & (made.follows == at.follows)):
             return None
-        for reached in (middle, node):
-            if not self._holds(reached) or reached.follows != at.follows:
-                return None
-            if at.follows:
-                change = at.inverse @ (reached.near.system[0] - at.near.system[0])
-                if not np.all(VERIFIED.regular(np.abs(np.linalg.eigvals(change)))):
-                    return None
-            elif (
-                not min(reached.near.least_eigenvalue[0], reached.near.loop_conditioning[0])
-                > UNFIXED
-            ):
-                return None
-        there = self._between(at, node, np.array([middle.theta]))
+        if at.follows[0]:
+            change = np.linalg.pinv(at.system[0]) @ (made.system - at.system)
+            firm = VERIFIED.regular(np.abs(np.linalg.eigvals(change)))
+        else:
+            firm = made.firmness > UNFIXED
+        there, _ = Nodes.joined([at, node]).between(middle.theta)
         off = max_abs(there - middle.values)
-        return node if VERIFIED.predicted(off, moved, CLOSURE_TOLERANCE) else None
+        fine = VERIFIED.predicted(off, moved, CLOSURE_TOLERANCE) and np.all(firm)
+        return node if fine else None
 
-    def _holds(self, node: Node) -> bool:
-        finite = all_finite(node.first)
-        return bool(finite and node.near.miss(self.exact)[0] < STATIONARY)
-
-    @staticmethod
-    def _between(at: Node, node: Node, theta: Floats) -> Floats:
-        """Return the variables (n, variables) at angles (n,) between two nodes."""
-        h = node.theta - at.theta
-        ends = [(n.values[None], n.first[None], n.second[None]) for n in (at, node)]
-        return hermite(ends[0], ends[1], np.array([h]), (theta - at.theta) / h)
-
-    def _leap(self, at: Node) -> tuple[Node, float] | None:
+    def leap(self, at: Nodes, end: float) -> tuple[Nodes, float] | None:
         """Return a node beyond a singular configuration, and the angle of that.
 
-        None if there is none near, or the way does not go on smoothly.
+        None if there is none near, or the way to the angle `end` does not go on smoothly.
         """
+        theta = float(at.theta[0])
         for way in LEAPS:
-            goal = at.theta + way
-            if self.angle < goal and at.theta < self.angle - LEAP_FROM:
+            goal = theta + way
+            if end < goal and theta < end - LEAP_FROM:
                 return None
-            (node,), steps = self._nodes(np.array([goal]), at.taylor(np.array([way])))
+            node, steps = self._nodes(np.array([goal]), at.ahead(np.array([way])))
             moved = float(max_abs(node.values - at.values))
-            if not self._holds(node) or steps.first[0] > VERIFIED.correction * moved:
+            if not node.holds[0] or steps.first[0] > VERIFIED.correction * moved:
                 continue
-            if not node.condition > LEAP_FROM * way:
+            if not node.condition[0] > LEAP_FROM * way:
                 continue
-            places = at.theta + way * np.array([0.2, 0.4, 0.6, 0.8])
-            guess = self._between(at, node, places)
+            both, places = Nodes.joined([at, node]), theta + way * np.arange(0.2, 0.9, 0.2)
+            guess, _ = both.between(places)
             inner, _ = self._nodes(places, guess)
-            off = [
-                max_abs(inner_node.values - one)
-                for inner_node, one in zip(inner, guess, strict=True)
-                if inner_node.condition > 100.0 * UNFIXED
-            ]
-            if len(off) < 2 or max(off) > SMOOTH or not all(map(self._holds, inner)):
+            off = max_abs(inner.values - guess, axis=1)[inner.condition > 100.0 * UNFIXED]
+            if len(off) < 2 or np.max(off) > SMOOTH or not np.all(inner.holds):
                 continue
 
-            def hold(theta: Floats, node: Node = node) -> Floats:
+            def hold(theta: Floats, both: Nodes = both) -> Floats:
                 """Return how firmly (n,) the equations fix the links on the way."""
-                values = self._between(at, node, theta)
-                system = self.target.at(values, np.eye(3)[None]).system
+                system = self.target.at(both.between(theta)[0], np.eye(3)[None]).system
                 return np.asarray(np.linalg.svd(system, compute_uv=False)[:, -1])
 
-            span = at.theta, goal
-            place = least_about(hold, np.array([at.theta + 0.5 * way]), 0.5 * way, span)
-            if hold(place)[0] < SINGULAR * np.min(hold(np.array(span))):
+            place = least_about(
+                hold, np.array([theta + 0.5 * way]), 0.5 * way, (theta, goal)
+            )
+            if hold(place)[0] < SINGULAR * np.min(hold(both.theta)):
                 return node, float(place[0])
         return None
 
-    def _why(self, at: Node) -> Status:
-        """Return the status of what lies beyond a node that no step leaves."""
-        if not at.follows or at.near.output_singular_value[0] < STRETCHED:
-            return Status.OUT_OF_REACH
-        return Status.AT_SINGULARITY if at.condition < STRETCHED else Status.MODE_LOST
+    def follow(self, first: Nodes, end: float) -> tuple[Nodes, Status, tuple[float, ...]]:
+        """Return the nodes from the first on to an angle, or as far as steps hold.
+
+        With the status of what lies beyond, and the angles of singular configurations that
+        were stepped over.
+        """
+        nodes, step, leaps, leapt = [first], FIRST_STEP, list[float](), -np.inf
+        why = Status.OK
+        while (theta := float(nodes[-1].theta[0])) < end:
+            at = nodes[-1]
+            step = min(step, _longest(at))
+            if len(nodes) >= MOST_NODES or step < SMALLEST_STEP:
+                why = Status.MODE_LOST if len(nodes) >= MOST_NODES else _why(at)
+                break
+            goal = end if end - theta - step < SMALLEST_STEP else theta + step
+            made = self.step(at, goal)
+            if made is None and step < LEAP_FROM and theta > leapt + LEAP_FROM:
+                leapt, leap = theta, self.leap(at, end)
+                if leap is not None:
+                    made, place = leap
+                    leaps.append(place)
+                    leapt = float(made.theta[0])
+                    step = leapt - theta
+            if made is not None:
+                nodes.append(made)
+            step *= 0.5 if made is None else 2.0
+        return Nodes.joined(nodes), why, tuple(leaps)
 
 
-def corrected(
-    target: Target, values: Floats, wanted: Floats, exact: bool
-) -> tuple[Optimality, NewtonSteps]:
-    """Return the nearest configurations by Newton's method from values (n, variables).
+def _longest(at: Nodes) -> float:
+    """Return the step that the bend of the way allows."""
+    bend = float(max_abs(np.nan_to_num(at.second))) + 1e-300
+    nearer = NEARER * float(max_abs(at.first)) / bend
+    step = min(LARGEST_STEP, float(np.sqrt(2.0 * BEND / bend)))
+    return min(step, nearer) if nearer < SHORT else step
 
-    `exact` says that the output link can follow.
-    """
 
-    def change(some: Floats, rows: Indices) -> Floats:
-        near = target.at(some, wanted[rows])
-        return np.nan_to_num(near.exact_step() if exact else near.step())
-
-    values, steps = newton(change, values, CORRECTIONS, SETTLED, LARGEST_CHANGE)
-    near = target.at(values, wanted)
-    return near, steps
+def _why(at: Nodes) -> Status:
+    """Return the status of what lies beyond a node that no step leaves."""
+    if not at.follows[0] or at.reach[0] < STRETCHED:
+        return Status.OUT_OF_REACH
+    return Status.AT_SINGULARITY if at.condition[0] < STRETCHED else Status.MODE_LOST

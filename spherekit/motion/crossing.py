@@ -2,9 +2,9 @@
 
 There the velocity equations have k > 1 independent solutions T. The configuration x solves
 F(x) = 0 and l . J(x) T = 0 with every l that J loses there, and these equations are regular
-where the second-order terms below are not degenerate. A motion x' = T y goes on to second order
-if y . B y = 0 for B = T' (l . dJ/dx) T and every l with l J = 0: for k = 2 these are the
-directions of no or two curves, for k = 3 of up to four (Keller 1977 calls them the
+where the second-order terms below are not degenerate. A motion x' = T y goes on to second
+order if y . B y = 0 for B = T' (l . dJ/dx) T and every l with l J = 0: for k = 2 these are
+the directions of no or two curves, for k = 3 of up to four (Keller 1977 calls them the
 algebraic bifurcation equations).
 """
 
@@ -144,11 +144,11 @@ def _spread(count: int) -> Floats:
 
 
 def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
-    """Solve F = 0 and l . J t = 0 for x, all l and t that J loses there, by Gauss-Newton."""
+    """Solve F = 0 and l . J t = 0, for all l and t that J loses, by Gauss and Newton."""
     x, rank, error = start.copy(), len(start) - freedoms, np.inf
     for _ in range(MOST_STEPS):
         at = closure.at(x[None])
-        left, sizes, right = np.linalg.svd(at.jacobian[0])
+        left, _, right = np.linalg.svd(at.jacobian[0])
         lost, null = left[:, rank:], right[rank:]
         bends = np.einsum("bma,ml,ka->lkb", jacobian_rates(closure, x), lost, null)
         matrix = np.concatenate([at.jacobian[0], bends.reshape(-1, len(x))])
