@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from spherekit.cli.main import main
-from spherekit.cli.new_analysis import files_of
+from spherekit.cli.new import files_of
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "torque_ratio"

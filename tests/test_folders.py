@@ -225,20 +225,16 @@ def words_with_values():
     """Every place of every subcommand for a word, that empty."""
     top = parser()
     (commands,) = (x for x in top._actions if isinstance(x, argparse._SubParsersAction))
-    waiting = [([name], found) for name, found in commands.choices.items()]
-    while waiting:
-        words, found = waiting.pop()
+    for name, found in commands.choices.items():
         found.fill()
         for action in found._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                waiting += [([*words, name], x) for name, x in action.choices.items()]
-            elif action.option_strings and action.nargs != 0:
+            if not action.option_strings:
+                yield [name, ""]
+            elif action.nargs != 0:
                 several = action.nargs if isinstance(action.nargs, int) else 1
-                yield [*words, action.option_strings[-1], *[""] * several]
+                yield [name, action.option_strings[-1], *[""] * several]
                 if several == 1:
-                    yield [*words, f"{action.option_strings[-1]}="]
-            elif not action.option_strings:
-                yield [*words, ""]
+                    yield [name, f"{action.option_strings[-1]}="]
 
 
 def test_an_empty_word_is_refused_everywhere(tmp_path, monkeypatch, capsys):

@@ -4,33 +4,23 @@ import argparse
 import json
 from dataclasses import MISSING
 
-from spherekit.cli.suggest import analyses as names_of_analyses
-from spherekit.cli.suggest import suggesting
+PAGE = """
+[ANALYSIS]
+    describe this one
+--json
+    as JSON
 
-EXAMPLES = (
-    (
-        "spherekit analyses",
-        "what is installed",
-    ),
-    (
-        "spherekit analyses workspace",
-        "its parameters, tables and columns",
-    ),
-)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    suggesting(
-        parser.add_argument("name", nargs="?", metavar="NAME", help="describe this one"),
-        names_of_analyses,
-    )
-    parser.add_argument("--json", action="store_true", help="as JSON")
+examples:
+  # what is installed
+  spherekit analyses
+  # its parameters, tables and columns
+  spherekit analyses workspace
+"""
 
 
 def execute(options: argparse.Namespace) -> int:
     """List the analyses, or describe one."""
-    if options.name:
+    if options.analysis:
         return _describe(options)
     from spherekit.analysis.registry import load, records
 
@@ -64,7 +54,7 @@ def _describe(options: argparse.Namespace) -> int:
     from spherekit.analysis.arguments import parameters
     from spherekit.analysis.registry import load
 
-    cls = load(options.name)
+    cls = load(options.analysis)
     allowed = parameters(cls)
     if options.json:
         print(

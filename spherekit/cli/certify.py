@@ -9,34 +9,46 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from spherekit.cli.study import add_input_argument, add_lock_argument, with_locks
-from spherekit.cli.suggest import mechanisms, suggesting
+from spherekit.cli.study import INPUT, LOCK, with_locks
 
-EXAMPLES = (
-    (
-        "spherekit certify four_bar",
-        "all modes, curves and singularities over the input's range, proven",
-    ),
-    (
-        "spherekit certify four_bar --at 40 -o modes.json",
-        "all assembly modes at one input; the certificate in a file",
-    ),
-    (
-        "spherekit certify three_rrr --at 10,20,30",
-        "at values of several inputs",
-    ),
-    (
-        "spherekit certify five_bar --figure map.png",
-        "two inputs: where over their ranges no mode is singular, proven, drawn",
-    ),
-    (
-        "spherekit certify five_bar --lock 51=80",
-        "an input locked: for all sizes within 1e-14 rad of the link that two become",
-    ),
-    (
-        "spherekit certify four_bar --tolerance 1e-9",
-        "for every geometry whose sizes are off by at most 1e-9 rad",
-    ),
+PAGE = (
+    INPUT
+    + LOCK
+    + """
+FILE
+    mechanism: path or shipped name
+--at DECIMAL[,DECIMAL...]
+    values of the inputs, decimal numbers in the unit of the file, in place of the range
+    of the only input
+--poles
+    with --at: enclose every pole axis and velocity coefficient too
+--range FROM TO
+    another range of the only input, in the unit of the file
+--clear-of DECIMAL
+    over a range: how far the input may go from here before any singularity
+--cell RAD
+    with several inputs: largest side of the cells judged, 0.01 by default
+--figure PNG
+    with two inputs: draw their map
+--tolerance RAD = 0
+    by how much sizes may be off (rad); by default the file is exact
+-o, --out JSON
+    write the certificate here
+
+examples:
+  # all modes, curves and singularities over the input's range, proven
+  spherekit certify four_bar
+  # all assembly modes at one input; the certificate in a file
+  spherekit certify four_bar --at 40 -o modes.json
+  # at values of several inputs
+  spherekit certify three_rrr --at 10,20,30
+  # two inputs: where over their ranges no mode is singular, proven, drawn
+  spherekit certify five_bar --figure map.png
+  # an input locked: for all sizes within 1e-14 rad of the link that two become
+  spherekit certify five_bar --lock 51=80
+  # for every geometry whose sizes are off by at most 1e-9 rad
+  spherekit certify four_bar --tolerance 1e-9
+"""
 )
 INCOMPLETE = 3
 """Exit status where nothing wrong was found, but completeness is not proven."""
@@ -44,53 +56,6 @@ LOCKED = 1e-14
 """By how much (rad) sizes of a mechanism with locked pairs may be off: they are rounded."""
 LARGEST = 100000
 """Largest input read."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    suggesting(
-        parser.add_argument("file", metavar="FILE", help="mechanism: path or shipped name"),
-        mechanisms,
-    )
-    parser.add_argument(
-        "--at",
-        metavar="Q[,Q...]",
-        help="values of the inputs, decimal numbers in the unit of the file, in place of "
-        "the range of the only input",
-    )
-    parser.add_argument(
-        "--poles",
-        action="store_true",
-        help="with --at: enclose every pole axis and velocity coefficient too",
-    )
-    parser.add_argument(
-        "--range",
-        nargs=2,
-        metavar=("FROM", "TO"),
-        help="another range of the only input, in the unit of the file",
-    )
-    parser.add_argument(
-        "--clear-of",
-        metavar="Q",
-        help="over a range: how far the input may go from here before any singularity",
-    )
-    parser.add_argument(
-        "--cell",
-        type=float,
-        metavar="RAD",
-        help="with several inputs: largest side of the cells judged, 0.01 by default",
-    )
-    parser.add_argument("--figure", metavar="FILE", help="with two inputs: draw their map")
-    add_input_argument(parser)
-    add_lock_argument(parser)
-    parser.add_argument(
-        "--tolerance",
-        type=float,
-        default=0.0,
-        metavar="RAD",
-        help="by how much sizes may be off (rad); by default the file is exact",
-    )
-    parser.add_argument("-o", "--out", metavar="JSON", help="write the certificate here")
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -2,16 +2,18 @@
 
 import argparse
 
-EXAMPLES = (
-    ('eval "$(spherekit completion bash)"', "in this bash; in ~/.bashrc for every one"),
-    ('eval "$(spherekit completion zsh)"', "in ~/.zshrc, after compinit"),
-    ("spherekit completion fish | source", "in ~/.config/fish/config.fish"),
-)
+PAGE = """
+SHELL {bash,zsh,fish}
+    the shell
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="the shell")
+examples:
+  # in this bash; in ~/.bashrc for every one
+  eval "$(spherekit completion bash)"
+  # in ~/.zshrc, after compinit
+  eval "$(spherekit completion zsh)"
+  # in ~/.config/fish/config.fish
+  spherekit completion fish | source
+"""
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -6,43 +6,32 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.run_report import megabytes
-from spherekit.cli.study import add_analysis_argument, add_study_arguments, study_from
+from spherekit.cli.study import STUDY, study_from
 from spherekit.conventions import counted
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.model.study import Study
 
-EXAMPLES = (
-    (
-        "spherekit explain stephenson -a poles:only=31",
-        "what one pole costs",
-    ),
-    (
-        "spherekit explain five_bar --samples 41x41 --recording",
-        "sizes of tables and of a recording over a grid",
-    ),
+PAGE = (
+    STUDY
+    + """
+-a, --analysis NAME[:key=value,...] ...
+    analysis to explain, may be repeated (default: the study's, or poles)
+--only-needed
+    as `run --only-needed`: without links and pairs that no analysis needs
+--recording
+    predict the recording too, from three short ones (needs a second or two)
+--json
+    as JSON
+
+examples:
+  # what one pole costs
+  spherekit explain stephenson -a poles:only=31
+  # sizes of tables and of a recording over a grid
+  spherekit explain five_bar --samples 41x41 --recording
+"""
 )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    add_study_arguments(parser, timed=False)
-    add_analysis_argument(
-        parser, "analysis to explain, may be repeated (default: the study's, or poles)"
-    )
-    parser.add_argument(
-        "--only-needed",
-        action="store_true",
-        help="as `run --only-needed`: without links and pairs that no analysis needs",
-    )
-    parser.add_argument(
-        "--recording",
-        dest="recorded",
-        action="store_true",
-        help="predict the recording too, from three short ones (needs a second or two)",
-    )
-    parser.add_argument("--json", action="store_true", help="as JSON")
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -56,13 +45,13 @@ def execute(options: argparse.Namespace) -> int:
     if options.only_needed:
         study = replace(study, mechanism=needed_part(study, analyses))
     facts = _facts(study, analyses)
-    if options.recorded and facts["predicted"].get("assembly_modes"):
+    if options.recording and facts["predicted"].get("assembly_modes"):
         facts["predicted"]["recording"] = _recording(study, analyses)
     if options.json:
         print(json.dumps(facts, indent=2, ensure_ascii=False))
     else:
         _tell(facts, len(study.mechanism.links))
-        print("\n".join(_predicted(facts["predicted"], options.recorded)))
+        print("\n".join(_predicted(facts["predicted"], options.recording)))
     return 0
 
 

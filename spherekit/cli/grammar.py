@@ -1,13 +1,23 @@
-"""The grammar of the command line, of which only what is asked for is loaded."""
+"""The grammar of the command line, of which only what is asked for is loaded.
+
+The page of help that each command has is the one declaration of its arguments: an entry
+for each, what it takes in capitals as users read it, and below it what it is for. What
+``[N=16]`` takes may be left out and is then 16, ``...`` may be repeated, ``= 5`` is the
+default, ``!`` has to be given, and of neighbours that begin with ``|`` only one may be.
+"""
 
 import argparse
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
+from itertools import groupby
+from operator import itemgetter
+from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn, final
 
+from spherekit.cli import suggest
 from spherekit.version import __version__
 
 USAGE = 2
@@ -31,16 +41,93 @@ COMMANDS = {
     "completion": "print what makes a shell complete spherekit's words",
 }
 
-EXAMPLES = (
-    ("spherekit new mechanism wrist", "a file to start from"),
-    ("spherekit validate four_bar", "is a mechanism sound, in how many assembly modes?"),
-    ("spherekit plan stephenson --steps", "how its pole axes are constructed"),
-    ("spherekit run four_bar -a singularities", "what an analysis finds"),
-    ("spherekit run four_bar -o out --save out/four_bar.rrd", "tables and a recording"),
-    ("spherekit view out", "the recording in the viewer"),
-)
+EXAMPLES = """examples:
+  # a file to start from
+  spherekit new mechanism wrist
+  # is a mechanism sound, in how many assembly modes?
+  spherekit validate four_bar
+  # how its pole axes are constructed
+  spherekit plan stephenson --steps
+  # what an analysis finds
+  spherekit run four_bar -a singularities
+  # tables and a recording
+  spherekit run four_bar -o out --save out/four_bar.rrd
+  # the recording in the viewer
+  spherekit view out
+"""
 
-Examples = Sequence[tuple[str, str]]
+EVERYWHERE = """
+-T, --traceback
+    show the Python trace of an error
+-q, --quiet
+    say nothing but errors
+"""
+
+_ENTRY = re.compile(
+    r"^(\| )?((?:-\w, )?--[\w-]+|[A-Z]+(?= \{)|) ?(\S.*?|)( \.\.\.)?( !)?(?: = (\S+))?\n"
+    r"((?: {4}.*\n)+)",
+    re.M,
+)
+_ABSENT = re.compile(r"\[([^\]]+?)(?:=(\w+))?( \.\.\.)?\]")
+
+
+def sample_counts(text: str) -> int | tuple[int, ...]:
+    """Return the number of samples that ``361`` or, for a grid, ``41x21`` names."""
+    parts = text.split("x")
+    if not all(part.isdecimal() and int(part) > 0 for part in parts):
+        raise argparse.ArgumentTypeError(
+            f"needs whole numbers of at least 1, such as 361 or 41x21, not {text!r}"
+        )
+    counts = tuple(int(part) for part in parts)
+    return counts[0] if len(counts) == 1 else counts
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers of a list with commas."""
+    values = []
+    for part in text.split(","):
+        try:
+            values.append(float(part))
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{part!r} is not a number") from None
+    return tuple(values)
+
+
+def row_count(text: str) -> int:
+    """Return the number of rows that a text names."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(
+            f"needs a whole number of at least 1, such as 16, not {text!r}; write the "
+            "file before --verify"
+        )
+    return int(text)
+
+
+READ: Mapping[str, Callable[[str], Any]] = {
+    "N": int,
+    "K": int,
+    "PORT": int,
+    "T": float,
+    "RAD": float,
+    "METRES": float,
+    "DIR": Path,
+    "X.rrd": Path,
+    "ROWS": row_count,
+    "N[xM...]": sample_counts,
+    "Q[,Q...]": numbers,
+}
+"""How what stands for a word of a page is read, where it is not a text."""
+
+SUGGEST: Mapping[str, suggest.Suggest] = {
+    "FILE": suggest.mechanisms,
+    "FILE|STUDY": suggest.studies,
+    "FILE|DIR": suggest.recordings,
+    "SIZING": suggest.tables,
+    "PAIR": suggest.pairs,
+    "ANALYSIS": suggest.analyses,
+    "NAME[:key=value,...]": suggest.analyses,
+}
+"""What a shell may complete where a word of a page stands."""
 
 
 @final
@@ -56,12 +143,6 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=Formatter, **options)
-
-    def show(self, examples: Examples) -> None:
-        """Take examples, each a command and what it is for, into the help."""
-        lines = [line for command, what in examples for line in (f"  # {what}", command)]
-        indented = ["  " + line.lstrip() for line in lines]
-        self.epilog = "\n".join(["examples:", *indented])
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         """Refuse an empty word, which as a path would mean the current folder."""
@@ -116,23 +197,20 @@ def _as_file(word: str) -> str:
 class CommandParser(Parser):
     """The parser of a subcommand, whose module is loaded when the command is read."""
 
-    def __init__(self, module: str = "", **options: Any) -> None:
+    def __init__(self, command: str, **options: Any) -> None:
         super().__init__(**options)
-        self._module = module
-        for short, long, what in (
-            ("-T", "--traceback", "show the Python trace of an error"),
-            ("-q", "--quiet", "say nothing but errors"),
-        ):
-            self.add_argument(
-                short, long, action="store_true", default=argparse.SUPPRESS, help=what
-            )
+        self._command = command
 
     def fill(self) -> None:
-        """Declare the arguments."""
-        if self._module:
-            module, self._module = home_of(self._module), ""
-            module.add_arguments(self)
-            self.show(module.EXAMPLES)
+        """Declare the arguments that the command's page has."""
+        if self.epilog:
+            return
+        entries, mark, examples = home_of(self._command).PAGE.partition("examples:")
+        self.epilog = mark + examples
+        for either, found in groupby(_ENTRY.findall(EVERYWHERE + entries), itemgetter(0)):
+            place = self.add_mutually_exclusive_group() if either else self
+            for _, *entry in found:
+                _declare(place, entry)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Read words after all."""
@@ -143,13 +221,43 @@ class CommandParser(Parser):
         return parsed, rest
 
 
-def fill(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
+def _declare(place: Any, entry: Sequence[str]) -> None:
+    """Declare an argument by the parts of its entry in a page."""
+    names, word, again, needed, default, text = entry
+    form: dict[str, Any] = {"help": " ".join(text.split())}
+    absent, (first, *others) = _ABSENT.fullmatch(word), word.split(" ")
+    if not word:
+        form["action"] = "store_true"
+    elif absent:
+        first, form["const"], several = absent.groups()
+        form["nargs"] = "*" if several else "?"
+    elif others:
+        form["nargs"] = "+" if others[-1] == "...]" else len(word.split(" "))
+    if others and form.get("nargs") == 2:
+        form["metavar"] = (first, *others)
+    elif first.startswith("{"):
+        form["choices"] = first[1:-1].split(",")
+    elif word:
+        form["metavar"], form["type"] = first, READ.get(first)
+    if again:
+        form["action"] = "append"
+    if default:
+        form["default"] = default
+    if needed:
+        form["required"] = True
+    named = names or re.sub(r"\W.*", "", first)
+    flags = named.split(", ") if "-" in named else [named.lower()]
+    argument, words = place.add_argument(*flags, **form), SUGGEST.get(first)
+    if words:
+        argument.completer = lambda prefix, parsed_args, **_: words(prefix, parsed_args)
+
+
+def fill(parser: argparse.ArgumentParser, words: Iterable[str]) -> None:
     """Declare the arguments of the subcommands that words name."""
     for action in parser._subparsers._group_actions if parser._subparsers else ():
         assert isinstance(action.choices, dict)
         for word in action.choices.keys() & set(words):
             action.choices[word].fill()
-            fill(action.choices[word], words)
 
 
 def home_of(command: str) -> ModuleType:
@@ -159,9 +267,9 @@ def home_of(command: str) -> ModuleType:
 
 def parser() -> Parser:
     """Return the command line's grammar."""
-    top = Parser(prog="spherekit", description="Analysis of spherical mechanisms.")
-    top.show(EXAMPLES)
-    top.set_defaults(traceback=False, quiet=False)
+    top = Parser(
+        prog="spherekit", description="Analysis of spherical mechanisms.", epilog=EXAMPLES
+    )
     top.add_argument("--version", action="version", version=f"spherekit {__version__}")
     commands = top.add_subparsers(
         dest="command", metavar="COMMAND", parser_class=CommandParser
@@ -169,7 +277,7 @@ def parser() -> Parser:
     for name, summary in COMMANDS.items():
         commands.add_parser(
             name,
-            module=name,
+            command=name,
             help=summary,
             description=summary[0].upper() + summary[1:] + ".",
         )

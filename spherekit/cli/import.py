@@ -4,25 +4,20 @@ import argparse
 import sys
 from pathlib import Path
 
-EXAMPLES = (
-    ("spherekit import wrist.xml -o wrist.toml", "a MuJoCo model as a mechanism file"),
-    ("spherekit import wrist.urdf --within 1e-4", "axes may miss the centre by 0.1 mm"),
-)
+PAGE = """
+MODEL
+    an MJCF (.xml) or a URDF (.urdf)
+-o, --output X
+    file to write (default: MODEL with .toml)
+--within METRES
+    how far axes may pass by their common point (default: 1e-6 of the size of the model)
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("file", metavar="FILE", help="an MJCF (.xml) or a URDF (.urdf)")
-    parser.add_argument(
-        "-o", "--output", metavar="X", help="file to write (default: FILE with .toml)"
-    )
-    parser.add_argument(
-        "--within",
-        type=float,
-        metavar="METRES",
-        help="how far axes may pass by their common point (default: 1e-6 of the size of "
-        "the model)",
-    )
+examples:
+  # a MuJoCo model as a mechanism file
+  spherekit import wrist.xml -o wrist.toml
+  # axes may miss the centre by 0.1 mm
+  spherekit import wrist.urdf --within 1e-4
+"""
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -31,12 +26,12 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.errors import OutputError
     from spherekit.exchange.imported import import_mechanism
 
-    target = Path(options.output or Path(options.file).with_suffix(".toml").name)
+    target = Path(options.output or Path(options.model).with_suffix(".toml").name)
     if target.suffix != ".toml":
         raise OutputError(
             f"{target}: mechanism files are named *.toml; give it that ending"
         )
-    made = import_mechanism(options.file, within=options.within)
+    made = import_mechanism(options.model, within=options.within)
     made.save(target)
     if not options.quiet:
         mechanism = made.mechanism

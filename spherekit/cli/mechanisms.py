@@ -4,21 +4,16 @@ import argparse
 import json
 import sys
 
-EXAMPLES = (
-    (
-        "spherekit mechanisms",
-        "names that commands take instead of a path",
-    ),
-    (
-        "spherekit mechanisms --json",
-        "the same for a program",
-    ),
-)
+PAGE = """
+--json
+    as JSON
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("--json", action="store_true", help="as JSON")
+examples:
+  # names that commands take instead of a path
+  spherekit mechanisms
+  # the same for a program
+  spherekit mechanisms --json
+"""
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -3,50 +3,33 @@
 import argparse
 import json
 
-from spherekit.cli.study import add_lock_argument, with_locks
-from spherekit.cli.suggest import mechanisms, pairs, suggesting
+from spherekit.cli.study import LOCK, with_locks
 
-EXAMPLES = (
-    (
-        "spherekit plan stephenson",
-        "the Table: which pole is found in which pass",
-    ),
-    (
-        "spherekit plan stephenson --steps --for 5/2",
-        "how one pole is constructed",
-    ),
-    (
-        "spherekit plan five_bar --markdown",
-        "a Table for each input, for a document",
-    ),
+PAGE = (
+    LOCK
+    + """
+FILE
+    path or shipped name
+--input PAIR
+    the pair that moves (default: each input in turn, the others locked)
+--for POLE [POLE ...]
+    only these poles, as 3/1
+| --json
+    table and steps as JSON
+| --markdown
+    the Table as Markdown
+--steps
+    print the steps as well
+
+examples:
+  # the Table: which pole is found in which pass
+  spherekit plan stephenson
+  # how one pole is constructed
+  spherekit plan stephenson --steps --for 5/2
+  # a Table for each input, for a document
+  spherekit plan five_bar --markdown
+"""
 )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    suggesting(
-        parser.add_argument("file", metavar="FILE", help="path or shipped name"), mechanisms
-    )
-    suggesting(
-        parser.add_argument(
-            "--input",
-            metavar="PAIR",
-            help="the pair that moves (default: each input in turn, the others locked)",
-        ),
-        pairs,
-    )
-    parser.add_argument(
-        "--for",
-        dest="poles",
-        nargs="+",
-        metavar="POLE",
-        help="only these poles, as 3/1",
-    )
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="table and steps as JSON")
-    form.add_argument("--markdown", action="store_true", help="the Table as Markdown")
-    add_lock_argument(parser)
-    parser.add_argument("--steps", action="store_true", help="print the steps as well")
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -60,14 +43,15 @@ def execute(options: argparse.Namespace) -> int:
 
     mechanism = with_locks(load(options.file), options.lock, options.file)
     names = mechanism.names_of(driven_pairs(mechanism))
+    poles = vars(options)["for"]
     moved = [options.input] if options.input else names
     try:
-        planned = [plan(mechanism, options.poles, name) for name in moved]
+        planned = [plan(mechanism, poles, name) for name in moved]
     except CountError:
         one = moved[0] if len(names) == 1 else None
         if not Tracer(mechanism, one, samples=2).by_rank:
             raise
-        planned = [plan(mechanism, options.poles, name, by_rank=True) for name in moved]
+        planned = [plan(mechanism, poles, name, by_rank=True) for name in moved]
     if options.json:
         facts = [as_dict(made) for made in planned]
         shown = facts[0] if len(facts) == 1 else facts

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
 from spherekit.cli.run_progress import progress
 from spherekit.cli.run_report import report
-from spherekit.cli.study import add_analysis_argument, add_study_arguments, study_from
+from spherekit.cli.study import STUDY, TIMED, study_from
 from spherekit.conventions import counted
 
 if TYPE_CHECKING:
@@ -30,156 +30,71 @@ FORMATS: dict[str, tuple["Format", ...]] = {
     "parquet": ("parquet",),
 }
 
-EXAMPLES = (
-    (
-        "spherekit run four_bar",
-        "every pole axis in every assembly mode",
-    ),
-    (
-        "spherekit run four_bar -o out --save out/four_bar.rrd",
-        "tables and a recording",
-    ),
-    (
-        "spherekit run stephenson -a singularities -a poles:only=31",
-        "two analyses at once",
-    ),
-    (
-        "spherekit run five_bar --samples 21x21 -o grid",
-        "a grid of two inputs",
-    ),
-    (
-        "spherekit run four_bar -a eksergian --start q=0.3,dq=1 --duration 10",
-        "the motion that follows from the loads",
-    ),
+PAGE = (
+    STUDY
+    + TIMED
+    + """
+-a, --analysis NAME[:key=value,...] ...
+    analysis to run, may be repeated (default: the study's, or poles)
+-o, --output DIR
+    write tables here
+--format {both,csv,parquet}
+    which files; by default Parquet, and CSV up to 100 MB, which takes four times the
+    space
+| --resume
+    go on with a run that was stopped in DIR; start, if there is none
+| --restart
+    throw away the work of a run that was stopped in DIR, and start
+--deg
+    angles in tables, their rates and accelerations in degrees; what is per rad stays so
+--figures [{png,pdf,svg}=png]
+    draw figures into DIR/figures: png (default), pdf or svg
+--tol T
+    tolerance of a simulation, default 1e-9; without one, the largest error of any
+    column, for which the cheapest way to compute is taken
+--trade DIR ...
+    with --tol: choose by the trade that `spherekit trade -o DIR` wrote for this run,
+    once for each analysis; of a simulation --tol is then the error of its tables, and
+    integrator and step tolerance are chosen
+--engine {auto,numpy,compiled} = auto
+    what solves a simulation (--start), default auto: the quicker one
+--verify [ROWS=16]
+    compute so many rows (default 16) once more in 50 digits and print how far each table
+    column is off
+--prove
+    enclose every pole of every row by proof in a table proven_poles, and check the
+    error bounds of the table poles against it
+--only-needed
+    leave out links and pairs that no analysis needs; assembly modes are then those of
+    the part that is left
+--json
+    print the summary as JSON
+--strict
+    exit with 3 if any sample failed or --tol is not met
+--save X.rrd
+    write a recording
+--log-every K
+    one of K samples goes to the recording; default 1, more in long runs
+| --serve [PORT=9876]
+    serve the recording to viewers while the run goes on
+| --connect URL
+    stream into a running viewer
+| --view
+    open the viewer
+
+examples:
+  # every pole axis in every assembly mode
+  spherekit run four_bar
+  # tables and a recording
+  spherekit run four_bar -o out --save out/four_bar.rrd
+  # two analyses at once
+  spherekit run stephenson -a singularities -a poles:only=31
+  # a grid of two inputs
+  spherekit run five_bar --samples 21x21 -o grid
+  # the motion that follows from the loads
+  spherekit run four_bar -a eksergian --start q=0.3,dq=1 --duration 10
+"""
 )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    add_study_arguments(parser)
-    add_analysis_argument(
-        parser, "analysis to run, may be repeated (default: the study's, or poles)"
-    )
-    _add_files(parser)
-    _add_accuracy(parser)
-    parser.add_argument(
-        "--only-needed",
-        action="store_true",
-        help="leave out links and pairs that no analysis needs; assembly modes are then "
-        "those of the part that is left",
-    )
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
-    parser.add_argument(
-        "--strict",
-        action="store_true",
-        help="exit with 3 if any sample failed or --tol is not met",
-    )
-    _add_recording(parser)
-
-
-def _add_files(parser: argparse.ArgumentParser) -> None:
-    """Declare where and how tables are written, and figures."""
-    parser.add_argument(
-        "-o", "--output", dest="folder", type=Path, metavar="DIR", help="write tables here"
-    )
-    parser.add_argument(
-        "--format",
-        choices=FORMATS,
-        help="which files; by default Parquet, and CSV up to 100 MB, which takes four "
-        "times the space",
-    )
-    stopped = parser.add_mutually_exclusive_group()
-    stopped.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on with a run that was stopped in DIR; start, if there is none",
-    )
-    stopped.add_argument(
-        "--restart",
-        action="store_true",
-        help="throw away the work of a run that was stopped in DIR, and start",
-    )
-    parser.add_argument(
-        "--deg",
-        dest="degrees",
-        action="store_const",
-        const=True,
-        help="angles in tables, their rates and accelerations in degrees; what is per rad "
-        "stays so",
-    )
-    parser.add_argument(
-        "--figures",
-        nargs="?",
-        const="png",
-        choices=("png", "pdf", "svg"),
-        metavar="FORMAT",
-        help="draw figures into DIR/figures: png (default), pdf or svg",
-    )
-
-
-def _add_accuracy(parser: argparse.ArgumentParser) -> None:
-    """Declare how numbers are computed and checked."""
-    parser.add_argument(
-        "--tol",
-        dest="tolerance",
-        type=float,
-        metavar="T",
-        help="tolerance of a simulation, default 1e-9; without one, the largest error of "
-        "any column, for which the cheapest way to compute is taken",
-    )
-    parser.add_argument(
-        "--trade",
-        action="append",
-        metavar="DIR",
-        help="with --tol: choose by the trade that `spherekit trade -o DIR` wrote for this "
-        "run, once for each analysis; of a simulation --tol is then the error of its "
-        "tables, and integrator and step tolerance are chosen",
-    )
-    parser.add_argument(
-        "--engine",
-        choices=("auto", "numpy", "compiled"),
-        default="auto",
-        help="what solves a simulation (--start), default auto: the quicker one",
-    )
-    parser.add_argument(
-        "--verify",
-        nargs="?",
-        const=16,
-        type=row_count,
-        metavar="N",
-        help="compute N rows (default 16) once more in 50 digits and print how far each "
-        "table column is off",
-    )
-    parser.add_argument(
-        "--prove",
-        action="store_true",
-        help="enclose every pole of every row by proof in a table proven_poles, and check "
-        "the error bounds of the table poles against it",
-    )
-
-
-def _add_recording(parser: argparse.ArgumentParser) -> None:
-    """Declare where scenes go."""
-    parser.add_argument(
-        "--save", dest="recording", type=Path, metavar="X.rrd", help="write a recording"
-    )
-    parser.add_argument(
-        "--log-every",
-        type=int,
-        metavar="K",
-        help="one of K samples goes to the recording; default 1, more in long runs",
-    )
-    live = parser.add_mutually_exclusive_group()
-    live.add_argument(
-        "--serve",
-        nargs="?",
-        const=9876,
-        type=int,
-        metavar="PORT",
-        help="serve the recording to viewers while the run goes on",
-    )
-    live.add_argument("--connect", metavar="URL", help="stream into a running viewer")
-    live.add_argument("--view", action="store_true", help="open the viewer")
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -389,22 +304,22 @@ def _accuracy(
     """Return the setting for a tolerance of tables, and what it reaches."""
     from spherekit.errors import AnalysisError
 
-    if options.tolerance is None and options.trade:
+    if options.tol is None and options.trade:
         raise AnalysisError("--trade: say for which tolerance to choose, with --tol T")
     if options.trade and study.start is not None and options.engine != "auto":
         raise AnalysisError(
             f"--engine {options.engine}: the trade chooses it; leave one of --engine and "
             "--trade out"
         )
-    if options.tolerance is None or (study.start is not None and not options.trade):
+    if options.tol is None or (study.start is not None and not options.trade):
         return {}
     from spherekit.tradeoff.choice import choose, choose_simulation, stored_for
 
     stored = stored_for(study, analyses, options.trade) if options.trade else []
     if study.start is not None:
-        choice = choose_simulation(study.mechanism.name, options.tolerance, stored)
+        choice = choose_simulation(study.mechanism.name, options.tol, stored)
     else:
-        choice = choose(study, analyses, options.tolerance, stored)
+        choice = choose(study, analyses, options.tol, stored)
     return {"setting": choice.setting, "accuracy": choice.as_dict()}
 
 
@@ -421,19 +336,16 @@ def _engine(options: argparse.Namespace, chosen: dict[str, Any]) -> Any:
     return options.engine
 
 
-def row_count(text: str) -> int:
-    """Return the number of rows that a text names."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(
-            f"needs a whole number of at least 1, such as 16, not {text!r}; write the "
-            "file before --verify"
-        )
-    return int(text)
-
-
 def _wanted(options: argparse.Namespace) -> "Study":
     """Return the study in which the flags given explicitly replace what the file says."""
-    study = study_from(options)
+    more = {
+        "folder": options.output,
+        "recording": options.save,
+        "tolerance": options.tol,
+        "verify": options.verify,
+        "degrees": options.deg or None,
+    }
+    study = study_from(options, more)
     if options.view and study.recording is None:
         folder = study.folder or Path(tempfile.mkdtemp(prefix="spherekit-"))
         study = replace(study, recording=folder / f"{study.mechanism.name}.rrd")

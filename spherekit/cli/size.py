@@ -3,50 +3,29 @@
 import argparse
 import sys
 
-from spherekit.cli.suggest import files, suggesting
 from spherekit.conventions import counted, with_units
 
-EXAMPLES = (
-    (
-        "spherekit size examples/sizing/function.toml",
-        "a four-bar whose rocker follows a function",
-    ),
-    (
-        "spherekit size examples/sizing/torque.toml --designs 65536 -o found.toml",
-        "a longer search, and the file of the best mechanism",
-    ),
-)
+PAGE = """
+SIZING
+    file of what is wanted
+--designs N = 16384
+    designs that are looked at first; default 16384
+--starts K = 12
+    from how many of the best the objective is followed down; default 12
+--seed K = 0
+    of the designs; default 0
+-o, --output TOML
+    write the file of the best mechanism here
+
+examples:
+  # a four-bar whose rocker follows a function
+  spherekit size examples/sizing/function.toml
+  # a longer search, and the file of the best mechanism
+  spherekit size examples/sizing/torque.toml --designs 65536 -o found.toml
+"""
 
 SHOWN = 5
 """Designs that are printed."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    suggesting(
-        parser.add_argument("file", metavar="FILE", help="sizing file"),
-        lambda prefix, _: files(prefix, ".toml"),
-    )
-    parser.add_argument(
-        "--designs",
-        type=int,
-        default=16384,
-        metavar="N",
-        help="designs that are looked at first; default 16384",
-    )
-    parser.add_argument(
-        "--starts",
-        type=int,
-        default=12,
-        metavar="K",
-        help="from how many of the best the objective is followed down; default 12",
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="K", help="of the designs; default 0"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", help="write the file of the best mechanism here"
-    )
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -61,7 +40,7 @@ def execute(options: argparse.Namespace) -> int:
         if getattr(options, name) < 1:
             raise DesignError(f"--{name} {getattr(options, name)}: give at least 1")
     sized = size_of(
-        options.file, designs=options.designs, starts=options.starts, seed=options.seed
+        options.sizing, designs=options.designs, starts=options.starts, seed=options.seed
     )
     if options.output is not None:
         dump(sized.mechanism(), options.output)

@@ -1,41 +1,30 @@
 """What a shell may complete in the place of an argument."""
 
-import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-Suggest = Callable[[str, argparse.Namespace], Iterable[str]]
+Suggest = Callable[[str, Any], list[str]]
+"""Gives words for what is typed and what is known so far of the command line."""
 
 
-def suggesting(argument: argparse.Action, words: Suggest) -> None:
-    """Let a shell complete an argument by `words` of what is typed and known so far."""
-
-    def _completer(prefix: str, parsed_args: argparse.Namespace, **_: Any) -> Iterable[str]:
-        return words(prefix, parsed_args)
-
-    argument.completer = _completer  # type: ignore[attr-defined]
-
-
-def mechanisms(prefix: str, options: argparse.Namespace) -> list[str]:
+def mechanisms(prefix: str, known: Any = None) -> list[str]:
     """Return shipped mechanisms and files."""
     from spherekit.files.library import shipped
 
-    return [name for pack in shipped() for name in pack.files] + files(prefix, ".toml")
+    return [name for pack in shipped() for name in pack.files] + tables(prefix)
 
 
-def studies(prefix: str, options: argparse.Namespace) -> list[str]:
+def studies(prefix: str, known: Any = None) -> list[str]:
     """Return shipped mechanisms, shipped studies and files."""
     from spherekit.files.library import shipped
 
-    return [name for pack in shipped() for name in pack.studies] + mechanisms(
-        prefix, options
-    )
+    return [name for pack in shipped() for name in pack.studies] + mechanisms(prefix)
 
 
-def analyses(prefix: str, options: argparse.Namespace) -> list[str]:
+def analyses(prefix: str, known: Any = None) -> list[str]:
     """Return the installed analyses; after a colon the parameters of one."""
     name, colon, given = prefix.partition(":")
     if not colon:  # without the registry, which loads NumPy
@@ -47,22 +36,27 @@ def analyses(prefix: str, options: argparse.Namespace) -> list[str]:
     return [f"{before}{key}=" for key in parameters(load(name))]
 
 
-def pairs(prefix: str, options: argparse.Namespace) -> list[str]:
+def pairs(prefix: str, known: Any) -> list[str]:
     """Return the pairs of the mechanism that the command line names."""
     from spherekit.errors import SpherekitError
     from spherekit.files.study import load_study
 
     with suppress(SpherekitError, AttributeError, TypeError):
-        return [pair.name for pair in load_study(options.file).mechanism.pairs]
+        return [pair.name for pair in load_study(known.file).mechanism.pairs]
     return []
 
 
-def recordings(prefix: str, options: argparse.Namespace) -> list[str]:
+def recordings(prefix: str, known: Any = None) -> list[str]:
     """Return recordings and folders."""
-    return files(prefix, ".rrd")
+    return _files(prefix, ".rrd")
 
 
-def files(prefix: str, suffix: str) -> list[str]:
+def tables(prefix: str, known: Any = None) -> list[str]:
+    """Return TOML files and folders."""
+    return _files(prefix, ".toml")
+
+
+def _files(prefix: str, suffix: str) -> list[str]:
     """Return the files with a suffix, and the folders, whose paths begin so."""
     folder, _, begun = prefix.rpartition("/")
     place = f"{folder}/" if "/" in prefix else ""

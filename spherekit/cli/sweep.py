@@ -5,111 +5,61 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.study import add_study_arguments, study_from
-from spherekit.cli.suggest import analyses as names_of_analyses
-from spherekit.cli.suggest import suggesting
+from spherekit.cli.study import STUDY, TIMED, study_from
 from spherekit.conventions import counted, numbered, with_units, without_numbers
 
 if TYPE_CHECKING:
     from spherekit.design.sweep_parts import SweepResult
 
-EXAMPLES = (
-    (
-        "spherekit sweep four_bar --vary links.2.arc=10:40:31 --vary links.3.arc=50:90:41 "
-        "-a singularities -o designs",
-        "the least transmission angle over a grid of two arcs",
-    ),
-    (
-        "spherekit sweep four_bar --vary links.2.arc=10:40:31 -a poles --tables -o designs",
-        "all poles and coefficients of each design at each sample",
-    ),
-    (
-        "spherekit sweep four_bar --vary links.2.arc=10:40 --vary links.4.arc=30:60 "
-        '--designs 1000 -a singularities --where "least_transmission_angle_43 > 40"',
-        "of a thousand designs those that transmit well",
-    ),
+PAGE = (
+    STUDY
+    + TIMED
+    + """
+--vary KEY=VALUES ... !
+    a number of the file, such as links.2.arc, and what it takes on in the file's unit:
+    LOW:HIGH:COUNT, a list A,B,C, or LOW:HIGH with --designs; may be repeated
+-a, --analysis NAME[:key=value,...] ...
+    an analysis whose figures of merit are wanted, may be repeated
+--reduce [NAME=]HOW(EXPR) ...
+    a figure of merit: how (min, max, mean, rms, range, swing, sum, argmin, argmax, at)
+    and an expression of what a configuration has, in rad; may be repeated
+--tables
+    write the tables too that runs of these analyses have, of every design, below the
+    folder of -o
+--where A<B ...
+    leave out designs and rows that do not meet this; may be repeated
+--designs N
+    so many designs, not a grid
+--scheme NAME
+    how they are chosen: sobol (default), latin or random
+--seed K = 0
+    of that choice; default 0
+-o, --output DIR
+    write Parquet parts here while it goes on; the same command goes on with a sweep
+    that was stopped
+--workers N
+    processes (default: one for each core)
+--dask ADDRESS
+    compute on the workers of this Dask scheduler, which see the folder
+--json
+    print the rows as JSON lines
+
+examples:
+  # the least transmission angle over a grid of two arcs
+  spherekit sweep four_bar --vary links.2.arc=10:40:31 --vary links.3.arc=50:90:41 \
+-a singularities -o designs
+  # all poles and coefficients of each design at each sample
+  spherekit sweep four_bar --vary links.2.arc=10:40:31 -a poles --tables -o designs
+  # of a thousand designs those that transmit well
+  spherekit sweep four_bar --vary links.2.arc=10:40 --vary links.4.arc=30:60 \
+--designs 1000 -a singularities --where "least_transmission_angle_43 > 40"
+"""
 )
 
 SHOWN = 10
 """Rows that are printed."""
 REASONS = 5
 """Reasons that are printed of designs without figures, the most frequent first."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    add_study_arguments(parser)
-    parser.add_argument(
-        "--vary",
-        action="append",
-        metavar="KEY=VALUES",
-        required=True,
-        help="a number of the file, such as links.2.arc, and what it takes on in the "
-        "file's unit: LOW:HIGH:COUNT, a list A,B,C, or LOW:HIGH with --designs; may be "
-        "repeated",
-    )
-    suggesting(
-        parser.add_argument(
-            "-a",
-            "--analysis",
-            action="append",
-            metavar="NAME[:key=value,...]",
-            help="an analysis whose figures of merit are wanted, may be repeated",
-        ),
-        names_of_analyses,
-    )
-    parser.add_argument(
-        "--reduce",
-        action="append",
-        metavar="[NAME=]HOW(EXPR)",
-        help="a figure of merit: how (min, max, mean, rms, range, swing, sum, argmin, "
-        "argmax, at) and an expression of what a configuration has, in rad; may be "
-        "repeated",
-    )
-    parser.add_argument(
-        "--tables",
-        action="store_true",
-        help="write the tables too that runs of these analyses have, of every design, "
-        "below the folder of -o",
-    )
-    parser.add_argument(
-        "--where",
-        action="append",
-        metavar="A<B",
-        help="leave out designs and rows that do not meet this; may be repeated",
-    )
-    _add_choice(parser)
-
-
-def _add_choice(parser: argparse.ArgumentParser) -> None:
-    """Declare which designs are computed, and where."""
-    parser.add_argument(
-        "--designs", type=int, metavar="N", help="so many designs, not a grid"
-    )
-    parser.add_argument(
-        "--scheme",
-        metavar="NAME",
-        help="how they are chosen: sobol (default), latin or random",
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="K", help="of that choice; default 0"
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        help="write Parquet parts here while it goes on; the same command goes on with a "
-        "sweep that was stopped",
-    )
-    parser.add_argument(
-        "--workers", type=int, metavar="N", help="processes (default: one for each core)"
-    )
-    parser.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="compute on the workers of this Dask scheduler, which see the folder",
-    )
-    parser.add_argument("--json", action="store_true", help="print the rows as JSON lines")
 
 
 def execute(options: argparse.Namespace) -> int:

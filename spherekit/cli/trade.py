@@ -6,47 +6,32 @@ import sys
 from importlib.util import find_spec
 from typing import Any
 
-from spherekit.cli.study import add_analysis_argument, add_study_arguments, study_from
+from spherekit.cli.study import STUDY, TIMED, study_from
 
-EXAMPLES = (
-    (
-        "spherekit trade stephenson --tol 1e-9",
-        "the cheapest setting that meets a tolerance",
-    ),
-    (
-        "spherekit trade four_bar -a eksergian -o traded",
-        "every setting with its time and error, as files",
-    ),
+PAGE = (
+    STUDY
+    + TIMED
+    + """
+-a, --analysis NAME[:key=value,...]
+    the analysis (default: the study's only one, or poles)
+--tol T
+    largest error of any column: the cheapest setting that meets it is named
+--rounds N = 5
+    times that every setting is timed, the best counts; default 5
+-o, --output DIR
+    write trade.csv and trade.json here, and trade.png if matplotlib is there
+--save X.rrd
+    write a recording of the chart
+--json
+    print everything as JSON
+
+examples:
+  # the cheapest setting that meets a tolerance
+  spherekit trade stephenson --tol 1e-9
+  # every setting with its time and error, as files
+  spherekit trade four_bar -a eksergian -o traded
+"""
 )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    add_study_arguments(parser)
-    add_analysis_argument(
-        parser, "the analysis (default: the study's only one, or poles)", repeated=False
-    )
-    parser.add_argument(
-        "--tol",
-        type=float,
-        metavar="T",
-        help="largest error of any column: the cheapest setting that meets it is named",
-    )
-    parser.add_argument(
-        "--rounds",
-        type=int,
-        default=5,
-        metavar="N",
-        help="times that every setting is timed, the best counts; default 5",
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        help="write trade.csv and trade.json here, and trade.png if matplotlib is there",
-    )
-    parser.add_argument("--save", metavar="X.rrd", help="write a recording of the chart")
-    parser.add_argument("--json", action="store_true", help="print everything as JSON")
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -7,36 +7,25 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from spherekit.cli.study import add_lock_argument, with_locks
-from spherekit.cli.suggest import studies, suggesting
+from spherekit.cli.study import LOCK, with_locks
 from spherekit.conventions import counted
 from spherekit.errors import SolveError, SpherekitError
 
-EXAMPLES = (
-    (
-        "spherekit validate four_bar",
-        "one of the shipped mechanisms",
-    ),
-    (
-        "spherekit validate wrist.toml study.toml",
-        "files of your own, each on a line",
-    ),
+PAGE = (
+    LOCK
+    + """
+FILE|STUDY [FILE|STUDY ...]
+    mechanism or study: path or shipped name
+--json
+    one JSON object per file
+
+examples:
+  # one of the shipped mechanisms
+  spherekit validate four_bar
+  # files of your own, each on a line
+  spherekit validate wrist.toml study.toml
+"""
 )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    suggesting(
-        parser.add_argument(
-            "files",
-            nargs="+",
-            metavar="FILE|STUDY",
-            help="mechanism or study: path or shipped name",
-        ),
-        studies,
-    )
-    add_lock_argument(parser)
-    parser.add_argument("--json", action="store_true", help="one JSON object per file")
 
 
 COARSE = 37
@@ -46,7 +35,7 @@ COARSE = 37
 def execute(options: argparse.Namespace) -> int:
     """Check every file; 1 if any is bad, after all were looked at."""
     bad = 0
-    for name in options.files:
+    for name in options.file:
         try:
             facts = check(name, options.lock)
         except SpherekitError as problem:

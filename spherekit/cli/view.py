@@ -6,59 +6,36 @@ import sys
 import tempfile
 from pathlib import Path
 
-from spherekit.cli.suggest import recordings, suggesting
 from spherekit.conventions import listing
 from spherekit.errors import OutputError
 
 MARK = b"RRF"
 """What every recording of rerun starts with."""
 
-EXAMPLES = (
-    (
-        "spherekit view four_bar",
-        "a mechanism before any run: links, pairs, arcs, zero positions",
-    ),
-    (
-        "spherekit view out",
-        "the recording in the folder of a run",
-    ),
-    (
-        "spherekit view out --png picture.png --sample 90",
-        "a picture of a sample, no display needed",
-    ),
-)
+PAGE = """
+FILE|DIR
+    X.rrd, a folder with one, or a mechanism: X.toml or a shipped name
+--png PNG
+    write a picture, no display needed
+--web
+    in a browser: serve the page on this computer until Ctrl-C
+--sample N
+    sample to show
+--front TITLE ...
+    page or tab to bring to the front of the picture, may be repeated
+--only-3d
+    only the mechanism in the picture
+--size WxH = 1600x1000
+    size of the picture
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    suggesting(
-        parser.add_argument(
-            "file",
-            metavar="FILE|DIR",
-            help="X.rrd, a folder with one, or a mechanism: X.toml or a shipped name",
-        ),
-        recordings,
-    )
-    parser.add_argument("--png", metavar="FILE", help="write a picture, no display needed")
-    parser.add_argument(
-        "--web",
-        action="store_true",
-        help="in a browser: serve the page on this computer until Ctrl-C",
-    )
-    parser.add_argument("--sample", type=int, metavar="N", help="sample to show")
-    parser.add_argument(
-        "--front",
-        action="append",
-        default=[],
-        metavar="TITLE",
-        help="page or tab to bring to the front of the picture, may be repeated",
-    )
-    parser.add_argument(
-        "--only-3d", action="store_true", help="only the mechanism in the picture"
-    )
-    parser.add_argument(
-        "--size", default="1600x1000", metavar="WxH", help="size of the picture"
-    )
+examples:
+  # a mechanism before any run: links, pairs, arcs, zero positions
+  spherekit view four_bar
+  # the recording in the folder of a run
+  spherekit view out
+  # a picture of a sample, no display needed
+  spherekit view out --png picture.png --sample 90
+"""
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -138,7 +115,7 @@ def _of_recording(path: Path, options: argparse.Namespace) -> int:
         sample=options.sample,
         size=_size(options.size),
         view="3D" if options.only_3d else "all",
-        front=options.front,
+        front=options.front or (),
     )
     return 0
 
