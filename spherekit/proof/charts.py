@@ -87,6 +87,17 @@ class ChartRoots:
         """e^(i angle) (n, k), infinite ones too."""
         return np.where(self.inverse, 1.0 / self.z, self.z)
 
+    def gaps(self, count: int) -> Floats:
+        """Return how far roots of each input are from each other (m, count, count).
+
+        There are `count` of each input, one input after the other.
+        """
+        shape = -1, count, self.z.shape[1]
+        over = np.where(self.inverse, 1.0, self.z).reshape(shape)
+        under = np.where(self.inverse, self.z, 1.0).reshape(shape)
+        way = over[:, :, None] * under[:, None]
+        return np.asarray(np.max(np.abs(way - way.swapaxes(1, 2)), axis=3, initial=0.0))
+
     def take(self, kept: Any) -> "ChartRoots":
         """Return some of them."""
         return ChartRoots(self.z[kept], self.inverse[kept], self.row[kept])
@@ -353,20 +364,11 @@ def are_apart(roots: ChartRoots, radius: Floats, good: Bools, count: int) -> Boo
 
     There are `count` roots of each input, one input after the other.
     """
-    m, k = len(roots.z) // count, roots.z.shape[1]
-    over = np.where(roots.inverse, 1.0, roots.z).reshape(m, count, k)
-    under = np.where(roots.inverse, roots.z, 1.0).reshape(m, count, k)
-    r = radius.reshape(m, count)
-    out = np.all(good.reshape(m, count), axis=1)
-    for one in range(count):
-        rest = slice(one + 1, None)
-        gap = np.abs(
-            over[:, one, None] * under[:, rest] - under[:, one, None] * over[:, rest]
-        )
-        limit = r[:, one, None] + r[:, rest] + r[:, one, None] * r[:, rest]
-        apart = np.max(gap, axis=2, initial=0.0) > 1.5 * limit * UP + 1e-14
-        out &= np.all(apart, axis=1)
-    return np.asarray(out)
+    r = radius.reshape(-1, count)
+    one, other = r[:, :, None], r[:, None]
+    limit = 1.5 * (one + other + one * other) * UP + 1e-14
+    apart = (roots.gaps(count) > limit) | np.eye(count, dtype=bool)
+    return np.asarray(np.all(apart, axis=(1, 2)) & np.all(good.reshape(r.shape), axis=1))
 
 
 def are_real(roots: ChartRoots, proven: Tubes) -> tuple[Bools, Bools]:
@@ -391,34 +393,6 @@ def stepped(made: Polynomials, roots: ChartRoots, ways: Array) -> ChartRoots:
         inverse, _ = inverses(first)
         change = np.einsum("njg,ng->nj", -inverse @ by_input, ways[roots.row])
         return roots.moved(roots.z + change)
-
-
-def continued(
-    equations: Equations,
-    system: tuple[Sequence[int], Sequence[int]],
-    roots: ChartRoots,
-    start: Array,
-    goal: Floats,
-    steps: int,
-) -> ChartRoots:
-    """Return roots at inputs `start` (m, inputs) followed to `goal` by complex inputs.
-
-    Approximations: nothing rests on them.
-    """
-    generator = np.random.default_rng(steps)
-    far = np.max(np.abs(goal - start), axis=1, keepdims=True)
-    sideways = generator.normal(size=start.shape) * np.maximum(far, 1e-3)
-    before = start.astype(complex)
-    with np.errstate(all="ignore"):
-        made = Polynomials.at(equations, *system, turns_of(before))
-        for step in range(1, steps + 1):
-            t = step / steps
-            there = start + t * (goal - start) + 4j * t * (1.0 - t) * sideways
-            ahead = stepped(made, roots, there - before)
-            made = Polynomials.at(equations, *system, turns_of(there))
-            roots, _ = polished(made, ahead, 2)
-            before = there
-    return roots
 
 
 def turns_of(q: Array) -> Array:

@@ -348,10 +348,9 @@ class _Search:
         """The number of real roots, -1 if not proven, and the systems that show it."""
         place = np.array([[middle(ball) for ball in self.driven]])
         none = np.zeros_like(place)
-        hard = np.zeros(1, dtype=bool)
         systems = Systems(self.equations)
-        good, modes, (guide,) = systems.counted(place, self.turns[None], none, [{}], hard)
-        return int(modes[0]) if good[0] else -1, systems.solved(guide)
+        good, modes = systems.counted(place, self.turns[None], none, np.ones(1, dtype=bool))
+        return int(modes[0]) if good[0] else -1, systems.solved
 
     @property
     def doubtful(self) -> bool:

@@ -35,7 +35,7 @@ from spherekit.proof.balls import UNIT, Ball, bits, circle, middle, upper
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
-from spherekit.proof.systems import Guide, SolvedSystem, Systems
+from spherekit.proof.systems import SolvedSystem, Systems
 from spherekit.proof.tubes import ROUNDING, UP
 
 FLATTEST = 1e-9
@@ -134,51 +134,52 @@ class Axis:
 
 
 @final
-@dataclass
+@dataclass(frozen=True)
 class Boxes:
     """Boxes (n, variables) by how often each side was halved, and which part they are."""
 
+    axes: Sequence[Axis]
     levels: Integers
     places: Integers
+
+    @staticmethod
+    def whole(axes: Sequence[Axis]) -> "Boxes":
+        """Return the box of the axes' whole ranges."""
+        zero = np.zeros((1, len(axes)), dtype=np.int64)
+        return Boxes(axes, zero, zero)
 
     def __len__(self) -> int:
         return len(self.levels)
 
-    def centres(self, axes: Sequence[Axis]) -> Floats:
-        """Return float64 numbers (n, variables) next to the centres."""
-        columns = zip(axes, self.levels.T, self.places.T, strict=True)
+    @property
+    def centres(self) -> Floats:
+        """Float64 numbers (n, variables) next to the centres."""
+        columns = zip(self.axes, self.levels.T, self.places.T, strict=True)
         return np.stack([axis.centres(*column) for axis, *column in columns], axis=1)
 
-    def radii(self, axes: Sequence[Axis]) -> Floats:
-        """Return half widths (n, variables), rounded up."""
-        columns = zip(axes, self.levels.T, strict=True)
+    @property
+    def radii(self) -> Floats:
+        """Half widths (n, variables), rounded up."""
+        columns = zip(self.axes, self.levels.T, strict=True)
         return np.stack([axis.radii(levels) for axis, levels in columns], axis=1)
 
-    def turns(self, axes: Sequence[Axis]) -> Floats:
-        """Return cosines and sines (n, variables, 2) of the centres, each rounded once."""
-        columns = zip(axes, self.levels.T, self.places.T, strict=True)
+    @property
+    def turns(self) -> Floats:
+        """Cosines and sines (n, variables, 2) of the centres, each rounded once."""
+        columns = zip(self.axes, self.levels.T, self.places.T, strict=True)
         return np.stack([axis.turns(*column) for axis, *column in columns], axis=1)
 
     def take(self, rows: Bools | slice) -> "Boxes":
         """Return some of them."""
-        return Boxes(self.levels[rows], self.places[rows])
+        return Boxes(self.axes, self.levels[rows], self.places[rows])
 
     def halved(self, sides: Indices) -> "Boxes":
         """Return both halves of each across its side in `sides` (n,)."""
-        rows = np.arange(len(self))
-        levels, places = self.levels.copy(), self.places.copy()
-        levels[rows, sides] += 1
-        places[rows, sides] *= 2
-        other = places.copy()
-        other[rows, sides] += 1
-        return Boxes(np.concatenate([levels, levels]), np.concatenate([places, other]))
-
-    @staticmethod
-    def joined(parts: Sequence["Boxes"]) -> "Boxes":
-        """Return all boxes of some."""
+        cut = np.arange(len(self.axes)) == sides[:, None]
+        low = self.places << cut
+        levels = self.levels + cut
         return Boxes(
-            np.concatenate([part.levels for part in parts]),
-            np.concatenate([part.places for part in parts]),
+            self.axes, np.concatenate([levels, levels]), np.concatenate([low, low + cut])
         )
 
 
@@ -215,10 +216,9 @@ def paved(
     none are.
     """
     degrees, error = equations.degrees, equations.real.error
-    count = len(axes)
-    zero = np.zeros((1, count), dtype=np.int64)
-    waiting = [Boxes(zero, zero)]
-    left: list[tuple[Floats, Floats]] = []
+    waiting = [Boxes.whole(axes)]
+    nothing = np.empty((0, len(axes)))
+    left = [(nothing, nothing)]
     paving = Paved()
     working = Working("proving that nothing else is there")
     while waiting:
@@ -228,8 +228,8 @@ def paved(
             boxes = boxes.take(slice(0, CHUNK))
         paving.looked_at += len(boxes)
         working.tell(lambda: f"{paving.looked_at} boxes")
-        radii = boxes.radii(axes)
-        values, slopes = equations.real.first(boxes.turns(axes))
+        radii = boxes.radii
+        values, slopes = equations.real.first(boxes.turns)
         change = radii @ degrees.T
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
         bent = 0.5 * equations.bound * change**2 + error * (1.0 + change)
@@ -239,22 +239,18 @@ def paved(
         if not np.any(open_):
             continue
         boxes, radii, slopes = boxes.take(open_), radii[open_], slopes[open_]
-        centres = boxes.centres(axes)
+        centres = boxes.centres
         largest = np.max(radii, axis=1)
         kept = ~covered(centres, radii)
         if np.any(kept) and looked(centres[kept], radii[kept]):
             kept[kept] = ~covered(centres[kept], radii[kept])
-        ended = kept & (largest < smallest)
-        if paving.looked_at > most:
-            ended = kept
-        if np.any(ended):
-            left.append((centres[ended], radii[ended]))
+        ended = kept & ((largest < smallest) | (paving.looked_at > most))
+        left.append((centres[ended], radii[ended]))
         kept &= ~ended
         if np.any(kept):
             weight = _weights(slopes[kept], degrees, radii[kept])
             waiting.append(boxes.take(kept).halved(np.argmax(weight, axis=1)))
-    paving.centres = np.concatenate([c for c, _ in left]) if left else np.empty((0, count))
-    paving.radii = np.concatenate([r for _, r in left]) if left else np.empty((0, count))
+    paving.centres, paving.radii = map(np.concatenate, zip(*left, strict=True))
     return paving
 
 
@@ -376,92 +372,63 @@ def input_map(
         for low, high in range_texts:
             start = written.input_angle(low)
             axes.append(Axis(start, written.input_angle(high) - start))
-        search = _Map(equations, axes, cell, finer)
-        boxes = search.judged()
-    systems = search.systems.starts()
-    return InputMap(written, made, tuple(range_texts), *boxes, systems)
+        systems = Systems(equations)
+        boxes, kinds, modes = _judged(systems, axes, cell, finer)
+    return InputMap(
+        written,
+        made,
+        tuple(range_texts),
+        np.concatenate([part.centres for part in boxes]),
+        np.concatenate([part.radii for part in boxes]),
+        np.concatenate(kinds),
+        np.concatenate(modes),
+        systems.solved,
+    )
 
 
-@final
-class _Map:
-    """Boxes halved until they are judged."""
+def _judged(
+    systems: Systems, axes: Sequence[Axis], side: float, finer: int
+) -> tuple[Sequence[Boxes], Sequence[Indices], Sequence[Indices]]:
+    """Return boxes with their kinds and numbers of modes, halved until they are judged."""
+    widths = np.array([axis.extent for axis in axes])
+    cell = np.maximum(np.ceil(np.log2(widths / side)), 0).astype(np.int64)
+    finest = cell + finer
+    most = max(1, AT_ONCE // sum(systems.bounds))
+    done: list[tuple[Boxes, Indices, Indices]] = []
+    fine: dict[tuple[int, ...], set[int]] = {}
+    working = Working("proving boxes of the inputs regular")
+    waiting = [Boxes.whole(axes)]
+    while waiting:
+        boxes = waiting.pop()
+        if len(boxes) > most:
+            waiting.append(boxes.take(slice(most, None)))
+            boxes = boxes.take(slice(0, most))
+        working.tell(lambda: f"{sum(len(part) for part, *_ in done)} boxes")
+        levels, places = boxes.levels, boxes.places
+        hard = np.all(levels >= finest - 1, axis=1)
+        good, modes = systems.counted(boxes.centres, boxes.turns, boxes.radii, hard)
+        inside = np.all(levels >= cell, axis=1) & np.any(levels > cell, axis=1)
+        last = np.all(levels >= finest, axis=1)
+        whole = good & ~inside
+        done.append((boxes.take(whole), 0 * modes[whole], modes[whole]))
+        for row in np.flatnonzero(inside & (good | last)):
+            place = tuple((places[row] >> (levels[row] - cell)).tolist())
+            fine.setdefault(place, set()).add(int(modes[row]) if good[row] else -1)
+        left = boxes.take(~good & ~last)
+        if len(left):
+            waiting.append(left.halved(_farthest(left, cell, finest)))
+    for place, counts in fine.items():
+        same = len(counts) == 1 and -1 not in counts
+        kind = REGULAR if same else CONTAINS if len(counts - {-1}) > 1 else UNDECIDED
+        at = Boxes(axes, cell[None], np.array([place], dtype=np.int64))
+        done.append((at, np.array([kind]), np.array([max(counts) if same else -1])))
+    boxes_of, kinds, modes_of = zip(*done, strict=True)
+    return boxes_of, kinds, modes_of
 
-    def __init__(
-        self, equations: Equations, axes: Sequence[Axis], cell: float, finer: int
-    ) -> None:
-        self.equations, self.axes = equations, axes
-        self.systems = Systems(equations)
-        widths = np.array([axis.extent for axis in axes])
-        self.cell = np.maximum(np.ceil(np.log2(widths / cell)), 0).astype(np.int64)
-        self.finest = self.cell + finer
-        self.done: list[tuple[Floats, Floats, Indices, Indices]] = []
 
-    def judged(self) -> tuple[Floats, Floats, Indices, Indices]:
-        """Return centres, radii, kinds and numbers of modes of all boxes."""
-        zero = np.zeros((1, len(self.axes)), dtype=np.int64)
-        boxes = Boxes(zero, zero)
-        guides: list[Guide] = [{}]
-        working = Working("proving boxes of the inputs regular")
-        waiting = [(boxes, guides)]
-        fine: dict[tuple[int, ...], list[int]] = {}
-        while waiting:
-            boxes, guides = waiting.pop()
-            most = max(1, AT_ONCE // sum(self.systems.bounds))
-            if len(boxes) > most:
-                waiting.append((boxes.take(slice(most, None)), guides[most:]))
-                boxes, guides = boxes.take(slice(0, most)), guides[:most]
-            working.tell(lambda: f"{sum(len(d[0]) for d in self.done)} boxes")
-            good, modes, guides = self.systems.counted(
-                boxes.centres(self.axes),
-                boxes.turns(self.axes),
-                boxes.radii(self.axes),
-                guides,
-                np.all(boxes.levels >= self.finest - 1, axis=1),
-            )
-            small = np.all(boxes.levels >= self.cell, axis=1)
-            inside = np.any(boxes.levels > self.cell, axis=1) & small
-            last = np.all(boxes.levels >= self.finest, axis=1)
-            whole = good & ~inside
-            if np.any(whole):
-                self._keep(boxes.take(whole), np.zeros(np.sum(whole), int), modes[whole])
-            for row in np.flatnonzero(inside & (good | last)):
-                fine.setdefault(self._cell_of(boxes, int(row)), []).append(
-                    int(modes[row]) if good[row] else -1
-                )
-            left = np.flatnonzero(~good & ~last)
-            if len(left):
-                waiting.append(self._split(boxes, guides, left))
-        for place, counts in fine.items():
-            every = set(counts)
-            kind, count = UNDECIDED, -1
-            if -1 not in every and len(every) == 1:
-                kind, count = REGULAR, counts[0]
-            elif len(every - {-1}) > 1:
-                kind = CONTAINS
-            at = Boxes(self.cell[None], np.array([place], dtype=np.int64))
-            self._keep(at, np.array([kind]), np.array([count]))
-        parts = list(zip(*self.done, strict=True))
-        centres, radii, kinds, modes_of = (np.concatenate(part) for part in parts)
-        return centres, radii, kinds, modes_of
-
-    def _keep(self, boxes: Boxes, kind: Indices, modes: Indices) -> None:
-        self.done.append((boxes.centres(self.axes), boxes.radii(self.axes), kind, modes))
-
-    def _cell_of(self, boxes: Boxes, row: int) -> tuple[int, ...]:
-        shift = boxes.levels[row] - self.cell
-        return tuple((boxes.places[row] >> shift).tolist())
-
-    def _split(
-        self, boxes: Boxes, guides: list[Guide], left: Indices
-    ) -> tuple[Boxes, list[Guide]]:
-        """Return the halves of boxes across the side that has farthest to go."""
-        chosen = np.zeros(len(boxes), dtype=bool)
-        chosen[left] = True
-        taken = boxes.take(chosen)
-        spare = np.where(taken.levels < self.cell, self.cell, self.finest) - taken.levels
-        coarse = np.any(taken.levels < self.cell, axis=1)
-        radii = taken.radii(self.axes) * (spare > 0)
-        radii = np.where(coarse[:, None] & (taken.levels >= self.cell), 0.0, radii)
-        halves = taken.halved(np.argmax(radii, axis=1))
-        kept = [guides[row] for row in left]
-        return halves, kept + kept
+def _farthest(boxes: Boxes, cell: Integers, finest: Integers) -> Indices:
+    """Return the side of each box that has farthest to go, to cells first."""
+    levels = boxes.levels
+    coarse = np.any(levels < cell, axis=1, keepdims=True)
+    halved = np.where(coarse, levels < cell, levels < finest)
+    return np.asarray(np.argmax(boxes.radii * halved, axis=1))

@@ -16,10 +16,11 @@ chapter 8), and the way from them to the equations of the mechanism avoids singu
 systems but for unlucky random numbers.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import reduce
-from typing import final
+from itertools import permutations, product
+from typing import Any, final
 
 import numpy as np
 
@@ -33,7 +34,6 @@ from spherekit.proof.charts import (
     Tubes,
     are_apart,
     are_real,
-    continued,
     inverses,
     polished,
     roots_of_one,
@@ -95,15 +95,12 @@ class _Way:
             scale = np.linalg.norm(start) / np.linalg.norm(goal)
             self.ends.append((start, scale * goal))
 
-    def _starts(self, taken: dict[int, complex]) -> Iterator[list[complex]]:
-        """Yield the solutions at t = 0 that have values of some unknowns."""
-        if len(taken) == len(self.roots):
-            yield [taken[column] for column in range(len(taken))]
-            return
-        for column, values in enumerate(self.roots[len(taken)]):
-            if column not in taken:
-                for value in values:
-                    yield from self._starts({**taken, column: complex(value)})
+    def _starts(self) -> Iterator[Complexes]:
+        """Yield the solutions at t = 0: each equation gives another unknown its value."""
+        for order in permutations(range(len(self.roots))):
+            factors = (row[column] for row, column in zip(self.roots, order, strict=True))
+            for values in product(*factors):
+                yield np.array(values)[np.argsort(order)]
 
     def _at(self, points: ChartRoots, t: Floats) -> tuple[Complexes, Complexes, Complexes]:
         """Return values (n, k), derivatives by z (n, k, k), and by t (n, k)."""
@@ -122,8 +119,7 @@ class _Way:
 
     def tracked(self) -> ChartRoots:
         """Return where the ways from all solutions at t = 0 end, those that come near."""
-        starts = list(self._starts({}))
-        z = np.array(starts, dtype=complex).reshape(len(starts), len(self.roots))
+        z = np.array([*self._starts()], dtype=complex).reshape(-1, len(self.roots))
         points = ChartRoots.of(z, np.zeros(len(z), dtype=np.intp))
         n = len(z)
         t, step = np.zeros(n), np.full(n, FIRST_STEP)
@@ -182,10 +178,13 @@ def _solved(matrices: Complexes, right: Complexes) -> Complexes:
     return np.where(regular[:, None], change, np.nan)
 
 
-Path = tuple[int, ...]
-"""Which root of each system before a mode goes on from."""
 WIDEST_ANGLE = 0.3
 """Angles of roots (rad) over boxes that vary by more are no inputs of the next system."""
+SAME = 1e-9
+"""Angles (rad) that differ by less are taken for one and widened by what they differ."""
+NEAR = 1.0
+"""Squared distance, as points of circles, of known roots that others are followed from."""
+MOST_KNOWN, MOST_SHOWN = 1024, 128
 
 
 @final
@@ -197,45 +196,27 @@ class KnownRoots:
     points: ChartRoots
 
 
-SAME = 1e-9
-"""Angles (rad) that differ by less are taken for one and widened by what they differ."""
-BORROWED = 1.0
-"""How far away (rad) roots are known that are followed to where none are."""
-MOST_KNOWN = 64
-DETOUR = 16
-"""Steps of ways round through complex inputs, for roots that a straight one loses."""
-Guide = dict[Path, KnownRoots]
-"""Roots known near a box, of each system and of each mode of those before."""
-
-
 @final
 @dataclass(frozen=True)
-class _Mode:
-    """A mode of the systems so far over the box of a number.
+class _Modes:
+    """Modes (n,) of the systems so far, each over the box of the number in `row`.
 
-    `angle`, `turn`, `rates` and `off` are of all unknowns, zero where not known yet: angles
-    (rad) at the centre, their cosines and sines, how they move with the inputs, and by how
-    much more at most. It stands for `times` modes, whose angles are all within.
+    `angle` (n, k), `turn` (n, k, 2), `rates` (n, k, inputs) and `off` (n, k) are of all
+    unknowns, zero where not known yet: angles (rad) at the centre, their cosines and sines,
+    how they move with the inputs, and by how much more at most. Each stands for `times`
+    modes, whose angles are all within.
     """
 
-    row: int
-    path: Path
+    row: Indices
     angle: Floats
     turn: Floats
     rates: Floats
     off: Floats
-    times: int = 1
+    times: Indices
 
-    def with_root(
-        self, root: int, unknowns: Sequence[int], solution: tuple[Floats, ...]
-    ) -> "_Mode":
-        """Return the mode that goes on with a root: its angles, turns, rates and off."""
-        angle, turn, rates, off = (
-            values.copy() for values in (self.angle, self.turn, self.rates, self.off)
-        )
-        for values, new in zip((angle, turn, rates, off), solution, strict=True):
-            values[unknowns] = new
-        return _Mode(self.row, (*self.path, root), angle, turn, rates, off, self.times)
+    def take(self, kept: Any) -> "_Modes":
+        """Return a copy of some of them."""
+        return _Modes(*(values[kept] for values in vars(self).values()))
 
 
 @final
@@ -249,7 +230,7 @@ class SolvedSystem:
     equations: tuple[int, ...]
     unknowns: tuple[int, ...]
     given: tuple[int, ...]
-    solved: tuple[KnownRoots, ...] = ()
+    solved: tuple[KnownRoots, ...]
 
 
 @final
@@ -259,134 +240,66 @@ class Systems:
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
         made = equations.construction
-        parts = systems_of(made)
         every = list(range(made.unknowns))
-        self.parts = parts if parts is not None else [(every, every)]
-        self.known_roots: list[list[KnownRoots]] = [[] for _ in self.parts]
+        self.parts = systems_of(made) or [(every, every)]
         self.bounds = [permanent(2 * made.degrees[np.ix_(*part)]) for part in self.parts]
+        self.given = [
+            [v for v in range(equations.variables) if v not in unknowns]
+            for _, unknowns in self.parts
+        ]
+        self._known: list[list[KnownRoots]] = [[] for _ in self.parts]
 
-    def solved(self, guide: Guide) -> tuple[SolvedSystem, ...]:
-        """Return the systems with the solutions that a guide has of each."""
+    @property
+    def solved(self) -> tuple[SolvedSystem, ...]:
+        """The systems, each with its solutions for modes at some of the places tried."""
         return tuple(
             SolvedSystem(
                 tuple(rows),
                 tuple(unknowns),
-                tuple(self.given_to(number)),
-                tuple(roots for path, roots in guide.items() if len(path) == number),
+                tuple(given),
+                tuple(known[:: 1 + len(known) // MOST_SHOWN]),
             )
-            for number, (rows, unknowns) in enumerate(self.parts)
+            for (rows, unknowns), given, known in zip(
+                self.parts, self.given, self._known, strict=True
+            )
         )
-
-    def starts(self) -> tuple[SolvedSystem, ...]:
-        """Return the systems with solutions at places from which others were followed."""
-        return tuple(
-            replace(system, solved=tuple(roots))
-            for system, roots in zip(self.solved({}), self.known_roots, strict=True)
-        )
-
-    def given_to(self, number: int) -> list[int]:
-        """Return the variables that are given to a system: all but its unknowns."""
-        unknowns = self.parts[number][1]
-        return [v for v in range(self.equations.variables) if v not in unknowns]
-
-    def _found(self, number: int, given: Floats) -> KnownRoots | None:
-        """Return all roots of a system at what is given to it, None if some are lost."""
-        rows, unknowns = self.parts[number]
-        made = Polynomials.at(self.equations, rows, unknowns, turns_of(given)[None])
-        for seed in range(SEEDS):
-            roots, good = polished(made, solutions(made, seed))
-            roots = roots.take(good)
-            roots = roots.take(_first_of_each(roots))
-            if len(roots.z) == self.bounds[number]:
-                return KnownRoots(given, roots)
-        return None
 
     def counted(
-        self,
-        centres: Floats,
-        turns: Floats,
-        half: Floats,
-        guides: Sequence[Guide],
-        hard: Bools,
-    ) -> tuple[Bools, Indices, list[Guide]]:
+        self, centres: Floats, turns: Floats, half: Floats, hard: Bools
+    ) -> tuple[Bools, Indices]:
         """Return over which boxes of the inputs (m, inputs) all is proven, and the modes.
 
-        Those are the numbers of real ones; with them the roots of each box.
-
-        `turns` (m, inputs, 2) are the cosines and sines of the exact centres, next to
-        which `centres` are. Roots are followed from the `guides` of each box; where they
-        are lost on the straight way, another one is tried where it is `hard` (m,).
+        Those are the numbers of real ones. `turns` (m, inputs, 2) are the cosines and sines
+        of the exact centres, next to which `centres` are. Roots are followed from those
+        known nearest; where they are lost, all are found anew where it is `hard` (m,).
         """
-        m = len(centres)
-        good = np.ones(m, dtype=bool)
-        modes = np.zeros(m, dtype=np.intp)
-        following: list[Guide] = [{} for _ in range(m)]
-        count, inputs = self.equations.construction.unknowns, centres.shape[1]
-        none, turn, slope = (np.zeros((count, *size)) for size in ((), (2,), (inputs,)))
-        waiting = [_Mode(row, (), none, turn, slope, none) for row in range(m)]
+        m, inputs = centres.shape
+        good, count = np.ones(m, dtype=bool), self.equations.unknowns
+        angle, turn, rates = (np.zeros((m, count, *size)) for size in ((), (2,), (inputs,)))
+        modes = _Modes(np.arange(m), angle, turn, rates, angle, np.ones(m, dtype=np.intp))
         for number, (_, unknowns) in enumerate(self.parts):
-            part = [mode for mode in waiting if good[mode.row]]
-            waiting = []
-            if not part:
+            modes = modes.take(good[modes.row])
+            if not len(modes.row):
                 break
-            rows = [mode.row for mode in part]
-            given, whole, moving = self._given(number, part, centres, turns, half)
-            roots, proven, distinct = self._proven(
-                number, part, given, whole, moving, guides, hard
-            )
             bound = self.bounds[number]
-            apart = are_apart(roots, proven.radius, proven.good, bound)
+            roots, proven = self._proven(number, modes, (centres, turns, half), hard)
             real, off_circle = are_real(roots, proven)
-            decided = np.all((real | off_circle).reshape(-1, bound), axis=1)
-            angle, slopes, reach = _angles(roots, proven, half[np.repeat(rows, bound)])
-            for place, mode in enumerate(part):
-                row, path = mode.row, mode.path
-                mine = slice(place * bound, (place + 1) * bound)
-                if distinct[place]:
-                    at = ChartRoots(
-                        roots.z[mine], roots.inverse[mine], np.zeros(bound, np.intp)
-                    )
-                    following[row][path] = KnownRoots(given[place], at)
-                elif path in guides[row]:
-                    following[row][path] = guides[row][path]
-                good[row] &= apart[place] and decided[place]
-                for root in np.flatnonzero(real[mine]) if good[row] else ():
-                    if number + 1 == len(self.parts):
-                        modes[row] += mode.times
-                        continue
-                    where = place * bound + int(root)
-                    turned = circle(angle[where])
-                    solution = angle[where], turned, slopes[where], reach[where]
-                    waiting.append(mode.with_root(int(root), unknowns, solution))
-                    good[row] &= bool(np.all(proven.reach[where] < WIDEST_ANGLE))
-            waiting = self._joined(number + 1, waiting, half)
-        return good, modes, following
+            sure = proven.good & (real | off_circle)
+            apart = are_apart(roots, proven.radius, sure, bound)
+            good[modes.row[~apart]] = False
+            (kept,) = np.nonzero(real & np.repeat(good[modes.row], bound))
+            angle, *more = _angles(roots, proven, half[modes.row[roots.row]])
+            modes = modes.take(roots.row[kept])
+            solution = angle, circle(angle[kept].ravel()).reshape(*angle[kept].shape, 2)
+            modes.angle[:, unknowns], modes.turn[:, unknowns] = angle[kept], solution[1]
+            modes.rates[:, unknowns], modes.off[:, unknowns] = (each[kept] for each in more)
+            if number + 1 < len(self.parts):
+                wide = np.any(proven.reach[kept] >= WIDEST_ANGLE, axis=1)
+                good[modes.row[wide]] = False
+                modes = self._joined(number + 1, modes, half)
+        return good, np.bincount(modes.row, modes.times, m).astype(np.intp)
 
-    def _given(
-        self,
-        number: int,
-        part: Sequence[_Mode],
-        centres: Floats,
-        turns: Floats,
-        half: Floats,
-    ) -> tuple[Floats, Floats, Given]:
-        """Return the angles given to a system for modes, their turns, and how they move."""
-        rows, others = [mode.row for mode in part], self.given_to(number)
-        inputs = centres.shape[1]
-
-        def joined(values: Sequence[Floats], ends: Iterable[Floats]) -> Floats:
-            pairs = zip(values, ends, strict=True)
-            return np.stack([np.concatenate(two)[others] for two in pairs])
-
-        moving = Given(
-            half[rows],
-            joined([mode.rates for mode in part], [np.eye(inputs)] * len(part)),
-            joined([mode.off for mode in part], [np.zeros(inputs)] * len(part)),
-        )
-        angles = joined([mode.angle for mode in part], centres[rows])
-        return angles, joined([mode.turn for mode in part], turns[rows]), moving
-
-    def _joined(self, number: int, modes: list[_Mode], half: Floats) -> list[_Mode]:
+    def _joined(self, number: int, modes: _Modes, half: Floats) -> _Modes:
         """Return modes of which those that systems from a number on cannot tell are one.
 
         They differ in angles that no such system has, as where a link is turned over.
@@ -394,110 +307,92 @@ class Systems:
         degrees = self.equations.construction.degrees
         left = [row for rows, _ in self.parts[number:] for row in rows]
         used = np.any(degrees[left] > 0, axis=0)[: self.equations.unknowns]
-        joined: dict[int, list[_Mode]] = {}
-        for mode in modes:
-            row_modes = joined.setdefault(mode.row, [])
-            for place, other in enumerate(row_modes):
-                apart = np.abs(wrap(mode.angle - other.angle))
-                drift = np.abs(mode.rates - other.rates) @ half[mode.row]
+        kept: dict[int, list[int]] = {}
+        for mode, row in enumerate(modes.row.tolist()):
+            for other in kept.setdefault(row, []):
+                apart = np.abs(wrap(modes.angle[mode] - modes.angle[other]))
+                drift = np.abs(modes.rates[mode] - modes.rates[other]) @ half[row]
                 spare = 1.05 * (apart + drift)
                 if np.all(spare[used] < SAME):
-                    off = np.maximum(mode.off + spare, other.off)
-                    row_modes[place] = replace(
-                        other, off=off, times=other.times + mode.times
-                    )
+                    modes.off[other] = np.maximum(modes.off[mode] + spare, modes.off[other])
+                    modes.times[other] += modes.times[mode]
                     break
             else:
-                row_modes.append(mode)
-        return [mode for row_modes in joined.values() for mode in row_modes]
-
-    def _add(self, number: int, roots: KnownRoots | None) -> None:
-        """Keep roots of a system to start from elsewhere."""
-        if roots is not None:
-            self.known_roots[number] = [roots, *self.known_roots[number][: MOST_KNOWN - 1]]
-
-    def _borrowed(self, number: int, given: Floats) -> KnownRoots | None:
-        """Return the roots known for what is nearest to what is given to a system."""
-        best, nearest = None, BORROWED
-        for roots in self.known_roots[number]:
-            apart = np.abs(wrap(roots.at - given))
-            if (gap := float(np.max(apart, initial=0.0))) < nearest:
-                best, nearest = roots, gap
-        return best
+                kept[row].append(mode)
+        return modes.take([mode for row_modes in kept.values() for mode in row_modes])
 
     def _proven(
-        self,
-        number: int,
-        part: Sequence[_Mode],
-        given: Floats,
-        turns: Floats,
-        moving: Given,
-        guides: Sequence[Guide],
-        hard: Bools,
-    ) -> tuple[ChartRoots, Tubes, Bools]:
-        """Return the roots at all boxes, what is proven, and where none were lost."""
-        system, bound = self.parts[number], self.bounds[number]
-        made = Polynomials.at(self.equations, *system, turns)
-        if len(system[1]) == 1:
-            tried, ended = polished(made, roots_of_one(made))
-            proven = tubes(made, tried, moving)
-            return tried, proven, are_apart(tried, proven.radius, ended, bound)
-        nothing = ChartRoots(
-            np.zeros((bound, len(system[1])), dtype=complex),
-            np.zeros((bound, len(system[1])), dtype=bool),
-            np.zeros(bound, dtype=np.intp),
+        self, number: int, modes: _Modes, boxes: tuple[Floats, ...], hard: Bools
+    ) -> tuple[ChartRoots, Tubes]:
+        """Return the roots of a system for all modes over their boxes, and what is proven.
+
+        `boxes` has their centres, turns and half widths.
+        """
+        system, bound, others = self.parts[number], self.bounds[number], self.given[number]
+        centres, turns, half = (values[modes.row] for values in boxes)
+        eye = np.broadcast_to(np.eye(centres.shape[1]), (*centres.shape, centres.shape[1]))
+        given, turns, rates, off = (
+            np.concatenate(two, axis=1)[:, others]
+            for two in (
+                (modes.angle, centres),
+                (modes.turn, turns),
+                (modes.rates, eye),
+                (modes.off, 0.0 * centres),
+            )
         )
-        origins, strange = [], np.zeros(len(part), dtype=bool)
-        for place, (mode, here) in enumerate(zip(part, given, strict=True)):
-            near = guides[mode.row].get(mode.path)
-            if near is None:
-                near = self._borrowed(number, here)
-                strange[place] = near is not None
-            if near is None:
-                near = self._found(number, here)
-                self._add(number, near)
-            origins.append(near or KnownRoots(here, nothing))
+        made = Polynomials.at(self.equations, *system, turns)
+        moving = Given(half, rates, off)
+        one, known = len(system[1]) == 1, self._known[number]
+        rough = roots_of_one(made) if one else self._near(number, given)
+        parts = [slice(k * bound, (k + 1) * bound) for k in range(len(given))]
+        for anew in (not one, False):
+            roots, ended = polished(made, rough)
+            proven = tubes(made, roots, moving)
+            whole = are_apart(roots, proven.radius, ended, bound)
+            lost = np.flatnonzero(~whole & hard[modes.row])
+            if not (anew and len(lost)):
+                break
+            for mode in lost:
+                found = self._found(number, given[mode]).points
+                roots.z[parts[mode]], roots.inverse[parts[mode]] = found.z, found.inverse
+            rough = roots
+        known += [KnownRoots(given[k], roots.take(parts[k])) for k in np.flatnonzero(whole)]
+        del known[:-MOST_KNOWN]
+        return roots, proven
+
+    def _near(self, number: int, given: Floats) -> ChartRoots:
+        """Return the roots known nearest to what is given (n, given), moved to there.
+
+        Where none are near they are found anew.
+        """
+        known, origins = self._known[number], []
+        at = turns_of(np.array([roots.at for roots in known]))
+        for place in given:
+            gaps = np.sum((at - turns_of(place)) ** 2, axis=(1, 2)) if known else [np.inf]
+            near = int(np.argmin(gaps))
+            origins.append(known[near] if gaps[near] < NEAR else self._found(number, place))
         roots = ChartRoots(
             np.concatenate([origin.points.z for origin in origins]),
             np.concatenate([origin.points.inverse for origin in origins]),
-            np.repeat(np.arange(len(origins)), bound),
+            np.repeat(np.arange(len(given)), self.bounds[number]),
         )
-        places = np.stack([origin.at for origin in origins])
-        there = Polynomials.at(self.equations, *system, turns_of(places))
-        rough = stepped(there, roots, given - places)
-        verdict = _judged(made, rough, moving, bound)
-        lost = np.flatnonzero(~verdict[2] & (strange | hard[[mode.row for mode in part]]))
-        if len(lost):
-            rows = (lost[:, None] * bound + np.arange(bound)).ravel()
-            at = roots.take(rows)
-            at = ChartRoots(at.z, at.inverse, np.repeat(np.arange(len(lost)), bound))
-            ways = at, places[lost], given[lost], DETOUR
-            again = continued(self.equations, system, *ways)
-            verdict = _judged(made, _replaced(verdict[0], rows, again), moving, bound)
-        for missing in np.flatnonzero(~verdict[2] & strange):
-            anew = self._found(number, given[missing])
-            self._add(number, anew)
-            if anew is not None:
-                rows = missing * bound + np.arange(bound)
-                tried = _replaced(verdict[0], rows, anew.points)
-                verdict = _judged(made, tried, moving, bound)
-        return verdict
+        start = np.stack([origin.at for origin in origins])
+        there = Polynomials.at(self.equations, *self.parts[number], turns_of(start))
+        return stepped(there, roots, wrap(given - start))
 
-
-def _judged(
-    made: Polynomials, roots: ChartRoots, moving: Given, bound: int
-) -> tuple[ChartRoots, Tubes, Bools]:
-    """Return roots polished, what is proven of them, and where all are different."""
-    tried, ended = polished(made, roots)
-    proven = tubes(made, tried, moving)
-    return tried, proven, are_apart(tried, proven.radius, ended, bound)
-
-
-def _replaced(roots: ChartRoots, rows: Indices, other: ChartRoots) -> ChartRoots:
-    """Return roots with others in some of their rows."""
-    z, inverse = roots.z.copy(), roots.inverse.copy()
-    z[rows], inverse[rows] = other.z, other.inverse
-    return ChartRoots(z, inverse, roots.row)
+    def _found(self, number: int, given: Floats) -> KnownRoots:
+        """Return all roots of a system at what is given to it, zeros if some are lost."""
+        rows, unknowns = self.parts[number]
+        made = Polynomials.at(self.equations, rows, unknowns, turns_of(given)[None])
+        bound = self.bounds[number]
+        for seed in range(SEEDS):
+            roots, good = polished(made, solutions(made, seed))
+            roots = roots.take(good)
+            roots = roots.take(_first_of_each(roots))
+            if len(roots.z) == bound:
+                return KnownRoots(given, roots)
+        nothing = np.zeros((bound, len(unknowns)), dtype=complex)
+        return KnownRoots(given, ChartRoots.of(nothing, np.zeros(bound, dtype=np.intp)))
 
 
 def _angles(
@@ -520,7 +415,5 @@ def _angles(
 
 
 def _first_of_each(roots: ChartRoots) -> Indices:
-    over = np.where(roots.inverse, 1.0, roots.z)
-    under = np.where(roots.inverse, roots.z, 1.0)
-    gap = np.max(np.abs(over[:, None] * under - under[:, None] * over), axis=2)
+    (gap,) = roots.gaps(len(roots.z))
     return np.flatnonzero(~np.any(np.tril(gap < 1e-7, -1), axis=1))
