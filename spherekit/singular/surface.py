@@ -10,7 +10,7 @@ Triangles between singular configurations: split more finely, and cut at a range
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 from typing import Self, final
 
 import numpy as np
@@ -21,12 +21,11 @@ from spherekit.guarantee import Budget, Claim
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.turns import in_range, into_range, less_periods
+from spherekit.region.mesh import edges_of
 from spherekit.singular.locus import Cut, Locus, LocusPoints, solver_of
 from spherekit.singular.several import LocusName, SingularPoints, View
 from spherekit.singular.starts import EVERYWHERE, Seeding
 from spherekit.singular.stationarity import output_of
-
-SIDES = ((0, 1), (1, 2), (2, 0))
 
 
 @final
@@ -48,167 +47,135 @@ class Mesh:
 
     locus: Locus
     points: LocusPoints
-    triangles: Integers
+    triangles: Indices
     component: Integers
     held: Bools
 
     @property
-    def border(self) -> Integers:
+    def border(self) -> Indices:
         """(k, 2) the edges with one triangle."""
-        edges, _, often = self._edges()
-        return np.asarray(edges[often == 1])
+        edges, sides = edges_of(self.triangles)
+        return np.asarray(edges[np.bincount(sides.ravel(), minlength=len(edges)) == 1])
 
     def split(self) -> Self:
         """Return the mesh with every edge halved, at a point of the locus.
 
         An edge whose middle Newton's method does not find is kept.
         """
-        edges, of_triangle, _ = self._edges()
-        guess, motions = self._between(edges, np.full(len(edges), 0.5))
+        edges, _ = edges_of(self.triangles)
         borders = np.swapaxes(self.points.tangents[edges[:, 0]], 1, 2)
-        made = self._found(guess, motions, borders, edges)
-        count = len(self.points)
-        middle = np.full(len(edges), -1)
-        middle[made.good] = count + np.arange(int(made.good.sum()))
-        triangles: list[tuple[int, int, int]] = []
-        for corners, sides in zip(self.triangles.tolist(), of_triangle, strict=True):
-            triangles += _parts(corners, middle[sides].tolist())
-        held = np.zeros_like(self.held, shape=(len(edges), self.held.shape[1]))
-        return self._with(made, held, edges, triangles)
+        made = self._found(edges, *self._between(edges, 0.5), borders)
+        every = np.ones(len(self.points), dtype=bool)
+        held = np.zeros((len(edges), self.held.shape[1]), dtype=bool)
+        return self._divided(np.arange(len(edges)), made, held, every)
 
     def within(self, driven: int, low: float, high: float) -> Self:
         """Return what of the mesh has a variable (rad) in a range, cut at its ends."""
-        mesh = self._cut(driven, low, high, low, 1.0)
-        return mesh._cut(driven, low, high, high, -1.0)
+        mesh: Self = self
+        for end, way in ((low, 1.0), (high, -1.0)):
+            period = periods_of(self.locus.closure)[driven]
+            q = into_range(mesh.points.values[:, driven], low, high, period)
+            mesh = mesh._cut(driven, way * (q - end), end, period)
+        return mesh
 
     def only(self, wanted: Bools) -> Self:
         """Return the triangles whose vertices are all wanted (n,)."""
-        if np.all(wanted):
-            return self
-        none = self.points.rows(np.zeros(0, dtype=np.intp))
-        kept = self.triangles[np.all(wanted[self.triangles], axis=1)]
-        corners = [(a, b, c) for a, b, c in kept.tolist()]
-        return self._with(none, self.held[:0], np.zeros((0, 2), dtype=np.int64), corners)
+        none = np.zeros(0, dtype=np.intp)
+        return self._divided(none, self.points.rows(none), self.held[:0], wanted)
 
-    def _cut(self, driven: int, low: float, high: float, end: float, way: float) -> Self:
-        period = periods_of(self.locus.closure)[driven]
-        q = into_range(self.points.values[:, driven], low, high, period)
-        beyond = way * (q - end)
+    def _cut(self, driven: int, beyond: Floats, end: float, period: float) -> Self:
+        """Return the part where a variable is `beyond` (n,) an end of its range."""
+        edges, _ = edges_of(self.triangles)
         inside = in_range(beyond, 0.0, np.inf)
-        edges, of_triangle, _ = self._edges()
-        crossed = inside[edges[:, 0]] != inside[edges[:, 1]]
-        crossing = edges[crossed]
+        (which,) = np.nonzero(inside[edges[:, 0]] != inside[edges[:, 1]])
+        crossing = edges[which]
         one, other = np.abs(beyond[crossing]).T
-        guess, motions = self._between(crossing, one / (one + other))
+        guess, motions = self._between(crossing, (one / (one + other))[:, None])
         every = np.eye(guess.shape[1])
         held = np.all(self.held[crossing], axis=1)
         tangents = self.points.tangents[crossing[:, 0]]
-        slope = tangents[:, driven]
-        along = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
+        along = tangents[:, driven, ::-1] * [-1.0, 1.0]
         beside = np.einsum("nvk,nk->nv", tangents, along)
         beside = np.where(held.any(axis=1)[:, None], every[held.argmax(axis=1)], beside)
         borders = np.stack([np.broadcast_to(every[driven], guess.shape), beside], axis=1)
-        miss = less_periods(end - guess[:, driven], np.full(len(guess), period))
-        guess[:, driven] += miss
-        made = self._found(guess, motions, borders, crossing)
-        at = np.full(len(edges), -1)
-        numbers = np.full(len(crossing), -1)
-        numbers[made.good] = len(self.points) + np.arange(int(made.good.sum()))
-        at[crossed] = numbers
-        triangles: list[tuple[int, int, int]] = []
-        for corners, sides in zip(self.triangles.tolist(), of_triangle, strict=True):
-            triangles += _inner(corners, at[sides].tolist(), inside[corners].tolist())
-        held[:, driven] = True
-        return self._with(made, held, crossing, triangles)
-
-    def _edges(self) -> tuple[Integers, Integers, Integers]:
-        """Return edges (k, 2), those (m, 3) of triangles, and how many have each."""
-        sides = np.stack([self.triangles[:, pair] for pair in SIDES], axis=1)
-        edges, which, often = np.unique(
-            np.sort(sides.reshape(-1, 2), axis=1),
-            axis=0,
-            return_inverse=True,
-            return_counts=True,
+        guess[:, driven] += less_periods(
+            end - guess[:, driven], np.full(len(guess), period)
         )
-        return edges, which.reshape(-1, 3), often
+        held[:, driven] = True
+        made = self._found(crossing, guess, motions, borders)
+        return self._divided(which, made, held, inside)
 
-    def _between(self, edges: Integers, part: Floats) -> tuple[Floats, Floats]:
-        """Return values and motions (k, V) at a part (k,) of the way along edges."""
+    def _between(self, edges: Indices, part: Floats | float) -> tuple[Floats, Floats]:
+        """Return values and motions (k, V) at a part (k, 1) of the way along edges."""
         values, motions = self.points.values, self.points.motions
         one, other = edges.T
         away = less_periods(values[other] - values[one], periods_of(self.locus.closure))
         sense = np.sign(np.sum(motions[one] * motions[other], axis=1))[:, None]
         turned = sense * motions[other] - motions[one]
-        step = part[:, None]
-        return values[one] + step * away, motions[one] + step * turned
+        return values[one] + part * away, motions[one] + part * turned
 
     def _found(
-        self, guess: Floats, motions: Floats, borders: Floats, edges: Integers
+        self, edges: Indices, guess: Floats, motions: Floats, borders: Floats
     ) -> LocusPoints:
         """Return the locus near guesses, NaN where that is not between the edge's ends."""
         targets = np.einsum("nkv,nv->nk", borders, guess)
         made = self.locus.correct(guess, motions, borders, targets)
-        ends = self.points.values[edges]
+        first, last = np.moveaxis(self.points.values[edges], 1, 0)
         length = np.linalg.norm(
-            less_periods(ends[:, 1] - ends[:, 0], periods_of(self.locus.closure)), axis=1
+            less_periods(last - first, periods_of(self.locus.closure)), axis=1
         )
         far = ~(np.linalg.norm(made.values - guess, axis=1) < 0.5 * length)
         made.residual[far] = np.nan
         return made
 
-    def _with(
-        self,
-        points: LocusPoints,
-        held: Bools,
-        edges: Integers,
-        triangles: list[tuple[int, int, int]],
+    def _divided(
+        self, which: Indices, made: LocusPoints, held: Bools, inside: Bools
     ) -> Self:
-        """Return the mesh with the good points on edges (k, 2), and other triangles.
+        """Return what is inside, with the good ones of points on some edges.
 
         Vertices of no triangle go.
         """
-        good = points.good
-        every = LocusPoints.joined([self.points, points.rows(good)])
-        component = np.concatenate([self.component, self.component[edges[good, 0]]])
-        corners = np.array(triangles, dtype=np.int64).reshape(-1, 3)
-        used, numbers = np.unique(corners, return_inverse=True)
+        edges, sides = edges_of(self.triangles)
+        (good,) = np.nonzero(made.good)
+        number = np.full(len(edges), -1)
+        number[which[good]] = len(self.points) + np.arange(len(good))
+        rows = (
+            part.tolist()
+            for part in (self.triangles, number[sides], inside[self.triangles])
+        )
+        triangles = [part for row in zip(*rows, strict=True) for part in _parts(*row)]
+        component = self.component[edges[which[good], 0]]
+        used, numbers = np.unique(
+            np.array(triangles, dtype=np.intp).reshape(-1, 3), return_inverse=True
+        )
         return type(self)(
             self.locus,
-            every.rows(used),
-            numbers.reshape(-1, 3).astype(np.int64),
-            component[used],
+            LocusPoints.joined([self.points, made.rows(good)]).rows(used),
+            numbers.reshape(-1, 3),
+            np.concatenate([self.component, component])[used],
             np.concatenate([self.held, held[good]])[used],
         )
 
 
-def _parts(corners: list[int], middles: list[int]) -> list[tuple[int, int, int]]:
-    """Return the triangles of one with the middles of its sides, -1 for a side kept."""
-    (a, b, c), (ab, bc, ca) = corners, middles
-    split = sum(middle >= 0 for middle in middles)
-    if split == 0:
-        return [(a, b, c)]
-    if split == 3:
+def _parts(
+    corners: list[int], middles: list[int], inside: list[bool]
+) -> list[tuple[int, ...]]:
+    """Return the triangles of what of one is inside, with points on its sides.
+
+    A side without a point has -1; where the inside ends on it there is no triangle.
+    """
+    ring: list[int] = []
+    for k, (corner, middle) in enumerate(zip(corners, middles, strict=True)):
+        ring += [corner] * inside[k]
+        ring += [middle] * (middle >= 0)
+        if middle < 0 and inside[k] != inside[k - 2]:
+            return []
+    if len(ring) == 6:
+        a, ab, b, bc, c, ca = ring
         return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    while ab < 0 or (split == 2 and bc < 0):
-        a, b, c, ab, bc, ca = b, c, a, bc, ca, ab
-    if split == 1:
-        return [(a, ab, c), (ab, b, c)]
-    return [(ab, b, bc), (a, ab, bc), (a, bc, c)]
-
-
-def _inner(
-    corners: list[int], cuts: list[int], inside: list[bool]
-) -> list[tuple[int, int, int]]:
-    """Return the triangles of what of one is inside; none where a cut is missing."""
-    count = sum(inside)
-    if count in (0, 3):
-        return [(corners[0], corners[1], corners[2])] if count else []
-    odd = inside.index(count == 1)
-    a, b, c = (corners[(odd + k) % 3] for k in range(3))
-    ab, ca = cuts[odd], cuts[(odd + 2) % 3]
-    if ab < 0 or ca < 0:
-        return []
-    return [(a, ab, ca)] if count == 1 else [(ab, b, c), (ab, c, ca)]
+    first = next((k for k, vertex in enumerate(ring) if vertex in middles), 0)
+    top, *others = ring[first:] + ring[:first] or [-1]
+    return [(top, *side) for side in pairwise(others)]
 
 
 HEIGHT = 0.5 * np.sqrt(3.0)
@@ -267,8 +234,8 @@ class SingularSurface:
 
     kind: LocusName
     points: SingularPoints
-    triangles: Integers
-    border: Integers
+    triangles: Indices
+    border: Indices
     component: Integers
     side: float
     claim: Claim
@@ -352,7 +319,8 @@ class _Front:
     """A growing mesh. `open` has the edges with one triangle, and its third vertex.
 
     `ways` are the edges in the sense in which triangles have them, `ready` new vertices for
-    open edges, None where the locus is not found.
+    open edges, None where the locus is not found. Places in the tangent plane at a vertex
+    are complex numbers.
 
     It grows from edges with an end inside of the ranges, by one triangle beyond these.
     """
@@ -374,30 +342,26 @@ class _Front:
         self.ways: set[Edge] = set()
         self.closed: set[Edge] = set()
 
-    @property
-    def mesh(self) -> Mesh:
-        """What is laid, that no range has cut."""
+    def finished(self, halved: int, budget: Budget) -> Mesh:
+        """Return it with its edges halved so often, cut at the ranges of the inputs."""
         none = self.locus.onto(np.zeros((0, len(self.periods))))
-        return Mesh(
+        mesh = Mesh(
             self.locus,
             LocusPoints.joined([none, *self.parts]),
-            np.array(self.triangles, dtype=np.int64).reshape(-1, 3),
+            np.array(self.triangles, dtype=np.intp).reshape(-1, 3),
             np.array(self.component, dtype=np.int64),
             np.zeros(self.values.shape, dtype=bool),
         )
-
-    def finished(self, halved: int, budget: Budget) -> Mesh:
-        """Return it with its edges halved so often, cut at the ranges of the inputs."""
-        mesh, solver = self.mesh, self.view.solver
         for _ in range(halved):
             budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
             mesh = mesh.split()
+        solver = self.view.solver
         if not self.whole_turn:
             for number, item in zip(solver.driven, solver.mechanism.inputs, strict=True):
                 mesh = mesh.within(number, *item.range)
         return mesh.only(self.view.is_own(self.view.types(mesh.points.values)))
 
-    def away(self, origin: Floats, rows: Indices | slice) -> Floats:
+    def away(self, origin: Floats, rows: Indices | slice | list[int]) -> Floats:
         """Return vertices (n, V) as seen from a configuration, less whole periods."""
         return less_periods(self.values[rows] - origin, self.periods)
 
@@ -419,39 +383,44 @@ class _Front:
 
     def grow(self, seed: LocusPoints) -> bool:
         """Mesh the surface through a seed, unless a mesh covers it; return whether."""
-        if len(self.values) >= self.most or seed.reciprocal_condition[0] < FLAT:
-            return False
-        if len(self.near(seed.values[0], seed.motions[0], self.side)):
+        known = len(self.values) >= self.most or seed.reciprocal_condition[0] < FLAT
+        if known or len(self.near(seed.values[0], seed.motions[0], self.side)):
             return False
         if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
             return False
         number = self.component[-1] + 1 if self.component else 0
-        a = self._add(seed, number)
-        (first,) = self._beside([a], np.array([[self.side, 0.0]]))
-        if first is None:
-            return True
-        b = self._add(first, number)
-        (third,) = self._beside([a], self.side * np.array([[0.5, HEIGHT]]))
-        if third is None:
-            return True
-        c = self._add(third, number)
+        corners = [self._add(seed, number)]
+        for way in (self.side, self.side * (0.5 + 1j * HEIGHT)):
+            (made,) = self._beside(corners[:1], [way])
+            if made is None:
+                return True
+            corners.append(self._add(made, number))
         queue: deque[Edge] = deque()
+        a, b, c = corners
         self._join(a, b, c, queue)
         while queue and len(self.values) < self.most:
             edge = queue.popleft()
             if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
                 break
-            if edge in self.open and (self.inside[edge[0]] or self.inside[edge[1]]):
+            if self._grows(edge):
                 self._advance(edge, queue, number)
         self.ready.clear()
         return True
+
+    def _grows(self, edge: Edge) -> bool:
+        """Return whether an edge gets a triangle."""
+        return edge in self.open and any(self.inside[vertex] for vertex in edge)
 
     def _add(self, point: LocusPoints, number: int) -> int:
         self.parts.append(point)
         self.values = np.concatenate([self.values, point.values])
         self.motions = np.concatenate([self.motions, point.motions])
         self.component.append(number)
-        self.inside.append(self._inside(point))
+        # The surface curves back over the end of a range between vertices beyond it.
+        (low, high), room = self.view.ranges, BEYOND * self.side
+        inputs = self.view.inputs_of(point.values)
+        inside = in_range(inputs, low - room, high + room)
+        self.inside.append(self.whole_turn or bool(np.all(inside)))
         return len(self.values) - 1
 
     def _join(self, a: int, b: int, c: int, queue: deque[Edge]) -> None:
@@ -469,21 +438,15 @@ class _Front:
                 self.open[edge] = opposite
                 queue.append(edge)
 
-    def _inside(self, point: LocusPoints) -> bool:
-        """Return whether a vertex is within the ranges, or just beyond them.
-
-        The surface curves back over an end between vertices beyond it.
-        """
-        (low, high), room = self.view.ranges, BEYOND * self.side
-        inputs = self.view.inputs_of(point.values)[0]
-        return self.whole_turn or bool(np.all(in_range(inputs, low - room, high + room)))
-
-    def _beside(self, bases: list[int], ways: Floats) -> list[LocusPoints | None]:
-        """Return the locus where ways (k, 2) in the tangent planes at vertices lead."""
+    def _beside(
+        self, bases: list[int], ways: Sequence[complex]
+    ) -> list[LocusPoints | None]:
+        """Return the locus where ways in the tangent planes at vertices lead."""
         starts = LocusPoints.joined([self.parts[base] for base in bases])
         tangents = starts.tangents
-        guess = starts.values + np.einsum("nvk,nk->nv", tangents, ways)
-        turned = starts.motions + np.einsum("nvk,nk->nv", starts.turns, ways)
+        parts = np.stack([np.real(ways), np.imag(ways)], axis=1)
+        guess = starts.values + np.einsum("nvk,nk->nv", tangents, parts)
+        turned = starts.motions + np.einsum("nvk,nk->nv", starts.turns, parts)
         borders = np.swapaxes(tangents, 1, 2)
         targets = np.einsum("nkv,nv->nk", borders, guess)
         points = self.locus.correct(guess, turned, borders, targets)
@@ -498,23 +461,18 @@ class _Front:
             for row, fit in enumerate(fits.tolist())
         ]
 
-    def _outwards(self, edge: Edge) -> tuple[Floats, Floats]:
-        """Return the plane (V, 2) of an open edge, along it and out, and the ideal place.
+    def _flat(self, base: int, rows: Indices | list[int]) -> list[complex]:
+        """Return vertices in the tangent plane at another one."""
+        seen = self.away(self.values[base], rows) @ self.parts[base].tangents[0]
+        flat: list[complex] = (seen @ [1.0, 1j]).tolist()
+        return flat
 
-        That is where a third vertex makes the triangle on its open side equilateral.
-        """
-        a, b = edge
-        origin, tangents = self.values[a], self.parts[a].tangents[0]
-        along = self.away(origin, slice(b, b + 1))[0] @ tangents
-        length = float(np.linalg.norm(along))
-        e = along / length
-        out = np.array([-e[1], e[0]])
-        third = self.open[edge]
-        back = self.away(origin, slice(third, third + 1))[0] @ tangents
-        if back @ out > 0.0:
-            out = -out
-        plane = tangents @ np.stack([e, out], axis=1)
-        return plane, np.array([0.5 * length, HEIGHT * self.side])
+    def _ideal(self, edge: Edge) -> complex:
+        """Return where a vertex makes the triangle on an edge's open side equilateral."""
+        along, third = self._flat(edge[0], [edge[1], self.open[edge]])
+        height = HEIGHT * self.side * along / abs(along)
+        sense = -1j if _turn(0.0, along, third) > 0.0 else 1j
+        return complex(0.5 * along + height * sense)
 
     def _made(self, edge: Edge, queue: deque[Edge]) -> LocusPoints | None:
         """Return the new vertex for an edge, made with those for the next in the queue.
@@ -522,89 +480,76 @@ class _Front:
         They depend on nothing but their edges and the triangles on these.
         """
         if edge not in self.ready:
-            ahead = (other for other in queue if self._wanted(other))
+            ahead = (one for one in queue if self._grows(one) and one not in self.ready)
             edges = [edge, *islice(ahead, AHEAD - 1)]
-            ways = []
-            for other in edges:
-                plane, ideal = self._outwards(other)
-                ways.append(self.parts[other[0]].tangents[0].T @ plane @ ideal)
-            made = self._beside([other[0] for other in edges], np.array(ways))
+            made = self._beside([one[0] for one in edges], [*map(self._ideal, edges)])
             self.ready |= dict(zip(edges, made, strict=True))
         return self.ready.pop(edge)
-
-    def _wanted(self, edge: Edge) -> bool:
-        """Return whether an edge gets a triangle, and no vertex was made for it."""
-        if edge not in self.open or edge in self.ready:
-            return False
-        return self.inside[edge[0]] or self.inside[edge[1]]
 
     def _advance(self, edge: Edge, queue: deque[Edge], number: int) -> None:
         """Put a triangle on the open side of an edge, if one can be."""
         a, b = edge
-        plane, ideal = self._outwards(edge)
-        origin, length = self.values[a], 2.0 * float(ideal[0])
-        middle = origin + plane @ ideal
-        around = self.near(middle, self.motions[a], 2.5 * self.side)
-        flat = self.away(origin, around) @ plane
-        place = dict(zip(around.tolist(), flat, strict=True))
-        place[a], place[b] = np.zeros(2), np.array([length, 0.0])
+        ideal = self._ideal(edge)
+        middle = self.parts[a].tangents[0] @ [ideal.real, ideal.imag]
+        around = self.near(self.values[a] + middle, self.motions[a], 2.5 * self.side)
+        place = dict(zip(around.tolist(), self._flat(a, around), strict=True))
+        place |= {a: 0.0, b: self._flat(a, [b])[0], -1: ideal}
         walls = [wall for wall in self.open if wall[0] in place and wall[1] in place]
         edges = {vertex for wall in walls for vertex in wall} - {a, b}
         ranked = sorted(
-            (float(np.linalg.norm(place[vertex] - ideal)), vertex) for vertex in edges
+            (abs(place[vertex] - ideal) / self.side, vertex) for vertex in edges
         )
-        for distance, vertex in ranked:
-            if distance < MERGED * self.side and self._fits(edge, vertex, place, walls):
-                self._join(a, b, vertex, queue)
+        near, far = (
+            [k for away, k in ranked if away < room] for room in (MERGED, STRETCHED)
+        )
+        for vertex in (*near, -1, *far):
+            made = self._made(edge, queue) if vertex < 0 else None
+            if vertex < 0 and (made is None or self._crowded(made, around)):
+                continue
+            if self._fits(edge, vertex, place, walls):
+                top = vertex if made is None else self._add(made, number)
+                self._join(a, b, top, queue)
                 return
-        made = self._made(edge, queue)
-        if made is not None:
-            away = self.away(made.values[0], around)
-            crowded = np.min(np.linalg.norm(away, axis=1), initial=np.inf)
-            if crowded > CROWDED * self.side:
-                place[-1] = ideal
-                if self._fits(edge, -1, place, walls):
-                    self._join(a, b, self._add(made, number), queue)
-                    return
-        for distance, vertex in ranked:
-            if distance < STRETCHED * self.side and self._fits(edge, vertex, place, walls):
-                self._join(a, b, vertex, queue)
-                return
+
+    def _crowded(self, made: LocusPoints, around: Indices) -> bool:
+        """Return whether a new vertex is too near to others."""
+        away = np.linalg.norm(self.away(made.values[0], around), axis=1)
+        return bool(np.min(away, initial=np.inf) <= CROWDED * self.side)
 
     def _fits(
-        self, edge: Edge, vertex: int, place: dict[int, Floats], walls: list[Edge]
+        self, edge: Edge, vertex: int, place: dict[int, complex], walls: list[Edge]
     ) -> bool:
         """Return whether the triangle overlaps nothing, in the tangent plane."""
-        a, b = edge
-        top = place[vertex]
-        if top[1] < LOWEST * self.side:
+        a, b, top = place[edge[0]], place[edge[1]], place[vertex]
+        outwards = np.sign(_turn(a, b, place[-1]))
+        if outwards * _turn(a, b, top) < LOWEST * self.side * abs(b - a):
             return False
         for end in edge:
-            side = (min(end, vertex), max(end, vertex))
-            if side in self.closed:
+            if (min(end, vertex), max(end, vertex)) in self.closed:
                 return False
-            if np.linalg.norm(top - place[end]) > STRETCHED * self.side:
+            if abs(top - place[end]) > STRETCHED * self.side:
                 return False
-            for wall in walls:
-                if {end, vertex} & set(wall):
+            for one, other in walls:
+                if {end, vertex} & {one, other}:
                     continue
-                if _cross(place[end], top, place[wall[0]], place[wall[1]]):
+                if _cross(place[end], top, place[one], place[other]):
                     return False
-        ends = {vertex for wall in walls for vertex in wall} - {a, b, vertex}
-        return not any(_within(place[k], place[a], place[b], top) for k in ends)
+        ends = {end for wall in walls for end in wall} - {*edge, vertex}
+        return not any(_within(place[k], a, b, top) for k in ends)
 
 
-def _turn(a: Floats, b: Floats, c: Floats) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+def _turn(a: complex, b: complex, c: complex) -> float:
+    """Return the product of the sides from a to b and to c, positive to the left."""
+    return float(((b - a).conjugate() * (c - a)).imag)
 
 
-def _cross(a: Floats, b: Floats, c: Floats, d: Floats) -> bool:
+def _cross(a: complex, b: complex, c: complex, d: complex) -> bool:
     """Return whether two segments of a plane cross."""
     one = _turn(a, b, c) * _turn(a, b, d) < 0.0
     return one and _turn(c, d, a) * _turn(c, d, b) < 0.0
 
 
-def _within(point: Floats, a: Floats, b: Floats, c: Floats) -> bool:
+def _within(point: complex, a: complex, b: complex, c: complex) -> bool:
     """Return whether a point lies in a triangle of a plane."""
     signs = [_turn(a, b, point), _turn(b, c, point), _turn(c, a, point)]
     return min(signs) > 0.0 or max(signs) < 0.0
