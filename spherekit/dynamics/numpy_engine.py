@@ -1,24 +1,28 @@
-"""The direct problem by Gauss collocation with NumPy: for whatever a mechanism has."""
+"""The direct problem by Gauss collocation with NumPy: for whatever a mechanism has.
+
+All nodes of a step at once: few, long, vectorised steps. The equations of a step are solved
+by Picard iteration: the right-hand side is evaluated at all nodes in one call, which costs
+an array code little more than one node. The last coefficients of the rate's series say how
+well the solution is resolved.
+"""
 
 import time
 from collections.abc import Generator
-from dataclasses import replace
 from typing import final
 
 import numpy as np
+from numpy.polynomial import legendre
 
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import STATUS_MEANING, Status
+from spherekit.conventions import EPS, STATUS_MEANING, Status
 from spherekit.dynamics.coordinates import inertia_matrix, reciprocal_condition
 from spherekit.dynamics.path import (
+    GAUSS,
+    INTEGRAL,
     NODES,
-    Attempt,
+    TO_SERIES,
     StatePath,
     Step,
-    StepEvents,
-    attempt,
-    gauss,
-    next_length,
     through_steps,
 )
 from spherekit.dynamics.simulation import (
@@ -56,6 +60,23 @@ than `CROSSED`, curves that pass each other cannot be told from some that cross.
 
 MOST_STEPS = 100_000
 
+MOST_ITERATIONS = 40
+MANY_ITERATIONS = 24
+"""Steps that take more are shortened: iterations grow faster than the step."""
+
+RENEWED = (1, 4, 9)
+"""Iterations in which Newton's method for a stiff momentum finds its slope anew."""
+
+DIFFERENCE = 1e-7
+"""Part of a momentum's size by which it is moved to find that slope."""
+
+CONTINUED = 12
+"""Coefficients of the last step that are continued as the first guess of the next."""
+
+SAFETY, GROWTH, SHRINKAGE = 0.8, 1.4, 0.35
+
+TAIL = 4 * NODES - 2
+"""The error of a step is its length times its last coefficients over this."""
 
 MISSED = 1.0
 """Part of the step's own measure of error by which it may miss a load within it."""
@@ -67,6 +88,13 @@ anew; it begins with 1."""
 WINDOW = 4
 """Steps from whose time that of the steps to come is expected."""
 
+NOWHERE: dict[Status, tuple[EndKind, str]] = {
+    Status.OFF_PROFILE: ("off_profile", STATUS_MEANING[Status.OFF_PROFILE]),
+    Status.CURVATURE: ("curvature", STATUS_MEANING[Status.CURVATURE]),
+    Status.NOT_CONVERGED: ("locking", LOCKING),
+}
+"""The ends where there are no rates."""
+
 
 @final
 class Collocation:
@@ -74,48 +102,24 @@ class Collocation:
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
         self.problem = problem
-        self.equation = problem.equation
+        self.equation = equation = problem.equation
         self.tolerance = tolerance
         self.frame = problem.frame
-        self.path: list[tuple[Step, Floats]] = []
+        self.path: list[Step] = []
         self.events: list[Event] = []
-        motion = self.equation.motion(problem.values[None], problem.frame)
-        square = float(
-            np.linalg.norm(inertia_matrix(self.equation.mechanism, motion)[0], 2)
-        )
-        start = self.equation.state(problem.values, problem.speed, problem.frame)
-        self.sizes = np.ones(len(start))
-        self.sizes[self.equation.momenta] = np.sqrt(square)
-        self.sizes[self.equation.works] = square
-        self._nodes = 0.5 * (gauss(NODES).nodes + 1.0)
+        motion = equation.motion(problem.values[None], problem.frame)
+        square = float(np.linalg.norm(inertia_matrix(equation.mechanism, motion)[0], 2))
+        self.start = equation.state(problem.values, problem.speed, problem.frame)
+        self.sizes = np.ones(len(self.start))
+        self.sizes[equation.momenta] = np.sqrt(square)
+        self.sizes[equation.works] = square
         self.orientation = 0.0
         self.fine = False
         self.drift = 0.0
-        self.last: Dynamics | None = None
         self.end: SimulationEnd | None = None
         self._steps = self._integrate()
         self._working = Working("simulating")
         self._reached: list[tuple[float, float]] = [(0.0, 0.0)]
-
-    def field(self, t: Floats, states: Floats) -> Floats:
-        """Return the rates of states, in the frame of the last step's end."""
-        if self.problem.passes:
-            states = self._closed_states(states)
-        self.last = self.equation.at(t, states, self.frame, self.problem.whole)
-        return self.equation.rates(self.last)
-
-    def _closed_states(self, states: Floats) -> Floats:
-        """Return states whose configurations close.
-
-        Rates of others have no limit where sets of configurations cross; those of closed
-        ones go on smoothly along the set.
-        """
-        if not all_finite(states):
-            return states
-        variables = self.equation.variables
-        closed = states.copy()
-        closed[:, :variables] = self.equation.nearest_closed(states[:, :variables])
-        return closed
 
     def advance(self) -> bool:
         """Take a step; return whether the integration goes on after it."""
@@ -124,9 +128,8 @@ class Collocation:
             try:
                 t = next(self._steps)
             except StopIteration as done:
-                self.end, t = done.value, self._reached[-1][0]
-        seconds = self._reached[-1][1] + time.perf_counter() - started
-        self._reached.append((t, seconds))
+                self.end, t = done.value, self.reached
+        self._reached.append((t, self.seconds + time.perf_counter() - started))
         self._working.tell(lambda: f"{t:.4g} of {self.problem.until:.6g} s")
         return self.end is None
 
@@ -137,8 +140,9 @@ class Collocation:
             return 0.0
         if len(self._reached) <= WINDOW + 1:
             return None
-        (before, started), (t, now) = self._reached[-WINDOW - 1], self._reached[-1]
-        return (self.problem.until - t) * (now - started) / (t - before)
+        before, started = self._reached[-WINDOW - 1]
+        pace = (self.seconds - started) / (self.reached - before)
+        return (self.problem.until - self.reached) * pace
 
     @property
     def seconds(self) -> float:
@@ -152,13 +156,12 @@ class Collocation:
 
     def simulation(self, reason: str, forecast: Forecast | None = None) -> Simulation:
         """Return the motion as far as it is known; `reason` says why it is NumPy's."""
-        problem = self.problem
         end = self.end or SimulationEnd("time", self.reached, "it goes on")
         if not self.path:
-            raise cannot_leave(problem, end.message)
+            raise cannot_leave(self.problem, end.message)
         return Simulation(
             self.equation,
-            problem.driven,
+            self.problem.driven,
             self._travelled(),
             tuple(self.events),
             end,
@@ -166,125 +169,183 @@ class Collocation:
             tolerance=self.tolerance,
         )
 
+    def _travelled(self) -> StatePath:
+        return through_steps(self.path, self.problem.turns, self.drift)
+
     def _integrate(self) -> Generator[float, None, SimulationEnd]:
         """Yield the time after each step; return the end."""
-        problem = self.problem
-        t, state = 0.0, self.equation.state(problem.values, problem.speed, problem.frame)
-        length = self._first_length(state)
-        before: Step | None = None
+        problem, equation = self.problem, self.equation
+        t, state, before = 0.0, self.start, None
+        length = self._first_length()
         for target in (*problem.switches, problem.until):
             while t < target:
                 left = target - t
-                tried_length = left if left < 1.05 * length else min(length, left)
-                tried = self._attempt(t, tried_length, state, before)
-                assert self.last is not None
-                status = self.last.motion.status
-                if tried.error > 1.0 or np.any(status != Status.OK):
-                    length = min(next_length(tried), 0.5 * tried_length)
+                tried = left if left < 1.05 * length else min(length, left)
+                step, error, iterations, last = self._attempt(t, tried, state, before)
+                if error > 1.0:
+                    length = min(_factor(error, iterations), 0.5) * tried
                     if length < SHORTEST * problem.until:
-                        return self._stuck(t, state, tried)
+                        return self._stuck(step, error, last)
                     continue
-                within = StepEvents(tried.step, self.last.motion.rates, problem.whole)
-                orientation = within.orientation(self.equation.closure)
+                rates = last.motion.rates
+                orientation = step.orientation(equation.closure, rates)
                 if self._refined(orientation):
                     continue
                 if len(self.path) >= MOST_STEPS:
                     return SimulationEnd("too_fast", t, too_many(MOST_STEPS))
-                if tried_length == length or tried_length < left:
-                    length = next_length(tried)
-                stopped = self._accept(within, orientation)
+                if tried == length or tried < left:
+                    length = _factor(error, iterations) * tried
+                stopped = self._accept(step, rates, orientation)
                 if stopped is not None:
                     return stopped
-                t = target if tried_length == left else tried.step.stop
-                before = tried.step
-                state = self._closed(tried.step.end)
-                if self._askew():
-                    state, self.frame = self.equation.framed(state, self.frame)
+                t, before = target if tried == left else step.stop, step
+                state = self._closed(step.end)
+                if equation.freedoms == 1:
+                    self.frame = rates[-1]
+                elif np.linalg.norm(rates[-1], 2) > ASKEW:
+                    state, self.frame = equation.framed(state, self.frame)
                     before = None
                 yield t
             if t < problem.until:
-                self._note("switch", t, self.path[-1][0])
+                self._note("switch", t, self.path[-1])
                 before = None
         return SimulationEnd("time", problem.until, "the time asked for is over")
 
-    def _attempt(
-        self, t: float, length: float, state: Floats, before: Step | None
-    ) -> Attempt:
-        """Try a step; its error is infinite where it misses what a load does within it."""
-        equation, watched = self.equation, self.equation.loads.watched
-        # Newton's method is of one momentum.
-        stiff = equation.variables if watched and equation.freedoms == 1 else None
-        tried = attempt(
-            self.field, t, length, state, self._step_tolerance, before, self.sizes, stiff
-        )
-        last = self.last
-        assert last is not None
-        if self.problem.passes and not self._passes(tried, last):
-            return replace(tried, error=np.inf)
-        if not watched or tried.error > 1.0 or np.any(last.motion.status != Status.OK):
-            return tried
-        momenta = equation.momenta
-        scale = max(self.sizes[momenta][0], float(max_abs(state[momenta])))
-        enough = MISSED * self._step_tolerance * (4 * NODES - 2) * scale / length
-
-        def look(_: Indices, x: Floats) -> tuple[Floats, Floats]:
-            when = t + x * length
-            states = tried.step.at(when)
-            nearest = np.argmin(np.abs(x[:, None] - self._nodes), axis=1)
-            frame = last.motion.rates[nearest] if equation.freedoms == 1 else self.frame
-            dynamics = equation.at(when, states, frame, self.problem.whole)
-            missed = np.abs(dynamics.push - tried.step.rate(when)[:, momenta])
-            missed = np.max(missed, axis=1) / enough
-            return missed, equation.arguments(dynamics, self.problem.whole, when)
-
-        good = float(good_until(look, 1)[0])
-        return tried if good == 1.0 else replace(tried, error=np.inf)
-
-    def _passes(self, tried: Attempt, last: Dynamics) -> bool:
-        """Return whether a step keeps to one set of configurations where sets cross.
-
-        It passes through a crossing, ends away from any, and is on no two sets that come
-        near each other and do not cross.
-        """
-        if tried.error > 1.0 or np.any(last.motion.status != Status.OK):
-            return True
-        within = StepEvents(tried.step, last.motion.rates, self.problem.whole)
-        orientation = within.orientation(self.equation.closure)
-        size, side = self._sense(orientation)
-        near = np.abs(orientation) < CROSSED * size
-        if not np.any(orientation * side < 0.0):
-            return not np.any(near)
-        t = within.crossing(orientation, float(np.copysign(size, side)), CROSSED)
-        if np.any(near[-2:]) or t is None:
-            return False
-        equation = self.equation
-        values = tried.step.at(np.array([t]))[0, : equation.variables]
-        # Between sets that do not cross, a way from one to the other is not closed.
-        gap = float(max_abs(equation.closure.at(values[None]).residual))
-        sure = reciprocal_condition(equation.closure, values, equation.freedoms)
-        return gap < FINEST and sure < CROSSED
-
-    def _first_length(self, state: Floats) -> float:
-        problem = self.problem
-        dynamics = self.equation.at(np.zeros(1), state[None], self.frame, problem.whole)
+    def _first_length(self) -> float:
+        until = self.problem.until
+        dynamics = self._dynamics(np.zeros(1), self.start[None])
         pace = float(np.linalg.norm(dynamics.speed[0])) / FIRST_ARC
         push = float(np.linalg.norm(dynamics.roots.solved(dynamics.push)[0]))
-        pace = max(pace, np.sqrt(push / FIRST_ARC))
-        until = problem.until
-        length = min(until, 1.0 / max(pace, 1e-300), 1.0)
-        return float(max(length, SHORTEST * until))
+        pace = max(pace, np.sqrt(push / FIRST_ARC), 1e-300)
+        return float(max(min(until, 1.0 / pace, 1.0), SHORTEST * until))
+
+    def _dynamics(self, t: Floats, states: Floats) -> Dynamics:
+        """Return what acts at states, in the frame of the last step's end.
+
+        Where crossings are passed at configurations that close: rates of others have no
+        limit where sets of configurations cross, those of closed ones go on smoothly along
+        the set.
+        """
+        equation, variables = self.equation, self.equation.variables
+        if self.problem.passes and all_finite(states):
+            closed = equation.nearest_closed(states[:, :variables])
+            states = np.concatenate([closed, states[:, variables:]], axis=1)
+        return equation.at(t, states, self.frame, self.problem.whole)
 
     def _closed(self, state: Floats) -> Floats:
         """Return the state with its configuration put back onto the curve."""
         variables = self.equation.variables
-        closed = state.copy()
-        closed[:variables], gap = self.equation.closed(state[:variables])
+        values, gap = self.equation.closed(state[:variables])
         self.drift = max(self.drift, gap)
-        return closed
+        return np.concatenate([values, state[variables:]])
 
-    @property
-    def _step_tolerance(self) -> float:
-        return min(self.tolerance, FINEST) if self.fine else self.tolerance
+    def _attempt(
+        self, start: float, length: float, state: Floats, before: Step | None
+    ) -> tuple[Step, float, int, Dynamics]:
+        """Try a step, from `before`, the one that ends there.
+
+        Return it with its error, what the polynomial leaves out over what is tolerated,
+        infinite where the iteration failed, there are no rates, or it misses what a load
+        does within it; with the number of iterations, and what acts at the nodes.
+        """
+        equation = self.equation
+        t = start + 0.5 * length * (GAUSS + 1.0)
+        scale = np.maximum(self.sizes, np.abs(state))
+        # Newton's method is of one momentum.
+        stiff = equation.freedoms == 1 and equation.loads.watched
+        if before is None:
+            first = equation.rates(self._dynamics(np.array([start]), state[None]))
+            rates = np.repeat(first, NODES, axis=0)
+        else:
+            x = 2.0 * (t - before.start) / before.length - 1.0
+            low = before.series[:CONTINUED]
+            rates = legendre.legvander(x, len(low) - 1) @ low
+        states = state + 0.5 * length * (INTEGRAL @ rates)
+        tolerance = min(self.tolerance, FINEST) if self.fine else self.tolerance
+        enough = max(0.05 * tolerance, 8 * EPS)
+        change, error, settled = np.inf, np.inf, False
+        for count in range(1, MOST_ITERATIONS + 1):
+            last = change
+            dynamics = self._dynamics(t, states)
+            rates = equation.rates(dynamics)
+            moved = state + 0.5 * length * (INTEGRAL @ rates)
+            if stiff:
+                if count in RENEWED:
+                    inverse = self._inverse(t, states, rates, length, scale)
+                place = equation.variables
+                moved[:, place] = states[:, place] + inverse @ (moved - states)[:, place]
+            change = float(np.max(np.abs(moved - states) / scale))
+            states = moved
+            if not np.isfinite(change) or (count > 4 and change > 4.0 * last):
+                break
+            if change < enough or (change < 64 * EPS and change >= 0.5 * last):
+                settled = True
+                break
+        series = TO_SERIES @ rates
+        frames = dynamics.motion.rates if equation.freedoms == 1 else self.frame[None]
+        step = Step(start, length, state, series, frames)
+        if settled and np.all(dynamics.motion.status == Status.OK):
+            left_out = np.max(np.abs(series[-3:]), axis=0) * length / TAIL
+            error = float(np.max(left_out / scale)) / tolerance
+        if error <= 1.0 and not (
+            self._keeps(step, dynamics) and self._looked(step, scale, tolerance)
+        ):
+            error = np.inf
+        return step, error, count, dynamics
+
+    def _inverse(
+        self, t: Floats, states: Floats, rates: Floats, length: float, scale: Floats
+    ) -> Floats:
+        """Return what turns misses (N,) of the momentum into corrections."""
+        place, other = self.equation.variables, states.copy()
+        shift = DIFFERENCE * scale[place]
+        other[:, place] += shift
+        changed = self.equation.rates(self._dynamics(t, other))
+        slope = (changed - rates)[:, place] / shift
+        slope = np.where(np.isfinite(slope), slope, 0.0)
+        return np.asarray(np.linalg.inv(np.eye(NODES) - 0.5 * length * INTEGRAL * slope))
+
+    def _looked(self, step: Step, scale: Floats, tolerance: float) -> bool:
+        """Return whether loads do within a step what its series say."""
+        equation, momenta = self.equation, self.equation.momenta
+        if not equation.loads.watched:
+            return True
+        largest = max(scale[equation.variables], float(max_abs(step.state[momenta])))
+        enough = MISSED * tolerance * TAIL * largest / step.length
+
+        def look(_: Indices, x: Floats) -> tuple[Floats, Floats]:
+            t = step.start + x * step.length
+            nearest = np.argmin(np.abs(2.0 * x[:, None] - 1.0 - GAUSS), axis=1)
+            frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
+            dynamics = equation.at(t, step.at(t), frame, self.problem.whole)
+            missed = np.abs(dynamics.push - step.rate(t)[:, momenta])
+            arguments = equation.arguments(dynamics, self.problem.whole, t)
+            return np.max(missed, axis=1) / enough, arguments
+
+        return bool(good_until(look, 1)[0] == 1.0)
+
+    def _keeps(self, step: Step, dynamics: Dynamics) -> bool:
+        """Return whether a step keeps to one set of configurations where sets cross.
+
+        Where crossings are passed: it passes through one, ends away from any, and is on no
+        two sets that come near each other and do not cross.
+        """
+        if not self.problem.passes:
+            return True
+        equation = self.equation
+        orientation = step.orientation(equation.closure, dynamics.motion.rates)
+        size, side = self._sense(orientation)
+        near = np.abs(orientation) < CROSSED * size
+        if not np.any(orientation * side < 0.0):
+            return not np.any(near)
+        t = step.crossing(orientation, float(np.copysign(size, side)), CROSSED)
+        if np.any(near[-2:]) or t is None:
+            return False
+        values = step.at(np.array([t]))[0, : equation.variables]
+        # Between sets that do not cross, a way from one to the other is not closed.
+        gap = float(max_abs(equation.closure.at(values[None]).residual))
+        sure = reciprocal_condition(equation.closure, values, equation.freedoms)
+        return gap < FINEST and sure < CROSSED
 
     def _refined(self, orientation: Floats) -> bool:
         """Return whether a step has to be taken again, to tell whether curves cross."""
@@ -300,53 +361,46 @@ class Collocation:
         size = max(abs(self.orientation), float(max_abs(orientation)))
         return size, self.orientation or float(orientation[0])
 
-    def _accept(self, within: StepEvents, orientation: Floats) -> SimulationEnd | None:
+    def _accept(
+        self, step: Step, rates: Floats, orientation: Floats
+    ) -> SimulationEnd | None:
         """Keep a step and note its events; return the end if there is one within it."""
-        step, rates = within.step, within.rates
         mechanism, driven = self.equation.mechanism, self.problem.driven
-        end = self._end(within, orientation)
-        last = np.inf if end is None else end.t
+        end = self._end(step, orientation)
+        centres = step.dead_centres(rates, driven)
         if len(driven) == 1:
             name = mechanism.pairs[mechanism.variable_owners[driven[0]]].name
-            happened: list[tuple[EventKind, float, str]] = [
-                ("dead_centre", t, name) for t in within.dead_centres(driven)
+            rests = step.passed(step.column(self.equation.variables))
+            happened: list[tuple[float, EventKind, str]] = [
+                *((t, "dead_centre", name) for t in centres),
+                *((t, "rest", "") for t in rests),
             ]
-            happened += [("rest", t, "") for t in within.rests(self.equation.variables)]
         else:
-            happened = [("type_2", t, "") for t in within.dead_centres(driven)]
-        for kind, t, pair in sorted(happened, key=lambda item: item[1]):
-            if t < last:
+            happened = [(t, "type_2", "") for t in centres]
+        for t, kind, pair in sorted(happened, key=lambda item: item[0]):
+            if end is None or t < end.t:
                 self._note(kind, t, step, pair)
-        if len(driven) == 1:
-            self.frame = rates[-1]
-        self.path.append((step, rates if len(driven) == 1 else self.frame[None]))
+        self.path.append(step)
         return end
 
-    def _askew(self) -> bool:
-        """Return whether the coordinates' vectors have turned far from the frame."""
-        if self.equation.freedoms == 1:
-            return False
-        assert self.last is not None
-        return bool(np.linalg.norm(self.last.motion.rates[-1], 2) > ASKEW)
-
-    def _end(self, within: StepEvents, orientation: Floats) -> SimulationEnd | None:
+    def _end(self, step: Step, orientation: Floats) -> SimulationEnd | None:
         """Return the end that lies within a step: a stop, or a crossing of curves."""
-        reached = within.stop(self.equation.mechanism)
+        mechanism, whole = self.equation.mechanism, self.problem.whole
+        reached = step.stopped(mechanism, whole)
         size, side = self._sense(orientation)
         self.orientation = float(np.copysign(size, side))
-        crossing = within.crossing(orientation, self.orientation, CROSSED)
-        if self.problem.passes and crossing is not None:
+        crossing = step.crossing(orientation, self.orientation, CROSSED)
+        first = crossing is not None and (reached is None or crossing < reached[0])
+        if crossing is not None and self.problem.passes:
             self.orientation = float(np.copysign(size, orientation[-1]))
-            if reached is None or crossing < reached[0]:
-                self._note("crossing", crossing, within.step)
-            crossing = None
-        if crossing is not None and (reached is None or crossing < reached[0]):
+            if first:
+                self._note("crossing", crossing, step)
+        elif crossing is not None and first:
             return SimulationEnd("singularity", crossing, CROSSING)
         if reached is None:
             return None
         t, stop = reached
-        place = variable_of(self.equation.mechanism, stop.pair)
-        value = self._note("stop", t, within.step, stop.pair)[place]
+        value = self._note("stop", t, step, stop.pair)[variable_of(mechanism, stop.pair)]
         return stop_end(t, stop.pair, float(value))
 
     def _note(self, kind: EventKind, t: float, step: Step, pair: str = "") -> Floats:
@@ -356,27 +410,26 @@ class Collocation:
         self.events.append(Event(kind, t, inputs, pair))
         return values
 
-    def _stuck(self, t: float, state: Floats, tried: Attempt) -> SimulationEnd:
-        """Return why no step however short can be taken from here."""
-        assert self.last is not None
-        codes = self.last.motion.status
-        kinds: dict[Status, EndKind] = {
-            Status.OFF_PROFILE: "off_profile",
-            Status.CURVATURE: "curvature",
-        }
-        for code, kind in kinds.items():
-            if np.any(codes == code):
-                return SimulationEnd(kind, t, STATUS_MEANING[code])
-        if np.any(codes == Status.NOT_CONVERGED):
-            return SimulationEnd("locking", t, LOCKING)
-        values = state[: self.equation.variables]
-        closure, freedoms = self.equation.closure, self.equation.freedoms
-        if self.fine or reciprocal_condition(closure, values, freedoms) < 1e-5:
+    def _stuck(self, step: Step, error: float, last: Dynamics) -> SimulationEnd:
+        """Return why no step however short can be taken from the start of one."""
+        equation, t = self.equation, step.start
+        for code, (kind, words) in NOWHERE.items():
+            if np.any(last.motion.status == code):
+                return SimulationEnd(kind, t, words)
+        values = step.state[: equation.variables]
+        sure = reciprocal_condition(equation.closure, values, equation.freedoms)
+        if self.fine or sure < 1e-5:
             return SimulationEnd("singularity", t, CROSSING)
-        why = f"no step is short enough (iteration error {tried.error:.2g}); {JUMPS}"
+        why = f"no step is short enough (iteration error {error:.2g}); {JUMPS}"
         if not self.path:
             return SimulationEnd("too_fast", t, why)
-        return given_up(self.equation, self._travelled(), t, why)
+        return given_up(equation, self._travelled(), t, why)
 
-    def _travelled(self) -> StatePath:
-        return through_steps(self.path, self.problem.turns, self.drift)
+
+def _factor(error: float, iterations: int) -> float:
+    """Return by what the next step is longer, or shorter after one not accepted."""
+    if not np.isfinite(error):
+        return SHRINKAGE
+    factor = SAFETY * max(error, EPS) ** (-1.0 / NODES)
+    most = SAFETY if iterations > MANY_ITERATIONS else GROWTH
+    return float(np.clip(factor, SHRINKAGE, most))

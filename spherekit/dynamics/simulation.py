@@ -9,7 +9,6 @@ input (Di Gregorio 2024, eqs. (30), (31)).
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Literal, final
 
 import numpy as np
@@ -421,54 +420,48 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     / B + 2 q_i - q_{i-1}, where Q is taken at q_i and (q_i - q_{i-1}) / D.
     """
     started, count = time.perf_counter(), _steps(problem, step)
-    (driven,), closure = problem.driven, problem.equation.closure
-    variables = problem.equation.variables
-    values, equation = problem.values, problem.equation
-    first = float(problem.speed[0] * problem.frame[0, driven])
-    before = values[driven] - first * step
-    end = SimulationEnd("time", problem.until, "the time asked for is over")
-    states: list[Floats] = []
-    frames: list[Floats] = []
+    (driven,), equation, values = problem.driven, problem.equation, problem.values
+    closure = equation.closure
+    change = float(problem.speed[0] * problem.frame[0, driven]) * step
     work = np.zeros(len(equation.loads.names))
+    end = SimulationEnd("time", problem.until, "the time asked for is over")
+    path: list[Step] = []
     for number in range(count + 1):
-        t, q = number * step, float(values[driven])
         motion = by_variables(closure, values[None], [driven])
-        speed = (q - before) / step
         masses = inertia(equation.mechanism, motion)
         B, dB = float(masses.B[0]), float(masses.dB[0])
         seen = replace(motion, values=motion.values + problem.whole)
+        t, speed = number * step, change / step
         forces = equation.loads.parts(seen, np.array([[speed]]), np.array([t]))[0, 0]
-        states.append(np.concatenate([values, [np.sqrt(B) * speed], work]))
-        frames.append(motion.rates / np.linalg.norm(motion.rates))
+        state = np.concatenate([values, [np.sqrt(B) * speed], work])
+        if number:
+            path[-1] = replace(path[-1], series=(state - path[-1].state)[None] / step)
         if number == count:
             break
+        frame = motion.rates / np.linalg.norm(motion.rates)
+        path.append(Step(t, step, state, np.zeros((1, len(state))), frame))
         work = work + step * forces * speed
-        after = q + first * step
         if number:
-            push = step**2 * float(np.sum(forces)) - 0.5 * dB * (q - before) ** 2
-            after = push / B + 2.0 * q - before
-        guess = values + motion.rates[0, 0] * (after - q)
-        guess[driven] = after
+            push = step**2 * float(np.sum(forces)) - 0.5 * dB * change**2
+            change += push / B
+        guess = values + motion.rates[0, 0] * change
         closed = None
-        if all_finite(guess) and frames[-1][0, 0, driven] > STANDSTILL:
+        if all_finite(guess) and frame[0, 0, driven] > STANDSTILL:
             closed = closure.solve(guess[None], [driven])
         if closed is None or not closed.residual[0] < 1e-12:
             end = SimulationEnd(
                 "singularity", t, "the input is at a dead centre, where q' is endless"
             )
+            path.pop()
             break
-        before, values = q, closed.values[0]
-    path = [
-        (Step(k * step, step, one, (other - one)[None] / step), frames[k])
-        for k, (one, other) in enumerate(pairwise(states))
-    ]
+        values = closed.values[0]
     if not path:
         raise cannot_leave(problem, end.message)
-    gap = closure.at(np.array(states)[:, :variables]).residual
+    states = np.array([one.state for one in path])[:, : equation.variables]
+    gap = closure.at(states).residual
     drift = float(np.max(np.abs(gap), initial=0.0))
+    report = EngineReport("numpy", REASON, 0.0, time.perf_counter() - started, len(path))
     traced = through_steps(path, problem.turns, drift)
-    seconds = time.perf_counter() - started
-    report = EngineReport("numpy", REASON, 0.0, seconds, len(path))
     return Simulation(equation, problem.driven, traced, (), end, report)
 
 
