@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from itertools import chain, combinations
+from itertools import combinations
 
 import numpy as np
 
@@ -25,8 +25,11 @@ from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
     NO_SERIES,
+    OVER,
+    EndKind,
     EngineReport,
     Event,
+    EventKind,
     Forecast,
     Simulation,
     SimulationEnd,
@@ -43,7 +46,7 @@ from spherekit.engine.equation import (
     Coordinates,
     compiled_equation,
 )
-from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run
+from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run, RunEnd
 from spherekit.engine.system import STEEPEST, mass_size
 from spherekit.errors import EngineError, PlanError
 from spherekit.sphere.rotation import all_finite
@@ -65,6 +68,12 @@ STICKS = (
     "a load that is not smooth would turn back at once, as dry friction does at rest; "
     "sticking is not modelled: smooth the load, or end here"
 )
+
+SAID: dict[RunEnd, tuple[EndKind, str]] = {
+    "singularity": ("singularity", CROSSING),
+    "sticking": ("sticking", STICKS),
+    "too_many": ("too_fast", too_many(MOST_STEPS)),
+}
 
 
 def by_taylor_series(
@@ -89,7 +98,6 @@ def by_taylor_series(
         If the mechanism cannot be compiled, or not on all of the way, or a load has no
         series at the start.
     """
-    solve = _along_curve if problem.equation.freedoms == 1 else _by_coordinates
     compiling, started = 0.0, time.perf_counter()
 
     def compiled(coordinates: Coordinates | None, most: float) -> CompiledEquation:
@@ -106,21 +114,19 @@ def by_taylor_series(
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise cannot_leave(problem, STATUS_MEANING[status])
-    runs, frames = solve(problem, motion, compiled)
+    runs, frames = _run(problem, motion, compiled)
     path, run = through_runs(runs, frames), runs[-1]
     seconds = time.perf_counter() - started - compiling
     if run.end == "singularity":
         _need_crossing(problem, run)
-    report = EngineReport(
-        "compiled", reason, compiling, seconds, len(path.starts), forecast
-    )
+    steps = len(path.starts)
     return Simulation(
         problem.equation,
         problem.driven,
         path,
         _events(problem, path, runs),
         _end(problem, path, run),
-        report,
+        EngineReport("compiled", reason, compiling, seconds, steps, forecast),
         tolerance=tolerance,
     )
 
@@ -129,34 +135,11 @@ Compiled = Callable[[Coordinates | None, float], CompiledEquation]
 """The equation in some coordinates, with steps for a tolerance or less."""
 
 
-def _along_curve(
+def _run(
     problem: Problem, motion: CoordinateMotion, compiled: Compiled
 ) -> tuple[list[Run], list[Frames]]:
-    """Return the run of one freedom, and its frames."""
-    mechanism = problem.equation.mechanism
-    made = compiled(None, LOOSEST)
-    unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
-    tau = made.rates(problem.values[None])[0, 0]
-    sense = float(np.copysign(1.0, tau @ problem.frame[0]))
-    run = Integration(
-        made,
-        mechanism,
-        problem.values,
-        problem.turns,
-        sense * unit * problem.speed,
-        unit,
-        problem.equation.closed,
-    ).run((*problem.switches, problem.until))
-    _need_stretches(problem, run)
-    return [run], [on_curve(made, sense)]
-
-
-def _by_coordinates(
-    problem: Problem, motion: CoordinateMotion, compiled: Compiled
-) -> tuple[list[Run], list[Frames]]:
-    """Return runs of several freedoms, by other pair variables where it has to be."""
-    equation = problem.equation
-    root = float(np.sqrt(mass_size(equation.mechanism)))
+    """Return the runs, of several freedoms by other pair variables where it has to be."""
+    equation, mechanism = problem.equation, problem.equation.mechanism
     runs: list[Run] = []
     framed: list[Frames] = []
     values, turns = problem.values, problem.turns
@@ -165,72 +148,80 @@ def _by_coordinates(
     gap, most = 0.0, COARSEST
     while True:
         made, places = _coordinates(problem, values, compiled, most)
-        fine = made.tolerance <= LOOSEST
-        targets = [t for t in problem.switches if before is None or t > before.time]
+        fine, frame = made.tolerance <= LOOSEST, np.eye(equation.variables)[places]
+        if equation.freedoms == 1:
+            unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
+            along = made.rates(problem.values[None])[0, 0] @ problem.frame[0]
+            sense = float(np.copysign(1.0, along))
+            momenta, frames = sense * unit * problem.speed, on_curve(made, sense)
+        else:
+            unit = float(np.sqrt(mass_size(mechanism)))
+            momenta, frames = unit * rates[places], in_coordinates(equation, frame)
         run = Integration(
             made,
-            equation.mechanism,
+            mechanism,
             values,
             turns,
-            root * rates[list(places)],
-            root,
+            momenta,
+            unit,
             equation.closed,
             CROSSED if fine else NEAR,
             before,
             gap,
-        ).run((*targets, problem.until))
+        ).run([t for t in problem.targets if before is None or t > before.time])
         if not run.stretches and runs:
             break
         _need_stretches(problem, run)
-        frame = np.eye(equation.variables)[list(places)]
         runs.append(run)
-        framed.append(in_coordinates(equation, frame))
+        framed.append(frames)
         if run.end == "singularity" and not fine:
             most = LOOSEST
         elif run.end != "coordinates":
             break
         state, turns = run.last, run.stretches[-1].turns
         values, gap = equation.closed(state[: equation.variables])
-        along = equation.motion(values[None], frame)
-        rates = rates_by_time(along, state[None, equation.momenta] / root)[0]
+        motion = equation.motion(values[None], frame)
+        rates = rates_by_time(motion, state[None, equation.momenta] / unit)[0]
         before = run
     return runs, framed
 
 
 def first_of(problem: Problem) -> Coordinates | None:
     """Return the coordinates that a run begins with, None of one freedom."""
-    if problem.equation.freedoms == 1:
-        return None
-    coordinates = next(_candidates(problem, problem.values), None)
-    if coordinates is None:
-        raise EngineError(f"{problem.equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
-    return coordinates
+    for coordinates in _candidates(problem, problem.values):
+        return coordinates
+    raise EngineError(f"{problem.equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
 
 
 def _coordinates(
     problem: Problem, values: Floats, compiled: Compiled, most: float
-) -> tuple[CompiledEquation, tuple[int, ...]]:
+) -> tuple[CompiledEquation, list[int]]:
     """Return the equation in pair variables that say how all others move, and these."""
-    why = NO_COORDINATES
+    why, mechanism = NO_COORDINATES, problem.equation.mechanism
     for coordinates in _candidates(problem, values):
-        angles = problem.equation.mechanism.angles
         try:
-            return compiled(coordinates, most), tuple(
-                angles[pair] for pair in coordinates.pairs
-            )
+            made = compiled(coordinates, most)
         except PlanError as fault:
+            if coordinates is None:
+                raise
             why = str(fault)
-    raise EngineError(f"{problem.equation.mechanism.name}: {why}", BY_NUMPY)
+            continue
+        pairs = coordinates.pairs if coordinates else ()
+        return made, [mechanism.angles[pair] for pair in pairs]
+    raise EngineError(f"{mechanism.name}: {why}", BY_NUMPY)
 
 
-def _candidates(problem: Problem, values: Floats) -> Iterator[Coordinates]:
-    """Yield coordinates at a configuration.
+def _candidates(problem: Problem, values: Floats) -> Iterator[Coordinates | None]:
+    """Yield coordinates at a configuration; of one freedom None, which is its curve.
 
     The inputs, if they say well enough how all variables move, then R pairs whose variables
     do, the best first.
     """
     equation, driven = problem.equation, problem.driven
-    mechanism = equation.mechanism
+    if equation.freedoms == 1:
+        yield None
+        return
+    pairs = {v: pair for pair, v in equation.mechanism.angles.items()}
     jacobian = equation.closure.at(values[None]).jacobian[0]
     free = np.linalg.svd(jacobian)[2][-equation.freedoms :]
 
@@ -238,14 +229,10 @@ def _candidates(problem: Problem, values: Floats) -> Iterator[Coordinates]:
         sizes = np.linalg.svd(free[:, list(places)], compute_uv=False)
         return float(np.sum(1.0 / np.maximum(sizes, 1e-150) ** 2))
 
-    def others() -> Iterator[tuple[int, ...]]:
-        angles = sorted(mechanism.angles.values())
-        yield from sorted(combinations(angles, equation.freedoms), key=spread)
-
-    for places in chain([driven], others()):
+    others = sorted(combinations(sorted(pairs), equation.freedoms), key=spread)
+    for places in (driven, *others):
         if spread(places) < ENOUGH * STEEPEST:
-            pairs = (mechanism.pairs[mechanism.variable_owners[v]].name for v in places)
-            yield Coordinates(tuple(pairs), values, driven)
+            yield Coordinates(tuple(pairs[v] for v in places), values, driven)
 
 
 def _need_stretches(problem: Problem, run: Run) -> None:
@@ -275,46 +262,37 @@ def _need_crossing(problem: Problem, run: Run) -> None:
 
 
 def _events(problem: Problem, path: StatePath, runs: Sequence[Run]) -> tuple[Event, ...]:
-    mechanism = problem.equation.mechanism
-    names = [pair.name for pair in mechanism.pairs]
-    passages = [
-        (t, kind, names[mechanism.variable_owners[place]] if place >= 0 else "")
+    pairs = {v: pair for pair, v in problem.equation.mechanism.angles.items()}
+    passages: list[tuple[float, EventKind, int]] = [
+        (t, kind, place)
         for run in runs
         for t, kind, place in run.passages
-        if kind not in ("singularity", "coordinates")
+        if kind != "singularity"
+        and kind != "coordinates"
         and (t > 0.0 or kind in ("switch", "stop"))
     ]
-    passages += [(t, "switch", "") for t in problem.switches if t < runs[-1].time]
-    passages.sort(key=lambda item: item[0])
+    passages += [(t, "switch", -1) for t in problem.switches if t < runs[-1].time]
+    passages.sort(key=lambda passage: passage[0])
     if not passages:
         return ()
-    t = np.array([passage[0] for passage in passages])
-    traced = path.at(t)
-    driven = list(problem.driven)
-    inputs = traced.states[:, driven] + TURN * traced.turns[:, driven]
+    inputs = path.at(np.array([t for t, *_ in passages])).values[:, problem.driven]
     return tuple(
-        Event(kind, t, tuple(q.tolist()), pair)  # type: ignore[arg-type]
-        for (t, kind, pair), q in zip(passages, inputs, strict=True)
+        Event(kind, t, tuple(q.tolist()), pairs.get(place, ""))
+        for (t, kind, place), q in zip(passages, inputs, strict=True)
     )
 
 
 def _end(problem: Problem, path: StatePath, run: Run) -> SimulationEnd:
     if run.end == "time":
-        return SimulationEnd("time", problem.until, "the time asked for is over")
+        return SimulationEnd("time", problem.until, OVER)
+    if run.end in SAID:
+        kind, words = SAID[run.end]
+        return SimulationEnd(kind, run.time, words)
+    traced, mechanism = path.at(np.array([run.time])), problem.equation.mechanism
     if run.end == "stop":
         place = run.passages[-1][2]
-        mechanism = problem.equation.mechanism
-        traced = path.at(np.array([run.time]))
-        value = traced.states[0, place] + TURN * traced.turns[0, place]
-        name = mechanism.pairs[mechanism.variable_owners[place]].name
-        return stop_end(run.time, name, float(value))
-    if run.end == "singularity":
-        return SimulationEnd("singularity", run.time, CROSSING)
-    if run.end == "sticking":
-        return SimulationEnd("sticking", run.time, STICKS)
-    if run.end == "too_many":
-        return SimulationEnd("too_fast", run.time, too_many(MOST_STEPS))
-    traced = path.at(np.array([run.time]))
+        (name,) = (pair for pair, v in mechanism.angles.items() if v == place)
+        return stop_end(run.time, name, float(traced.values[0, place]))
     whole = TURN * traced.turns[0]
     if run.end == "not_finite" and _has_value(
         problem, run.time, traced.states[0], traced.frames[0], whole

@@ -29,6 +29,7 @@ from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
     LOCKING,
+    OVER,
     EndKind,
     EngineReport,
     Event,
@@ -177,7 +178,7 @@ class Collocation:
         problem, equation = self.problem, self.equation
         t, state, before = 0.0, self.start, None
         length = self._first_length()
-        for target in (*problem.switches, problem.until):
+        for target in problem.targets:
             while t < target:
                 left = target - t
                 tried = left if left < 1.05 * length else min(length, left)
@@ -209,7 +210,7 @@ class Collocation:
             if t < problem.until:
                 self._note("switch", t, self.path[-1])
                 before = None
-        return SimulationEnd("time", problem.until, "the time asked for is over")
+        return SimulationEnd("time", problem.until, OVER)
 
     def _first_length(self) -> float:
         until = self.problem.until
@@ -369,7 +370,7 @@ class Collocation:
         end = self._end(step, orientation)
         centres = step.dead_centres(rates, driven)
         if len(driven) == 1:
-            name = mechanism.pairs[mechanism.variable_owners[driven[0]]].name
+            (name,) = mechanism.input_pairs
             rests = step.passed(step.column(self.equation.variables))
             happened: list[tuple[float, EventKind, str]] = [
                 *((t, "dead_centre", name) for t in centres),

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from spherekit.arrays import Floats
+from spherekit.conventions import TURN
 from spherekit.dynamics.coordinates import inertia
 from spherekit.dynamics.start import variable_of
 from spherekit.dynamics.state import EquationOfMotion, Roots
@@ -175,6 +176,11 @@ class Traced(ArrayRows):
     rates: Floats
     frames: Floats
     turns: Floats
+
+    @property
+    def values(self) -> Floats:
+        """(n, variables) rad with all their turns."""
+        return self.states[:, : self.turns.shape[1]] + TURN * self.turns
 
 
 BLOCK = 1024

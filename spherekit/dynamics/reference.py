@@ -4,7 +4,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.checked import checked
-from spherekit.conventions import TURN, listing
+from spherekit.conventions import listing
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.errors import EngineError, SolveError
@@ -99,8 +99,7 @@ def refined(
         traced = path.at(np.clip(t, 0.0, last))
         rates = traced.rates[:, :count]
         beyond = np.maximum(t - last, 0.0)[:, None]
-        values = traced.states[:, :count] + TURN * traced.turns
-        return values + rates * beyond, rates
+        return traced.values + rates * beyond, rates
 
     reference = ExactSimulation(
         arithmetic or Digits(FEWEST),

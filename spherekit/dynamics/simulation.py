@@ -56,6 +56,8 @@ EndKind = Literal[
 CHECKED = 2000
 """Most steps at which balances are formed, evenly chosen."""
 
+OVER = "the time asked for is over"
+
 CROSSING = (
     "two curves of configurations cross here, so the loads do not say which way the "
     "mechanism goes on; start beyond the crossing, or ask for crossings to be passed"
@@ -312,7 +314,7 @@ class Simulation:
         equation = self.equation
         states, speed = traced.states, dynamics.speed
         values = states[:, : equation.variables]
-        whole = values + TURN * traced.turns
+        whole = traced.values
         motion, masses, change = self._accelerated(traced, dynamics)
         bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         rates = rates_by_time(motion, speed)
@@ -341,7 +343,7 @@ class Simulation:
         t = np.atleast_1d(np.asarray(t, dtype=float))
         traced, dynamics = self._at(t)
         motion, _, change = self._accelerated(traced, dynamics)
-        motion = replace(motion, values=motion.values + TURN * traced.turns)
+        motion = replace(motion, values=traced.values)
         at = self.equation.closure.at(traced.states[:, : self.equation.variables])
         none = np.zeros((len(t), len(self.driven)))
         timing = Timing(np.asarray(t, dtype=float), dynamics.speed, change)
@@ -424,7 +426,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     closure = equation.closure
     change = float(problem.speed[0] * problem.frame[0, driven]) * step
     work = np.zeros(len(equation.loads.names))
-    end = SimulationEnd("time", problem.until, "the time asked for is over")
+    end = SimulationEnd("time", problem.until, OVER)
     path: list[Step] = []
     for number in range(count + 1):
         motion = by_variables(closure, values[None], [driven])

@@ -96,6 +96,11 @@ class Problem:
         """The angles (variables,) of `turns`, rad."""
         return TURN * self.turns
 
+    @property
+    def targets(self) -> tuple[float, ...]:
+        """Times (s) between which no load has a knot, the end last."""
+        return (*self.switches, self.until)
+
 
 def prepare(
     mechanism: Mechanism,
