@@ -7,12 +7,12 @@ import operator
 import numpy as np
 import pytest
 
-from spherekit.engine.algebra import SeriesExpressions, length, vector
 from spherekit.engine.design_kernel import (
     compile_complex,
 )
 from spherekit.engine.expression_graph import (
     ExpressionNode,
+    derivatives,
     expression_terms,
     function,
     in_order,
@@ -151,29 +151,20 @@ def test_terms_of_complex_variables():
     assert np.allclose(swapped(np.stack([x, y, z])), onward, rtol=1e-13, atol=0.0)
 
 
-def test_series_follow_the_rules_of_derivatives():
-    # x = e^t at t = 0 and y = cos t: coefficients to fourth order.
-    x = SeriesExpressions((1.0, 1.0, 1 / 2, 1 / 6, 1 / 24))
-    y = SeriesExpressions((1.0, 0.0, -1 / 2, 0.0, 1 / 24))
-    product = SeriesExpressions((1.0, 1.0, 0.0, -1 / 3, -1 / 6))
-    for made, expected in (
-        (x * y, product),
-        (product / y, x),
-        (1.0 / (1.0 / x), x),
-        (x.derivative() - x, SeriesExpressions((0.0, 0.0, 0.0, 0.0))),
-        (2.0 - (y - 1.0) - 3.0, -1.0 * y),
-        (-(0.0 + x), -1.0 * x),
-    ):
-        gap = np.subtract(made.coefficients, expected.coefficients)
-        assert np.max(np.abs(gap)) < 1e-15
-
-
-def test_the_length_of_a_vector_as_a_series():
-    # (3 e^t, 4 e^t, 0) has the length 5 e^t.
-    orders = [vector([3.0 * c, 4.0 * c, 0.0 * X]) for c in (1.0, 1.0, 1 / 2, 1 / 6)]
-    unit, size = length(orders)
-    found = array_function([*unit, *size.coefficients], [X])(np.zeros((1, 1)))[:, 0]
-    expected = [0.6, 0.8, 0.0, 5.0, 5.0, 5 / 2, 5 / 6]
+def test_rates_of_terms_that_stand_for_what_they_are_made_of():
+    # s = sin x and y run at rates of their own, whatever x does; z rests.
+    s = function("sin", X)
+    items = [s * Y / Z, function("sqrt", s * s + Y), X * s, Z + 2.0]
+    rates = derivatives(items, {s: 3.0 * Y, Y: Z})
+    found = array_function(rates, [X, Y, Z])(np.array([[0.4], [0.7], [1.3]]))[:, 0]
+    sine, y, z = np.sin(0.4), 0.7, 1.3
+    root = np.sqrt(sine**2 + y)
+    expected = [
+        (3.0 * y * y + sine * z) / z,
+        (sine * 3.0 * y + 0.5 * z) / root,
+        0.4 * 3.0 * y,
+        0.0,
+    ]
     assert np.max(np.abs(found - expected)) < 1e-15
 
 

@@ -249,7 +249,7 @@ def with_derivatives(expression: Expression, names: Sequence[str]) -> ArrayFunct
     terms = symbols(names)
     named = {name: (x, x) for name, x in zip(names, terms, strict=True)}
     item = expression_terms(expression, named)
-    partial = [derivatives([item], term)[0] for term in terms]
+    partial = [derivatives([item], {term: 1.0})[0] for term in terms]
     return array_function([item, *partial], terms)
 
 

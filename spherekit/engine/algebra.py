@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Floats
-from spherekit.engine.expression_graph import Expr, ExpressionNode, function
+from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.errors import EngineError
 from spherekit.model.gears import COLLINEAR, axes_from_sizes, reference_frame
 from spherekit.model.mechanism import Mechanism
@@ -31,77 +31,6 @@ Exprs = NDArray[np.object_]
 
 SNAP = 1e-15
 """A direction cosine this near to 0, 1 or -1 is that number; it is so up to rounding."""
-
-
-@final
-@dataclass(frozen=True)
-class SeriesExpressions:
-    """A value along the motion: `coefficients[k]` is its k-th derivative over k!.
-
-    Numbers are constant series. Results go as far as both operands.
-    """
-
-    coefficients: tuple[Expr, ...]
-
-    def _with(self, other: Any) -> list[tuple[Expr, Expr]]:
-        """Return the coefficients of this and another series in pairs."""
-        if isinstance(other, SeriesExpressions):
-            return list(zip(self.coefficients, other.coefficients, strict=False))
-        return [(one, 0.0 if k else other) for k, one in enumerate(self.coefficients)]
-
-    def __add__(self, other: Any) -> "SeriesExpressions":
-        return SeriesExpressions(tuple(a + b for a, b in self._with(other)))
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> "SeriesExpressions":
-        return SeriesExpressions(tuple(a - b for a, b in self._with(other)))
-
-    def __rsub__(self, other: Any) -> "SeriesExpressions":
-        return SeriesExpressions(tuple(b - a for a, b in self._with(other)))
-
-    def __neg__(self) -> "SeriesExpressions":
-        return self * -1.0
-
-    def __mul__(self, other: Any) -> "SeriesExpressions":
-        if not isinstance(other, SeriesExpressions):
-            return SeriesExpressions(
-                tuple(coefficient * other for coefficient in self.coefficients)
-            )
-        pairs = self._with(other)
-        made = [
-            sum_of([pairs[k - i][0] * pairs[i][1] for i in range(k + 1)])
-            for k in range(len(pairs))
-        ]
-        return SeriesExpressions(tuple(made))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> "SeriesExpressions":
-        pairs = self._with(other)
-        made: list[Expr] = []
-        for k, (a, _) in enumerate(pairs):
-            products = [made[k - i] * pairs[i][1] for i in range(1, k + 1)]
-            made.append((a - sum_of(products)) / pairs[0][1])
-        return SeriesExpressions(tuple(made))
-
-    def __rtruediv__(self, other: Any) -> "SeriesExpressions":
-        return SeriesExpressions((other, *(0.0 for _ in self.coefficients[1:]))) / self
-
-    def derivative(self) -> "SeriesExpressions":
-        """Return the derivative along the motion, one coefficient shorter."""
-        return SeriesExpressions(
-            tuple(float(k) * c for k, c in enumerate(self.coefficients) if k > 0)
-        )
-
-
-def by_coordinate(value: SeriesExpressions, scale: SeriesExpressions) -> list[Expr]:
-    """Return a value and its derivatives by a coordinate, `scale` being dp by it."""
-    made = [value.coefficients[0]]
-    while len(value.coefficients) > 1:
-        value = value.derivative() * scale
-        made.append(value.coefficients[0])
-    return made
 
 
 def sum_of(terms: Iterable[Expr]) -> Expr:
@@ -125,16 +54,6 @@ def vector_sum(parts: Iterable[Exprs]) -> Exprs:
     for part in parts:
         total = total + part
     return total
-
-
-def series(orders: Sequence[Exprs]) -> Exprs:
-    """Return the vector of series from the vectors of their coefficients by order."""
-    return vector(
-        [
-            SeriesExpressions(tuple(coefficients))
-            for coefficients in zip(*orders, strict=True)
-        ]
-    )
 
 
 def constants(matrix: Floats | Exprs) -> Exprs:
@@ -164,23 +83,6 @@ def cross(a: Exprs, b: Exprs) -> Exprs:
 def dot(a: Exprs, b: Exprs) -> Expr:
     """Return a . b."""
     return sum_of([x * y for x, y in zip(a, b, strict=True)])
-
-
-def length(orders: Sequence[Exprs]) -> tuple[Exprs, SeriesExpressions]:
-    """Return a vector's direction and its length, from its coefficients by order.
-
-    From the coefficients of |w|^2 = w . w, solved for those of |w|.
-    """
-    size = function("sqrt", dot(orders[0], orders[0]))
-    share = 1.0 / size
-    unit = np.asarray(orders[0] * share)
-    sizes = [size]
-    for k in range(1, len(orders)):
-        middle = sum_of(
-            [dot(orders[i], orders[k - i]) - sizes[i] * sizes[k - i] for i in range(1, k)]
-        )
-        sizes.append(dot(unit, orders[k]) + 0.5 * (middle * share))
-    return unit, SeriesExpressions(tuple(sizes))
 
 
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:

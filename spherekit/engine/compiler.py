@@ -131,36 +131,6 @@ def compile_function(
     return CompiledFunction(made, time.perf_counter() - started)
 
 
-def compile_with_rates(
-    outputs: Sequence[Expr],
-    flow: Sequence[tuple[ExpressionNode, Expr]],
-    constants: Sequence[ExpressionNode],
-) -> CompiledFunction:
-    """Compile expressions and their rates in a flow: variables, each with its rate.
-
-    The inputs are these variables, then the constants; the outputs are the expressions,
-    then their rates.
-    """
-    module = heyoka()
-    started = time.perf_counter()
-    moving = _plain([variable for variable, _ in flow])
-    names = moving | _plain(constants)
-    values = _lowered(outputs, names)
-    rates = _lowered([rate for _, rate in flow], names)
-    changes = [
-        sum(
-            (
-                module.diff(value, variable) * rate
-                for variable, rate in zip(moving.values(), rates, strict=True)
-            ),
-            module.expression(0.0),
-        )
-        for value in values
-    ]
-    made = module.cfunc([*values, *changes], list(names.values()), compact_mode=True)
-    return CompiledFunction(made, time.perf_counter() - started)
-
-
 @final
 @dataclass(frozen=True)
 class EventFunction:

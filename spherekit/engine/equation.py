@@ -20,10 +20,10 @@ from spherekit.engine.compiler import (
     available,
     compile_function,
     compile_integrator,
-    compile_with_rates,
     heyoka,
 )
 from spherekit.engine.dyads import COMPILED
+from spherekit.engine.expression_graph import derivatives
 from spherekit.engine.kinematics import Structure
 from spherekit.engine.loads import steep_arguments
 from spherekit.engine.system import (
@@ -248,6 +248,7 @@ def _compile(
     symbols = system.symbols
     layout, switches = symbols.layout, symbols.switches
     equations = system.equations
+    state = [*(variable for variable, _ in equations), MOMENT]
     arguments = dict.fromkeys(
         argument
         for load in mechanism.loads
@@ -262,8 +263,9 @@ def _compile(
     parameters = [constant(k) for k in range(count)]
     conditions = None
     if switches.conditions:
-        running = [*equations, (MOMENT, 1.0)]
-        conditions = compile_with_rates(switches.conditions, running, parameters)
+        rates = derivatives(switches.conditions, dict(equations) | {MOMENT: 1.0})
+        outputs = [*switches.conditions, *rates]
+        conditions = compile_function(outputs, [*state, *parameters], compact=True)
     for which, condition in enumerate(switches.conditions):
         assert conditions is not None
         stuck = _sticking(conditions, which, layout)
@@ -273,7 +275,7 @@ def _compile(
     if arguments and number is float:
         steep = compile_function(
             [*system.push, *arguments],
-            [*symbols.variables, *symbols.momenta, *symbols.works, MOMENT, *parameters],
+            [*state, *parameters],
             compact=True,
         )
     homogeneous = [rate for tau in system.tau for rate in tau]

@@ -325,19 +325,23 @@ _DERIVATIVES: Mapping[str, _Chain] = {
 }
 
 
-def derivatives(items: Sequence[Expr], by: ExpressionNode) -> list[Expr]:
-    """Return the derivatives of expressions by a variable; 0.0 of what is without it.
+def derivatives(items: Sequence[Expr], rates: Mapping[ExpressionNode, Expr]) -> list[Expr]:
+    """Return how expressions change while terms change at these rates; others rest.
 
-    Kinks and jumps have the derivative of the side they are on.
+    Terms may be variables or what expressions are made of. Kinks and jumps have the
+    derivative of the side they are on.
     """
+    # Signs move outwards, so a term may occur as the opposite of one with a rate.
+    known: dict[Any, Expr] = {_negated(x): -1.0 * rate for x, rate in rates.items()}
+    known |= rates
     made: dict[ExpressionNode, Expr] = {}
 
     def of(item: Any) -> Expr:
         return made[item] if isinstance(item, ExpressionNode) else 0.0
 
     for node in in_order(items):
-        if node.operation == "variable":
-            made[node] = 1.0 if node is by else 0.0
+        if node in known or node.operation == "variable":
+            made[node] = known.get(node, 0.0)
             continue
         changes = [of(argument) for argument in node.arguments]
         if all(isinstance(change, float) and change == 0.0 for change in changes):

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Array, Floats
 from spherekit.checked import checked
 from spherekit.conventions import listing
-from spherekit.engine.algebra import SeriesExpressions, by_coordinate, length, vector
+from spherekit.engine.algebra import cross, dot, vector
 from spherekit.engine.compiler import CompiledFunction, available, compile_function
 from spherekit.engine.dyads import COMPILED, place_by_inputs
-from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
-from spherekit.engine.kinematics import RateExpressions, Structure
+from spherekit.engine.expression_graph import Expr, ExpressionNode, function, symbols
+from spherekit.engine.expression_graph import derivatives as derivatives_of
+from spherekit.engine.kinematics import CoordinateRates, InputMoments, Structure
 from spherekit.engine.pose import LinkOrientation, place_by_variables
-from spherekit.engine.system import ArrayFunction, array_function, inertia, tensors
+from spherekit.engine.system import ArrayFunction, array_function, tensors
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole, all_poles, pole_of
@@ -112,7 +113,7 @@ class Kernel:
             return {key: rows[place].T for key, place in places.items()}
 
         def one(name: str) -> Floats | None:
-            return of(name).get(name)
+            return of(name).get(None)
 
         return KernelValues(
             of("direction"),
@@ -211,19 +212,33 @@ def kernel(
     def make() -> Kernel:
         structure = Structure.of(mechanism, input_pair)
         inputs, placed = _placed(structure, source)
-        flow = RateExpressions(structure, placed, int(derivatives))
+        flow = CoordinateRates(structure, placed)
         scale = _scale(flow, coordinate)
+        parts = [*_poles(flow, scale, chosen)]
+        if with_inertia:
+            masses = InputMoments(flow, tensors(mechanism))
+            whole = masses.matrix[0][0] * scale * scale * masses.unit
+            parts.append((None, {name: [name] for name in _INERTIA}, [whole]))
+        if with_tangent:
+            names = [f"rate_{name}" for name in mechanism.variable_names]
+            parts.append((None, {"tangent": names}, [tau * scale for tau in flow.tau[0]]))
+        parts += _turning(flow, scale, turning)
+        values = [[item for _, _, items in parts for item in items]]
+        rates = _rates(flow, scale, inputs if source == "variables" else ())
+        for _ in range(int(derivatives)):
+            values.append(derivatives_of(values[-1], rates))
         columns: list[str] = []
         outputs: list[Expr] = []
         places: dict[str, dict[Any, int | slice]] = {"direction": {}}
-        for name, key, labels, items in _parts(
-            flow, scale, chosen, with_inertia, with_tangent, turning
-        ):
-            first = len(columns)
-            columns += labels
-            outputs += items
-            whole = slice(first, len(columns))
-            places.setdefault(name, {})[key] = whole if len(items) > 1 else first
+        at = 0
+        for key, labels, items in parts:
+            for (name, named), order in zip(labels.items(), values, strict=False):
+                first = len(columns)
+                columns += named
+                outputs += order[at : at + len(items)]
+                whole_part = slice(first, len(columns))
+                places.setdefault(name, {})[key] = whole_part if len(items) > 1 else first
+            at += len(items)
         return Kernel(
             tuple(term.arguments[0] for term in inputs),
             tuple(columns),
@@ -263,50 +278,64 @@ def _placed(
     return inputs, place_by_inputs(structure, inputs[:1], inputs[1:]).links
 
 
-def _scale(flow: RateExpressions, coordinate: Coordinate) -> SeriesExpressions:
+def _scale(flow: CoordinateRates, coordinate: Coordinate) -> Expr:
     """Return dp by a coordinate."""
     if coordinate == "input":
-        return 1.0 / flow.rate_of(flow.structure.driven)
+        return 1.0 / flow.scale
     if coordinate != "arc":
         raise EngineError(
             f'{flow.structure.mechanism.name}: coordinate "{coordinate}" is not known; it '
             "is input or arc"
         )
-    return 1.0 / length([vector(rates) for rates in flow.tau])[1]
+    tau = vector(flow.tau[0])
+    return 1.0 / function("sqrt", dot(tau, tau))
 
 
-def _parts(
-    flow: RateExpressions,
-    scale: SeriesExpressions,
-    poles: Sequence[Pole],
-    with_inertia: bool,
-    with_tangent: bool,
-    links: Sequence[int],
-) -> Iterator[tuple[str, Any, Sequence[str], Sequence[Expr]]]:
-    """Yield the parts of `KernelValues` with their pole or link, columns and terms."""
+def _rates(
+    flow: CoordinateRates,
+    scale: Expr,
+    variables: Sequence[ExpressionNode],
+) -> dict[ExpressionNode, Expr]:
+    """Return the rates by the coordinate of what all terms are made of: u' = w x u."""
+    rates = [tau * scale for tau in flow.tau[0]]
+    made: dict[Expr, Expr] = dict(zip(variables, rates, strict=False))
+    for link, w in zip(flow.placed, flow.w[0], strict=True):
+        for axis in link.basis.T:
+            made |= zip(axis, cross(w * scale, axis), strict=True)
+    return {term: rate for term, rate in made.items() if isinstance(term, ExpressionNode)}
+
+
+_Part = tuple[Any, Mapping[str, Sequence[str]], Sequence[Expr]]
+"""A pole or link, the columns of terms and of their derivatives by name, and the terms."""
+
+
+def _poles(flow: CoordinateRates, scale: Expr, poles: Sequence[Pole]) -> Iterator[_Part]:
+    """Yield unit vectors along pole axes, and the rates along them."""
     mechanism = flow.structure.mechanism
     for pole in poles:
-        direction, rate = flow.pole(pole)
+        variable = mechanism.angle_between(*pole)
+        if variable is None:
+            turning = np.asarray(flow.w[0][pole[1]] - flow.w[0][pole[0]])
+            rate = function("sqrt", dot(turning, turning))
+            unit = turning * (1.0 / rate)
+        else:
+            ends = mechanism.ends[mechanism.variable_owners[variable]]
+            unit = flow.vectors[variable]
+            rate = flow.tau[0][variable] * (1.0 if pole == ends else -1.0)
         label = "_".join(mechanism.links[k] for k in pole)
-        yield "direction", pole, [f"u{k}_{label}" for k in "xyz"], [*direction]
-        for name, item in zip(
-            _COEFFICIENTS, by_coordinate(rate * scale, scale), strict=False
-        ):
-            yield name, pole, [f"{name}_{label}"], [item]
-    if with_inertia:
-        whole = inertia(flow, tensors(mechanism)) * scale * scale
-        for name, item in zip(_INERTIA, by_coordinate(whole, scale), strict=False):
-            yield name, name, [name], [item]
-    if with_tangent:
-        names = [f"rate_{name}" for name in mechanism.variable_names]
-        rates = [tau * scale.coefficients[0] for tau in flow.tau[0]]
-        yield "tangent", "tangent", names, rates
+        yield pole, {"direction": [f"u{k}_{label}" for k in "xyz"]}, [*unit]
+        yield pole, {name: [f"{name}_{label}"] for name in _COEFFICIENTS}, [rate * scale]
+
+
+def _turning(flow: CoordinateRates, scale: Expr, links: Sequence[int]) -> Iterator[_Part]:
+    """Yield the angular velocities of links."""
     for link in links:
-        along = [SeriesExpressions(tuple(w[link][k] for w in flow.w)) for k in range(3)]
-        orders = zip(*(by_coordinate(x * scale, scale) for x in along), strict=True)
-        for (name, written), items in zip(_TURNING.items(), orders, strict=False):
-            labels = [written.format(k) + f"_{mechanism.links[link]}" for k in "xyz"]
-            yield name, link, labels, items
+        name = flow.structure.mechanism.links[link]
+        labels = {
+            part: [written.format(k) + f"_{name}" for k in "xyz"]
+            for part, written in _TURNING.items()
+        }
+        yield link, labels, [*flow.w[0][link] * scale]
 
 
 _COEFFICIENTS = (

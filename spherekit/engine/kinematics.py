@@ -1,15 +1,11 @@
-"""The motion of a single-DOF mechanism as expressions, in a homogeneous parameter.
-
-The parameter p is that in which the rates of the variables are the minors of the velocity
-equations (`spherekit.engine.rates`): dv/dp = tau(v). Nothing is divided, so p runs through
-the dead centres of every pair. Rates by the input are those by p over tau_q, rates by the
-arc length of the curve in the space of all variables those over |tau|.
-
-Velocity equations as terms, in the variables of the inputs: rates, misfits, moments.
+"""Velocity equations as terms, in the variables of the inputs: rates, misfits, moments.
 
 In homogeneous form: `tau[i]` are the rates of all variables times `scale` while input i
 moves at the rate 1 and the others rest. The scale vanishes where these inputs do not say
-how all variables move.
+how all variables move. Of one freedom tau are the minors of the velocity equations
+(`spherekit.engine.rates`), the rates in a parameter p that runs through the dead centres of
+every pair, for nothing is divided. Rates by the input are those by p over the scale, rates
+by the arc length of the curve in the space of all variables those over |tau|.
 
 With links placed along a tree of pairs, the pairs that close loops miss each other by a
 small rotation. At the inputs at rest the variables change so that all pairs fit again:
@@ -35,12 +31,9 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.engine.algebra import (
     Exprs,
-    SeriesExpressions,
     constants,
     cross,
     dot,
-    length,
-    series,
     sum_of,
     vector,
     vector_sum,
@@ -50,9 +43,9 @@ from spherekit.engine.expression_graph import (
     ExpressionNode,
     derivatives,
 )
-from spherekit.engine.pose import Angles, LinkOrientation, Spin, placed_by, spin_vectors
+from spherekit.engine.pose import Angles, LinkOrientation, placed_by, spin_vectors
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
-from spherekit.engine.turns import AxisTerm, Entries, TurningPairs, turning_pairs
+from spherekit.engine.turns import Entries, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
@@ -60,7 +53,6 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import Motion, Tracer
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
-from spherekit.planning.poles import Pole
 from spherekit.sphere.rotation import max_abs
 
 
@@ -188,9 +180,7 @@ class Structure:
             sizes = [self.pairs.spins[v][0].size for v in (one, other)]
             cosine = self.pairs.chains[owners[one]].constants[1][2, 2]
             return (sizes[0] * sizes[1]) ** 2 * (1.0 - cosine * cosine)
-        held = [
-            {s.link: s.size * s.axis for s in self.single_spins(v)} for v in (one, other)
-        ]
+        held = [self.held(v) for v in (one, other)]
         for link in set(held[0]) & set(held[1]):
             both = cross(constants(held[0][link]), constants(held[1][link]))
             return dot(both, both)
@@ -214,152 +204,13 @@ class Structure:
             solver.close(rows)
         return solver
 
-    def single_spins(self, variable: int) -> list[AxisTerm]:
-        """Return a variable's vector as an axis of one link, for each it is fixed in."""
+    def held(self, variable: int) -> dict[int, Entries]:
+        """Return a variable's vector (3,) in the axes of each link it is fixed in."""
         spins = self.pairs.spins[variable]
         if len(spins) > 1 or any(spin.slide is not None for spin in spins):
-            return []
+            return {}
         twin = self.pairs.twin.get(variable)
-        return [*spins, twin] if twin else [*spins]
-
-
-@final
-class RateExpressions:
-    """Rates in the homogeneous parameter p at given placements of the links.
-
-    Everything is a Taylor coefficient by p, the k-th derivative over k!, up to `order`:
-    `tau[k][v]` those of dv/dp; `vectors[k][v]` (3,) those of the angular velocity of a
-    pair's second link per unit rate of its variable, in ground axes; `w[k][link]` (3,)
-    those of the angular velocity relative to the ground per unit of p.
-    """
-
-    def __init__(
-        self, structure: Structure, placed: Sequence[LinkOrientation], order: int = 0
-    ) -> None:
-        self.structure = structure
-        self.placed = placed
-        self.order = order
-        mechanism = structure.mechanism
-        if order > 1 and structure.pairs.columns:
-            raise EngineError(
-                f"{mechanism.name}: these terms have profiles other than circles as far as "
-                "accelerations go; ask for these, rates and angles"
-            )
-        self.tree = LoopTree.of(mechanism)
-        self.vectors: list[list[Exprs]] = []
-        self.tau: list[list[Expr]] = []
-        self.w: list[list[Exprs]] = []
-        spins = [
-            spin_vectors(structure.pairs, placed, v)
-            for v in range(len(mechanism.variable_owners))
-        ]
-        axes = [[[spin.axis for spin in one] for one in spins]]
-        for k in range(order + 1):
-            if k:
-                axes.append(
-                    [
-                        [self._turned(spin, axes, v, n) for n, spin in enumerate(one)]
-                        for v, one in enumerate(spins)
-                    ]
-                )
-            self.vectors.append(
-                [
-                    vector_sum([axis * spin.size for spin, axis in zip(*both, strict=True)])
-                    for both in zip(spins, axes[k], strict=True)
-                ]
-            )
-            self.tau.append(self._solve())
-            self.w.append([self.relative(0, j, k) for j in range(len(mechanism.links))])
-
-    def _turned(
-        self, spin: Spin, axes: Sequence[list[list[Exprs]]], variable: int, part: int
-    ) -> Exprs:
-        """Return the next coefficient of an axis u that turns with a link: u' = w x u.
-
-        The first of one that slides on it too.
-        """
-        k = len(axes)
-        if spin.slide is not None:
-            return spin.change(self.w[0][spin.link], self.tau[0][variable])
-        parts = [
-            cross(self.w[i][spin.link], axes[k - 1 - i][variable][part]) for i in range(k)
-        ]
-        return np.asarray(vector_sum(parts) * (1.0 / k))
-
-    def _solve(self) -> list[Expr]:
-        """Return the next coefficients of the variables' rates."""
-        structure, k = self.structure, len(self.tau)
-        moving = [series(list(orders)) for orders in zip(*self.vectors, strict=True)]
-        driven = structure.moving(structure.input_pairs[0])
-        solver = structure.solved(driven, moving)
-        rates = [solver.rates[v] for v in range(len(moving))]
-        return [
-            rate.coefficients[k]
-            if isinstance(rate, SeriesExpressions)
-            else 0.0
-            if k
-            else rate
-            for rate in rates
-        ]
-
-    def relative(self, link: int, other: int, order: int = 0) -> Exprs:
-        """Return (3,) the angular velocity of the other link relative to a link."""
-        senses = self.tree.paths[other] - self.tree.paths[link]
-        return vector_sum(
-            [
-                self.vectors[i][v] * (float(sense) * self.tau[order - i][v])
-                for i in range(order, -1, -1)
-                for v, sense in enumerate(senses)
-                if sense
-            ]
-        )
-
-    def rate_of(self, variable: int) -> SeriesExpressions:
-        """Return the rate of a variable per unit of p."""
-        return SeriesExpressions(tuple(rates[variable] for rates in self.tau))
-
-    def pole(self, pole: Pole) -> tuple[Exprs, SeriesExpressions]:
-        """Return a unit vector (3,) along a pole axis, and the rate along it per p."""
-        mechanism = self.structure.mechanism
-        variable = mechanism.angle_between(*pole)
-        if variable is not None:
-            ends = mechanism.ends[mechanism.variable_owners[variable]]
-            sense = 1.0 if pole == ends else -1.0
-            return self.vectors[0][variable], self.rate_of(variable) * sense
-        return length([self.relative(*pole, k) for k in range(self.order + 1)])
-
-    def seen(self, link: int) -> list[Exprs]:
-        """Return the coefficients (3,) of w's components along a link's basis.
-
-        The k-th derivative of components is the components of D^k w, where D x is
-        x' - w x x, the derivative as seen from the link.
-        """
-        placed, first = self.placed[link], vector_sum([])
-        for v, sense in enumerate(self.tree.paths[link]):
-            if sense:
-                first = first + self._along_basis(v, placed, link) * (
-                    float(sense) * self.tau[0][v]
-                )
-        made = [first]
-        turning = series([rates[link] for rates in self.w])
-        change, factorial = turning, 1.0
-        for k in range(1, self.order + 1):
-            change = vector([x.derivative() for x in change]) - cross(turning, change)
-            factorial *= k
-            here = vector([x.coefficients[0] for x in change])
-            made.append(np.asarray(placed.seen(here) * (1.0 / factorial)))
-        return made
-
-    def _along_basis(self, variable: int, placed: LinkOrientation, link: int) -> Exprs:
-        fixed = self._fixed(variable, link)
-        return placed.seen(self.vectors[0][variable]) if fixed is None else fixed
-
-    def _fixed(self, variable: int, link: int) -> Exprs | None:
-        """Return a variable's vector along a link's basis if it is fixed in the link."""
-        for spin in self.structure.single_spins(variable):
-            if spin.link == link:
-                return np.asarray(self.placed[link].fixed(spin.axis) * spin.size)
-        return None
+        return {s.link: s.size * s.axis for s in (*spins, *([twin] if twin else []))}
 
 
 def _rotations(
@@ -420,7 +271,7 @@ def misfit_rates(
     for pair in LoopTree.of(structure.mechanism).chords:
         turned = []
         for basis in _rotations(structure, links, variables, pair):
-            rate = vector(derivatives(list(basis.ravel()), by)).reshape(3, 3)
+            rate = vector(derivatives(list(basis.ravel()), {by: 1.0})).reshape(3, 3)
             turned.append(_half_turn(basis, rate))
         made[pair] = np.asarray(turned[0] - turned[1])
     return made
@@ -453,11 +304,8 @@ def rates_by_inputs(
 
     It is that of the equations: its sign changes where modes meet.
     """
-    made, vectors = [], structure.vectors(links)
-    for pair in structure.input_pairs:
-        solver = structure.solved(structure.moving(pair), vectors)
-        made.append([solver.rates[v] / solver.scale for v in range(len(solver.vectors))])
-    return made, solver.scale
+    flow = CoordinateRates(structure, links)
+    return [[rate / flow.scale for rate in tau] for tau in flow.tau], flow.scale
 
 
 @final
@@ -470,7 +318,7 @@ class CoordinateRates:
     """
 
     def __init__(self, structure: Structure, placed: Sequence[LinkOrientation]) -> None:
-        self.structure = structure
+        self.structure, self.placed = structure, placed
         mechanism = structure.mechanism
         self.tree = LoopTree.of(mechanism)
         self._spins = [
@@ -501,6 +349,23 @@ class CoordinateRates:
             part = parts[pair]
             vectors[child] = vectors[parent] + part if ahead else vectors[parent] - part
         return vectors
+
+    def seen(self, moving: int, link: int) -> Exprs:
+        """Return the components (3,) of w along a link's basis while an input moves.
+
+        What is fixed in the link has components that are numbers.
+        """
+        placed, parts = self.placed[link], []
+        for v, sense in enumerate(self.tree.paths[link]):
+            if sense:
+                held = self.structure.held(v)
+                along = (
+                    placed.fixed(held[link])
+                    if link in held
+                    else placed.seen(self.vectors[v])
+                )
+                parts.append(along * (float(sense) * self.tau[moving][v]))
+        return vector_sum(parts)
 
     def moving(self, speeds: Sequence[Expr]) -> tuple[list[Expr], list[Expr], list[Exprs]]:
         """Return rates of inputs over `scale`, those of all variables, and w of links."""
@@ -555,7 +420,6 @@ class InputMoments:
     def __init__(
         self,
         flow: CoordinateRates,
-        placed: Sequence[LinkOrientation],
         tensors: Mapping[int, Entries],
         unit: float = 0.0,
     ) -> None:
@@ -567,9 +431,10 @@ class InputMoments:
         self._links = []
         for link, tensor in tensors.items():
             if link and np.any(tensor):
-                seen = [placed[link].seen(w[link]) for w in flow.w]
-                here = constants(placed[link].tensor(tensor / self.unit))
-                self._links.append((link, placed[link], seen, [here @ y for y in seen]))
+                placed = flow.placed[link]
+                seen = [flow.seen(i, link) for i in range(len(flow.tau))]
+                here = constants(placed.tensor(tensor / self.unit))
+                self._links.append((link, placed, seen, [here @ y for y in seen]))
 
     @property
     def matrix(self) -> list[list[Expr]]:

@@ -293,13 +293,11 @@ class DesignTerms:
 
     def _by_place(self, items: Sequence[Expr], v: int) -> list[Expr]:
         """Return the derivatives by a variable, along the profiles that run with it."""
-        total = derivatives(items, self.places[v])
+        rates: dict[ExpressionNode, Expr] = {self.places[v]: 1.0}
         for profile in self.profiles:
             if profile.variable == v:
-                for term, along in zip(profile.terms, profile.along, strict=True):
-                    partial = derivatives(items, term)
-                    total = [x + y * along for x, y in zip(total, partial, strict=True)]
-        return total
+                rates |= zip(profile.terms, profile.along, strict=True)
+        return derivatives(items, rates)
 
     def by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
         """Return the derivatives of expressions by each size, the loops kept closed.
@@ -307,14 +305,14 @@ class DesignTerms:
         Then by the columns of profiles but for the last of each, if some are handed in.
         """
         if self.closed_form:
-            return [derivatives(items, size) for size in self.sizes]
+            return [derivatives(items, {size: 1.0}) for size in self.sizes]
         by_places = [self._by_place(items, v) for v in range(len(self.places))]
         columns = [term for profile in self.profiles for term in profile.terms]
         made = []
         for size in (*self.sizes, *columns):
             rates = misfit_rates(self.structure, self.links, self.variables, size)
             moved = answers(self.structure, self.links, rates)
-            total = derivatives(items, size)
+            total = derivatives(items, {size: 1.0})
             for change, partial in zip(moved, by_places, strict=True):
                 total = [x + y * change for x, y in zip(total, partial, strict=True)]
             made.append(total)
@@ -345,7 +343,7 @@ class RowQuantities:
     @cached_property
     def _moments(self) -> InputMoments:
         tensors = self.terms.actions.by_link(self.mechanism)
-        return InputMoments(self._flow, self.terms.links, tensors)
+        return InputMoments(self._flow, tensors)
 
     def of(self, name: str) -> Expr:
         """Return a quantity by its name; `EngineError` if there is none of it."""

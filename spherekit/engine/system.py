@@ -30,11 +30,9 @@ p = sqrt(B) u and the work W of each load. In the homogeneous parameter of
 (from Di Gregorio 2024, eq. (9), which holds in any coordinate). The closure of the loops
 is an invariant of these equations, so nothing has to be solved or stabilised.
 
-The generalised inertia of Eksergian's equation as an expression.
-
-B = sum w_j . I_j w_j over the links, with w_j the angular velocity of link j per unit
-rate of the coordinate and I_j its tensor about the centre of the sphere (Di Gregorio
-2024, eq. 15). Here the coordinate is the homogeneous parameter p.
+The generalised inertia of Eksergian's equation is B = sum w_j . I_j w_j over the links,
+with w_j the angular velocity of link j per unit rate of p and I_j its tensor about the
+centre of the sphere (Di Gregorio 2024, eq. 15).
 
 Terms evaluated on NumPy arrays, in blocks that stay in the cache.
 
@@ -43,7 +41,7 @@ so nothing is allocated on the way and intermediate values do not leave the cach
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
@@ -53,7 +51,6 @@ from spherekit.arrays import Array, Floats
 from spherekit.conventions import TURN
 from spherekit.engine.algebra import (
     Exprs,
-    SeriesExpressions,
     cofactors,
     determinant,
     dot,
@@ -71,15 +68,12 @@ from spherekit.engine.expression_graph import (
 from spherekit.engine.kinematics import (
     CoordinateRates,
     InputMoments,
-    RateExpressions,
     Structure,
 )
 from spherekit.engine.loads import LoadState, Switches, generalised_forces
 from spherekit.engine.pose import LinkOrientation, place_by_variables
-from spherekit.engine.turns import Entries
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import max_abs
 
 (MOMENT,) = symbols(["moment"])
 
@@ -255,56 +249,18 @@ def tensors(mechanism: Mechanism) -> dict[int, Floats]:
     }
 
 
-def inertia(flow: RateExpressions, by_link: Mapping[int, Entries]) -> SeriesExpressions:
-    """Return the generalised inertia of a flow; `by_link` are the links' tensors."""
-    # Entries near 0 are made exact zeros, so they need a size near one.
-    plain = [
-        plain_tensor for plain_tensor in by_link.values() if plain_tensor.dtype != object
-    ]
-    unit = max((float(max_abs(plain_tensor)) for plain_tensor in plain), default=1.0) or 1.0
-    total: list[Expr] = [0.0] * (flow.order + 1)
-    for link, tensor in by_link.items():
-        if link == 0 or not np.any(tensor):
-            continue
-        here = flow.placed[link].tensor(tensor / unit)
-        y = flow.seen(link)
-        for k in range(flow.order + 1):
-            for i in range(k // 2 + 1):
-                part = _form(y[i], here, y[k - i])
-                total[k] = total[k] + (part if 2 * i == k else 2.0 * part)
-    return SeriesExpressions(tuple(unit * coefficient for coefficient in total))
-
-
-def _form(a: Exprs, matrix: Exprs, b: Exprs) -> Expr:
-    """Return a . M b; with a = b each mixed term once."""
-    if a is b:
-        total: Expr = 0.0
-        for i in range(3):
-            total = total + matrix[i, i] * (a[i] * a[i])
-            for j in range(i):
-                total = total + (2.0 * matrix[i, j]) * (a[i] * a[j])
-        return total
-    total = 0.0
-    for i in range(3):
-        row: Expr = 0.0
-        for j in range(3):
-            row = row + matrix[i, j] * a[j]
-        total = total + row * b[i]
-    return total
-
-
 def one_freedom(mechanism: Mechanism) -> System:
     """Return the equation of a mechanism whose first input is the input."""
     symbols = Symbols.of(mechanism)
     structure = Structure.of(mechanism, mechanism.inputs[0].pair)
-    flow = RateExpressions(
-        structure, place_by_variables(mechanism, structure.pairs, symbols.variables)
-    )
+    placed = place_by_variables(mechanism, structure.pairs, symbols.variables)
+    flow = CoordinateRates(structure, placed)
     (momentum,) = symbols.momenta
-    share = power(inertia(flow, tensors(mechanism)).coefficients[0], -0.5)
+    masses = InputMoments(flow, tensors(mechanism))
+    share = power(masses.unit * masses.matrix[0][0], -0.5)
     speed = constant(symbols.layout.unit) * momentum * share
     rates = [rate * speed for rate in flow.tau[0]]
-    moving = symbols.moving(mechanism, flow.placed, [flow.tau[0]], [flow.w[0]], rates)
+    moving = symbols.moving(mechanism, placed, flow.tau, flow.w, rates)
     push = constant(symbols.layout.unit + 1) * share
     forces = [generalised_forces(load, moving)[0] * push for load in mechanism.loads]
     tau = vector(flow.tau[0])
@@ -322,7 +278,7 @@ def one_freedom(mechanism: Mechanism) -> System:
         rates,
         [sum(forces, 0.0)],
         [force * momentum for force in forces],
-        [flow.tau[0]],
+        flow.tau,
         square,
         events,
         moving,
@@ -478,7 +434,7 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
         rates[mechanism.variables_of(pair)[0]] = speed
     moving = symbols.moving(mechanism, placed, flow.tau, flow.w, rates)
     forces = [generalised_forces(load, moving) for load in mechanism.loads]
-    masses = InputMoments(flow, placed, tensors(mechanism), size)
+    masses = InputMoments(flow, tensors(mechanism), size)
     pull = masses.pull(flow.bias(rates, w), slow)
     total = [sum(of_loads, 0.0) * (1.0 / size) for of_loads in zip(*forces, strict=True)]
     total = total or [0.0] * layout.freedoms

@@ -169,7 +169,7 @@ def _affine(expression: Expression, names: Sequence[str]) -> Floats | None:
         item = expression_terms(expression, named)
     except EngineError:
         return None
-    slopes = [derivatives([item], term)[0] for term in terms]
+    slopes = [derivatives([item], {term: 1.0})[0] for term in terms]
     with np.errstate(all="ignore"):
         made = array_function([item, *slopes], terms)(np.zeros((len(names), 1)))[:, 0]
     constant = np.all(np.isfinite(made)) and not any(map(varies, slopes))
