@@ -14,6 +14,7 @@ from typing import final
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
+from spherekit.model.graph import joined, spanning
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
@@ -211,47 +212,26 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
     `held` has the value (rad) of each locked pair's variable, by the variable's number.
     Where locked pairs close a loop of their own, the last of them is taken to fit.
     """
-    tree = closure.tree
-    values = np.zeros(len(tree.owners))
-    for variable, value in held.items():
-        values[variable] = value
-    states = closure.at(values[None]).states
-    first, second = states.first[0], states.second[0]
-    body = list(range(tree.count))
-    lift = [np.eye(3)] * tree.count
-    for variable in held:
-        pair = tree.owners[variable]
-        a, b = tree.ends[pair]
-        turn = lift[a] @ first[pair] @ transpose(lift[b] @ second[pair])
-        keep, drop = body[a], body[b]
-        if keep == drop:
-            continue
-        if keep > drop:
-            keep, drop, turn = drop, keep, transpose(turn)
-        for link in [k for k, owner in enumerate(body) if owner == drop]:
-            body[link], lift[link] = keep, turn @ lift[link]
-    number = {owner: k for k, owner in enumerate(sorted(set(body)))}
+    tree, values = closure.tree, np.zeros(len(closure.tree.owners))
+    values[list(held)] = list(held.values())
     locked = {tree.owners[variable] for variable in held}
-    pairs = [pair for pair in range(len(tree.ends)) if pair not in locked]
-    place = {pair: k for k, pair in enumerate(pairs)}
-    kept = tuple(v for v, owner in enumerate(tree.owners) if owner not in locked)
-    ends = tuple(
-        (number[body[a]], number[body[b]]) for a, b in (tree.ends[p] for p in pairs)
-    )
-    leads = []
-    for which in (0, 1):
-        lifted = np.array([lift[tree.ends[pair][which]] for pair in pairs]).reshape(
-            -1, 3, 3
+    body = joined(tree.count, (tree.ends[pair] for pair in locked))
+    bodies = sorted(set(body))
+    states = closure.at(values[None]).states
+    lift = np.tile(np.eye(3), (tree.count, 1, 1))
+    for pair, parent, child in spanning(tree.ends, bodies, locked):
+        turn = states.first[0, pair] @ transpose(states.second[0, pair])
+        lift[child] = lift[parent] @ (
+            turn if tree.ends[pair][0] == parent else transpose(turn)
         )
-        if closure.leads is not None:
-            lifted = lifted @ closure.leads[which][0][pairs]
-        leads.append(lifted[None])
-    return Locked(
-        Closure(
-            LoopTree(len(number), ends, tuple(place[tree.owners[v]] for v in kept)),
-            tuple(closure.joints[pair] for pair in pairs),
-            (leads[0], leads[1]),
-        ),
-        kept,
-        values,
-    )
+    pairs = [pair for pair in range(len(tree.ends)) if pair not in locked]
+    kept = tuple(v for v, owner in enumerate(tree.owners) if owner not in locked)
+    sides = np.array([tree.ends[pair] for pair in pairs], dtype=np.intp).reshape(-1, 2).T
+    leads = lift[sides]
+    if closure.leads is not None:
+        leads = leads @ np.stack([side[0][pairs] for side in closure.leads])
+    ends = tuple((bodies.index(body[a]), bodies.index(body[b])) for a, b in sides.T)
+    owners = tuple(pairs.index(tree.owners[variable]) for variable in kept)
+    joints = tuple(closure.joints[pair] for pair in pairs)
+    part = LoopTree(len(bodies), ends, owners)
+    return Locked(Closure(part, joints, (leads[:1], leads[1:])), kept, values)

@@ -20,7 +20,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN
 from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
-from spherekit.motion.closure import Closure, Locked, lock
+from spherekit.motion.closure import Closure, lock
 from spherekit.motion.loops import rolled_lengths
 from spherekit.motion.search import Distinct, search
 from spherekit.motion.turns import whole_laps
@@ -57,11 +57,6 @@ class Meshes:
     periods: Floats
     all_known: bool
 
-    def at(self, q: Floats) -> dict[int, float]:
-        """Return the lengths (rad) by the numbers of their variables at inputs q (k,)."""
-        lengths = self.rolled(q[None])[0]
-        return dict(zip(self.variables, map(float, lengths), strict=True))
-
     def rolled(self, q: Floats) -> Floats:
         """Return the lengths (n, m), rad, at inputs q (n, k)."""
         return np.asarray(self.lengths + (q - self.anchor) @ self.ratios.T)
@@ -69,19 +64,18 @@ class Meshes:
     def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> list[Floats]:
         """Return the closed configurations (variables,) found at inputs q (k,)."""
         far, q = q, q - whole_laps(q - self.anchor, self.periods)
-        held = dict(zip(driven, map(float, q), strict=True)) | self.at(q)
-        locked = _lock_all(closure, held)
+        held = dict(
+            zip([*driven, *self.variables], [*q, *self.rolled(q[None])[0]], strict=True)
+        )
+        locked = lock(closure, held)
         values = np.zeros((1, 0))
         if locked.kept:
             distinct = Distinct(locked.closure)
             search(locked.closure, distinct)
             values = np.array(distinct.values).reshape(-1, len(locked.kept))
         whole = locked.whole(values)
-        gap = closure.at(whole).gap
-        return [
-            self.moved(configuration, driven, far)
-            for configuration in whole[gap < CLOSURE_TOLERANCE]
-        ]
+        closed = whole[closure.at(whole).gap < CLOSURE_TOLERANCE]
+        return [self.moved(configuration, driven, far) for configuration in closed]
 
     def moved(self, values: Floats, driven: Sequence[int], q: Floats) -> Floats:
         """Return the same configuration (variables,) at inputs nearest to q (k,).
@@ -93,20 +87,6 @@ class Meshes:
         values[held] += grown
         values[list(self.variables)] += self.ratios @ grown
         return values
-
-
-def _lock_all(closure: Closure, held: dict[int, float]) -> Locked:
-    """Return a closure with pairs locked, and the R pairs that can then move no more."""
-    locked = lock(closure, held)
-    tree, joints = locked.closure.tree, locked.closure.joints
-    states = locked.closure.at(np.zeros((1, len(locked.kept)))).states
-    fixed = {}
-    for pair, (one, other) in enumerate(tree.ends):
-        if one == other and joints[pair].has_axis:
-            turn = states.first[0, pair].T @ states.second[0, pair]
-            variable = locked.kept[tree.owners.index(pair)]
-            fixed[variable] = float(np.arctan2(turn[1, 0], turn[0, 0]))
-    return lock(closure, held | fixed) if fixed else locked
 
 
 def meshes_of(

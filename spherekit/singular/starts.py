@@ -150,7 +150,7 @@ def closed_configurations(
     start[:, held] = random.uniform(ranges[:, 0], ranges[:, 1], (count, len(held)))
     meshes = solver.meshes
     if meshes is not None and meshes.all_known:
-        rolled = [list(meshes.at(q).values()) for q in start[:, held]]
+        rolled = meshes.rolled(start[:, held])
         held += list(meshes.variables)
         start[:, list(meshes.variables)] = rolled
     solution = solver.closure.solve(start, held, iterations=CLOSING_STEPS)
