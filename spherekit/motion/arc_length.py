@@ -34,7 +34,6 @@ from spherekit.motion.steps import (
     STEP_PARTS,
     Curves,
     Verification,
-    follow_paths,
     taylor,
 )
 from spherekit.sphere.rotation import all_finite, max_abs
@@ -234,11 +233,11 @@ def _followed(
     back = replace(start.plain, tangents=-start.tangents)
     turned = _Nodes.of(closure.at(start.values), back)
     ahead = _Arcs(start, periods, longest, step, closure, limits)
-    follow_paths(ahead, np.full(len(starts), FIRST_STEP))
+    ahead.follow(FIRST_STEP)
     left = np.flatnonzero(~ahead.closed)
     given = periods, longest, step, closure.take(left), limits
     behind = _Arcs(turned.rows(left), *given)
-    follow_paths(behind, np.full(len(left), FIRST_STEP))
+    behind.follow(FIRST_STEP)
     place = {int(row): k for k, row in enumerate(left)}
     return [
         _curve(one, ahead, behind, row, place.get(row)) for row, one in enumerate(closures)

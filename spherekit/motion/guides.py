@@ -1,12 +1,7 @@
 """What guides the assembly modes of irreducible groups: verified configurations in order.
 
 With one input it is a curve, followed step by safe step, from whose nodes any sample is
-predicted. With several it is a sheet over an input grid: from a known configuration the
-mode spreads from sample to neighbouring sample by straight ways of verified steps, wherever
-such a way leads: around a region that is out of reach, but never through a configuration at
-which the inputs do not determine the motion.
-
-One assembly mode of a mechanism with several inputs, over an input grid of their values.
+predicted. With several it is a sheet over an input grid.
 
 From a known configuration the mode spreads from sample to neighbouring sample by straight
 ways of verified steps, wherever such a way leads: around a region that is out of reach,
@@ -24,7 +19,7 @@ from spherekit.conventions import Status
 from spherekit.motion.closure import Closure
 from spherekit.motion.crossing import ways_out
 from spherekit.motion.input_grid import InputGrid
-from spherekit.motion.steps import InputPaths, Nodes, nodes_at, walk
+from spherekit.motion.steps import Nodes, Trail, follow_inputs, nodes_at, walk
 from spherekit.numeric.zeros import cubic
 from spherekit.sphere.rotation import all_finite, max_abs, nans
 
@@ -126,7 +121,7 @@ def follow_each(
 
     Over an input range that is made so wide as to hold the input of each; see `follow`.
     """
-    starts = nodes_at(closure.at(values), [driven], np.ones((len(values), 1)))
+    starts = _starts(closure, driven, values)
     moving = starts.reciprocal_condition > AT_DEAD_CENTRE
     moving &= all_finite(starts.slope, 1)
     followed = iter(_through(closure, driven, starts.rows(moving), low, high))
@@ -146,14 +141,16 @@ def _from_dead_centre(
     """
     around = ways_out(closure, values)
     moved = around[np.abs(around[:, driven] - values[driven]) > AT_DEAD_CENTRE]
+    ways = sorted(moved, key=lambda way: tuple(np.round(values - way, 6)))
     tried = 0
-    for beside in sorted(moved, key=lambda way: tuple(np.round(values - way, 6))):
-        curve = _from(closure, driven, beside, low, high)
+    for beside in [*ways, values]:
+        start = _starts(closure, driven, beside[None])
+        (curve,) = _through(closure, driven, start, low, high)
         tried += curve.tried
         for end, place in ((0, 0), (-1, len(curve.inputs))):
             away = curve.values[end] - values
             step = away[driven]
-            if step and 0.0 < max_abs(away) < NEAR_DEAD_CENTRE:
+            if beside is not values and step and 0.0 < max_abs(away) < NEAR_DEAD_CENTRE:
                 return ModeCurve(
                     np.insert(curve.inputs, place, values[driven]),
                     np.insert(curve.values, place, values, axis=0),
@@ -161,40 +158,35 @@ def _from_dead_centre(
                     curve.ends,
                     tried,
                 )
-    curve = _from(closure, driven, values, low, high)
-    return replace(curve, tried=tried + curve.tried)
+    return replace(curve, tried=tried)
 
 
-def _from(
-    closure: Closure, driven: int, values: Floats, low: float, high: float
-) -> ModeCurve:
-    start = nodes_at(closure.at(values[None]), [driven], np.ones((1, 1)))
-    return _through(closure, driven, start, low, high)[0]
+def _starts(closure: Closure, driven: int, values: Floats) -> Nodes:
+    """Return nodes (n, variables) from which the input grows."""
+    return nodes_at(closure.at(values), [driven], np.ones((len(values), 1)))
 
 
 def _through(
     closure: Closure, driven: int, starts: Nodes, low: float, high: float
 ) -> list[ModeCurve]:
     """Return the curves through nodes at which the input moves."""
-    here = starts.values[:, driven]
+    here, count = starts.values[:, driven], len(starts.values)
     goals = np.concatenate([np.minimum(low, here), np.maximum(high, here)])
-    both = np.concatenate([starts.values, starts.values])
-    paths = InputPaths(closure, [driven], both, goals[:, None], keeps_trail=True)
-    count = len(here)
-    ways = paths.nodes_of(range(2 * count))
+    both, trail = np.concatenate([starts.values, starts.values]), Trail()
+    _, status, tried = follow_inputs(closure, [driven], both, goals[:, None], trail)
+    every = Nodes.joined([starts, *(made for _, made in trail)])
+    ways = np.concatenate([np.full(count, -1), *(moved for moved, _ in trail)])
     curves = []
     for row in range(count):
-        back = ways[row].rows(slice(None, None, -1))
-        parts = [back, starts.rows(slice(row, row + 1)), ways[count + row]]
-        nodes, both_ways = Nodes.joined(parts), [row, count + row]
-        first, last = (Status(paths.status[way]) for way in both_ways)
+        back, ahead = (np.flatnonzero(ways == way) for way in (row, count + row))
+        nodes = every.rows(np.concatenate([back[::-1], [row], ahead]))
         curves.append(
             ModeCurve(
                 nodes.values[:, driven].copy(),
                 nodes.values,
                 nodes.slope * nodes.direction,
-                (first, last),
-                int(np.sum(paths.tried[both_ways])),
+                (Status(status[row]), Status(status[count + row])),
+                int(tried[row] + tried[count + row]),
             )
         )
     return curves
@@ -241,28 +233,20 @@ def spread_each(
     front = np.arange(count) * n + rows
     sheets[front], status[front] = values, Status.OK
     beside = input_grid.neighbours()
-    while len(front):
+    start = stop = np.zeros(0, dtype=np.intp)
+    while len(front) or len(stop):
         sample = front % n
-        stop = beside[:, sample]
-        open_ways = stop.ravel() >= 0
-        start = np.tile(front, len(beside))[open_ways]
-        stop = (stop + front - sample).ravel()[open_ways]
-        new: list[Indices] = [np.zeros(0, dtype=np.intp)]
-        while len(stop):
-            wanted = status[stop] != Status.OK
-            start, stop = start[wanted], stop[wanted]
-            _, once = np.unique(stop, return_index=True)
-            if not len(once):
-                break
-            reached, why = walk(
-                closure, driven, sheets[start[once]], input_grid.q[stop[once] % n]
-            )
-            status[stop[once]] = why
-            arrived = stop[once][why == Status.OK]
-            sheets[arrived] = reached[why == Status.OK]
-            new.append(arrived)
-            start, stop = np.delete(start, once), np.delete(stop, once)
-        front = np.concatenate(new)
+        open_ways = beside[:, sample].ravel() >= 0
+        start = np.append(start, np.tile(front, len(beside))[open_ways])
+        stop = np.append(stop, (beside[:, sample] + front - sample).ravel()[open_ways])
+        wanted = np.flatnonzero(status[stop] != Status.OK)
+        once = wanted[np.unique(stop[wanted], return_index=True)[1]]
+        goals = input_grid.q[stop[once] % n]
+        reached, status[stop[once]] = walk(closure, driven, sheets[start[once]], goals)
+        front = stop[once][status[stop[once]] == Status.OK]
+        sheets[front] = reached[status[stop[once]] == Status.OK]
+        left = np.setdiff1d(wanted, once)
+        start, stop = start[left], stop[left]
     return [
         ModeOverGrid(*part)
         for part in zip(np.split(sheets, count), np.split(status, count), strict=True)

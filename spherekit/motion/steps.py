@@ -23,7 +23,7 @@ keep its sign.
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Generic, Protocol, TypeVar, final
+from typing import ClassVar, Generic, TypeVar, final
 
 import numpy as np
 
@@ -86,39 +86,6 @@ class Verification:
     ) -> Bools:
         """Return (n,) whether the middles of steps lie where both ends predict them."""
         return np.asarray(miss <= self.middle * size + rounding)
-
-
-class Paths(Protocol):
-    """Paths that are followed side by side, each by steps of its own length."""
-
-    @property
-    def going(self) -> Indices:
-        """The paths that have not ended."""
-
-    def allowed(self, rows: Indices, step: Floats) -> Floats:
-        """Return the steps (k,) to try on these paths, at most as long as `step`."""
-
-    def advance(self, rows: Indices, step: Floats) -> Floats:
-        """Go on by steps that hold; return how (k,) the next may grow, 0 if none holds."""
-
-    def smallest(self, rows: Indices) -> Floats:
-        """Return the steps (k,) at which these paths end if not even they hold."""
-
-    def stop(self, row: int) -> None:
-        """End a path that no step leaves."""
-
-
-def follow_paths(paths: Paths, step: Floats) -> None:
-    """Follow paths to their ends, the first steps `step` (n,)."""
-    step = step.copy()
-    while len(rows := paths.going):
-        step[rows] = paths.allowed(rows, step[rows])
-        growth = paths.advance(rows, step[rows])
-        held = growth > 0.0
-        failed = rows[~held]
-        for row in failed[~(step[failed] > paths.smallest(failed))]:
-            paths.stop(int(row))
-        step[rows] *= np.where(held, growth, 0.5)
 
 
 def taylor(values: Floats, tangents: Floats, bends: Floats, ways: Floats) -> Floats:
@@ -212,12 +179,19 @@ class Curves(ABC, Generic[Node]):
         """Return the steps (k,), no longer than the longest."""
         return np.minimum(step, self.largest)
 
-    def smallest(self, rows: Indices) -> Floats:
-        """Return the steps (k,) at which curves end."""
-        return np.full(len(rows), self.smallest_step)
+    def follow(self, first: float) -> None:
+        """Follow all curves to their ends, from a first step (rad) on."""
+        step = np.full(len(self.end), first)
+        while len(rows := self.going):
+            step[rows] = self.allowed(rows, step[rows])
+            growth = self.advance(rows, step[rows])
+            failed = rows[growth == 0.0]
+            for row in failed[step[failed] <= self.smallest_step]:
+                self.stop(int(row))
+            step[rows] *= np.where(growth > 0.0, growth, 0.5)
 
     def advance(self, rows: Indices, step: Floats) -> Floats:
-        """Go on by a step each."""
+        """Go on by a step each; return how (k,) the next may grow, 0 if none holds."""
         at = self.at.rows(rows)
         new, holds, change = self.steps_to(rows, at, step)
         ends, closes = self._closing(rows, at, new, step, holds)
@@ -378,22 +352,19 @@ def determinant_sign(matrices: Floats) -> Floats:
     return np.asarray(np.linalg.slogdet(matrices)[0])
 
 
-def safe_step(at: Nodes, longest: Floats) -> Floats:
-    """Return the step (n,) that the bend of the way allows, at most `longest` (n,)."""
-    bend = max_abs(at.bend, axis=1) + 1e-300
-    slope = max_abs(at.slope, axis=1)
-    step = np.minimum(np.minimum(longest, LARGEST_STEP), np.sqrt(2 * BEND / bend))
-    step = np.minimum(step, NEARER * slope / bend)
-    return np.asarray(np.fmax(step, SMALLEST_STEP))
-
-
 def _advanced(
-    closure: Closure, driven: Sequence[int], at: Nodes, step: Floats, q: Floats
-) -> tuple[Nodes, Bools]:
-    """Return the nodes one step (n,) on, at inputs q (n, inputs), and which hold."""
-    h = step[:, None]
+    closure: Closure, driven: list[int], at: Nodes, step: Floats, q: Floats
+) -> tuple[Nodes, Bools, Bools]:
+    """Return the nodes one step (n,) on towards inputs q (n, inputs).
+
+    And which of them hold, and which are there, exactly.
+    """
+    here = at.values[:, driven]
+    rest = np.vecdot(q - here, at.direction)
+    last = step >= rest * (1 - 1e-9)
+    h = np.where(last, rest, step)[:, None]
     guess = at.values + h * at.slope + 0.5 * h * h * at.bend
-    guess[:, list(driven)] = q
+    guess[:, driven] = np.where(last[:, None], q, here + h * at.direction)
     finite = all_finite(guess, 1)  # a slope may be endless
     guess = np.where(finite[:, None], guess, at.values)
     moved = max_abs(guess - at.values, axis=1)
@@ -403,12 +374,25 @@ def _advanced(
     holds &= VERIFIED.corrected(result.first_step, result.ratio, size)
     new = nodes_at(result.at, driven, at.direction)
     holds &= (new.sign == at.sign) & all_finite(new.slope, 1)
-    cosine = np.sum(_unit(at.slope) * _unit(new.slope), axis=1)
-    return new, holds & (cosine > VERIFIED.turn)
+    cosine = np.vecdot(unit_rows(at.slope), unit_rows(new.slope))
+    return new, holds & (cosine > VERIFIED.turn), last
 
 
-def _unit(slope: Floats) -> Floats:
-    return np.asarray(unit_rows(slope))
+def _longest(closure: Closure, at: Nodes, step: Floats) -> Floats:
+    """Return the steps (n,), at most as long as given, that bends and ends allow."""
+    bend = max_abs(at.bend, axis=1) + 1e-300
+    slope = max_abs(at.slope, axis=1)
+    step = np.minimum(np.minimum(step, LARGEST_STEP), np.sqrt(2 * BEND / bend))
+    step = np.fmax(np.minimum(step, NEARER * slope / bend), SMALLEST_STEP)
+    for _, tracks in contact_tracks(closure.joints):
+        for track in tracks:
+            if not track.curve.closed:
+                place = at.values[:, track.variable] + track.start
+                slope = at.slope[:, track.variable]
+                rest = np.where(slope > 0.0, track.curve.length - place, place)
+                way = TOWARDS_END * rest / (np.abs(slope) + 1e-300)
+                step = np.minimum(step, np.maximum(way, SMALLEST_STEP))
+    return np.asarray(step)
 
 
 def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
@@ -429,99 +413,53 @@ def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
     )
 
 
-@final
-class InputPaths:
-    """Straight ways of the inputs, from closed configurations to inputs q (n, inputs).
+Trail = list[tuple[Indices, Nodes]]
+"""What was reached step after step, with the ways (k,) it belongs to."""
 
-    Attributes
-    ----------
-    at
-        The nodes (n) reached so far.
-    status
-        (n,) OK, or why a way ended before its goal.
-    trail
-        What was reached in each step, with the ways it belongs to, if it is kept.
-    tried
-        (n,) how many steps were tried on each way, those that did not hold too.
+
+def follow_inputs(
+    closure: Closure,
+    driven: Sequence[int],
+    values: Floats,
+    q: Floats,
+    trail: Trail | None = None,
+) -> tuple[Nodes, SmallIntegers, Indices]:
+    """Follow straight ways of the inputs from configurations to inputs q (n, inputs).
+
+    Parameters are those of `walk`; what is reached on the way is added to a `trail`.
+
+    Returns
+    -------
+    at, status, tried
+        The last nodes (n), (n,) OK or why a way ended before its goal, and (n,) how many
+        steps were tried on each, those that did not hold too.
     """
-
-    def __init__(
-        self,
-        closure: Closure,
-        driven: Sequence[int],
-        values: Floats,
-        q: Floats,
-        keeps_trail: bool = False,
-    ) -> None:
-        self.closure, self.driven, self.q = closure, list(driven), q
-        way = q - values[:, self.driven]
-        length = np.linalg.norm(way, axis=1)
-        direction = way / np.maximum(length, 1e-300)[:, None]
-        self.at = nodes_at(closure.at(values.copy()), driven, direction)
-        self.status = np.full(len(q), Status.OK, dtype=np.int8)
-        self.trail: list[tuple[Indices, Nodes]] | None = [] if keeps_trail else None
-        self.going = np.flatnonzero(length > 0.0)
-        self.tried = np.zeros(len(q), dtype=np.intp)
-        self._left = np.full(len(q), MOST_NODES)
-        self._open = [
-            track
-            for _, tracks in contact_tracks(closure.joints)
-            for track in tracks
-            if not track.curve.closed
-        ]
-        follow_paths(self, np.full(len(q), np.inf))
-
-    def allowed(self, rows: Indices, step: Floats) -> Floats:
-        """See `Paths`, as the further methods."""
-        at = self.at.rows(rows)
-        step = safe_step(at, step)
-        for track in self._open:
-            place = at.values[:, track.variable] + track.start
-            slope = at.slope[:, track.variable]
-            rest = np.where(slope > 0.0, track.curve.length - place, place)
-            way = TOWARDS_END * rest / (np.abs(slope) + 1e-300)
-            step = np.minimum(step, np.maximum(way, SMALLEST_STEP))
-        return step
-
-    def advance(self, rows: Indices, step: Floats) -> Floats:
-        """Go on by steps, the last ones exactly to the inputs wanted."""
-        self.tried[rows] += 1
-        at, q = self.at.rows(rows), self.q[rows]
-        here = at.values[:, self.driven]
-        rest = np.sum((q - here) * at.direction, axis=1)
-        last = step >= rest * (1 - 1e-9)
-        ahead = np.where(last, rest, step)
-        goal = np.where(last[:, None], q, here + ahead[:, None] * at.direction)
-        new, holds = _advanced(self.closure, self.driven, at, ahead, goal)
-        moved, new = rows[holds], new.rows(holds)
-        self.at.put(moved, new)
-        if self.trail is not None:
-            self.trail.append((moved, new))
-        self._left[moved] -= 1
-        tired = rows[(self._left[rows] == 0) & ~(holds & last)]
-        self.status[tired] = Status.MODE_LOST
-        ended = np.concatenate([rows[holds & last], tired])
-        self.going = np.setdiff1d(self.going, ended, assume_unique=True)
-        return np.where(holds, 2.0, 0.0)
-
-    def smallest(self, rows: Indices) -> Floats:
-        """Return the steps below which inputs cannot go on."""
-        q = max_abs(self.at.values[rows][:, self.driven], axis=1)
-        return np.asarray(2 * SMALLEST_STEP * np.maximum(1.0, q))
-
-    def nodes_of(self, rows: Sequence[int]) -> list[Nodes]:
-        """Return what ways reached in their steps, in order, of a kept trail."""
-        assert self.trail is not None
-        if not self.trail:
-            return [self.at.rows(slice(0, 0)) for _ in rows]
-        ways = np.concatenate([moved for moved, _ in self.trail])
-        nodes = Nodes.joined([made for _, made in self.trail])
-        return [nodes.rows(ways == row) for row in rows]
-
-    def stop(self, row: int) -> None:
-        """End a way at its last node."""
-        self.status[row] = why_ended(self.closure, self.at, row)
-        self.going = self.going[self.going != row]
+    driven, way = list(driven), q - values[:, list(driven)]
+    length = np.linalg.norm(way, axis=1)
+    direction = way / np.maximum(length, 1e-300)[:, None]
+    at = nodes_at(closure.at(values.copy()), driven, direction)
+    status, step = np.full(len(q), Status.OK, dtype=np.int8), np.full(len(q), np.inf)
+    tried, made = np.zeros(len(q), dtype=np.intp), np.zeros(len(q), dtype=np.intp)
+    going = np.flatnonzero(length > 0.0)
+    while len(going):
+        here = at.rows(going)
+        tried[going] += 1
+        step[going] = _longest(closure, here, step[going])
+        new, holds, last = _advanced(closure, driven, here, step[going], q[going])
+        moved, new = going[holds], new.rows(holds)
+        at.put(moved, new)
+        made[moved] += 1
+        if trail is not None:
+            trail.append((moved, new))
+        there, least = holds & last, max_abs(here.values[:, driven], axis=1)
+        tired = holds & ~last & (made[going] == MOST_NODES)
+        status[going[tired]] = Status.MODE_LOST
+        stuck = ~holds & (step[going] <= 2 * SMALLEST_STEP * np.maximum(1.0, least))
+        for row in going[stuck]:
+            status[row] = why_ended(closure, at, row)
+        step[going] *= np.where(holds, 2.0, 0.5)
+        going = going[~(there | tired | stuck)]
+    return at, status, tried
 
 
 def walk(
@@ -541,5 +479,5 @@ def walk(
         (n, inputs) inputs to arrive at. Status OK says that a way of verified steps leads
         there; other rows hold the last configuration reached.
     """
-    paths = InputPaths(closure, driven, values, q)
-    return paths.at.values, paths.status
+    at, status, _ = follow_inputs(closure, driven, values, q)
+    return at.values, status

@@ -33,7 +33,6 @@ from spherekit.motion.steps import (
     STEP_PARTS,
     Curves,
     Verification,
-    follow_paths,
     taylor,
 )
 from spherekit.numeric.crossings import bracketed_zeros
@@ -244,7 +243,7 @@ def trace_curves(
     start = _Nodes(both.values, both.tangents[:, :, 0], still, both.residual, both, inside)
     given = periods_of(locus.closure), longest, step, locus, budget or Budget()
     paths = _LocusCurves(start, *given)
-    follow_paths(paths, np.full(2 * count, FIRST_STEP))
+    paths.follow(FIRST_STEP)
     curves: list[SingularCurve | None] = [None] * len(values)
     for number, row in enumerate(rows.tolist()):
         curves[row] = paths.curve(number, count + number)
