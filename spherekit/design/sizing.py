@@ -297,28 +297,22 @@ def one_linkage(one: Mechanism, other: Mechanism) -> bool:
     """
     if not all(pair.kind.has_axis for pair in one.pairs):
         return False
-    signs = np.ones((2, len(one.pairs) + 1))
-    signs[1, -1] = -1.0  # the mirror image
-    told: set[int] = set()
+    count = len(one.pairs)
+    signs = 1.0 - 2.0 * (np.arange(2**count)[:, None] >> np.arange(count) & 1)
     frames = [pair_frames(mechanism) for mechanism in (one, other)]
     for link in one.links:
         numbered = enumerate(one.pairs)
         places = [(k, p.links.index(link)) for k, p in numbered if link in p.links]
-        numbers = [k for k, _ in places]
-        for k in set(numbers) - told:
-            other_way = signs.copy()
-            other_way[:, k] = -1.0
-            signs = np.concatenate([signs, other_way])
-        told |= set(numbers)
         axes, wanted = (
             np.array([of_side[side][one.pairs[k].name][:, 2] for k, side in places])
             for of_side in frames
         )
-        turned = signs[:, numbers]
-        off = turned[:, :, None] * turned[:, None] * (axes @ axes.T) - wanted @ wanted.T
+        turned = signs[:, [k for k, _ in places], None] * axes
+        off = turned @ np.swapaxes(turned, 1, 2) - wanted @ wanted.T
         near = max_abs(off, axis=(1, 2)) < SAME
+        # All axes the other way are those of the mirror image.
         for three in map(list, combinations(range(len(places)), 3)):
-            volumes = np.prod(turned[:, three], axis=1) * np.linalg.det(axes[three])
-            near &= np.abs(signs[:, -1] * volumes - np.linalg.det(wanted[three])) < SAME
+            missed = np.linalg.det(turned[:, three]) - np.linalg.det(wanted[three])
+            near &= np.abs(missed) < SAME
         signs = signs[near]
     return len(signs) > 0
