@@ -18,10 +18,9 @@ from example_mechanisms import crank_rocker
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.analysis.contract import Merit, Reducing
 from spherekit.cli.main import main
 from spherekit.design.descent import FigureGradients
-from spherekit.design.figures import DesignSamples, refused
+from spherekit.design.figures import DesignSamples, refused, widest_swings
 from spherekit.design.held_modes import SignedMode
 from spherekit.design.sweep import DesignSpace, between, listed, variation
 from spherekit.design.sweep_parts import run_sweep
@@ -45,7 +44,7 @@ from spherekit.files.read import read
 from spherekit.files.write import document_of, number_path, with_numbers
 from spherekit.front.size import sizing_of, sweep_of
 from spherekit.model.study import Study
-from spherekit.numeric.crossings import widest_swing, wrap
+from spherekit.numeric.crossings import wrap
 from spherekit.plugin.designs import middle_pairs, row_quantities
 
 SAMPLES = 25
@@ -482,21 +481,23 @@ def test_a_swing_goes_on_where_the_turn_begins_anew(tmp_path):
     assert np.all(swings[0] > 150.0)
 
 
-def test_the_swing_of_a_sweep_is_that_of_a_sizing():
+def test_swings_are_those_of_the_pieces_of_a_way():
     rng = np.random.default_rng(0)
-    merit = Merit("swing", "swing", "theta")
-    q = np.linspace(0.0, 2.0 * np.pi, 41)
+    q = np.linspace(0.0, 2.0 * np.pi, 41)[:, None]
+    angles = wrap(2.0 * np.sin(q + rng.uniform(0.0, 6.0, 50)) + 1.7 * np.sin(2.0 * q))
+    for column in angles.T:
+        column[rng.integers(0, 41, rng.integers(1, 4))] = np.nan
     for returns in (False, True):
-        for _ in range(50):
-            angles = 2.0 * np.sin(q + rng.uniform(0.0, 6.0)) + 1.7 * np.sin(2.0 * q)
-            angles = wrap(angles)
-            angles[rng.integers(0, 41, rng.integers(1, 4))] = np.nan
-            reducing = Reducing(merit, 1, returns)
-            for place, angle in zip(q, angles, strict=True):
-                reducing.take(place, np.array([angle]))
-            swing, low, high = widest_swing(angles, returns)
-            assert reducing.result()[0] == pytest.approx(swing, abs=1e-12)
-            assert wrap(angles[high] - angles[low] - swing) == pytest.approx(0.0, abs=1e-9)
+        swings, low, high = widest_swings(angles, returns)
+        for k, column in enumerate(angles.T):
+            pieces = np.split(np.arange(41), np.flatnonzero(np.isnan(column)))
+            pieces = [piece[np.isfinite(column[piece])] for piece in pieces]
+            if returns and np.all(np.isfinite(column[[0, -1]])):
+                pieces.append(np.concatenate([pieces[-1], pieces[0]]))
+            every = [np.ptp(np.unwrap(column[piece])) for piece in pieces if len(piece)]
+            assert swings[k] == pytest.approx(max(every), abs=1e-12)
+            off = column[high[k]] - column[low[k]] - swings[k]
+            assert wrap(off) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_impossible_designs_have_no_class(tmp_path):

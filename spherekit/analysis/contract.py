@@ -15,18 +15,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, final
 
-import numpy as np
-
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.scene import Scene
 from spherekit.analysis.tables import Table, TableArrays, TableData
-from spherekit.arrays import Floats
 from spherekit.conventions import choices, listing
 from spherekit.errors import AnalysisError, ModelError, PluginError
 from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
-from spherekit.numeric.crossings import SAME_ANGLE, wrap
-from spherekit.sphere.rotation import nans
 
 REDUCTIONS = {
     "min": "the least value",
@@ -175,92 +170,6 @@ def parse_merit(text: str, radians: float) -> Merit:
     chosen = re.findall(r"(\w+)\s*=\s*(\w+)", only)
     only_of = tuple(chosen)
     return Merit(name, reduction, expression.strip(), point, table, "", only_of, place)
-
-
-@final
-class Reducing:
-    """A figure of merit of n designs while their samples come, in order.
-
-    `returns` says that the inputs of the last sample are those of the first but for turns.
-    """
-
-    def __init__(self, merit: Merit, count: int, returns: bool = False) -> None:
-        self.kind = merit.reduction
-        self._returns = returns
-        self._low = nans(count)
-        self._high = nans(count)
-        self._total = np.zeros(count)
-        self._rows = np.zeros(count)
-        self._place = nans(count)
-        self._before = nans(count)
-        self._reached = nans(count)
-        self._first: Floats | None = None
-        self._head = nans((2, count))
-        self._broken = np.zeros(count, dtype=bool)
-
-    def take(self, q: float, values: Floats) -> None:
-        """Take the values (n,) at an input q; NaN where the design does not close."""
-        kind = self.kind
-        if kind in ("max", "range"):
-            np.fmax(self._high, values, out=self._high)
-        if kind in ("min", "range"):
-            np.fmin(self._low, values, out=self._low)
-        if kind == "at":
-            self._high = values.copy()
-        if kind in ("mean", "rms", "sum"):
-            finite = np.isfinite(values)
-            self._rows += finite
-            part = values * values if kind == "rms" else values
-            self._total += np.where(finite, part, 0.0)
-        if kind in ("argmin", "argmax"):
-            better = values < self._low if kind == "argmin" else values > self._low
-            better |= np.isnan(self._low) & np.isfinite(values)
-            self._low[better] = values[better]
-            self._place[better] = q
-        if kind == "swing":
-            self._turn(values)
-
-    def _turn(self, values: Floats) -> None:
-        """Go on with angles; a gap begins anew, and the widest piece counts."""
-        onward = wrap(values - self._before)
-        fresh = np.isnan(onward)
-        self._reached = np.where(fresh, values, self._reached + onward)
-        self._low = np.where(fresh, values, np.fmin(self._low, self._reached))
-        self._high = np.where(fresh, values, np.fmax(self._high, self._reached))
-        self._before = values
-        self._total = np.fmax(self._total, self._high - self._low)
-        self._rows += np.isfinite(values)
-        if self._first is None:
-            self._first = values.copy()
-        self._broken |= np.isnan(values)
-        ends = np.stack([self._low, self._high]) - self._first
-        self._head = np.where(self._broken, self._head, ends)
-
-    def _swung(self) -> Floats:
-        """Return the widest piece; the last goes on with the first where inputs return."""
-        if self._first is None or not self._returns:
-            return self._total
-        meets = np.abs(wrap(self._before - self._first)) < SAME_ANGLE
-        low = np.fmin(self._low, self._reached + self._head[0])
-        high = np.fmax(self._high, self._reached + self._head[1])
-        return np.where(meets & self._broken, np.fmax(self._total, high - low), self._total)
-
-    def result(self) -> Floats:
-        """Return the figure (n,); NaN for designs without a value."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            figure: Any = {
-                "min": self._low,
-                "max": self._high,
-                "at": self._high,
-                "range": self._high - self._low,
-                "mean": self._total / self._rows,
-                "rms": np.sqrt(self._total / self._rows),
-                "sum": np.where(self._rows > 0, self._total, np.nan),
-                "swing": np.where(self._rows > 0, self._swung(), np.nan),
-                "argmin": self._place,
-                "argmax": self._place,
-            }[self.kind]
-        return np.asarray(figure, dtype=float)
 
 
 CONTRACT = 1

@@ -12,6 +12,7 @@ import numpy as np
 from spherekit.analysis.contract import Merit
 from spherekit.arrays import Array, Bools, Floats
 from spherekit.design.evaluate import Evaluator
+from spherekit.design.figures import extremes, widest_swings
 from spherekit.design.held_modes import HeldMode
 from spherekit.design.sensitivity import DEG, DesignAt
 from spherekit.design.sweep import Columns
@@ -25,7 +26,6 @@ from spherekit.engine.expression_graph import (
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.engine.system import ArrayFunction, array_function
 from spherekit.model.expression import Expression
-from spherekit.numeric.crossings import widest_swing
 
 Parts = tuple[Floats, Floats, Floats, Floats]
 """Values (k,), gradients (k, n), limits' values (m,) and gradients (m, n) at a place."""
@@ -162,17 +162,12 @@ class FigureGradients:
         if design is None:
             return figures, gradients, 0.0
         closed, quantities, changes = self._rows(design, mode)
-        count, inputs = len(of.samples.rows), len(self.evaluator.inputs)
-        at_samples = np.arange(len(closed)) < count
         for k, merit in enumerate(of.merits):
-            rows = at_samples
-            if merit.point:
-                rows = ~at_samples & np.all(of.rows[:, :inputs] == merit.point, axis=1)
-            rows = closed & rows
-            if np.any(rows):
-                figures[k], by_values = self._reduced(merit, k, quantities, changes, rows)
-                gradients[k] = by_values
-        return figures, gradients, float(np.mean(closed[:count]))
+            rows = of.rows_of(merit)
+            figures[k], gradients[k] = self._reduced(
+                merit, k, quantities[:, rows], changes[:, :, rows], closed[rows]
+            )
+        return figures, gradients, float(np.mean(closed[: len(of.samples.rows)]))
 
     def _turns(self, design: DesignAt, places: Floats) -> Floats:
         """Return the turns (pairs, n), rad, at samples and points."""
@@ -211,36 +206,28 @@ class FigureGradients:
         changes: Floats,
         closed: Bools,
     ) -> tuple[float, Floats]:
-        quantities, changes = quantities[:, closed], changes[:, :, closed]
-        both = self._functions[k](np.ascontiguousarray(quantities))
-        value, partial = both[0], both[1:]
-        kind, count = merit.reduction, len(value)
-        share = np.zeros(count)  # of each sample in the derivative
+        with np.errstate(all="ignore"):
+            value, *partial = self._functions[k](np.ascontiguousarray(quantities))
+        value, kind = np.where(closed, value, np.nan), merit.reduction
+        of, column = self.evaluator.figures, value[:, None]
+        figure = float(of.reduced(merit, column)[0])
+        if not np.any(closed) or kind.startswith("arg"):
+            return figure, np.full(len(changes), np.nan)
+        share = np.zeros(len(value))  # of each row in the derivative
         if kind in ("mean", "sum", "at", "rms"):
-            share[:] = 1.0 if kind == "sum" else 1.0 / count
-            size = float(np.sqrt(np.mean(value * value)))
-            figure = size if kind == "rms" else float(np.sum(share * value))
+            share[closed] = 1.0 if kind == "sum" else 1.0 / np.sum(closed)
             if kind == "rms":
-                share *= value / max(size, 1e-300)
-        elif kind == "swing":
-            samples = np.full(len(self.evaluator.samples.rows), np.nan)
-            samples[closed[: len(samples)]] = value
-            figure, *ends = widest_swing(samples, self.evaluator.samples.returns)
-            low, high = (int(np.sum(closed[:end])) for end in ends)
-            share[low], share[high] = -1.0, 1.0
+                share[closed] *= value[closed] / max(figure, 1e-300)
         else:
-            low, high = int(np.argmin(value)), int(np.argmax(value))
-            chosen = low if kind.endswith("min") else high
-            share[chosen], figure = 1.0, float(value[chosen])
-            if kind == "range":
-                share[low], figure = -1.0, float(value[high] - value[low])
-            if kind.startswith("arg"):
-                number = self.evaluator.inputs.index(merit.place) if merit.place else 0
-                figure = float(quantities[number, chosen])
-                return figure, np.full(len(changes), np.nan)
+            low, high = extremes(column)
+            if kind == "swing":
+                _, low, high = widest_swings(column, of.samples.returns)
+            share[high] += kind != "min"
+            share[low] += {"min": 1.0, "max": 0.0}.get(kind, -1.0)
         some = np.flatnonzero(share)
+        by_columns = np.array(partial)[:, some]
         return figure, np.einsum(
-            "cn,vcn,n->v", partial[:, some], changes[:, :, some], share[some]
+            "cn,vcn,n->v", by_columns, changes[:, :, some], share[some]
         )
 
 

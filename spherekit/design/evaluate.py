@@ -277,6 +277,9 @@ PART, FOLLOWED, SINGLY = 16384, 768, 16
 FEWEST, PARTS = 256, 8
 """Designs that are followed in a part at least, and parts that are made of more."""
 
+HELD = 2**24
+"""Values of figures at samples that are held together."""
+
 ON_THE_WAY = 2**25
 """Variables of all solutions of designs that are followed together, at all samples."""
 
@@ -374,7 +377,8 @@ class Evaluator:
 
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
-        together = BLOCK if self._paths is None else self._followed_together
+        held = HELD // (len(self.figures.merits) * len(self.figures.rows))
+        together = min(BLOCK, held + 1) if self._paths is None else self._followed_together
         parts = [Evaluated.of([], self.figures.names)]
         for start in range(0, values.shape[1], together):
             some = values[:, start : start + together]

@@ -1,15 +1,15 @@
 """Figures of merit of designs in their assembly modes, from the samples of a kernel."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import Merit, Reducing
+from spherekit.analysis.contract import Merit
 from spherekit.analysis.running.sampling import UNIT_SPEED, check_time
-from spherekit.arrays import Array, Bools, Floats, Integers
+from spherekit.arrays import Array, Floats, Indices, Integers
 from spherekit.conventions import counted, listing
 from spherekit.design.profile_numbers import columns_of
 from spherekit.design.variables import OK, reason_of
@@ -28,7 +28,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import ConstantSpeed, Study
 from spherekit.motion.input_grid import InputGrid, given_path, grid, straight
 from spherekit.motion.motion import by_laws
-from spherekit.numeric.crossings import return_by_turns
+from spherekit.numeric.crossings import SAME_ANGLE, return_by_turns, wrap
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import all_finite, nans
@@ -272,6 +272,20 @@ class KernelFigures:
         """Whether a figure depends on masses or loads."""
         return any(name.split("_by_")[0].startswith(INERTIAL) for name in self.columns)
 
+    def rows_of(self, merit: Merit) -> Indices:
+        """Return the numbers of the `rows` that a figure is of: samples, or its point."""
+        count = len(self.samples.rows)
+        if not merit.point:
+            return np.arange(count)
+        inputs = self.points[:, : len(self.inputs)]
+        return count + np.flatnonzero(np.all(inputs == merit.point, axis=1))
+
+    def reduced(self, merit: Merit, values: Floats) -> Floats:
+        """Return the figure (n,) of values (rows, n) at `rows_of` it."""
+        place = self.inputs.index(merit.place) if merit.place else 0
+        q = self.rows[self.rows_of(merit), place]
+        return reduced(merit.reduction, q, values, self.samples.returns)
+
     def of(
         self,
         kernel: DesignKernel,
@@ -295,77 +309,101 @@ class KernelFigures:
         tracks
             The profiles of all, where some are handed in.
         """
-        n, samples = prepared.shape[1], len(self.samples.rows)
-        returns, closes = self.samples.returns, np.zeros(n)
-        reducing = [Reducing(merit, n, returns) for merit in self.merits]
-        evaluated = _sampled(kernel, prepared, self.rows, places, turns, tracks)
+        n, count = prepared.shape[1], len(self.rows)
+        values = np.empty((len(self.merits), count, n))
+        closed = np.empty((count, n), dtype=bool)
+        together = max(1, BLOCK // max(1, n))
         with np.errstate(all="ignore"):
-            for number, (sample, columns, closed) in enumerate(evaluated):
-                at_point = number >= samples
-                if not at_point:
-                    closes += closed
-                self._take(reducing, sample, columns, closed, at_point)
-        rows = np.flatnonzero(closes > 0)
-        figures = {
-            name: reduction.result()[rows]
-            for name, reduction in zip(self.names, reducing, strict=True)
-        }
-        labels = np.broadcast_to(np.asarray(modes, dtype=object), n)[rows]
-        return Evaluated.of(rows, figures, labels, closes[rows] / samples, claim=claim)
-
-    def _take(
-        self,
-        reducing: Sequence[Reducing],
-        sample: Floats,
-        columns: Floats,
-        closed: Bools,
-        at_point: bool,
-    ) -> None:
-        """Take the columns (c, n) at a sample, of designs that `closed` (n,).
-
-        By figures over all samples, or by those `at_point`, that sample.
-        """
-        point = tuple(map(float, sample[: len(self.inputs)])) if at_point else ()
-        quantities: dict[str, Any] = dict(zip(self.columns, columns, strict=True))
-        quantities |= dict(zip(self.sample, sample, strict=True))
-        for merit, expression, reduction in zip(
-            self.merits, self.expressions, reducing, strict=True
-        ):
-            if merit.point == point:
-                given = {name: quantities[name] for name in expression.names}
-                values = np.broadcast_to(expression.evaluate(given), len(closed))
-                place = self.inputs.index(merit.place) if merit.place else 0
-                reduction.take(float(sample[place]), np.where(closed, values, np.nan))
+            for start in range(0, count, together) if n else ():
+                some = slice(start, start + together)
+                placed, shape = places[:, some], closed[some].shape
+                sample = np.broadcast_to(
+                    self.rows[some].T[:, :, None], (len(self.sample), *shape)
+                )
+                parts = [sample, placed]
+                if tracks:
+                    columns = columns_of(tracks, placed.reshape(len(placed), -1).T)
+                    parts.append(columns.reshape(-1, *shape))
+                fixed = np.broadcast_to(prepared[:, None], (len(prepared), *shape))
+                rows = np.concatenate([*parts, turns[:, some], fixed])
+                outputs = kernel.evaluate(rows.reshape(len(rows), -1)).reshape(-1, *shape)
+                closed[some] = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
+                closed[some] &= all_finite(placed[:1], 0)
+                quantities = dict(zip(self.sample, sample, strict=True))
+                quantities |= zip(self.columns, outputs[kernel.reaches :], strict=True)
+                for made, expression in zip(values, self.expressions, strict=True):
+                    given = {name: quantities[name] for name in expression.names}
+                    made[some] = expression.evaluate(given)
+            values[:, ~closed] = np.nan
+            figures = [
+                self.reduced(merit, of_merit[self.rows_of(merit)])
+                for merit, of_merit in zip(self.merits, values, strict=True)
+            ]
+        closes = np.mean(closed[: len(self.samples.rows)], axis=0)
+        chosen = np.flatnonzero(closes)
+        labels = np.broadcast_to(np.asarray(modes, dtype=object), n)[chosen]
+        by_name = dict(zip(self.names, (x[chosen] for x in figures), strict=True))
+        return Evaluated.of(chosen, by_name, labels, closes[chosen], claim=claim)
 
 
-def _sampled(
-    kernel: DesignKernel,
-    prepared: Floats,
-    samples: Floats,
-    places: Floats,
-    turns: Floats,
-    tracks: Sequence[Track],
-) -> Iterator[tuple[Floats, Floats, Bools]]:
-    """Yield each sample (of k), the columns (c, n) there and who closes (n,).
+def reduced(kind: str, q: Floats, values: Floats, returns: bool = False) -> Floats:
+    """Return a figure (n,) of values (k, n), NaN where there is none, at inputs q (k,).
 
-    As many at once as pay.
+    `returns` says that the inputs of the last row are those of the first but for turns.
     """
-    n, together = prepared.shape[1], max(1, BLOCK // max(1, prepared.shape[1]))
-    for start in range(0, len(samples), together) if n else ():
-        some = slice(start, start + together)
-        here, placed = samples[some], places[:, some]
-        shape = len(here), n
-        parts = [np.broadcast_to(here.T[:, :, None], (samples.shape[1], *shape)), placed]
-        if tracks:
-            columns = columns_of(tracks, placed.reshape(len(placed), -1).T)
-            parts.append(columns.reshape(-1, *shape))
-        parts += [
-            turns[:, some],
-            np.broadcast_to(prepared[:, None], (len(prepared), *shape)),
-        ]
-        rows = np.concatenate(parts).reshape(-1, len(here) * n)
-        outputs = np.reshape(kernel.evaluate(rows), (-1, *shape))
-        closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
-        closed &= all_finite(placed[:1], 0)
-        for k, sample in enumerate(here):
-            yield sample, outputs[kernel.reaches :, k], closed[k]
+    if not len(values):
+        return nans(values.shape[1])
+    if kind == "swing":
+        return widest_swings(values, returns)[0]
+    if kind == "at":
+        return np.asarray(values[-1])
+    if kind.startswith("arg"):
+        low, high = extremes(values)
+        there = np.any(np.isfinite(values), axis=0)
+        return np.where(there, q[low if kind == "argmin" else high], np.nan)
+    with np.errstate(all="ignore"):
+        if kind in ("min", "max"):
+            return np.asarray((np.fmin if kind == "min" else np.fmax).reduce(values))
+        if kind == "range":
+            return np.asarray(np.fmax.reduce(values) - np.fmin.reduce(values))
+        finite = np.isfinite(values)
+        part = values * values if kind == "rms" else values
+        total, count = np.sum(part, axis=0, where=finite), np.sum(finite, axis=0)
+        if kind == "sum":
+            return np.where(count > 0, total, np.nan)
+        return np.sqrt(total / count) if kind == "rms" else np.asarray(total / count)
+
+
+def extremes(values: Floats) -> tuple[Indices, Indices]:
+    """Return at which rows values (k, n) are least and greatest, NaN left out."""
+    none = np.isnan(values)
+    low = np.argmin(np.where(none, np.inf, values), axis=0)
+    return low, np.argmax(np.where(none, -np.inf, values), axis=0)
+
+
+def widest_swings(angles: Floats, returns: bool) -> tuple[Floats, Indices, Indices]:
+    """Return how far angles (k, n) rad swing in one piece, and where they end (n,).
+
+    NaN parts pieces; where the way `returns`, the last goes on with the first if they meet.
+    """
+    count, n = angles.shape
+    # Once more round leads from the last piece into the first, where there are several.
+    meets = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE
+    again = np.where(meets & np.any(np.isnan(angles), axis=0), angles, np.nan)
+    reached, before, low, high = nans((4, n))
+    ends, widest, swing = (
+        np.zeros((2, n), dtype=np.intp),
+        np.zeros((2, n), np.intp),
+        np.zeros(n),
+    )
+    for k, angle in enumerate([*angles, *again] if returns else angles):
+        onward = wrap(angle - before)
+        fresh, before = np.isnan(onward), angle
+        reached = np.where(fresh, angle, reached + onward)
+        lower, higher = fresh | (reached < low), fresh | (reached > high)
+        low, high = np.where(lower, reached, low), np.where(higher, reached, high)
+        ends[0, lower], ends[1, higher] = k % count, k % count
+        wider = high - low > swing
+        swing, widest[:, wider] = np.fmax(swing, high - low), ends[:, wider]
+    there = np.any(np.isfinite(angles), axis=0)
+    return np.where(there, swing, np.nan), widest[0], widest[1]

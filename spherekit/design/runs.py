@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Merit, Reducing
+from spherekit.analysis.contract import AbstractAnalysis, Merit
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.result import MOTION, RunResult, stem_of
 from spherekit.analysis.run import executed
@@ -15,7 +15,7 @@ from spherekit.analysis.tables import Table, TableArrays
 from spherekit.arrays import Floats
 from spherekit.conventions import Status, choices, counted, listing
 from spherekit.design.evaluate import SINGLY, Evaluator
-from spherekit.design.figures import IMPOSSIBLE, Evaluated, refused
+from spherekit.design.figures import IMPOSSIBLE, Evaluated, reduced, refused
 from spherekit.design.variables import OK, DesignVariable, designed
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.document import Document
@@ -278,11 +278,11 @@ class DesignRuns:
             )
         chosen = present.index(f"q_{merit.place}") if f"q_{merit.place}" in present else 0
         returns = bool(present) and len(q) > 0 and return_by_turns(q[0], q[-1])
-        reducing = Reducing(merit, 1, returns)
-        for place, value in zip(q, values, strict=True):
-            if not merit.point or max_abs(place - merit.point) < 1e-9:
-                reducing.take(float(place[chosen]), np.array([value]))
-        return float(reducing.result()[0])
+        here = np.flatnonzero(
+            max_abs(q - merit.point, axis=1) < 1e-9 if merit.point else np.ones(len(q))
+        )
+        figure = reduced(merit.reduction, q[here, chosen], values[here, None], returns)
+        return float(figure[0])
 
 
 def _tables(run: RunResult) -> tuple[RunTable, ...]:
