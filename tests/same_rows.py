@@ -57,7 +57,7 @@ def both_ways(made, **options):
             request(tracer.mechanism, pair, every, every, by_rank=tracer.by_rank)
             for pair in tracer.inputs
         ]
-        quick = rows_at_once.RowsAtOnce.of(course, wanted, with_planes=False)
+        quick = rows_at_once.RowsAtOnce.of(course, wanted, recorded=False)
         if quick is None:
             return None
         (motion,) = quick.blocks(len(course))

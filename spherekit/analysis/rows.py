@@ -115,10 +115,8 @@ def _own(column: Any) -> Any:
     if isinstance(column, Interleaved):
         once = {id(part): _own(part) for part in column.parts}
         return Interleaved([once[id(part)] for part in column.parts])
-    base = column
-    while isinstance(getattr(base, "base", None), np.ndarray):
-        base = base.base
-    is_part = base is not column and base.nbytes > LARGEST_SHARE * column.nbytes
+    whole = getattr(column, "base", None)
+    is_part = isinstance(whole, np.ndarray) and whole.nbytes > LARGEST_SHARE * column.nbytes
     return column.copy() if is_part and column.strides[0] else column
 
 
@@ -133,8 +131,11 @@ def _spans(parts: Sequence[tuple[int, slice]], blocks: int) -> list[list[Span]]:
 
 
 def parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | None:
-    """Return rows of blocks by mode, then sample; None where these would need sorting."""
-    parts: list[tuple[int, int, int, int, slice]] = []
+    """Return rows of blocks by mode, then sample; None where these would need sorting.
+
+    The samples of a block come after those of the blocks before.
+    """
+    parts: list[tuple[int, int, slice]] = []
     for number, block in enumerate(blocks):
         modes, repeats = _once(block[ASSEMBLY_MODE.name])
         samples, _ = _once(block[SAMPLE.name])
@@ -143,14 +144,11 @@ def parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | Non
             return None
         edges = np.flatnonzero(np.concatenate([[True], is_new, [True]]))
         for start, stop in itertools.pairwise(edges.tolist() if len(modes) else []):
-            ends = int(samples[start]), number, int(samples[stop - 1])
             rows = slice(repeats * start, repeats * stop)
-            parts.append((int(modes[start]), *ends, rows))
-    parts.sort(key=lambda part: part[:3])
-    for (mode, _, _, last, _), (other, first, *_) in itertools.pairwise(parts):
-        if mode == other and first < last:
-            return None
-    return [(number, rows) for _, _, number, _, rows in parts]
+            parts.append((int(modes[start]), number, rows))
+    if len({part[:2] for part in parts}) < len(parts):
+        return None
+    return [(number, rows) for _, number, rows in sorted(parts, key=lambda part: part[:2])]
 
 
 def _once(column: "Array | Interleaved") -> tuple[Array, int]:

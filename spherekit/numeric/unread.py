@@ -1,17 +1,7 @@
-"""Columns that are made when they are read: several of one source at less cost each.
+"""Columns that are made when they are read: several of one source at less cost each."""
 
-Memory for arrays of blocks, used again once nobody reads them.
-
-Memory that is new has to be handed over by the system, page by page, which takes longer
-than filling it. So large arrays get the largest pages there are.
-"""
-
-import mmap
-import sys
-import weakref
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, Protocol, final
@@ -19,10 +9,7 @@ from typing import Any, ClassVar, Protocol, final
 import numpy as np
 from numpy.typing import DTypeLike
 
-from spherekit.arrays import Array, Floats
-
-IN_CACHE = 2048
-"""Rows that are put in place at once."""
+from spherekit.arrays import Array
 
 Reader = Callable[[slice, Sequence[Array]], None]
 """Takes some rows and what columns hold there, which is there during the call."""
@@ -50,7 +37,7 @@ class Unread:
         return self.count
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
-        return array_of([self], dtype, copy)
+        return _array(self, dtype, copy)
 
 
 @final
@@ -73,7 +60,7 @@ class Interleaved:
         return len(self.parts) * len(self.parts[0])
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
-        return array_of(self.parts, dtype, copy)
+        return _array(self, dtype, copy)
 
 
 Column = Array | Unread | Interleaved
@@ -81,18 +68,13 @@ Span = tuple[slice, int]
 """Rows of a column, and from where on they belong in an array."""
 
 
-def array_of(
-    parts: Sequence[Array | Unread],
-    dtype: DTypeLike | None = None,
-    copy: bool | None = None,
+def _array(
+    column: Unread | Interleaved, dtype: DTypeLike | None, copy: bool | None
 ) -> Array:
-    """Return the rows of one or several subjects as an array (subjects n,)."""
     if copy is False:
         raise ValueError("what is put together cannot be read without a copy")
-    column = Interleaved(parts)
-    made = np.empty(len(column), dtype or column.dtype)
-    put([(column, made)], [(slice(0, len(column)), 0)])
-    return made
+    (made,) = read([column])
+    return made if dtype is None else made.astype(dtype, copy=False)
 
 
 def read(columns: Iterable[Column]) -> list[Array]:
@@ -105,52 +87,34 @@ def read(columns: Iterable[Column]) -> list[Array]:
     return made
 
 
+_Target = tuple[Array, int]
+"""An array from the first row of a subject on, and how many subjects there are."""
+
+
 def put(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
     """Write rows of columns into arrays; what a source makes is made once for all."""
-    unread: dict[int, tuple[Source, defaultdict[Hashable, list[_Target]]]] = {}
+    unread: defaultdict[int, list[tuple[Unread, _Target]]] = defaultdict(list)
     for column, out in columns:
         parts = column.parts if isinstance(column, Interleaved) else (column,)
         for number, part in enumerate(parts):
             target = out[number:], len(parts)
             if isinstance(part, Unread):
-                kept = unread.setdefault(id(part.source), (part.source, defaultdict(list)))
-                kept[1][part.key].append(target)
+                unread[id(part.source)].append((part, target))
             else:
-                _write([[target]], spans, slice(0, len(part)), [part])
-    for source, wanted in unread.values():
-        source.read(list(wanted), partial(_take, list(wanted.values()), spans))
-
-
-_Target = tuple[Array, int]
-"""An array from the first row of a subject on, and how many subjects there are."""
-
-
-def _take(
-    targets: Sequence[Sequence[_Target]],
-    spans: Sequence[Span],
-    rows: slice,
-    held: Sequence[Array],
-) -> None:
-    """Write some rows of all columns, few at a time."""
-    for start in range(rows.start, rows.stop, IN_CACHE):
-        stop = min(start + IN_CACHE, rows.stop)
-        here = slice(start - rows.start, stop - rows.start)
-        _write(targets, spans, slice(start, stop), [values[here] for values in held])
+                _write([target], spans, slice(0, len(part)), [part])
+    for wanted in unread.values():
+        reader = partial(_write, [target for _, target in wanted], spans)
+        wanted[0][0].source.read([part.key for part, _ in wanted], reader)
 
 
 def _write(
-    targets: Sequence[Sequence[_Target]],
-    spans: Sequence[Span],
-    rows: slice,
-    held: Sequence[Array],
+    targets: Sequence[_Target], spans: Sequence[Span], rows: slice, held: Sequence[Array]
 ) -> None:
     """Write some rows of columns, as far as they are wanted."""
-    counts = {count for every in targets for _, count in every}
-    places = {count: _places(count, spans, rows) for count in counts}
-    for values, every in zip(held, targets, strict=True):
-        for out, count in every:
-            for there, here in places[count]:
-                out[there] = values[here]
+    places = {count: _places(count, spans, rows) for count in {k for _, k in targets}}
+    for values, (out, count) in zip(held, targets, strict=True):
+        for there, here in places[count]:
+            out[there] = values[here]
 
 
 def _places(count: int, spans: Sequence[Span], rows: slice) -> list[tuple[slice, slice]]:
@@ -164,89 +128,3 @@ def _places(count: int, spans: Sequence[Span], rows: slice) -> list[tuple[slice,
             here = slice(low - rows.start, high - rows.start)
             made.append((slice(at, end, count), here))
     return made
-
-
-LARGE_PAGE = 1 << 21
-"""Bytes of the pages that Linux hands over at once where it is asked for."""
-WORTH_A_PAGE = 1 << 18
-"""From so many bytes on an array gets one."""
-MOST_IDLE = 1 << 27
-"""Bytes at most that wait to be used again."""
-
-
-@final
-class _Loan:
-    """What an array and all its views keep alive: its end gives the memory back."""
-
-    def __init__(self, memory: Floats) -> None:
-        self.__array_interface__ = memory.__array_interface__
-        self.memory = memory
-
-
-@final
-class LentMemory:
-    """Arrays whose memory comes back when they and their views are gone.
-
-    At most so many bytes stay for others while nobody has them.
-    """
-
-    def __init__(self, most: int = MOST_IDLE) -> None:
-        self._most, self._idle = most, 0
-        self._free: defaultdict[int, list[Floats]] = defaultdict(list)
-
-    def array(self, rows: int, columns: int) -> Floats:
-        """Return an array (rows, columns) that holds anything."""
-        size = rows * columns
-        memory = self._taken(size)
-        loan = _Loan(memory)
-        weakref.finalize(loan, self._take_back, memory).atexit = False
-        return np.asarray(loan)[:size].reshape(rows, columns)
-
-    @contextmanager
-    def room(self, rows: int, columns: int) -> Iterator[Floats]:
-        """Lend an array (rows, columns) that holds anything, for as long as a context."""
-        size = rows * columns
-        memory = self._taken(size)
-        try:
-            yield memory[:size].reshape(rows, columns)
-        finally:
-            self._take_back(memory)
-
-    def _taken(self, size: int) -> Floats:
-        pages = _pages(size)
-        try:
-            memory = self._free[pages].pop()
-        except IndexError:
-            return _new(pages) if pages else np.empty(size)
-        self._idle -= memory.nbytes
-        return memory
-
-    def _take_back(self, memory: Floats) -> None:
-        # Of what several threads do here, no step depends on another.
-        pages = memory.nbytes // LARGE_PAGE
-        if pages and self._idle + memory.nbytes <= self._most:
-            self._idle += memory.nbytes
-            self._free[pages].append(memory)
-
-
-def _pages(size: int) -> int:
-    """Return how many large pages hold so many numbers, none if these are few.
-
-    In steps of a quarter at most, so that what comes back is of use again.
-    """
-    if 8 * size < WORTH_A_PAGE:
-        return 0
-    pages = -(-8 * size // LARGE_PAGE)
-    step = 1 << max(0, pages.bit_length() - 3)
-    return -(-pages // step) * step
-
-
-def _new(pages: int) -> Floats:
-    """Return memory of so many large pages, where the system has these."""
-    size = pages * LARGE_PAGE
-    if sys.platform != "linux":
-        return np.empty(size // 8)
-    mapped = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    with suppress(OSError):  # a system without large pages
-        mapped.madvise(mmap.MADV_HUGEPAGE)
-    return np.frombuffer(mapped)

@@ -1,19 +1,19 @@
 """Poles of a block by a kernel, of which nothing is made until it is read."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, final
 
 import numpy as np
 
-from spherekit.analysis.running.in_turn import each_at_once
-from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.analysis.running.in_turn import SCRATCH, each_at_once
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import Status
 from spherekit.engine.columns import ERRORS, SIGNED
 from spherekit.engine.fields import add_locked, found
 from spherekit.engine.row_kernel import RowKernel
 from spherekit.motion.motion import Motion
-from spherekit.numeric.unread import LentMemory, Reader, Unread
+from spherekit.numeric.unread import Reader, Unread, put
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import PoleField, Request, TurnedRows
 from spherekit.rates.sequence import PlannedPoles
@@ -21,9 +21,6 @@ from spherekit.sphere.rotation import nans
 
 SLICE = 8184
 """Rows of a slice: no power of two, for columns would then share the lines of the cache."""
-MEMORY = LentMemory()
-"""What blocks are in, of this run and the next."""
-
 Part = tuple[int, slice]
 """A slice of successive rows, and the number of their assembly mode."""
 ColumnKey = tuple[int, str, Any, int]
@@ -96,65 +93,20 @@ class KernelColumns:
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Have columns read, rows after rows."""
         places = [self.kernel.rates[k].of[name][of] for k, name, of, _ in keys]
-        components = [key[-1] for key in keys]
-        at = [
-            np.broadcast_to(place.numbers[k], SLICE)
-            if place.numbers
-            else place.first + k * place.step
-            for place, k in zip(places, components, strict=True)
-        ]
-
-        def take(rows: slice, room: Floats) -> None:
-            count = rows.stop - rows.start
-            made = [room[x] if isinstance(x, int) else x[:count] for x in at]
-            if np.any(self._odd[rows]):
-                pairs = zip(keys, made, strict=True)
-                made = [self._mended(key, column, rows) for key, column in pairs]
-            reader(rows, made)
-
-        self._fill(take)
-
-    def whole(self) -> Floats:
-        """Return all that the kernel gives (columns, n)."""
-        made = MEMORY.array(self.kernel.kept, len(self._failed))
-
-        def keep(rows: slice, room: Floats) -> None:
-            made[:, rows] = room
-
-        self._fill(keep)
-        return made
-
-    def all_of(self, number: int, whole: Floats) -> dict[str, dict[Any, Floats]]:
-        """Return all parts of an input's field, in `whole` as far as they can be."""
-        every = slice(0, len(self._failed))
-        made: dict[str, dict[Any, Floats]] = {}
-        for name, places in self.kernel.rates[number].of.items():
-            made[name] = {}
-            for key, place in places.items():
-                view = place.of(whole)
-                if self.careful or (place.numbers and np.any(self._failed)):
-                    mended = (
-                        self._mended((number, name, key, k), column, every)
-                        for k, column in enumerate(view)
-                    )
-                    view = np.array(list(mended))
-                made[name][key] = view.T if place.count > 1 else view[0]
-        return made
-
-    def _fill(self, take: Callable[[slice, Floats], None]) -> None:
-        """Hand over all that the kernel gives of rows after rows, turned round."""
 
         def fill(part: Part) -> None:
             mode, rows = part
             given = np.ascontiguousarray(self._values[:, rows])
-            with MEMORY.room(self.kernel.whole.width, given.shape[1]) as room:
-                self.kernel.whole(given, room)
-                for turned, places in zip(self._turned, self.kernel.rates, strict=False):
-                    turned.turn(places.with_sign(room), mode, rows.start)
-                failed = self._failed[rows]
-                if np.any(failed):
-                    room[:, failed] = np.nan
-                take(rows, room)
+            with SCRATCH.room(self.kernel.whole.width, given.shape[1]) as whole:
+                self.kernel.whole(given, whole)
+                for turned, at in zip(self._turned, self.kernel.rates, strict=False):
+                    turned.turn(at.with_sign(whole), mode, rows.start)
+                pairs = list(zip(keys, places, strict=True))
+                made = [place.of(whole)[key[-1]] for key, place in pairs]
+                if np.any(self._odd[rows]):
+                    some = zip(keys, made, strict=True)
+                    made = [self._mended(key, column, rows) for key, column in some]
+                reader(rows, made)
 
         each_at_once(fill, self._parts, self.kernel.in_threads)
 
@@ -192,7 +144,6 @@ class UnreadField:
     Columns are made when they are read: one by one by `column`, or all as arrays where any
     is asked for by its name. A kernel vouches for rows (n,); `errors` are its largest of
     directions, rates and changes, NaN where there are none, `largest` those of all rows.
-    `whole` gives all that the kernel gives.
     """
 
     KNOWN = ("status", "pole_status", "by_equations", "by_kernel", "loss", "planes")
@@ -204,53 +155,39 @@ class UnreadField:
         motion: Motion,
         vouched: Bools,
         errors: Sequence[float],
-        whole: Callable[[], Floats],
     ) -> None:
-        self._source, self._number, self._whole = source, number, whole
-        wanted = source.requests[number]
+        self._source, self._number = source, number
         self._places = source.kernel.rates[number].of
         self._is_made = False
-        late = source.careful[number] if source.careful else None
-        n, rows = len(motion), source.doubtful
-
-        def put(column: Array, name: str, pole: Pole | None = None) -> Array:
-            if late is None:
-                return column
-            values = getattr(late, name)
-            made = column.copy()
-            made[rows] = values if pole is None else values[pole]
-            return made
-
-        loss = np.broadcast_to(0.0, n)
-        if np.any(motion.failed):
-            loss = np.where(motion.failed, np.nan, 0.0)
-        status = put(motion.status, "status")
-        alike = {
-            pole: late is None or np.array_equal(late.pole_status[pole], late.status)
-            for pole in self._places["direction"]
-        }
-        self._field = PoleField(
-            **{name: {} for name in self._places},
-            planes=_PlanesWhenRead(wanted, motion),
-            status=status,
-            pole_status={
-                pole: status if alike[pole] else put(status, "pole_status", pole)
-                for pole in alike
-            },
-            by_equations=put(np.broadcast_to(False, n), "by_equations"),
-            by_kernel=vouched,
-            loss=put(loss, "loss"),
-        )
-        for pole in wanted.poles:
-            if pole not in alike:
-                add_locked(self._field, motion, pole)
         self.largest = dict(zip(ERRORS, errors, strict=True))
-        if late is not None:
+        wanted, rows = source.requests[number], source.doubtful
+        status, by_equations = motion.status, np.zeros(len(motion), dtype=bool)
+        loss = np.where(motion.failed, np.nan, 0.0)
+        pole_status = dict.fromkeys(self._places["direction"], status)
+        for late in source.careful[number : number + 1]:
+            status = _with(status, rows, late.status)
+            loss[rows], by_equations[rows] = late.loss, late.by_equations
+            for pole in pole_status:
+                alike = np.array_equal(late.pole_status[pole], late.status)
+                pole_status[pole] = (
+                    status if alike else _with(status, rows, late.pole_status[pole])
+                )
             well = late.status == Status.OK
             for name in ERRORS:
                 every = np.hstack([bound[well] for bound in getattr(late, name).values()])
                 finite = every[np.isfinite(every)]
                 self.largest[name] = np.fmax.reduce([self.largest[name], *finite])
+        self._field = PoleField(
+            **{name: {} for name in self._places},
+            planes=_PlanesWhenRead(wanted, motion),
+            status=status,
+            pole_status=pole_status,
+            by_equations=by_equations,
+            by_kernel=vouched,
+            loss=loss,
+        )
+        for pole in set(wanted.poles) - pole_status.keys():
+            add_locked(self._field, motion, pole)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._field if name in self.KNOWN else self.made, name)
@@ -259,9 +196,18 @@ class UnreadField:
     def made(self) -> PoleField:
         """All of it, as arrays."""
         if not self._is_made:
-            self._is_made = True
-            for part, made in self._source.all_of(self._number, self._whole()).items():
-                getattr(self._field, part).update(made)
+            self._is_made, n = True, len(self._field.status)
+            columns: list[tuple[Unread, Floats]] = []
+            for name, places in self._places.items():
+                for of, place in places.items():
+                    made = np.empty((place.count, n))
+                    keys = ((self._number, name, of, k) for k in range(place.count))
+                    columns += [
+                        (Unread(self._source, key, n), out)
+                        for key, out in zip(keys, made, strict=True)
+                    ]
+                    getattr(self._field, name)[of] = made.T if len(made) > 1 else made[0]
+            put(columns, [(slice(0, n), 0)])
         return self._field
 
     def column(self, name: str, pole: Pole, k: int) -> Unread | Floats:
@@ -271,6 +217,13 @@ class UnreadField:
             return Unread(self._source, key, len(self._field.status))
         part: Floats = getattr(self._field, name)[pole]
         return part.reshape(len(part), -1)[:, k]
+
+
+def _with(codes: SmallIntegers, rows: Indices, some: SmallIntegers) -> SmallIntegers:
+    """Return codes (n,) with those of some rows."""
+    made = codes.copy()
+    made[rows] = some
+    return made
 
 
 @final
