@@ -318,6 +318,13 @@ def test_mechanism_with_a_loop_within(loop_case, signs):
     assert item.region.error < 1e-2 * item.region.area
 
 
+def test_a_distance_to_singularities_is_known_where_an_input_cannot_move():
+    kinematics = closed_kinematics(sk.load("agile_eye"))
+    bounds = bounds_of(kinematics, Constraints(near=0.1))
+    (found,) = orientation_workspaces(kinematics, bounds, kinematics.modes[:1], 0.1)
+    assert 71.0 < found.orientations.volume < 72.5
+
+
 def test_a_pose_outside_gets_the_nearest_reachable(five_bar):
     cloud = DIRECTIONS
     kinematics = closed_kinematics(five_bar)

@@ -345,8 +345,7 @@ class InverseKinematics:
         if self._dyads is None:
             raise self.no_closed_form("ask for `solutions` row by row")
         given, chosen = self._checked(poses), self._chosen([signs])
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return next(self._views(given, np.empty((len(given), 0)), chosen))
+        return next(self._views(given, np.empty((len(given), 0)), chosen))
 
     @property
     def stands(self) -> tuple[DyadPlacement, ...]:

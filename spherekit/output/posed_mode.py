@@ -65,7 +65,8 @@ def _shared(groups: Groups) -> Callable[[Of[Made]], Of[Made]]:
             signs = (s if k in needed else 0 for k, s in enumerate(mode.signs))
             key = (method, what, *signs)
             if key not in mode.known:
-                mode.known[key] = method(mode, what)
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    mode.known[key] = method(mode, what)
             made: Made = mode.known[key]
             return made
 

@@ -5,7 +5,6 @@ is a curve of height h(u) towards the region, u from -1 to 1 along the chord, an
 between both is the integral of sin h by the arc of the chord, exactly.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import final
@@ -269,6 +268,8 @@ def _heights(
 
 
 MOST_STEPS = 30
+DIFFERENCE = 1e-6
+"""Steps by which slopes of margins are found, as part of the chord."""
 SETTLED = 1e-14
 """A corner is found when it moves by less than this (rad)."""
 BEYOND = 1e-7
@@ -316,86 +317,47 @@ def crossings(
 
 
 def corners(
-    evaluate: Evaluator, start: Floats, end: Floats, third: Floats, pair: Indices
+    evaluate: Evaluator, start: Floats, end: Floats, pair: Indices
 ) -> tuple[Floats, Bools]:
     """Return the points (n, 3) near chords where two margins are 0, and whether found.
 
-    Parameters
-    ----------
-    start, end
-        Ends (n, 3) of the chords: the first margin is 0 at one, the second at the other.
-    third
-        (n, 3) points beside the chords.
-    pair
-        (n, 2) numbers of the margins.
-
-    Notes
-    -----
-    Broyden's method (C. G. Broyden, 1965) in the tangent plane, from the slopes over the
-    three points.
+    By Newton's method in the tangent plane, with slopes by differences: `start` and `end`
+    (n, 3) are the ends of the chords, where the first and the second margin of each
+    `pair` (n, 2) of numbers are 0.
     """
-    first = unit(start + end)
+    first, length = unit(start + end), arc(start, end)
     toward = unit(cross(cross(start, end - start), first))
     frame = np.stack([toward, cross(first, toward)], axis=1)
+    exact, steps = 0.01 * evaluate.floor[pair], DIFFERENCE * np.eye(3, 2, -1)
 
     def places(x: Floats, which: Indices) -> Floats:
-        return unit(first[which] + np.einsum("nd,ndx->nx", x, frame[which]))
+        """Return the points (k, ..., 3) at places (k, ..., 2) of the tangent planes."""
+        return unit(np.einsum("n...d,ndx->n...x", x, frame[which]) + first[which, None])
 
-    def values(x: Floats, which: Indices) -> Floats:
-        rows = evaluate(places(x, which))
-        return np.stack([chosen(rows, pair[which, k]) for k in range(2)], axis=1)
-
-    def flat(points: Floats) -> Floats:
-        toward = np.einsum("nx,ndx->nd", points, frame)
-        return np.asarray(toward / np.sum(points * first, axis=1)[:, None])
-
-    every = np.arange(len(start))
-    a, b, c = flat(start), flat(end), flat(third)
-    fa, fb, fc = (values(x, every) for x in (a, b, c))
-    steps = np.stack([b - a, c - a], axis=2)
-    with np.errstate(all="ignore"):
-        usable = np.abs(np.linalg.det(steps)) > 0.0
-        steps[~usable] = np.eye(2)
-        slope = np.stack([fb - fa, fc - fa], axis=2) @ np.linalg.inv(steps)
-    exact = 0.01 * evaluate.floor[pair]
-    x, sound = _broyden(values, 0.5 * (a + b), slope, usable, arc(start, end), exact)
-    return np.where(sound[:, None], places(x, every), np.nan), sound
-
-
-def _broyden(
-    values: Callable[[Floats, Indices], Floats],
-    x: Floats,
-    slope: Floats,
-    usable: Bools,
-    length: Floats,
-    exact: Floats,
-) -> tuple[Floats, Bools]:
-    """Return where values (n, 2) are 0 from x (n, 2), and whether found near the start.
-
-    `slope` (n, 2, 2) is that at the start where it is `usable`, `length` (n,) that of
-    chords; values below `exact` (n, 2) are 0.
-    """
-    value, sound = values(x, np.arange(len(x))), np.zeros(len(x), dtype=bool)
-    going = np.flatnonzero(usable)
+    x, sound = np.zeros((len(start), 1, 2)), np.zeros(len(start), dtype=bool)
+    going = np.arange(len(start))
     for _ in range(MOST_STEPS):
-        going = going[np.abs(np.linalg.det(slope[going])) > 0.0]
+        beside = x[going] + steps * length[going, None, None]
+        rows = evaluate(places(beside, going).reshape(-1, 3))
+        numbers = np.repeat(pair[going], 3, axis=0).T
+        value = np.stack([chosen(rows, number) for number in numbers], axis=1)
+        value = value.reshape(-1, 3, 2)
+        slope = (value[:, 1:] - value[:, :1]) / (DIFFERENCE * length[going, None, None])
+        usable = np.abs(np.linalg.det(slope)) > 0.0
+        going, value, slope = going[usable], value[usable], slope[usable]
         if not len(going):
             break
-        step = -np.linalg.solve(slope[going], value[going][..., None])[..., 0]
-        size, most = np.linalg.norm(step, axis=1), FARTHEST * length[going]
-        step *= np.minimum(1.0, most / np.where(size > 0.0, size, 1.0))[:, None]
+        step = -value[:, :1] @ np.linalg.inv(slope)
+        size, most = np.linalg.norm(step[:, 0], axis=1), FARTHEST * length[going]
+        step *= np.minimum(1.0, most / np.where(size > 0.0, size, 1.0))[:, None, None]
+        zero = np.all(np.abs(value[:, 0]) <= exact[going], axis=1)
         x[going] += step
-        new = values(x[going], going)
-        square = np.where(size > 0.0, np.sum(step**2, axis=1), 1.0)
-        miss = new - value[going] - np.einsum("nij,nj->ni", slope[going], step)
-        slope[going] += miss[:, :, None] * step[:, None, :] / square[:, None, None]
-        value[going] = new
-        zero = np.all(np.abs(new) <= exact[going], axis=1)
         settled = (size < SETTLED) | zero & (size < 100.0 * SETTLED)
-        away = np.linalg.norm(x[going], axis=1)
+        away = np.linalg.norm(x[going, 0], axis=1)
         sound[going[settled & (away < most)]] = True
         going = going[~settled & (away < 3.0 * most)]
-    return x, sound
+    at = places(x, np.arange(len(start)))[:, 0]
+    return np.where(sound[:, None], at, np.nan), sound
 
 
 SLACK = 1e4

@@ -210,13 +210,8 @@ class Refinement:
         first, last = self.crossing_margins[start], self.crossing_margins[end]
         a, b = self.crossing_points[start], self.crossing_points[end]
         turning = np.flatnonzero(first != last)
-        corner, sound = corners(
-            self.evaluate,
-            a[turning],
-            b[turning],
-            self.points[odd[turning]],
-            np.stack([first[turning], last[turning]], axis=1),
-        )
+        pair = np.stack([first[turning], last[turning]], axis=1)
+        corner, sound = corners(self.evaluate, a[turning], b[turning], pair)
         self.verdict[fresh[turning[~sound]]] = TriangleClass.OPEN
         middle = b.copy()
         middle[turning[sound]] = corner[sound]

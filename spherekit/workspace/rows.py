@@ -507,7 +507,8 @@ def _of_singularities(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ..
     for number, item in enumerate(mechanism.inputs):
 
         def first(rows: Rows, number: int = number) -> Floats:
-            return 1.0 - 2.0 * rows.type_1_square[:, number]
+            # Endless where an input rests whatever the output does: far from type I.
+            return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)
 
         title = f"type I of {item.pair} at least {_deg(near)} away"
         bounds.append(AngleLimit(title, 2.0 * near, True, first, 0.5))
