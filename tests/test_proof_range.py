@@ -173,6 +173,8 @@ def tampered(certificate, moves):
     elif kind == 4:
         changed["curves"].append(copy.deepcopy(curve))
     else:
+        # any but the last, after which none comes
+        piece = moves.choice(curve["pieces"][:-1])
         piece["frame"][0] = [-each for each in piece["frame"][0]]
     return changed
 

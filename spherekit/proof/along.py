@@ -9,7 +9,6 @@ All others are cut in two.
 Configuration curves as chains of pieces, each with the centre of the next one in it.
 """
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import final
@@ -20,17 +19,14 @@ from spherekit.arrays import Floats
 from spherekit.errors import SolveError
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.equations import Equations
-from spherekit.proof.folded import Crossings
+from spherekit.proof.folded import Arm, Crossings
 from spherekit.proof.tubes import LONGEST, UP, Piece, corrected, piece_at
 
 FORWARD = 0.9
 """Where the next centre is looked for, over the half length of a piece."""
 MOST_PIECES = 6000
-MOST_BRIDGED = 64
-"""Pieces put between two."""
 BEYOND = 1e-9
 """How far (rad) out of the range a chain goes on at least."""
-APART = "two pieces do not meet"
 LONGER = 1.6
 """How much longer than the last the next piece is tried."""
 
@@ -44,9 +40,9 @@ class Range:
     high: float
     whole: bool
 
-    def has(self, q: float, off: float = 0.0) -> bool:
-        """Return whether an input may be in the range if it is off by at most `off`."""
-        return self.whole or self.low - off <= q <= self.high + off
+    def side(self, q: float, off: float = 0.0) -> int:
+        """Return 1 for inputs above it by more than `off`, -1 for those below, else 0."""
+        return 0 if self.whole else int(q > self.high + off) - int(q < self.low - off)
 
 
 @final
@@ -62,56 +58,36 @@ class Chain:
     pieces: tuple[Piece, ...]
     closed: bool
     problem: str = ""
-    first: int = 0
 
     @property
-    def start(self) -> Piece:
-        """The piece that the chain was followed from."""
-        return self.pieces[self.first]
+    def links(self) -> list[tuple[Piece, Piece]]:
+        """Every piece with the one whose centre is in it."""
+        return list(pairwise([*self.pieces, *self.pieces[: int(self.closed)]]))
 
-
-def laps(chain: Chain) -> bool:
-    """Return whether a chain may come through its start a second time."""
-    start, pieces = chain.start, chain.pieces
-    following = [*pieces[1:], *(pieces[:1] if chain.closed else ())]
-    before = (chain.first - 1) % len(pieces)
-    for number, (piece, further) in enumerate(zip(pieces, following, strict=False)):
-        if number in (chain.first, before):
-            continue
-        s = piece.coordinates(start.centre)
-        reach = piece.coordinates(further.centre)[0]
-        inside = np.all(np.abs(s[1:]) <= piece.radius + 1e-9)
-        if inside and -1e-9 <= s[0] <= reach + 1e-9:
-            return True
-    return False
+    def again(self) -> bool:
+        """Return whether it may come through its start a second time."""
+        for piece, further in self.links[1 : len(self.pieces) - 1]:
+            s = piece.coordinates(self.pieces[0].centre)
+            reach = piece.coordinates(further.centre)[0]
+            inside = np.all(np.abs(s[1:]) <= piece.radius + 1e-9)
+            if inside and -1e-9 <= s[0] <= reach + 1e-9:
+                return True
+        return False
 
 
 def chain_through(
-    equations: Equations, start: Floats, inputs: Range, crossings: Crossings
+    equations: Equations, first: Piece, inputs: Range, crossings: Crossings
 ) -> Chain | None:
-    """Return the chain of pieces through a configuration, None if none is proven there.
+    """Return the chain of the curve through a piece, from one of its ends to the other.
 
     Crossings that it leads to are kept; a configuration in one of these has no chain.
     """
-    first = piece_at(equations, start, None, LONGEST)
-    if first is None:
-        return None
-    ahead, closed, problem = _followed(equations, first, first, inputs, crossings)
-    if crossings.may_hold(first.centre, first.miss):
-        return None
-    if closed:
-        return Chain((first, *ahead), True)
-    back, _, behind = _followed(equations, _turned(first), None, inputs, crossings)
-    if crossings.may_hold(first.centre, first.miss):
-        return None
-    before = [_turned(piece) for piece in reversed(back)]
-    linked = _bridged(equations, [*before, first, *ahead], len(before))
-    if linked is None:
-        return Chain((first, *ahead), False, problem or APART)
-    where = next(k for k, piece in enumerate(linked) if piece is first)
-    if before and linked[0] is not before[0]:
-        behind = behind or APART
-    return Chain(tuple(linked), False, problem or behind, where)
+    made = _followed(equations, first, inputs, crossings)
+    if not made.closed:
+        problem, last = made.problem, _turned(made.pieces[-1])
+        made = _followed(equations, last, inputs, crossings)
+        made = replace(made, problem=problem or made.problem)
+    return None if crossings.may_hold(first.centre, first.miss) else made
 
 
 def _turned(piece: Piece) -> Piece:
@@ -121,33 +97,9 @@ def _turned(piece: Piece) -> Piece:
     return replace(piece, frame=frame)
 
 
-def _bridged(
-    equations: Equations, pieces: Sequence[Piece], first: int
-) -> list[Piece] | None:
-    """Return pieces with others between them where a centre is in no piece before it.
-
-    Pieces before the one of number `first` are left out where that cannot be: as short
-    ones at a place where curves cross.
-    """
-    linked = list(pieces[:1])
-    for number, piece in enumerate(pieces[1:], start=1):
-        for _ in range(MOST_BRIDGED):
-            if linked[-1].holds(piece.centre, piece.miss):
-                linked.append(piece)
-                break
-            further = _next(equations, linked[-1])
-            if further is None:
-                break
-            linked.append(further)
-        if linked[-1] is not piece:
-            if number > first:
-                return None
-            linked = [piece]
-    return linked
-
-
-def _next(equations: Equations, last: Piece, part: float = FORWARD) -> Piece | None:
+def _next(equations: Equations, last: Piece) -> Piece | None:
     """Return the piece that goes on from one, with its centre in that one."""
+    part = FORWARD
     while part > 1e-3:
         guess = last.centre + part * last.half * last.tangent
         place = corrected(equations, guess)
@@ -162,38 +114,37 @@ def _next(equations: Equations, last: Piece, part: float = FORWARD) -> Piece | N
 
 
 def _followed(
-    equations: Equations,
-    start: Piece,
-    goal: Piece | None,
-    inputs: Range,
-    crossings: Crossings,
-) -> tuple[list[Piece], bool, str]:
-    """Return the pieces after one, whether they come back to `goal`, and a problem."""
-    pieces: list[Piece] = []
-    last = start
-    gone = 0.0
-    driven = equations.variables - 1
+    equations: Equations, start: Piece, inputs: Range, crossings: Crossings
+) -> Chain:
+    """Return the chain from a piece on: round to it, or until the curve ends.
+
+    It ends out of the range or on an arm. Where it starts on one of these it goes on until
+    it is in the range and on none, or on another one.
+    """
+
+    def outside(piece: Piece) -> Arm | int | None:
+        beyond = max(piece.tight, BEYOND)
+        return crossings.arm(piece) or inputs.side(float(piece.centre[-1]), beyond)
+
+    pieces, gone, begun = [start], 0.0, outside(start)
     while len(pieces) < MOST_PIECES:
-        if goal is not None and gone > 1.5 * goal.half:
-            beyond = last.coordinates(goal.centre)[0] > 0
-            same = last.tangent @ goal.tangent > 0.5
-            if beyond and same and last.holds(goal.centre, goal.miss):
-                return pieces, True, ""
-        if not inputs.has(float(last.centre[driven]), max(last.tight, BEYOND)):
-            return pieces, False, ""
+        last = pieces[-1]
+        here = outside(last)
+        if here and here != begun:
+            return Chain(tuple(pieces), False)
+        begun = here and begun
+        ahead = gone > 1.5 * start.half and last.coordinates(start.centre)[0] > 0
+        same = last.tangent @ start.tangent > 0.5
+        if ahead and same and last.holds(start.centre, start.miss):
+            return Chain(tuple(pieces), True)
         further = _next(equations, last)
         if further is None:
-            crossings.find(last.centre)
-            ends = [k for k, piece in enumerate(pieces) if crossings.arm(piece)]
-            if ends:
-                return pieces[: ends[0] + 1], False, ""
-            return pieces, False, "a curve could not be followed to its end"
+            if crossings.find(last.centre):
+                return _followed(equations, start, inputs, crossings)
+            return Chain(tuple(pieces), False, "a curve could not be followed to its end")
         gone += float(np.linalg.norm(further.centre - last.centre))
         pieces.append(further)
-        if crossings.arm(further):
-            return pieces, False, ""
-        last = further
-    return pieces, False, f"a curve has more than {MOST_PIECES} pieces"
+    return Chain(tuple(pieces), False, f"a curve has more than {MOST_PIECES} pieces")
 
 
 DEEPEST = 40
@@ -307,14 +258,23 @@ def stops(
     """
     places: list[Stop] = []
     undecided: list[Doubt] = []
-    parts = _Parts(equations, variable)
-    for number, (piece, centre, off) in enumerate(_parts(chain)):
-        parts.budget += PARTS_EACH
-        for stop in parts.within(piece, centre, off, 0):
-            if isinstance(stop, Stop):
-                places.append(replace(stop, after=number))
-            else:
-                undecided.append(replace(stop, after=number))
+    budget = MOST_PARTS
+    for number, (first, further) in enumerate(chain.links):
+        budget += PARTS_EACH
+        waiting = [(first, further.centre, further.miss, 0)]
+        while waiting:
+            budget -= 1
+            piece, goal, off, depth = waiting.pop()
+            made = _part(equations, variable, piece, goal, off, depth, budget > 0)
+            if isinstance(made, Stop):
+                places.append(replace(made, after=number))
+            elif isinstance(made, Doubt):
+                undecided.append(replace(made, after=number))
+            elif made is not None:
+                waiting += [
+                    (made, goal, off, depth + 1),
+                    (piece, made.centre, made.miss, depth + 1),
+                ]
     around = [*places, *(places[:1] if chain.closed else ())]
     if not undecided and any(one.before == two.before for one, two in pairwise(around)):
         raise SolveError(
@@ -324,53 +284,40 @@ def stops(
     return places, undecided
 
 
-def _parts(chain: Chain) -> Iterator[tuple[Piece, Floats, float]]:
-    """Yield every piece with the centre of the next one, and by how much that is off."""
-    pieces: Sequence[Piece] = chain.pieces
-    following = [*pieces[1:], *(pieces[:1] if chain.closed else ())]
-    for piece, further in zip(pieces, following, strict=False):
-        yield piece, further.centre, further.miss
+def _part(
+    equations: Equations,
+    variable: int,
+    piece: Piece,
+    goal: Floats,
+    off: float,
+    depth: int,
+    short: bool,
+) -> Stop | Doubt | Piece | None:
+    """Return what a variable does from a piece's centre to a goal in it, off by `off`.
 
-
-@final
-class _Parts:
-    """The parts of a chain in which a rate is looked at."""
-
-    def __init__(self, equations: Equations, variable: int) -> None:
-        self.equations, self.variable = equations, variable
-        self.budget = MOST_PARTS
-
-    def within(
-        self, piece: Piece, goal: Floats, off: float, depth: int
-    ) -> Iterator[Stop | Doubt]:
-        """Yield the zeros of the rate from a piece's centre to a goal in it, or doubts."""
-        equations, variable = self.equations, self.variable
-        self.budget -= 1
-        reach = float(piece.coordinates(goal)[0]) + off + 1e-13
-        here = rates(piece, min(reach, piece.half))
-        if here.sign(variable):
-            return
-        if here.bend(variable):
-            start = rates(piece, 0.0).sign(variable)
-            end = _sign_at(equations, piece, goal, variable)
-            if start and end:
-                if start != end:
-                    yield _place(equations, piece, goal, variable, start)
-                return
-            # an end whose sign is open stays one, however short the parts
-            if reach < SHORTEST_STILL:
-                yield _doubt(equations, piece, goal, reach, variable)
-                return
-        short = self.budget > 0 and _decidable(piece, variable)
-        if reach < (SHORTEST_PART if short else SHORTEST_STILL):
-            yield _doubt(equations, piece, goal, reach, variable)
-            return
-        middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
-        if middle is None or depth >= DEEPEST or not middle.holds(goal, off):
-            yield _doubt(equations, piece, goal, reach, variable)
-            return
-        yield from self.within(piece, middle.centre, middle.miss, depth + 1)
-        yield from self.within(middle, goal, off, depth + 1)
+    It stops once, it may stop, it does not stop, or what it does is seen in the two parts
+    at the piece returned. Parts are `short` only if that is wanted, and helps.
+    """
+    reach = float(piece.coordinates(goal)[0]) + off + 1e-13
+    here, start = rates(piece, min(reach, piece.half)), rates(piece, 0.0)
+    if here.sign(variable):
+        return None
+    least = SHORTEST_STILL
+    if here.bend(variable):
+        end = _sign_at(equations, piece, goal, variable)
+        before = start.sign(variable)
+        if before and end:
+            different = before != end
+            return _place(equations, piece, goal, variable, before) if different else None
+        # an end whose sign is open stays one, however short the parts
+    elif short and (start.sign(variable) or start.bend(variable)):
+        least = SHORTEST_PART
+    if reach >= least and depth < DEEPEST:
+        guess = piece.centre + (0.5 if depth % 2 else 0.47) * wrap(goal - piece.centre)
+        middle = _middle(equations, piece, goal, guess)
+        if middle is not None and middle.holds(goal, off):
+            return middle
+    return _doubt(equations, piece, goal, reach, variable)
 
 
 def _doubt(
@@ -379,27 +326,14 @@ def _doubt(
     """Return the part of an arc from a piece's centre to a goal in it as undecided."""
     start = float(piece.centre[variable])
     end = start + float(wrap(goal - piece.centre)[variable])
-    off = np.inf
-    for longest in (1.1 * reach, 1.5 * reach, 3.0 * reach, None):
-        near = piece
-        if longest is not None:
-            made = piece_at(equations, piece.centre, piece.tangent, longest, longest / 1.3)
-            if made is None or not made.half >= reach:
-                continue
-            near = made
-        here = rates(near, min(reach, near.half))
-        rate = max(abs(float(here.low[variable])), abs(float(here.high[variable])))
-        across = np.sum(np.abs(near.frame[variable, 1:])) * near.tight
-        ahead = abs(float(near.frame[variable, 0])) * reach
-        off = min(off, ahead + float(across), 1.001 * rate * reach + near.miss)
-    off += 1e-12
+    near = piece_at(equations, piece.centre, piece.tangent, 1.5 * reach, 1.1 * reach)
+    near = piece if near is None or near.half < reach else near
+    here = rates(near, min(reach, near.half))
+    rate = max(abs(float(here.low[variable])), abs(float(here.high[variable])))
+    across = float(np.sum(np.abs(near.frame[variable, 1:]))) * near.tight
+    ahead = abs(float(near.frame[variable, 0])) * reach
+    off = min(ahead + across, 1.001 * rate * reach + near.miss) + 1e-12
     return Doubt(piece.centre, goal, min(start - off, end), max(start + off, end))
-
-
-def _decidable(piece: Piece, variable: int) -> bool:
-    """Return whether a rate, or its derivative, has a sign at a piece's centre."""
-    here = rates(piece, 0.0)
-    return bool(here.sign(variable) or here.bend(variable))
 
 
 def _sign_at(equations: Equations, piece: Piece, goal: Floats, variable: int) -> int:
@@ -410,10 +344,11 @@ def _sign_at(equations: Equations, piece: Piece, goal: Floats, variable: int) ->
     return rates(there, 0.0).sign(variable)
 
 
-def _middle(equations: Equations, piece: Piece, goal: Floats, part: float) -> Piece | None:
+def _middle(
+    equations: Equations, piece: Piece, goal: Floats, guess: Floats
+) -> Piece | None:
     """Return a piece around a configuration between a piece's centre and a goal in it."""
-    apart = wrap(goal - piece.centre)
-    place = corrected(equations, piece.centre + part * apart)
+    place = corrected(equations, guess)
     if place is None:
         return None
     reach = float(piece.coordinates(goal)[0])
@@ -440,7 +375,8 @@ def _place(
             aside = 0.4 * NEAREST / length
             part = rate / (rate - beyond) + aside * (1 - 2 * (step % 2))
             part = float(np.clip(part, aside, 1.0 - aside))
-        middle = _middle(equations, piece, goal, part)
+        guess = piece.centre + part * wrap(goal - piece.centre)
+        middle = _middle(equations, piece, goal, guess)
         sign = 0 if middle is None else rates(middle, 0.0).sign(variable)
         if middle is not None and sign == -before:
             goal, beyond = middle.centre, float(middle.tangent[variable])

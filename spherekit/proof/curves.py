@@ -180,7 +180,7 @@ class CertifiedCurves:
         """Inputs (rad) in the range at which there are whole curves of modes."""
         both = zip(self.chains, self.still, strict=True)
         kept: list[float] = []
-        for q in self._inputs_of(chain.start.centre for chain, still in both if still):
+        for q in self._inputs_of(chain.pieces[0].centre for chain, still in both if still):
             if all(abs(_apart(q, other, self.laps * TURN)) > 1e-9 for other in kept):
                 kept.append(q)
         return kept
@@ -316,8 +316,7 @@ def _segments(
     q = float(chain.pieces[0].centre[driven])
     start = q
     breaks: list[tuple[float, float]] = []
-    following = [*chain.pieces[1:], *(chain.pieces[:1] if chain.closed else ())]
-    for number, (piece, further) in enumerate(zip(chain.pieces, following, strict=False)):
+    for number, (piece, further) in enumerate(chain.links):
         places = [(s.place, s.place) for s in stopping[0] if s.after == number]
         places += [(d.first, d.last) for d in stopping[1] if d.after == number]
         places.sort(key=lambda two: float(piece.coordinates(two[0])[0]))

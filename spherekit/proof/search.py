@@ -9,7 +9,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN
 from spherekit.numeric.crossings import wrap
-from spherekit.proof.along import Chain, Range, chain_through, laps
+from spherekit.proof.along import Chain, Range, chain_through
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
 from spherekit.proof.paving import Paved
@@ -74,7 +74,7 @@ class Cover:
 
 def _on(chain: Chain, closed: Chain) -> bool:
     """Return whether a chain's curve is proven to be that of a closed one."""
-    start = chain.start
+    start = chain.pieces[0]
     return any(piece.holds(start.centre, start.miss) for piece in closed.pieces)
 
 
@@ -122,7 +122,7 @@ class Search:
             reach = 4.0 * float(np.max(radii[row]))
             if float(np.max(np.abs(place - centres[row]))) > reach:
                 continue
-            if self.inputs.has(float(place[-1]), OUTSIDE) and self._follow(place):
+            if not self.inputs.side(float(place[-1]), OUTSIDE) and self._follow(place):
                 self.vain = 0
         return (len(self.cover.chains), len(self.crossings.saddles)) != before
 
@@ -150,13 +150,15 @@ class Search:
         if self._known(place, 0.0):
             return False
         count = len(self.crossings.saddles)
-        chain = chain_through(self.equations, place, self.inputs, self.crossings)
-        new = chain is not None and not self._known(chain.start.centre, chain.start.miss)
-        if chain is not None and new:
+        first = piece_at(self.equations, place, None, LONGEST)
+        if first is None or self._known(first.centre, first.miss):
+            return False
+        chain = chain_through(self.equations, first, self.inputs, self.crossings)
+        if chain is not None:
             self.cover.add(chain)
         if len(self.crossings.saddles) > count:
             self._cut(self.crossings.saddles[count:])
-        return new
+        return chain is not None
 
     def _cut(self, saddles: Sequence[Saddle]) -> None:
         """Follow the chains again that go into saddles that were not known then."""
@@ -169,7 +171,7 @@ class Search:
         for chain in kept:
             self.cover.add(chain)
         for chain in cut:
-            within = [p for p in chain.pieces if self.inputs.has(float(p.centre[-1]))]
+            within = [p for p in chain.pieces if not self.inputs.side(float(p.centre[-1]))]
             for piece in within:
                 self._follow(piece.centre)
             self.lost |= not all(self._known(p.centre, p.miss) for p in within)
@@ -181,7 +183,7 @@ class Search:
     def overlapping(self) -> bool:
         """Return whether two chains may go through one configuration of the range."""
         for chain in self.cover.chains:
-            within = [p for p in chain.pieces if self.inputs.has(float(p.centre[-1]))]
+            within = [p for p in chain.pieces if not self.inputs.side(float(p.centre[-1]))]
             centres = np.array([piece.centre for piece in within])
             off = np.array([piece.miss for piece in within])
             for other in self.cover.chains:
@@ -250,6 +252,6 @@ class Search:
         problems = [chain.problem for chain in self.cover.chains if chain.problem]
         if self.lost or self.overlapping() or self.unjoined():
             problems.append(OVERLAPPING)
-        if any(laps(chain) for chain in self.cover.chains):
+        if any(chain.again() for chain in self.cover.chains):
             problems.append("a curve may have been gone round twice")
         return problems
