@@ -16,7 +16,7 @@ two sums of one form: a linear map of a, and w times that of w.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -25,13 +25,14 @@ from spherekit.arrays import Bools, Floats
 from spherekit.dynamics.coordinates import CoordinateMotion
 from spherekit.model.actions import steep
 from spherekit.model.dynamics import Bearings, ContactFriction, sliding_rate
+from spherekit.model.expression import Expression
 from spherekit.model.joints import Joint
 from spherekit.model.load import Called, Component, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
 from spherekit.motion.motion import Timing
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.sphere.rotation import cross, max_abs, nans, transpose
+from spherekit.sphere.rotation import cross, max_abs, transpose
 
 
 @final
@@ -53,11 +54,9 @@ class Loads:
         self.owners = [k for k, parts in enumerate(by_load) for _ in parts]
         self.steep = steep(mechanism)
         functions = (isinstance(part.magnitude, Called) for part in self.components)
-        self.rubbing = [
-            k
-            for k, part in enumerate(self.components)
-            if part.rubs is not None and part.rubs.grip > 0.0
-        ]
+        rubs = {k: part.rubs for k, part in enumerate(self.components) if part.rubs}
+        self.rubbing = [k for k, one in rubs.items() if one.grip > 0.0]
+        self.grips = np.array([rubs[k].grip for k in self.rubbing])
         self.watched = bool(self.steep) or any(functions)
         self._first = np.unique(self.owners, return_index=True)[1]
         self._angles = mechanism.angles
@@ -115,8 +114,9 @@ class Loads:
         time, `t` (n,) is in s; `carried` (n, k) what each of the `rubbing` carries, N on
         bearings and N m of contacts, without which these do not rub.
         """
-        sizes = self._sizes(range(len(self.components)), values, value_rates, t)
-        sizes[:, self.rubbing] *= 0.0 if carried is None else carried
+        laws = [part.magnitude for part in self.components]
+        sizes = self._evaluated(laws, values, value_rates, t)
+        sizes[:, self.rubbing] *= self.grips * (0.0 if carried is None else carried)
         return sizes
 
     def friction(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
@@ -124,40 +124,34 @@ class Loads:
 
         For the same as `magnitudes`.
         """
-        return self._sizes(self.rubbing, values, value_rates, t)
-
-    def _sizes(
-        self, chosen: Sequence[int], values: Floats, value_rates: Floats, t: Floats
-    ) -> Floats:
-        """Return the magnitudes of some components, of what rubs per unit it carries."""
-        names = self._known(values, value_rates, t)
-        sizes = np.empty((len(t), len(chosen)))
-        for column, number in enumerate(chosen):
-            part = self.components[number]
-            law = part.magnitude
-            if isinstance(law, TorqueTable):
-                sizes[:, column] = law.at(t)
-                continue
-            sizes[:, column] = law.evaluate({name: names[name] for name in law.names})
-            if part.rubs is not None:
-                sizes[:, column] *= part.rubs.grip
-        return sizes
+        laws = [self.components[k].magnitude for k in self.rubbing]
+        return self.grips * self._evaluated(laws, values, value_rates, t)
 
     def arguments(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
         """Return `steep` (n, arguments), for the same as `magnitudes`."""
-        names = self._known(values, value_rates, t)
-        arguments = [
-            law.evaluate({name: names[name] for name in law.names}) for law in self.steep
-        ]
-        return np.stack(arguments, axis=1) if arguments else np.zeros((len(t), 0))
+        return self._evaluated(self.steep, values, value_rates, t)
 
-    def _known(self, values: Floats, value_rates: Floats, t: Floats) -> dict[str, Floats]:
+    def _evaluated(
+        self,
+        laws: Sequence[Expression | Called | TorqueTable],
+        values: Floats,
+        value_rates: Floats,
+        t: Floats,
+    ) -> Floats:
+        """Return the values of laws (n, laws), of what rubs per unit of grip and load."""
         names = {"t": t}
         names |= {f"theta_{pair}": values[:, k] for pair, k in self._angles.items()}
         names |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}
         for pair in {self.components[k].pair for k in self.rubbing} - {*self._angles}:
             names[sliding_rate(pair)] = self._rate(value_rates, pair)
-        return names
+        found = np.empty((len(t), len(laws)))
+        for column, law in enumerate(laws):
+            found[:, column] = (
+                law.at(t)
+                if isinstance(law, TorqueTable)
+                else law.evaluate({name: names[name] for name in law.names})
+            )
+        return found
 
     def parts(
         self,
@@ -255,8 +249,16 @@ class Balance:
     `columns` are the pair and the component of its wrench of each reaction, `matrix` (n,
     equations, columns) what these do, `is_open` (n, columns) which are not determined,
     `slides` (n, links) which links no pair holds at O, `working` (pairs, 6) the wrench of
-    1 N m of loads at each pair in its axes.
+    1 N m of loads at each pair in its axes. Solved for loads: `left` (n, links, 6) for
+    reactions, `about` (n, pairs), `reactions` (n, columns), `missed` (n,) N m what misses
+    the equations, `settled` (n,) whether it is known on which side teeth bear.
     """
+
+    left: Floats
+    about: Floats
+    reactions: Floats
+    missed: Floats
+    settled: Bools
 
     def __init__(
         self,
@@ -382,6 +384,23 @@ class Balance:
         worst = max_abs(missed[..., 0], axis=1, initial=0.0)
         return reactions[..., 0], worst
 
+    def solve(self, needed: Floats, about: Floats) -> None:
+        """Solve for `left_by` of the same: `left`, `about`, `reactions` and `missed`."""
+        self.about, self.left = about, self.left_by(needed, about)
+        self.reactions, self.missed = self.held(self.left)
+
+    @property
+    def opened(self) -> Bools:
+        """(n, pairs, 6) which components of the pairs' wrenches are not determined."""
+        return np.asarray(self.on_pairs(self.is_open.astype(float)) != 0.0)
+
+    def transmitted(self) -> Transmitted:
+        """Return what the pairs transmit, NaN where it is open."""
+        values = self.on_pairs(self.reactions) + self.about[..., None] * self.working
+        opened = self.opened | ~self.settled[:, None, None]
+        wrenches = np.where(opened, np.nan, values)
+        return Transmitted(wrenches, opened, self.missed, self.slides)
+
     def on_pairs(self, reactions: Floats) -> Floats:
         """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes."""
         wrenches = np.zeros((len(reactions), len(self.mechanism.pairs), 6))
@@ -442,52 +461,21 @@ def transmitted(driven: Driven, *, forces: bool = False) -> Transmitted:
 
     Where links slide, forces are not determined, for the loads would move the links.
     """
-    mechanism = driven.mechanism
-    n, pairs = len(driven.frames), len(mechanism.pairs)
-    wrenches = nans((n, pairs, 6))
-    is_open = np.zeros((n, pairs, 6), dtype=bool)
-    unbalanced = np.zeros(n)
-    slides = np.zeros((n, len(mechanism.links)), dtype=bool)
-    rest = np.arange(n)
-    for whole in (True, False) if forces else (False,):
-        if not len(rest):
-            break
-        solved = balanced(driven if len(rest) == n else driven.rows(rest), whole)
-        balance = solved.balance
-        if whole:
-            slides = balance.slides
-        held = ~np.any(balance.slides, axis=1) if whole else np.ones(len(rest), dtype=bool)
-        rows = rest[held]
-        values = balance.on_pairs(solved.reactions)[held]
-        values += solved.about[held][..., None] * balance.working
-        opened = balance.on_pairs(balance.is_open.astype(float))[held] != 0.0
-        opened[~solved.settled[held]] = True
-        if not whole:
-            values[..., 3:], opened[..., 3:] = np.nan, forces
-        wrenches[rows], is_open[rows] = np.where(opened, np.nan, values), opened
-        unbalanced[rows] = solved.missed[held]
-        rest = rest[~held]
-    return Transmitted(wrenches, is_open, unbalanced, slides)
+    balance = balanced(driven, forces)
+    found = balance.transmitted()
+    if not forces:
+        found.wrenches[..., 3:] = np.nan
+        return replace(found, is_open=found.is_open & (np.arange(6) < 3))
+    sliding = np.any(balance.slides, axis=1)
+    if np.any(sliding):
+        alone = transmitted(driven.rows(sliding))
+        found.wrenches[sliding] = alone.wrenches
+        found.is_open[sliding] = alone.is_open | (np.arange(6) > 2)
+        found.unbalanced[sliding] = alone.unbalanced
+    return found
 
 
-@final
-@dataclass(frozen=True)
-class Balanced:
-    """Equations solved for the loads: what was left for reactions, and these.
-
-    `left` (n, links, 6), `about` (n, pairs), `reactions` (n, columns), `missed` (n,) N m
-    what misses the equations, `settled` (n,) whether it is known on which side teeth bear.
-    """
-
-    balance: Balance
-    left: Floats
-    about: Floats
-    reactions: Floats
-    missed: Floats
-    settled: Bools
-
-
-def balanced(driven: Driven, forces: bool) -> Balanced:
+def balanced(driven: Driven, forces: bool) -> Balance:
     """Return the equations of all links solved for what moves and drives them.
 
     Teeth press on the side on which they turn the wheels, and that follows from the
@@ -503,13 +491,14 @@ def balanced(driven: Driven, forces: bool) -> Balanced:
         balance = Balance(
             mechanism, driven.joints, driven.frames, forces=forces, sides=sides
         )
-        left = balance.left_by(needed - loads, about)
-        reactions, missed = balance.held(left)
-        turned = (balance.on_pairs(reactions)[..., 1] * sides < 0.0) & toothed
+        balance.solve(needed - loads, about)
+        pressing = balance.on_pairs(balance.reactions)[..., 1]
+        turned = (pressing * sides < 0.0) & toothed
         if not np.any(turned):
             break
         sides = np.where(turned, -sides, sides)
-    return Balanced(balance, left, about, reactions, missed, ~np.any(turned, axis=1))
+    balance.settled = ~np.any(turned, axis=1)
+    return balance
 
 
 # What links need and what loads give: wrenches (6,), a moment about the centre O (N m) and

@@ -362,9 +362,7 @@ def _rubbed(
     good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
     at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
     every = Driven(mechanism, motion.joints, at.frames, coordinates, timing, torques)
-    carried, locked, rounds = rubbed(
-        every, loads, good, lambda velocities: (np.zeros_like(velocities), -velocities)
-    )
+    carried, locked, rounds = rubbed(every, loads, good)
     carried[~good] = 0.0
     return carried, locked, rounds
 

@@ -383,7 +383,7 @@ class Simulation:
         work = np.sum(states[:, equation.works], axis=1)
         missed = rates[:, equation.momenta] - dynamics.push
         missed[t >= self.end.t] = 0.0
-        root = float(np.sqrt(np.max(np.linalg.eigvalsh(dynamics.M))))
+        root = float(np.nanmax(dynamics.roots.sizes))
         size = max(float(np.max(np.linalg.norm(momenta, axis=1))), root)
         push = np.linalg.norm(missed, axis=1)
         steps = np.append(np.tile(lengths, 3), 0.0)

@@ -31,7 +31,7 @@ friction, and iteration leads to it. From 1 on there may be several or none, as 
 that lock. Newton's step is taken where it leaves less than iteration does.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
@@ -54,7 +54,6 @@ from spherekit.dynamics.forces import (
     DEPENDENT,
     DETERMINED,
     Balance,
-    Balanced,
     Driven,
     Loads,
     accelerating,
@@ -68,7 +67,7 @@ from spherekit.model.load import Rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Timing
-from spherekit.sphere.rotation import transpose
+from spherekit.sphere.rotation import all_finite, transpose
 
 
 @final
@@ -154,13 +153,8 @@ SETTLED = 1e-14
 MOST_ROUNDS = 100
 
 
-Answers = Callable[[Floats], tuple[Floats, Floats]]
-"""Changes of the coordinates' accelerations (n, k, m), and of the torques at the inputs
-(n, k, inputs), by unit friction at each pair that rubs, from its velocities (n, k, m)."""
-
-
 def rubbed(
-    every: Driven, loads: Loads, good: Bools, answers: Answers
+    every: Driven, loads: Loads, good: Bools, inverse: Floats | None = None
 ) -> tuple[Floats, Bools, int]:
     """Return what pairs that rub carry, given how a mechanism moves without.
 
@@ -174,6 +168,9 @@ def rubbed(
         Rows in which nothing rubs.
     good
         Which of them are finite.
+    inverse
+        That of the inertia matrix (n, m, m), by which friction changes the accelerations;
+        without it they are given, and it changes the torques at the inputs.
 
     Raises
     ------
@@ -186,22 +183,21 @@ def rubbed(
         return carried, locked, 0
     driven = every.rows(good)
     mechanism, motion = driven.mechanism, driven.motion
-    faster, drives = answers(loads.rubbing_velocities(motion))
+    velocities = loads.rubbing_velocities(motion)
+    free = inverse is not None
+    faster = velocities @ inverse[good] if inverse is not None else 0.0 * velocities
     parts = [loads.components[k] for k in loads.rubbing]
     bearings = [part.rubs for part in parts if part.rubs is not None]
-    whole = any(one.asks_forces for one in bearings)
-    solved = balanced(driven, whole)
-    balance = solved.balance
+    balance = balanced(driven, any(one.asks_forces for one in bearings))
     pairs = [mechanism.pair_number[one.pair] for one in bearings]
-    _need_determined(driven, solved, bearings)
-    n, count = len(motion.values), len(pairs)
+    _need_determined(driven, balance, bearings)
     on_bearings = partial(_on_bearings, balance, bearings, pairs)
-    still = on_bearings(solved.left)
-    change = np.empty((n, count, 2, 3, count))
+    still = on_bearings(balance.left)
+    change = np.empty((*still.shape, len(pairs)))
     inputs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
     for k, pair in enumerate(pairs):
-        about = np.zeros((n, len(mechanism.pairs)))
-        about[:, inputs] = drives[:, k]
+        about = np.zeros((len(still), len(mechanism.pairs)))
+        about[:, inputs] = 0.0 if free else -velocities[:, k]
         about[:, pair] += 1.0
         needed = accelerating(mechanism, motion, faster[:, k])
         change[..., k] = on_bearings(balance.left_by(needed, about))
@@ -225,18 +221,18 @@ def _on_bearings(
     return forces
 
 
-def _need_determined(driven: Driven, solved: Balanced, rubbing: Sequence[Rubbing]) -> None:
+def _need_determined(driven: Driven, balance: Balance, rubbing: Sequence[Rubbing]) -> None:
     """Raise `SolveError` if a reaction is open that friction follows from."""
-    mechanism, balance = driven.mechanism, solved.balance
-    is_open = balance.on_pairs(balance.is_open.astype(float)) != 0.0
-    for one, pair in ((one, mechanism.pair_number[one.pair]) for one in rubbing):
-        if np.any(is_open[:, pair, :3]) or not np.all(solved.settled):
+    mechanism = driven.mechanism
+    for one in rubbing:
+        is_open = balance.opened[:, mechanism.pair_number[one.pair]]
+        if np.any(is_open[:, :3]) or not np.all(balance.settled):
             raise SolveError(
                 f"{mechanism.name}: loads.{one.name}: redundant constraints leave the "
                 f"reaction of pair {one.pair} open, and so the friction that follows from "
                 "it; take a load of kind friction, or give gears their pressure_angle"
             )
-        if one.asks_forces and (np.any(is_open[:, pair]) or np.any(balance.slides)):
+        if one.asks_forces and (np.any(is_open) or np.any(balance.slides)):
             wanted = lacking(mechanism, driven.joints, driven.frames[0]).wanted
             more = f"; a file that says {listing(wanted)} determines it" if wanted else ""
             raise SolveError(
@@ -315,6 +311,11 @@ class Roots:
             sizes = np.sqrt(np.where(finite[:, None] & (squares > 0.0), squares, np.nan))
         return cls(vectors, sizes)
 
+    @property
+    def inverse(self) -> Floats:
+        """(n, m, m) that of M."""
+        return (self.vectors / self.sizes[:, None] ** 2) @ transpose(self.vectors)
+
     def times(self, x: Floats) -> Floats:
         """Return R x (n, m)."""
         return self._scaled(x, self.sizes)
@@ -354,13 +355,12 @@ class Dynamics:
     """Motion, inertia and generalised forces at n states.
 
     `motion` is of the first order where there is one coordinate and no bearing rubs,
-    otherwise of the second; its status is NOT_CONVERGED where bearings lock. `M` (n, m, m)
-    with its `roots`, `forces` (n, m, loads) the Q of each load, `speed` (n, m) is u, `bend`
-    (n, m) is S p, `carried` (n, k) N what bearings that rub carry, None without any.
+    otherwise of the second; its status is NOT_CONVERGED where bearings lock. `roots` are
+    those of M (n, m, m), `forces` (n, m, loads) the Q of each load, `speed` (n, m) is u,
+    `bend` (n, m) is S p, `carried` (n, k) N what bearings that rub carry, None without any.
     """
 
     motion: CoordinateMotion
-    M: Floats
     roots: Roots
     forces: Floats
     speed: Floats
@@ -464,57 +464,28 @@ class EquationOfMotion:
         second = self.freedoms > 1 or bool(self.loads.rubbing)
         motion = self.motion(values, frame, 2 if second else 1)
         momenta = states[:, self.momenta]
-        if second:
-            masses = inertia(self.mechanism, motion)
-            M = masses.M
-        else:
-            M = inertia_matrix(self.mechanism, motion)
-        roots = Roots.of(M)
+        masses = inertia(self.mechanism, motion) if second else None
+        roots = Roots.of(masses.M if masses else inertia_matrix(self.mechanism, motion))
         speed = roots.solved(momenta)
         bend = np.zeros_like(momenta)
-        if self.freedoms > 1:
+        if masses and self.freedoms > 1:
             bend = roots.turning(masses.dM, speed, momenta)
         seen = motion
         if whole is not None:
             seen = replace(motion, values=motion.values + whole)
         forces, carried = self.loads.parts(seen, speed, t), None
-        if self.loads.rubbing:
+        if masses and self.loads.rubbing:
             pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
-            drive = np.sum(forces, axis=2) - pull
-            carried, locked = self._carried(values, seen, roots, speed, drive, t)
+            drive, inverse = np.sum(forces, axis=2) - pull, roots.inverse
+            timing = Timing(t, speed, (inverse @ drive[..., None])[..., 0])
+            good, none = all_finite(timing.ddq, 1), np.zeros((len(t), self.freedoms))
+            joints, frames = self.closure.joints, self.closure.at(values).frames
+            driven = Driven(self.mechanism, joints, frames, seen, timing, none)
+            carried, locked, _ = rubbed(driven, self.loads, good, inverse)
             forces = self.loads.parts(seen, speed, t, carried)
             status = np.where(locked, Status.NOT_CONVERGED, motion.status)
             motion = replace(motion, status=status.astype(np.int8))
-        return Dynamics(motion, M, roots, forces, speed, bend, carried)
-
-    def _carried(
-        self,
-        values: Floats,
-        seen: CoordinateMotion,
-        roots: Roots,
-        speed: Floats,
-        drive: Floats,
-        t: Floats,
-    ) -> tuple[Floats, Bools]:
-        """Return what bearings that rub carry (n, k), N, and where they lock (n,).
-
-        `drive` (n, m) is what accelerates the coordinates while nothing rubs; rows that are
-        not finite are NaN.
-        """
-        change = roots.solved(roots.solved(drive))
-        good = np.all(np.isfinite(change), axis=1)
-        none = np.zeros((len(t), len(self.mechanism.inputs)))
-        at = self.closure.at(values)
-        given = self.closure.joints, at.frames, seen, Timing(t, speed, change), none
-
-        def answers(velocities: Floats) -> tuple[Floats, Floats]:
-            turned = np.moveaxis(velocities, 1, 0)
-            some = Roots(roots.vectors[good], roots.sizes[good])
-            twice = [some.solved(some.solved(column)) for column in turned]
-            faster = np.stack(twice, axis=1)
-            return faster, np.zeros((*faster.shape[:2], none.shape[1]))
-
-        return rubbed(Driven(self.mechanism, *given), self.loads, good, answers)[:2]
+        return Dynamics(motion, roots, forces, speed, bend, carried)
 
     def arguments(self, dynamics: Dynamics, whole: Floats, t: Floats) -> Floats:
         """Return the steep arguments (n, arguments) of the loads, `whole` as in `at`."""
