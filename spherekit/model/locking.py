@@ -18,7 +18,7 @@ from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import Mass
-from spherekit.model.gears import axes_from_sizes, frames_of_sizes, pair_frames
+from spherekit.model.gears import frames_of_sizes, pair_frames
 from spherekit.model.load import Load, vector_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
@@ -220,7 +220,8 @@ def lock(
 
 
 def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
-    made, where = _lockable(made, pair, value)
+    where = f"{made.name}: lock: pair {pair.name}"
+    in_pose = _check_lockable(made, pair, value, where)
     touching = {x for other in made.pairs if not other.kind.has_axis for x in other.links}
     kept, gone = pair.links
     if gone == made.ground or (gone in touching and kept not in touching | {made.ground}):
@@ -231,7 +232,11 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
         raise ModelError(
             f"{where} joins the same two links as pair {between[0]}, which could not move"
         )
-    geometry, turn = _geometry(made, pair, value, kept, gone)
+    turn = np.eye(3)
+    if not in_pose:
+        first, second = (of_end[pair.name] for of_end in pair_frames(made))
+        turn = first @ about_z(value) @ second.T
+        turn = turn if kept == pair.links[0] else turn.T
 
     def turned_profile(profile: Profile, turn: Floats, contact: Pair) -> Profile:
         if contact.type == "Cr" or profile.kind == "fourier":
@@ -249,10 +254,16 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
         words={f"theta_{pair.name}": f"({value!r})", f"dtheta_{pair.name}": "(0)"},
         turned_profile=turned_profile,
     )
-    joined = replace(
+    pairs = tuple(other for other in parts["pairs"] if other.name != pair.name)
+    geometry = made.geometry
+    if isinstance(geometry, PoseGeometry) and in_pose:
+        geometry = PoseGeometry(*(_but(x, pair) for x in (geometry.axes, geometry.values)))
+    else:
+        geometry = _joined(made, pair, pairs, {kept: np.eye(3), gone: turn})
+    return replace(
         made,
         links=tuple(link for link in made.links if link != gone),
-        pairs=tuple(other for other in parts["pairs"] if other.name != pair.name),
+        pairs=pairs,
         geometry=geometry,
         inputs=tuple(item for item in made.inputs if item.pair != pair.name),
         outputs=tuple(item for item in parts["outputs"] if item.link != item.relative_to),
@@ -261,24 +272,28 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
         stops=tuple(stop for stop in made.stops if stop.pair != pair.name),
         modes=(),
     )
-    if isinstance(geometry, PoseGeometry):
-        return joined
-    into = {gone: turn}
+
+
+def _joined(
+    made: Mechanism, locked: Pair, pairs: Sequence[Pair], turns: Turns
+) -> SizeGeometry:
+    """Return the sizes of pairs with two links as one, by the turns of these into it."""
+    sizes = made.geometry if isinstance(made.geometry, SizeGeometry) else SizeGeometry({})
+    untouched = {link: of for link, of in sizes.links.items() if link not in turns}
     first, second = (
         {
-            other.name: into.get(other.links[end], np.eye(3)) @ frames[other.name]
-            for other in rest
-            if other.kind.has_axis and {kept, gone} & set(other.links)
+            x.name: turns.get(x.links[end], np.eye(3)) @ of_end[x.name]
+            for x in made.pairs
+            if x.kind.has_axis and x != locked and not untouched.keys() >= set(x.links)
         }
-        for end, frames in enumerate(pair_frames(made))
+        for end, of_end in enumerate(pair_frames(made))
     )
-    zeros = {**geometry.zeros, **_zeros(joined.pairs, geometry.links, (first, second))}
-    return replace(joined, geometry=SizeGeometry(geometry.links, zeros))
+    found = sizes_by_frames(pairs, (first, second), untouched)
+    return SizeGeometry(found.links, {**_but(sizes.zeros, locked), **found.zeros})
 
 
-def _lockable(made: Mechanism, pair: Pair, value: float) -> tuple[Mechanism, str]:
-    """Return a mechanism in which a pair can be locked, and how faults of that begin."""
-    where = f"{made.name}: lock: pair {pair.name}"
+def _check_lockable(made: Mechanism, pair: Pair, value: float, where: str) -> bool:
+    """Return whether a pair is locked as it is in the given pose; `where` begins faults."""
     if not pair.kind.has_axis:
         raise ModelError(f"{where} is a contact; only R pairs can be locked")
     if not math.isfinite(value):
@@ -289,55 +304,24 @@ def _lockable(made: Mechanism, pair: Pair, value: float) -> tuple[Mechanism, str
                 f"{where}: {value:.6g} rad is outside its stops, {stop.low:.6g} to "
                 f"{stop.high:.6g} rad"
             )
-    if isinstance(made.geometry, PoseGeometry):
-        posed = made.geometry.values.get(pair.name, 0.0)
-        if abs(math.remainder(value - posed, 2.0 * math.pi)) > SAME:
-            posed_at = f"has {posed:.6g} rad in the reference pose, not {value:.6g} rad"
-            made = _by_sizes(made, f"{where} {posed_at}")
-    return made, where
-
-
-def _geometry(
-    made: Mechanism, pair: Pair, value: float, kept: str, gone: str
-) -> tuple[SizeGeometry | PoseGeometry, Floats]:
-    """Return the new geometry, and the turn (3, 3) from axes of the link that goes."""
-    geometry = made.geometry
-    if isinstance(geometry, PoseGeometry):
-        return PoseGeometry(*(_but(x, pair) for x in (geometry.axes, geometry.values))), (
-            np.eye(3)
+    if isinstance(made.geometry, SizeGeometry):
+        return False
+    posed = made.geometry.values.get(pair.name, 0.0)
+    if abs(math.remainder(value - posed, 2.0 * math.pi)) <= SAME:
+        return True
+    rolling = [other.name for other in made.pairs if other.rolls]
+    if rolling:
+        raise ModelError(
+            f"{where} has {posed:.6g} rad in the reference pose, not {value:.6g} rad: "
+            f"without that pose it is not known how far {rolling[0]} has rolled; lock the "
+            "pair there, or give the mechanism by arcs and angles"
         )
-    first, second = pair_frames(made)
-    turn = first[pair.name] @ about_z(value) @ second[pair.name].T
-    if kept != pair.links[0]:
-        turn = turn.T
-    links = dict(geometry.links)
-    old = links.pop(gone, LinkSizes(()))
-    links[kept] = _joined(links.get(kept, LinkSizes(())), old, pair.name, turn)
-    return SizeGeometry(links, _but(geometry.zeros, pair)), turn
+    return False
 
 
 def _but(of_pairs: Mapping[str, Any], pair: Pair) -> dict[str, Any]:
     """Return what pairs have, without one of them."""
     return {name: x for name, x in of_pairs.items() if name != pair.name}
-
-
-def _joined(kept: LinkSizes, gone: LinkSizes, locked: str, turn: Floats) -> LinkSizes:
-    """Return the sizes of two links as one, in the frame of the first."""
-    axes, arcs, angles = list(kept.axes), list(kept.arcs), list(kept.angles)
-    unpaired = [*kept.unpaired, *([locked] if locked in axes else [])]
-    if len(axes) == 1:
-        # Two axes fix a frame; the second one carries no pair.
-        axes.append(f"{locked}_frame")
-        arcs.append(0.5 * math.pi)
-        unpaired.append(axes[-1])
-    for name, axis in axes_from_sizes(gone).items():
-        if name == locked or name in gone.unpaired:
-            continue
-        x, y, z = turn @ axis
-        axes.append(name)
-        arcs.append(math.atan2(math.hypot(x, y), z))
-        angles.append(math.atan2(-x, y))
-    return LinkSizes(tuple(axes), tuple(arcs), tuple(angles), tuple(unpaired), kept.signed)
 
 
 def _added(masses: Iterable[Mass]) -> tuple[Mass, ...]:
@@ -362,26 +346,6 @@ def _added(masses: Iterable[Mass]) -> tuple[Mass, ...]:
         first, second, third = map(vector_of, tensor)
         whole[item.link] = Mass(item.link, (first, second, third), mass, centre)
     return tuple(whole.values())
-
-
-def _by_sizes(made: Mechanism, where: str) -> Mechanism:
-    """Return a mechanism of a reference pose by sizes, with its variables and link axes.
-
-    The pose is one of the configurations and no longer named. `where` begins messages.
-
-    Raises
-    ------
-    ModelError
-        If a contact rolls: how far it has is said by the pose.
-    """
-    rolling = [pair.name for pair in made.pairs if pair.rolls]
-    if rolling:
-        raise ModelError(
-            f"{where}: without that pose it is not known how far {rolling[0]} has rolled; "
-            "lock the pair there, or give the mechanism by arcs and angles"
-        )
-    assert isinstance(made.geometry, PoseGeometry)
-    return replace(made, geometry=sizes_by_frames(made.pairs, pair_frames(made)))
 
 
 def sizes_by_frames(
