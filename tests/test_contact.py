@@ -211,7 +211,7 @@ def test_gears_of_a_train_turn_about_coaxial_pairs(tmp_path):
     assert np.max(np.abs(np.abs(here.velocity_coefficient("out/case")) - wheel)) < 1e-13
     sk.dump(made, tmp_path / "again.toml")
     assert sk.load(tmp_path / "again.toml") == made
-    path.write_text(HUMPAGE.replace('["arm_shaft", "pin"], arcs = [60.0]', '["pin"]'))
+    path.write_text(HUMPAGE.replace("arcs = [0.0, 180.0]", "arcs = [10.0, 180.0]"))
     with pytest.raises(sk.SpherekitError, match="nor does a pair coaxial"):
         sk.load(path)
 
@@ -403,12 +403,12 @@ def test_gears_in_a_file(tmp_path):
         (
             'axes = ["01", "02"]',
             'axes = ["01", "03"]',
-            'no R pair is named "03"',
+            "but the R pairs on this link are [01, 02]",
         ),
         (
             'axes = ["01", "02"]',
             'axes = ["02", "01"]',
-            'is not on link "1"',
+            'link "1" has no R pair "02"',
         ),
         ("arcs = [75.0]", "arcs = [0.0]", "no pitch cones"),
         ('type = "Cr"', 'type = "Cs"', "allowed: Cr"),

@@ -182,7 +182,7 @@ def _graph(mechanism: Mechanism) -> Graph:
         for pair in mechanism.pairs
         for link in pair.links
     ]
-    return Graph("graph", nodes, edges, [*places.links, *places.pairs])
+    return Graph("graph", nodes, edges, [(x, y) for x, y in places.tolist()])
 
 
 def _text(plans: Sequence[Plan]) -> Text:

@@ -10,7 +10,6 @@ from typing import Any, NoReturn, TypeVar, final
 
 import numpy as np
 
-from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import TURN, AnyPath, choices, nearest
 from spherekit.errors import FileError, ModelError
@@ -29,6 +28,7 @@ from spherekit.model.dynamics import (
     uniform_arc,
 )
 from spherekit.model.gears import (
+    LinkAxes,
     arc_pole,
     gear_axes,
     given_axis,
@@ -213,7 +213,7 @@ class _Reader:
         masses, loads, stops = (self.data.get(key, {}).items() for key in _ACTIONS)
 
         @cache
-        def axes() -> dict[str, dict[str, Floats]]:
+        def axes() -> LinkAxes:
             return link_axes(mechanism)
 
         for link, _ in masses:
@@ -235,22 +235,17 @@ class _Reader:
         fields = {key: value for key, value in item.items() if key != "kind"}
         return stated(name, **{**kind.absent, **fields})
 
-    def mass(
-        self, link: str, item: Table, axes: Callable[[], dict[str, dict[str, Floats]]]
-    ) -> Mass:
+    def mass(self, link: str, item: Table, axes: Callable[[], LinkAxes]) -> Mass:
         mass, centre = item.get("mass"), item.get("centre")
 
         def framed(key: str, ask: Callable[..., Given], *args: Any) -> Given:
             """Return what the model makes of the axes of two R pairs of the link."""
-            path, on_link = ("mass", link, key), axes()[link]
-            for number, pair in enumerate(item[key]):
-                if pair not in on_link:
-                    self.fail(
-                        (*path, number),
-                        f'link "{link}" has no R pair "{pair}"'
-                        f"{choices(pair, on_link, 'R pairs on it')}",
-                    )
-            return self.at(path, ask, *(on_link[pair] for pair in item[key]), *args)
+            path = ("mass", link, key)
+            two = [
+                np.array(self.at((*path, number), given_axis, axes(), link, pair))
+                for number, pair in enumerate(item[key])
+            ]
+            return self.at(path, ask, *two, *args)
 
         if "arc" in item:
             if not item["radius"] > 0:
@@ -347,6 +342,14 @@ class _Reader:
         given = self.data["pairs"].items()
         return {name: item["links"] for name, item in given if item["type"] in _TURNING}
 
+    @cached_property
+    def axes(self) -> LinkAxes:
+        """Return the axes of pairs that have one, in their links."""
+        data, given = self.data, self.joined.items()
+        turning = tuple(Pair(name, "R", links) for name, links in given)
+        bare = (data["name"], data["ground"], tuple(data["links"]), turning, self.geometry)
+        return link_axes(Mechanism(*bare))
+
     def output(self, name: str, item: Table) -> Output:
         """Return an output with its direction, in axes of its link."""
         path: KeyPath = ("outputs", name)
@@ -361,8 +364,7 @@ class _Reader:
         """Return a direction in axes of a link, given by an R pair or by itself."""
         if "axis" not in item:
             return _vector(item, prefix)
-        link, axis = item["link"], item["axis"]
-        return self.at(path, given_axis, self.geometry, self.joined, link, axis)
+        return self.at(path, given_axis, self.axes, item["link"], item["axis"])
 
     def pair(self, name: str) -> Pair:
         """Return a pair, a contact with the curves of both its links."""
@@ -378,7 +380,7 @@ class _Reader:
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, Profile]:
         """Return the circles in which two cones, or the pitch cones of gears, roll."""
         contact = item.get("contact", "external")
-        given = self.geometry, self.joined, item["links"], item["axes"]
+        given = self.joined, self.axes, item["links"], item["axes"]
         centres, shaft_angle = self.at((*path, "axes"), gear_axes, *given)
         key, radii_of = "half_angles", touching_angles
         if "teeth" in item:

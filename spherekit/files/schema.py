@@ -5,13 +5,15 @@ faults that say what to write instead, the limits of its numbers, and the conver
 angles, rates and directions between the unit of a file and the radians used inside.
 """
 
+import copy
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, reduce
 from importlib.resources import files
 from itertools import islice
+from operator import getitem
 from typing import Any, Literal, final
 
 import numpy as np
@@ -31,8 +33,6 @@ _SCHEMAS: Mapping[Kind, str] = {
 }
 
 _DEFS = "#/$defs/"
-_WORDS = frozenset({"title", "description", "$ref"})
-_NUMERIC = _WORDS | {"type", "minimum", "maximum", "exclusiveMinimum"}
 _INTEGER_BITS = 200
 _PLAIN = frozenset({"title", "description", "type", "minimum", "maximum"})
 _Fault = tuple[KeyPath, str]
@@ -211,46 +211,33 @@ def limits_of(document: Document, path: KeyPath) -> Limits:
     What else the format asks depends on keys, names and kinds, never on a number beside
     this one, so that with a number that is allowed the document fits the format as before.
     """
-    made = Limits()
-    for part in _parts(schema(), document.data, path):
-        if not _NUMERIC.issuperset(part) or part.get("type") not in ("number", "integer"):
-            return NONE
-        made = Limits(
-            max(made.low, part.get("minimum", -math.inf)),
-            min(made.high, part.get("maximum", math.inf)),
-            max(made.above, part.get("exclusiveMinimum", -math.inf)),
-            made.whole or part["type"] == "integer",
-        )
-    return made
+    if len(path) < 2:
+        return NONE
+    table, name, *_ = map(str, path)
+    data: Any = copy.deepcopy({table: {name: document.data[table][name]}})
+    *within, last = path
+    place = reduce(getitem, within, data)
+    found = Limits()
+    for trial in (-HUGE, HUGE, 0.5):
+        place[last] = trial
+        for error in validator().iter_errors(data):
+            if tuple(error.absolute_path) != path:
+                continue
+            rule, limit = error.validator, error.validator_value
+            if rule not in _LIMITS:
+                return NONE
+            found = replace(found, **{_LIMITS[rule]: True if rule == "type" else limit})
+    return found
 
 
-def _parts(
-    part: Mapping[str, Any], value: Any, path: KeyPath
-) -> Iterator[Mapping[str, Any]]:
-    """Yield what the schema asks of the number at a path of a value."""
-    if "$ref" in part:
-        name = part["$ref"].removeprefix(_DEFS)
-        yield from _parts(schema()["$defs"][name], value, path)
-    for other in part.get("allOf", ()):
-        if "if" not in other:
-            yield from _parts(other, value, path)
-        elif validator().evolve(schema=other["if"]).is_valid(value):
-            yield from _parts(other["then"], value, path)
-    if not path:
-        if not _WORDS.issuperset(part):
-            yield part
-        return
-    step, rest = path[0], path[1:]
-    if isinstance(value, Mapping):
-        inner = part.get("properties", {}).get(step, part.get("additionalProperties"))
-        beneath = value.get(step)
-        if beneath is None:
-            yield {"required": [step]}
-            return
-    else:
-        inner, beneath = part.get("items"), value[step]
-    if isinstance(inner, Mapping):
-        yield from _parts(inner, beneath, rest)
+HUGE = 1e300
+"""A number that breaks every limit."""
+_LIMITS = {
+    "minimum": "low",
+    "maximum": "high",
+    "exclusiveMinimum": "above",
+    "type": "whole",
+}
 
 
 def _check_format(document: Document) -> None:

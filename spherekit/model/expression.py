@@ -202,30 +202,6 @@ class Expression:
             )
             return np.array(np.broadcast_to(value, shape), dtype=np.float64)
 
-    def scalar(self, places: Mapping[str, int]) -> Callable[[Sequence[float]], float]:
-        """Return a function of a row of floats, for loops that evaluate single samples.
-
-        The same values as `evaluate` to rounding, NaN and infinity included, in a
-        fraction of the time.
-
-        Parameters
-        ----------
-        places
-            Where in a row each name used stands.
-        """
-        code = self.code({name: f"row[{place}]" for name, place in places.items()})
-        call = made_of(f"lambda row: {code}")
-
-        def value(row: Sequence[float]) -> float:
-            try:
-                return float(call(row))
-            except (ValueError, ArithmeticError):
-                return float(
-                    self.evaluate({name: row[places[name]] for name in self.names})
-                )
-
-        return value
-
     def code(self, names: Mapping[str, str]) -> str:
         """Return it as Python for `made_of`, of floats for which its names are written so.
 

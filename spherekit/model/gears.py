@@ -5,7 +5,6 @@ Where each pair's axis and zero direction sit in its two links.
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Generic, Literal, TypeVar, final
@@ -124,7 +123,7 @@ def touching(
     return float(s[0]), float(s[1])
 
 
-def link_axes(mechanism: Mechanism) -> dict[str, dict[str, Floats]]:
+def link_axes(mechanism: Mechanism) -> "LinkAxes":
     """Return the unit axis (3,) of every R pair in each of its links, by names."""
     axes: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
     first, second = pair_frames(mechanism)
@@ -142,38 +141,25 @@ def pair_frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floa
     return frames_of_sizes(mechanism.pairs, mechanism.geometry)
 
 
-def given_axis(
-    geometry: SizeGeometry | PoseGeometry,
-    joined: Mapping[str, tuple[str, str]],
-    link: str,
-    axis: str,
-) -> Vector:
-    """Return the unit axis of an R pair in the axes of one of its links.
+LinkAxes = Mapping[str, Mapping[str, Floats]]
+"""The unit axis (3,) of every R pair in each of its links, by names; see `link_axes`."""
 
-    `joined` holds the two links of every R pair.
+
+def given_axis(axes: LinkAxes, link: str, pair: str) -> Vector:
+    """Return the unit axis of an R pair in the axes of one of its links.
 
     Raises
     ------
     ModelError
-        If there is no such pair, it is not on the link, or its axis is not given there.
+        If there is no such pair on the link.
     """
-    if axis not in joined:
-        raise ModelError(f'no R pair is named "{axis}"{choices(axis, joined, "R pairs")}')
-    if link not in joined[axis]:
-        raise ModelError(f'R pair "{axis}" is not on link "{link}"')
-    axes: Mapping[str, Vector | Floats]
-    if isinstance(geometry, PoseGeometry):
-        axes = geometry.axes
-    else:
-        sizes = geometry.links.get(link, LinkSizes(()))
-        further = len(sizes.axes) - 1
-        if len(sizes.arcs) < further or len(sizes.angles) < further - 1:
-            raise ModelError(f'arcs or angles of link "{link}" are missing')
-        axes = axes_from_sizes(sizes)
-    if axis not in axes:
-        raise ModelError(f'the axis of pair "{axis}" is not given in link "{link}"')
-    x, y, z = axes[axis]
-    return float(x), float(y), float(z)
+    if pair not in axes[link]:
+        raise ModelError(
+            f'link "{link}" has no R pair "{pair}"'
+            f"{choices(pair, axes[link], 'R pairs on it')}"
+        )
+    x, y, z = axes[link][pair].tolist()
+    return x, y, z
 
 
 def arc_pole(first: Vector, second: Vector) -> Vector:
@@ -362,29 +348,26 @@ def touching_angles(
 
 
 def gear_axes(
-    geometry: SizeGeometry | PoseGeometry,
     joined: Mapping[str, tuple[str, str]],
+    axes: LinkAxes,
     links: tuple[str, str],
-    axes: tuple[str, str],
+    pairs: tuple[str, str],
 ) -> tuple[tuple[Vector, Vector], float]:
     """Return the gears' axes in their links, and the shaft angle (rad) between them.
 
-    `joined` holds the two links of every R pair, `links` the two gears, `axes` the R pairs
-    they turn about.
+    `joined` and `axes` are the links and the axes of every R pair, `links` the two gears,
+    `pairs` the R pairs they turn about.
     """
-    first, second = (
-        given_axis(geometry, joined, link, axis)
-        for link, axis in zip(links, axes, strict=True)
-    )
-    _, (one, other) = _carrier(geometry, joined, links, axes)
+    _, (one, other) = _carrier(joined, axes, links, pairs)
+    first, second = (given_axis(axes, *at) for at in zip(links, pairs, strict=True))
     return (first, second), float(arc(one.line, other.line))
 
 
 def carrier_of(
-    geometry: SizeGeometry | PoseGeometry,
     joined: Mapping[str, tuple[str, str]],
+    axes: LinkAxes,
     links: tuple[str, str],
-    axes: tuple[str, str],
+    pairs: tuple[str, str],
 ) -> tuple[str, list[tuple[str, int]]]:
     """Return the link that carries the axes of two gears, and by which R pairs.
 
@@ -395,9 +378,9 @@ def carrier_of(
     Raises
     ------
     ModelError
-        If no link carries both, or the file lacks where their axes are in it.
+        If no link carries both.
     """
-    carrier, both = _carrier(geometry, joined, links, axes)
+    carrier, both = _carrier(joined, axes, links, pairs)
     carried = []
     for seen in both:
         pair, side = seen.way[-1]
@@ -406,32 +389,25 @@ def carrier_of(
 
 
 def _carrier(
-    geometry: SizeGeometry | PoseGeometry,
     joined: Mapping[str, tuple[str, str]],
+    axes: LinkAxes,
     links: tuple[str, str],
-    axes: tuple[str, str],
+    pairs: tuple[str, str],
 ) -> tuple[str, tuple["Seen[str]", "Seen[str]"]]:
     """Return the carrier, see `carrier_of`, and both axes seen from it."""
-    every: dict[str, tuple[Floats, Floats]] = {}
-    for pair, (near, far) in joined.items():
-        with suppress(ModelError):
-            ends = (given_axis(geometry, joined, end, pair) for end in (near, far))
-            every[pair] = np.array(next(ends)), np.array(next(ends))
+    every = {
+        pair: (axes[near][pair], axes[far][pair]) for pair, (near, far) in joined.items()
+    }
     one, other = (
-        seen_from_links(
-            joined, every, link, np.array(given_axis(geometry, joined, link, axis))
-        )
-        for link, axis in zip(links, axes, strict=True)
+        seen_from_links(joined, every, link, np.array(given_axis(axes, link, pair)))
+        for link, pair in zip(links, pairs, strict=True)
     )
     both = [link for link in one if link in other and link not in links]
     if not both:
-        for link in sorted(set(joined[axes[0]]).intersection(joined[axes[1]])):
-            for axis in axes:
-                given_axis(geometry, joined, link, axis)  # says what of it is missing
         raise ModelError(
-            f'R pairs "{axes[0]}" and "{axes[1]}" do not join the gears to a common link, '
-            "nor does a pair coaxial with one of them; name the pairs whose axes one link "
-            "carries, or give each gear its circle under profiles"
+            f'R pairs "{pairs[0]}" and "{pairs[1]}" do not join the gears to a common '
+            "link, nor does a pair coaxial with one of them; name the pairs whose axes one "
+            "link carries, or give each gear its circle under profiles"
         )
     carrier = min(both, key=lambda link: len(one[link].way + other[link].way))
     return carrier, (one[carrier], other[carrier])

@@ -1,9 +1,11 @@
 """Graph views of a mechanism; the only module that imports networkx, when called."""
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
+import numpy as np
+
+from spherekit.arrays import Floats
 from spherekit.model.mechanism import Mechanism
 
 
@@ -51,17 +53,8 @@ def pieces(mechanism: Mechanism) -> list[list[str]]:
     return components
 
 
-@final
-@dataclass(frozen=True)
-class GraphLayout:
-    """Positions in the unit square of links and pairs, for drawing."""
-
-    links: tuple[tuple[float, float], ...]
-    pairs: tuple[tuple[float, float], ...]
-
-
-def layout(mechanism: Mechanism) -> GraphLayout:
-    """Return positions for drawing the link/pair graph: few crossings, same every time."""
+def layout(mechanism: Mechanism) -> Floats:
+    """Return positions (links + pairs, 2) for drawing the graph, about the unit square."""
     import networkx as nx
 
     graph: nx.Graph[Any] = nx.Graph()
@@ -72,41 +65,28 @@ def layout(mechanism: Mechanism) -> GraphLayout:
     planar, _ = nx.check_planarity(graph)
     start = nx.planar_layout(graph) if planar else nx.circular_layout(graph)
     spread = nx.kamada_kawai_layout(graph, pos=start)
-    low = [min(point[axis] for point in spread.values()) for axis in (0, 1)]
-    high = [max(point[axis] for point in spread.values()) for axis in (0, 1)]
-
-    def unit(node: tuple[str, str]) -> tuple[float, float]:
-        scaled: Sequence[float] = [
-            (float(spread[node][axis]) - low[axis]) / ((high[axis] - low[axis]) or 1.0)
-            for axis in (0, 1)
-        ]
-        return scaled[0], scaled[1]
-
     nodes = [*links, *(("pair", pair.name) for pair in mechanism.pairs)]
-    places = _apart([unit(node) for node in nodes])
-    return GraphLayout(tuple(places[: len(links)]), tuple(places[len(links) :]))
+    places = np.array([spread[node] for node in nodes])
+    extent = np.ptp(places, axis=0)
+    places = (places - places.min(axis=0)) / np.where(extent > 0.0, extent, 1.0)
+    return _apart(places)
 
 
 NODE_GAP = 0.12
 """Nodes nearer than this would cover each other's names."""
 
 
-def _apart(places: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Push nodes away from each other until none covers another."""
-    for _ in range(50):
-        moved = False
-        for a in range(len(places)):
-            for b in range(a):
-                dx = places[a][0] - places[b][0]
-                dy = places[a][1] - places[b][1]
-                size = (dx * dx + dy * dy) ** 0.5
-                if size >= NODE_GAP:
-                    continue
-                moved = True
-                push = 0.5 * (NODE_GAP - size) + 1e-3
-                ux, uy = (dx / size, dy / size) if size > 1e-6 else (0.0, 1.0)
-                places[a] = (places[a][0] + push * ux, places[a][1] + push * uy)
-                places[b] = (places[b][0] - push * ux, places[b][1] - push * uy)
-        if not moved:
+def _apart(places: Floats) -> Floats:
+    """Return places (n, 2), pushed from each other until none covers another."""
+    n = len(places)
+    upwards = np.sign(np.subtract.outer(np.arange(n), np.arange(n)))[..., None] * [0.0, 1.0]
+    for _ in range(100):
+        away = places[:, None] - places
+        size = np.linalg.norm(away, axis=2, keepdims=True)
+        push = np.where(size < NODE_GAP, 0.5 * (NODE_GAP - size) + 1e-3, 0.0)
+        ways = np.divide(away, size, out=upwards.copy(), where=size > 1e-6)
+        moved = np.sum(push * ways, axis=1)
+        if not np.any(moved):
             break
+        places = places + moved
     return places

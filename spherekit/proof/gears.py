@@ -32,7 +32,7 @@ from spherekit.errors import PlanError
 from spherekit.files.document import Document, LiteralNumber, parse
 from spherekit.files.read import read
 from spherekit.files.write import dumps
-from spherekit.model.gears import carrier_of
+from spherekit.model.gears import carrier_of, link_axes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry, Profile
 from spherekit.planning.inputs import driven_pairs
@@ -549,8 +549,9 @@ class Written:
             two = list(zip(item["axes"], pair.links, strict=True))
             centres = [axis(name, link) for name, link in two]
             joined = {name: mechanism.pair(name).links for name in frames}
-            axes = item["axes"][0], item["axes"][1]
-            carrier, carried = carrier_of(mechanism.geometry, joined, pair.links, axes)
+            pairs = item["axes"][0], item["axes"][1]
+            axes = link_axes(mechanism)
+            carrier, carried = carrier_of(joined, axes, pair.links, pairs)
             one, other = (way * axis(name, carrier) for name, way in carried)
             radii, sines = self._cones(item, one, other, sense)
         else:
