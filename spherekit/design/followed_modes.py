@@ -9,13 +9,13 @@ what such steps join, along any axis: but one configuration at a sample, where w
 a singularity would join two.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.arrays import Array, Bools, Floats, Indices, Integers
 from spherekit.design.all_solutions import (
     StartSet,
     Way,
@@ -68,58 +68,60 @@ def followed_modes(
     m = start.values.shape[1]
     following = _Following(kernel, np.repeat(sizes, m, axis=1), m)
     q, previous = lattice.q, lattice.neighbours()[1::2]
-    sheets = _Sheets(len(q), sizes.shape[1], m)
+    width = sizes.shape[1] * m
     kept: dict[int, _Sample] = {}
-    values = nans((len(q), kernel.variables, sizes.shape[1] * m))
+    values = nans((kernel.variables, len(q), width))
+    number = np.full((len(q), width), -1)  # of the mode that a row is on at a sample
     for k in range(len(q)):
         before = sorted((int(row) for row in previous[:, k] if row >= 0), reverse=True)
-        if not before:
-            at = following.begun(start, q[k])
-            sheets.begin(k, at.real)
-        else:
-            first, *others = before
-            at = following.onward(kept[first], q[first], q[k])
-            links = following.links(kept[first], at, q[first], q[k])
-            more = [
-                (other, following.across(kept[other], at, q[other], q[k]))
-                for other in others
-            ]
-            sheets.go_on(k, at.real, [(first, links), *more])
+        at = (
+            following.onward(kept[before[0]], q[before[0]], q[k])
+            if before
+            else following.begun(start, q[k])
+        )
+        number[k, at.real] = k * width + np.flatnonzero(at.real)
+        for other in before[:1]:
+            links = following.links(kept[other], at, q[other], q[k])
+            number[k, links[links >= 0]] = number[other, links >= 0]
+        for other in before[1:]:
+            links = following.across(kept[other], at, q[other], q[k])
+            for row in np.flatnonzero(links >= 0).tolist():
+                ends = number[other, row], number[k, links[row]]
+                _join(number[:, following.own(row)], min(ends), max(ends))
         kept[k] = at
         kept.pop(k - len(q) // lattice.shape[0], None)
-        values[k][:, at.real] = at.values[:, at.real].real
-    lost = np.flatnonzero(following.lost)
-    design, configurations = sheets.gathered(values, lost)
-    design, configurations = _ordered(design, configurations)
-    return Modes(
-        design, configurations, _labels(kernel, sizes, design, configurations), lost
-    )
+        values[:, k, at.real] = at.values[:, at.real].real
+    number[:, np.repeat(following.lost, m)] = -1
+    return _gathered(kernel, sizes, values, number, following.lost)
 
 
-def _ordered(design: Indices, values: Floats) -> tuple[Indices, Floats]:
+def _join(here: Integers, one: int, other: int) -> None:
+    """Make two modes one where both are, unless both have a configuration somewhere."""
+    both = np.any(here == one, axis=1) & np.any(here == other, axis=1)
+    if not np.any(both):
+        here[here == other] = one
+
+
+def _gathered(
+    kernel: PathKernel, sizes: Floats, solutions: Floats, number: Integers, lost: Bools
+) -> Modes:
     """Return modes by design, then by the first sample at which they close, and how."""
+    k, row = np.nonzero(number >= 0)
+    numbers, mode = np.unique(number[k, row], return_inverse=True)
+    design = np.zeros(len(numbers), dtype=np.intp)
+    design[mode] = row // (number.shape[1] // len(lost))
+    values = nans((*solutions.shape[:2], len(numbers)))
+    values[:, k, mode] = solutions[:, k, row]
     first = np.argmax(np.isfinite(values[0]), axis=0)
     there = values[:, first, np.arange(len(first))]
     keys = np.round(there - 2.0 * np.pi * np.round(there / (2.0 * np.pi)), 6)
     order = np.lexsort((*keys[::-1], first, design))
-    return design[order], values[:, :, order]
-
-
-def _labels(
-    kernel: PathKernel, sizes: Floats, design: Indices, values: Floats
-) -> tuple[str, ...]:
-    first = np.argmax(np.isfinite(values[0]), axis=0)
-    there = values[:, first, np.arange(len(first))]
+    design, values, there = design[order], values[:, :, order], there[:, order]
     prepared = kernel.prepare(np.ascontiguousarray(sizes[:, design]))
-    begins = np.searchsorted(design, design)
-    numbers = np.arange(len(design)) - begins
-    texts = kernel.labels(there, prepared)
-    return tuple(f"{k} {text}" for k, text in zip(numbers, texts, strict=True))
-
-
-def _onward(h: Floats, rates: Array) -> Array:
-    """Return rates (variables, n) while inputs go on by h (inputs,), from those of each."""
-    return np.asarray(np.tensordot(h, rates, 1))
+    counts = np.arange(len(design)) - np.searchsorted(design, design)
+    texts = zip(counts, kernel.labels(there, prepared), strict=True)
+    labels = tuple(f"{k} {text}" for k, text in texts)
+    return Modes(design, values, labels, np.flatnonzero(lost))
 
 
 @final
@@ -134,63 +136,7 @@ class _Sample:
 
     def along(self, h: Floats) -> Array:
         """Return the rates (variables, n) while the inputs go on by h (inputs,)."""
-        return _onward(h, self.rates)
-
-
-@final
-class _Sheets:
-    """The numbers of the modes that rows are on at samples, -1 where they are on none."""
-
-    def __init__(self, samples: int, designs: int, together: int) -> None:
-        self.m, self.count = together, 0
-        self.number = np.full((samples, designs * together), -1)
-
-    def begin(self, k: int, real: Bools) -> None:
-        """Begin a mode with each real row of a sample that is on none."""
-        fresh = np.flatnonzero(real & (self.number[k] < 0))
-        self.number[k, fresh] = self.count + np.arange(len(fresh))
-        self.count += len(fresh)
-
-    def go_on(self, k: int, real: Bools, links: Sequence[tuple[int, Indices]]) -> None:
-        """Go on to a sample from others: `links` (n,) say to which row those there lead."""
-        for other, to in links:
-            on = np.flatnonzero(to >= 0)
-            there, here = self.number[other, on], self.number[k, to[on]]
-            fresh = here < 0
-            # A row of another sample of this mode may have come here already.
-            for row, number in zip(to[on[fresh]], there[fresh], strict=True):
-                if not np.any(self.number[k, self._own(row)] == number):
-                    self.number[k, row] = number
-            for row, one, two in zip(
-                to[on[~fresh]], here[~fresh], there[~fresh], strict=True
-            ):
-                if one != two:
-                    self._join(self._own(row), int(one), int(two))
-        self.begin(k, real)
-
-    def _own(self, row: int) -> slice:
-        """Return the rows of the design of a row."""
-        start = row // self.m * self.m
-        return slice(start, start + self.m)
-
-    def _join(self, part: slice, one: int, other: int) -> None:
-        """Make two modes of a design one, unless both have a configuration somewhere."""
-        here = self.number[:, part]
-        both = np.any(here == one, axis=1) & np.any(here == other, axis=1)
-        if not np.any(both):
-            here[here == max(one, other)] = min(one, other)
-
-    def gathered(self, solutions: Floats, lost: Indices) -> tuple[Indices, Floats]:
-        """Return the design (modes,) and values (variables, samples, modes) of each."""
-        k, row = np.nonzero(self.number >= 0)
-        good = ~np.isin(row // self.m, lost)
-        k, row = k[good], row[good]
-        numbers, mode = np.unique(self.number[k, row], return_inverse=True)
-        design = np.zeros(len(numbers), dtype=np.intp)
-        design[mode] = row // self.m
-        values = nans((solutions.shape[1], len(solutions), len(numbers)))
-        values[:, k, mode] = solutions[k, :, row].T
-        return design, values
+        return np.asarray(np.tensordot(h, self.rates, 1))
 
 
 @final
@@ -277,14 +223,14 @@ class _Following:
 
         Rows that the rates at both ends lead to each other are tried first.
         """
-        h = there - before
-        onto = self._nearest(at.real, at.values + at.along(h), sample)
-        back = self._nearest(sample.real, sample.values - sample.along(h), at)
-        mutual = (onto >= 0) & (back[onto] == np.arange(len(onto)))
-        likely = np.where(mutual, onto, -1)
-        lost_before = self.lost.copy()
+        h, lost = there - before, self.lost.copy()
+        onto = self._nearest(at, at.values + at.along(h), sample)
+        back = self._nearest(sample, sample.values - sample.along(h), at)
+        mutual = np.take_along_axis(back, onto, 1) == np.arange(self.m)
+        first = self.m * np.arange(len(lost))[:, None]
+        likely = np.where((onto >= 0) & mutual, first + onto, -1).ravel()
         made = self.links(at, sample, before, there, likely)
-        doubtful = self.lost & ~lost_before
+        doubtful = self.lost & ~lost
         if np.any(doubtful):
             # What two rows led to is decided by walking all of them.
             self.lost[doubtful] = False
@@ -292,18 +238,20 @@ class _Following:
             made = self.links(at, sample, before, there, likely)
         return made
 
-    def _nearest(self, rows: Bools, guess: Array, sample: _Sample) -> Indices:
-        """Return the real rows (n,) of a sample that guesses are nearest to, or -1."""
-        nearest = np.full(len(rows), -1)
-        chosen = np.flatnonzero(rows)
-        design = chosen // self.m
-        values = sample.values.real.reshape(len(guess), -1, self.m)
-        gaps = apart(values[:, design], guess.real[:, chosen, None])
-        real = sample.real.reshape(-1, self.m)[design]
-        gaps[~real] = np.inf
-        some = np.any(real, axis=1)
-        nearest[chosen[some]] = (design * self.m + np.argmin(gaps, axis=1))[some]
-        return nearest
+    def _nearest(self, at: _Sample, guess: Array, sample: _Sample) -> Indices:
+        """Return the real rows (designs, m) nearest to guesses, -1 without one."""
+        ours, theirs = (
+            x.reshape(-1, len(self.lost), self.m) for x in (guess, sample.values)
+        )
+        gaps = apart(ours.real[..., None], theirs.real[:, :, None])
+        real, others = (x.real.reshape(-1, self.m) for x in (at, sample))
+        gaps[~(real[:, :, None] & others[:, None])] = np.inf
+        return np.where(np.isinf(np.min(gaps, axis=2)), -1, np.argmin(gaps, axis=2))
+
+    def own(self, row: int) -> slice:
+        """Return the rows of the design of a row."""
+        start = row // self.m * self.m
+        return slice(start, start + self.m)
 
     def links(
         self,
@@ -317,76 +265,49 @@ class _Following:
 
         `likely` (n,) are the rows that are tried first, each once, or -1; by default the
         same. Where no row is left over on one side, those on the other end, or begin,
-        between.
+        between. What two ways lead to, or one leads nowhere, is of a lost design.
         """
         same = np.arange(len(at.real)) if likely is None else likely
         both = np.flatnonzero(at.real & (same >= 0) & sample.real[same])
         links = np.full(len(at.real), -1)
         sure = both[_smooth(at, sample, both, same[both], there - before)]
         links[sure] = same[sure]
-        taken = np.zeros(len(links), dtype=bool)
-        taken[same[sure]] = True
-        left, fresh = at.real & (links < 0), sample.real & ~taken
-        rows = np.flatnonzero(left & self._open(left, fresh))
-        self._lead(at, sample, rows, (before, there), links, taken)
-        left, fresh = left & (links < 0), fresh & ~taken
-        rows, back = (
-            np.flatnonzero(fresh & self._open(left, fresh)),
-            np.full(len(links), -1),
-        )
-        self._lead(sample, at, rows, (there, before), back, links >= 0)
-        on = np.flatnonzero(back >= 0)
-        links[back[on]] = on
+        for onward in (True, False):
+            left, fresh = at.real & (links < 0), sample.real.copy()
+            fresh[links[links >= 0]] = False
+            of_design = [np.any(x.reshape(-1, self.m), axis=1) for x in (left, fresh)]
+            open_ = np.repeat(of_design[0] & of_design[1], self.m)
+            if onward:
+                led = self._led(at, sample, np.flatnonzero(left & open_), before, there)
+            else:
+                led = self._led(sample, at, np.flatnonzero(fresh & open_), there, before)
+            for row, end in led:
+                one, other = (row, end) if onward else (end, row)
+                if end < 0 or links[one] >= 0 or other in links[self.own(row)]:
+                    self.lost[row // self.m] = True
+                else:
+                    links[one] = other
         return links
 
-    def _open(self, left: Bools, fresh: Bools) -> Bools:
-        """Return the rows (n,) of designs that have rows of both kinds."""
-        both = [np.any(flags.reshape(-1, self.m), axis=1) for flags in (left, fresh)]
-        return np.repeat(both[0] & both[1], self.m)
-
-    def _lead(
-        self,
-        at: _Sample,
-        sample: _Sample,
-        rows: Indices,
-        ends: tuple[Floats, Floats],
-        links: Indices,
-        taken: Bools,
-    ) -> None:
-        """Set in which rows of a sample real ways of rows end; each is taken once."""
-        start, stop = ends
+    def _led(
+        self, at: _Sample, sample: _Sample, rows: Indices, start: Floats, stop: Floats
+    ) -> Iterator[tuple[int, int]]:
+        """Yield rows whose real ways reach a sample, and where these end, -1 if nowhere."""
         sizes = self.sizes[:, rows]
         turned = dict(zip(self.kernel.driven, stop - start, strict=True))
         begun = np.ascontiguousarray(at.values[:, rows].real)
         values, reached = followed(
             self.kernel, begun, sizes, np.zeros_like(sizes), turned=turned
         )
-        for row, end in zip(rows[reached], values[:, reached].T, strict=True):
-            other = self._at(sample, row // self.m, end)
-            if other < 0 or taken[other]:
-                self.lost[row // self.m] = True
-            else:
-                links[row], taken[other] = other, True
-
-    def _at(self, sample: _Sample, design: int, end: Floats) -> int:
-        """Return the real row of a design at a configuration, -1 without one."""
-        of_design = design * self.m + np.flatnonzero(
-            sample.real[design * self.m : (design + 1) * self.m]
-        )
-        if not len(of_design):
-            return -1
-        gaps = apart(sample.values[:, of_design].real, end[:, None])
-        best = int(np.argmin(gaps))
-        return int(of_design[best]) if gaps[best] < STAYS else -1
+        for row, end in zip(rows[reached].tolist(), values[:, reached].T, strict=True):
+            own = self.own(row)
+            gaps = apart(sample.values[:, own].real, end[:, None])
+            gaps[~sample.real[own]] = np.inf
+            best = int(np.argmin(gaps))
+            yield row, own.start + best if gaps[best] < STAYS else -1
 
 
-def _smooth(
-    at: _Sample,
-    sample: _Sample,
-    rows: Indices,
-    to: Indices,
-    h: Floats,
-) -> Bools:
+def _smooth(at: _Sample, sample: _Sample, rows: Indices, to: Indices, h: Floats) -> Bools:
     """Return which real rows go on in others: by values and rates at both ends."""
     moved = (sample.values[:, to] - at.values[:, rows]).real
     one, other = at.along(h)[:, rows].real, sample.along(h)[:, to].real
@@ -394,14 +315,8 @@ def _smooth(
         # Other ways here may have counted other whole turns.
         away = moved - 0.5 * (one + other)
         turns = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
-        off, moved = max_abs(away - turns, axis=0), moved - turns
+        off, size = max_abs(away - turns, axis=0), max_abs(moved - turns, axis=0)
         same = (at.determinant[rows].real > 0.0) == (sample.determinant[to].real > 0.0)
-        size = max_abs(moved, axis=0)
-        right = (off <= RIGHT * size + TINY) & (_cosine(one, other) > TURN)
-    return np.asarray(same & right)
-
-
-def _cosine(one: Floats, other: Floats) -> Floats:
-    """Return the cosine (n,) between two tangents by their rates (variables, n)."""
-    sizes = np.sum(one * one, axis=0) * np.sum(other * other, axis=0)
-    return np.asarray(np.sum(one * other, axis=0) / np.sqrt(sizes))
+        lengths = np.linalg.norm(one, axis=0) * np.linalg.norm(other, axis=0)
+        cosine = np.sum(one * other, axis=0) / lengths
+    return np.asarray(same & (off <= RIGHT * size + TINY) & (cosine > TURN))

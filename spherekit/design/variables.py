@@ -321,7 +321,10 @@ class FileNumbers:
         self._first = len(of_contacts)
         self.nominal = np.array([*of_contacts, *actions.numbers])
         steps = np.concatenate([size * np.eye(len(self.values)) for size in (1.0, *TRIED)])
-        tried = [self._read(self.values * (1.0 + share) + share) for share in TRIED]
+        designs = [self.values * (1.0 + share) + share for share in TRIED]
+        tried = [self._read(design) for design in designs]
+        both = zip(designs, tried, strict=True)
+        self._tried = [design for design, x in both if not isinstance(x, str)]
         there = [numbers for numbers in tried if not isinstance(numbers, str)]
         every = not there
         if every:  # some vary by whole numbers, and some only with others
@@ -393,20 +396,15 @@ class FileNumbers:
 
     @cached_property
     def steady(self) -> list[Floats | None]:
-        """The derivatives (k,) by each variable that are the same everywhere."""
-        senses = np.ones(len(self.values))
-        share = max(map(abs, TRIED))
-        for k, unit in enumerate(np.eye(len(senses))):
-            if isinstance(
-                self._read(self.values + share * unit * (self.values + 1.0)), str
-            ):
-                senses[k] = -1.0
-        shares = [0.0 * senses, *(abs(share) * senses for share in TRIED)]
+        """The derivatives (k,) by each variable that are the same everywhere.
+
+        So they are where they are at the designs that were tried; without any, of none.
+        """
         made: list[Floats | None] = []
-        for k in range(len(senses)):
-            tried = [self._slope(self.values * (1.0 + x) + x, k) for x in shares]
-            same = all(np.allclose(tried[0], x, rtol=STEADY, atol=0.0) for x in tried)
-            made.append(tried[0] if same else None)
+        for k in range(len(self.values)):
+            here, *others = (self._slope(x, k) for x in (self.values, *self._tried))
+            same = all(np.allclose(here, x, rtol=STEADY, atol=0.0) for x in others)
+            made.append(here if others and same else None)
         return made
 
     def _slope(self, values: Floats, k: int) -> Floats:
