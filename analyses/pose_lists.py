@@ -83,10 +83,10 @@ class Given:
     """Where poses come from, as the analysis is told: one of the three is not empty."""
 
     poses: tuple[str, ...]
-    columns: tuple[str, ...]
-    file: str
-    window: tuple[str, ...]
-    unit: str
+    columns: tuple[str, ...] = ()
+    file: str = ""
+    window: tuple[str, ...] = ()
+    unit: str = "deg"
 
     def read(self, solver: OutputKinematics, where: str) -> PoseList:
         """Return the poses.
@@ -120,24 +120,31 @@ class Given:
                 return self._from_file(solver, where)
             if self.window:
                 return self._from_window(solver, where)
-            return self._from_text(solver, where)
+            return self.from_text(solver, f"{where}: poses")
         except AnalysisError:
             if not solver.labels:
                 solver.inverse(np.zeros((0, 3, 3)), ())  # says why there is none
             raise
 
-    def _from_text(self, solver: OutputKinematics, where: str) -> PoseList:
-        given = numbers_of(self.poses, f"{where}: poses")
-        kind = _kind(_kinds(solver), tuple(given[0]), f"{where}: poses")
+    def from_text(self, solver: OutputKinematics, where: str) -> PoseList:
+        """Return the poses that are told as text.
+
+        Raises
+        ------
+        AnalysisError
+            If they are none, or not all said in the same terms.
+        """
+        given = numbers_of(self.poses, where)
+        kind = _kind(_kinds(solver), tuple(given[0]), where)
         for number, row in enumerate(given, 1):
             if row.keys() != given[0].keys():
                 raise AnalysisError(
-                    f"{where}: poses: number {number} has {listing(row)}, but the first "
+                    f"{where}: number {number} has {listing(row)}, but the first "
                     f"{listing(given[0])}; say all poses in the same terms"
                 )
         numbers = np.array([[row[name] for name in kind] for row in given])
         places = [f"number {k + 1}" for k in range(len(given))]
-        return self._made(solver, kind, numbers, {}, places, f"{where}: poses", None)
+        return self._made(solver, kind, numbers, {}, places, where, None)
 
     def _from_file(self, solver: OutputKinematics, where: str) -> PoseList:
         path = Path(self.file)

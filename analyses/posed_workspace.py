@@ -23,9 +23,7 @@ from spherekit.plugin.rotations import (
     Pose,
     from_quaternion,
     from_tilt_torsion,
-    normals_of,
     pointing,
-    quaternion,
 )
 from spherekit.plugin.workspace import (
     AngleLimit,
@@ -216,42 +214,6 @@ def _degrees(what: str, text: str, number: str) -> float:
 
 Row = dict[str, Any]
 Workspaces = tuple[DirectionWorkspace, ...] | tuple[OrientationWorkspace, ...]
-
-
-def given_poses(text: str, kinematics: ClosedKinematics) -> Floats:
-    """Return the poses (k, 3) or (k, 4) that a text says, none of an empty one."""
-    size = 3 if kinematics.points else 4
-    if not text:
-        return np.zeros((0, size))
-    where = "workspace: pose"
-    names = kinematics.mechanism.input_pairs
-    pose = read_pose(text, names, where)
-    match pose:
-        case AtInputs(inputs):
-            solutions = kinematics.forward(inputs[None])
-            places = (
-                solutions.directions
-                if kinematics.points
-                else quaternion(solutions.rotations)
-            )
-            assert places is not None
-            _, first = np.unique(places, axis=0, return_index=True)
-            return np.asarray(places[np.sort(first)])
-        case AtDirection(direction) if kinematics.points:
-            return np.asarray(direction[None])
-        case AtOrientation(orientation) if not kinematics.points:
-            return np.asarray(quaternion(orientation[None]))
-        case AtMirror(phi, gamma) if kinematics.form is not None:
-            normals = normals_of(np.array([phi]), np.array([gamma]))
-            turned = kinematics.form.orientations(normals)
-            return np.asarray(turned @ np.array(kinematics.output.direction))
-    takes = "a direction (x, y, z or azimuth, tilt)"
-    if not kinematics.points:
-        takes = "an orientation (azimuth, tilt, torsion; qx, qy, qz, qw; rx, ry, rz)"
-    raise AnalysisError(
-        f'{where}: "{text}" does not say how output {kinematics.output.name} '
-        f"is posed; it takes {takes} or all inputs ({listing(names)})"
-    )
 
 
 def how_poses_fare(

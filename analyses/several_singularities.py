@@ -82,6 +82,10 @@ def no_aspects(mechanism: Mechanism) -> str:
     )
 
 
+Loci = dict[str, list[SingularCurves | SingularSurface]]
+"""What is found of each output: curves of two inputs, surfaces of three."""
+
+
 @final
 @dataclass(frozen=True)
 class SeveralInputs:
@@ -100,12 +104,6 @@ class SeveralInputs:
     near: float
     seconds: float
 
-    def input_grid_of(self, mechanism: Mechanism) -> int:
-        """Return the number of values of each input for aspects, 0 for none."""
-        if self.input_grid is not None:
-            return self.input_grid
-        return INPUT_GRID if len(mechanism.inputs) <= MOST_INPUTS else 0
-
     def slices_of(self, batch: Batch) -> int:
         """Return the number of slices, by default what dyads of two inputs allow."""
         if self.slices is not None:
@@ -113,12 +111,12 @@ class SeveralInputs:
         two = len(batch.moving_inputs) == 2
         return SLICES if two and batch.tracer.assembly.has_closed_form else 0
 
-    def side_of(self, batch: Batch) -> tuple[float, int]:
+    def side_of(self, mechanism: Mechanism) -> tuple[float, int]:
         """Return the length (rad) of the edges that a mesh is laid with, and halvings.
 
         0 for no mesh.
         """
-        widths = [abs(item.stop - item.start) for item in batch.mechanism.inputs]
+        widths = [abs(item.stop - item.start) for item in mechanism.inputs]
         longest = float(min(LONGEST_SIDE, min(widths) / SIDES))
         if self.mesh is None:
             return longest, HALVED
@@ -127,21 +125,12 @@ class SeveralInputs:
         halved = int(np.clip(np.log2(longest / self.mesh), 0, HALVED))
         return self.mesh * 2**halved, halved
 
-    def outputs(self, mechanism: Mechanism) -> tuple[Output, ...]:
-        """Return the outputs that the mechanism declares."""
-        output_of(mechanism)
-        return mechanism.outputs
-
     def points(self, batch: Batch) -> Row:
         """Return the main table: points of singular curves or surfaces, by output."""
-        return SINGULARITIES.stacked(batch.mechanism, self._listed(batch))
-
-    def _listed(self, batch: Batch) -> list[Row]:
-        self._search(batch)
         parts: list[Row] = []
-        for output in self.outputs(batch.mechanism):
+        for output in batch.mechanism.outputs:
             met = np.zeros((0, len(batch.mechanism.variable_names)))
-            loci = self._loci(batch, output)
+            loci = self._found(batch)[0][output.name]
             parts += [_everywhere(batch, x, output) for x in loci if x.everywhere]
             number = 0
             for locus in loci:
@@ -163,43 +152,44 @@ class SeveralInputs:
                     parts += [whole, both]
                     met = np.concatenate([met, curve.both.values])
                     number += 1
-        return parts
+        return SINGULARITIES.stacked(batch.mechanism, parts)
 
     def relation(self, batch: Batch) -> Row:
         """Return c_i w_i = d_i q_i' and nearness of every row, by output and input."""
         parts: list[Row] = []
-        for output in self.outputs(batch.mechanism):
-            of_output = self._coefficients(batch, output)
-            kinds = np.array(types_of(of_output.type), dtype=str)
-            for moved, pair in enumerate(batch.moving_inputs):
-                w, u = of_output.w[:, moved], of_output.u[:, moved]
-                parts.append(
-                    {
-                        "sample": batch.sample,
-                        "assembly_mode": batch.assembly_mode,
-                        **input_columns(batch.mechanism, batch.inputs),
-                        "output": named(batch.mechanism, output),
-                        "form": "i",
-                        "c": of_output.c[:, moved],
-                        "d": of_output.d[:, moved],
-                        "velocity_coefficient": np.sum(w * u, axis=1),
-                        "output_rate": of_output.output_rate[:, moved],
-                        "input_rate": of_output.input_rate[:, moved],
-                        "angle_I": angle_of(of_output.type_one),
-                        "angle_II": angle_of(of_output.type_two),
-                        "sigma": of_output.hold,
-                        "reciprocal_condition": of_output.reciprocal_condition,
-                        "status": batch.status,
-                        "moving": pair,
-                        "type": kinds,
-                        "group": of_output.group,
-                    }
-                )
+        for output in batch.mechanism.outputs:
+            rows = self._coefficients(batch, output)
+            whole = {
+                "sample": batch.sample,
+                "assembly_mode": batch.assembly_mode,
+                **input_columns(batch.mechanism, batch.inputs),
+                "output": named(batch.mechanism, output),
+                "form": "i",
+                "angle_I": angle_of(rows.type_one),
+                "angle_II": angle_of(rows.type_two),
+                "sigma": rows.hold,
+                "reciprocal_condition": rows.reciprocal_condition,
+                "status": batch.status,
+                "type": np.array(types_of(rows.type), dtype=str),
+                "group": rows.group,
+            }
+            speed = np.sum(rows.w * rows.u, axis=2)
+            by_input = {
+                "c": rows.c,
+                "d": rows.d,
+                "velocity_coefficient": speed,
+                "output_rate": rows.output_rate,
+                "input_rate": rows.input_rate,
+            }
+            parts += [
+                {**whole, "moving": pair, **{name: x[:, k] for name, x in by_input.items()}}
+                for k, pair in enumerate(batch.moving_inputs)
+            ]
         return RELATION.stacked(batch.mechanism, parts)
 
     def aspect_rows(self, batch: Batch) -> Row:
         """Return the configurations over an input grid, with the number of their aspect."""
-        parts = self._aspects(batch)
+        _, parts = self._found(batch)
         if parts is None:
             return ASPECTS.stacked(batch.mechanism)
         rows = {
@@ -217,16 +207,16 @@ class SeveralInputs:
         warnings: list[str] = []
         remarks: list[str] = []
         everywhere: set[str] = set()
-        for output in self.outputs(batch.mechanism):
-            name = named(batch.mechanism, output)
-            loci = self._loci(batch, output)
+        found, parts = self._found(batch)
+        for output in batch.mechanism.outputs:
+            name, loci = named(batch.mechanism, output), found[output.name]
             always = [str(locus.kind) for locus in loci if locus.everywhere]
             told = [f"{of_type(kind)} in every configuration" for kind in always]
             figures[name] = {"everywhere": sorted(always)}
             everywhere |= set(always)
             for locus in loci:
                 if not locus.everywhere:
-                    counts, words = _found(locus)
+                    counts, words = _in_words(locus)
                     key = locus.kind.replace("-", "_")
                     figures[name] |= {f"{what}_{key}": n for what, n in counts.items()}
                     told.append(f"{words}; {counts['claim']}")
@@ -251,7 +241,6 @@ class SeveralInputs:
                         f"deg on assembly mode {batch.assembly_mode[row]} at inputs "
                         f"{place} deg"
                     )
-        parts = self._aspects(batch)
         if self.input_grid is None and len(batch.mechanism.inputs) > MOST_INPUTS:
             remarks.append(f"no aspects: {no_aspects(batch.mechanism)}")
         if parts is not None:
@@ -271,96 +260,70 @@ class SeveralInputs:
         """Return plots of each mode, curves in the plane of inputs and on the sphere."""
         return SeveralScenes(
             batch,
-            self.outputs(batch.mechanism),
-            lambda output: self._loci(batch, output),
+            batch.mechanism.outputs,
+            lambda output: self._found(batch)[0][output.name],
             lambda output: self._coefficients(batch, output),
         ).pages()
 
-    def _cut(self, batch: Batch) -> Cut | None:
-        """Return the slices for curves or surfaces of both types and all outputs."""
-        slices = self.slices_of(batch)
-        if not slices:
-            return None
-        return batch.once(
-            "cut",
-            lambda: cut(
-                solver_of(batch.mechanism),
-                ranges_of(batch.mechanism),
-                slices,
-                self._budget(batch).part(FOR_SLICES, "slices"),
-            ),
-        )
+    def _found(self, batch: Batch) -> tuple[Loci, Aspects | None]:
+        return batch.once("found", lambda: self._find(batch))
 
-    def _search(self, batch: Batch) -> None:
-        """Find all that takes of the time, before anything is said of it."""
-        for kind, name in self._sets(batch):
-            self._locus(batch, kind, name)
-        self._aspects(batch)
+    def _find(self, batch: Batch) -> tuple[Loci, Aspects | None]:
+        """Find all that takes of the time: types of outputs, then self-motions, aspects.
 
-    def _budget(self, batch: Batch) -> Budget:
-        """Return the time of all searches, which runs from the first one on."""
-        return batch.once("budget", lambda: Budget(self.seconds))
-
-    def _sets(self, batch: Batch) -> list[tuple[LocusName, str]]:
-        """Return what is looked for, in order: types of outputs, then self-motions.
-
-        What every pair moves has its self-motions on the locus of type II.
+        Each takes an even part of the time that is left. Curves are looked for once for all
+        that share their locus; what every pair moves has its self-motions on the locus of
+        type II.
         """
-        count = len(batch.moving_inputs)
-        surfaces = count == MOST_INPUTS and self.side_of(batch)[0]
-        if self.slices == 0 or not (count == 2 or surfaces):
-            return []
-        names = [output.name for output in self.outputs(batch.mechanism)]
-        sets: list[tuple[LocusName, str]] = [(k, name) for name in names for k in KINDS]
-        for name in names:
-            loci = [locus_key(batch.mechanism, k, name) for k in ("II", SELF_MOTION)]
-            if loci[0] != loci[1]:
-                sets.append((SELF_MOTION, name))
-        return sets
-
-    def _loci(self, batch: Batch, output: Output) -> list[SingularCurves | SingularSurface]:
-        """Return what is found of an output: curves of two inputs, surfaces of three."""
-        sets = self._sets(batch)
-        return [
-            self._locus(batch, kind, name) for kind, name in sets if name == output.name
-        ]
-
-    def _locus(
-        self, batch: Batch, kind: LocusName, output: str
-    ) -> SingularCurves | SingularSurface:
-        """Return what is found of a type; curves with those of all that share its locus."""
-
-        def seen() -> SingularCurves | SingularSurface:
-            if len(batch.moving_inputs) == MOST_INPUTS:
-                return self._searched(batch, kind, output)
-            key = locus_key(batch.mechanism, kind, output)
-            first, locus = batch.once(
-                ("shared", key),
-                lambda: ((kind, output), self._searched(batch, kind, output)),
-            )
-            if first == (kind, output) or not (
-                isinstance(locus, SingularCurves) and locus.traced
-            ):
-                return locus
-            return locus.seen_by(batch.mechanism, kind, output)
-
-        return batch.once(("locus", kind, output), seen)
+        mechanism, budget = batch.mechanism, Budget(self.seconds)
+        names = [output.name for output in mechanism.outputs]
+        input_grid = self.input_grid
+        if input_grid is None:
+            input_grid = INPUT_GRID if len(mechanism.inputs) <= MOST_INPUTS else 0
+        surfaces = len(mechanism.inputs) == MOST_INPUTS and self.side_of(mechanism)[0] > 0.0
+        sought: list[tuple[LocusName, str]] = []
+        if self.slices != 0 and (len(mechanism.inputs) == 2 or surfaces):
+            sought = [(kind, name) for name in names for kind in KINDS]
+            sought += [
+                (SELF_MOTION, name)
+                for name in names
+                if locus_key(mechanism, "II", name)
+                != locus_key(mechanism, SELF_MOTION, name)
+            ]
+        slices, made = self.slices_of(batch), None
+        if slices and sought:
+            solver, ranges = solver_of(mechanism), ranges_of(mechanism)
+            made = cut(solver, ranges, slices, budget.part(FOR_SLICES, "slices"))
+        loci: Loci = {name: [] for name in names}
+        known: dict[tuple[object, ...], SingularCurves | SingularSurface] = {}
+        for number, (kind, name) in enumerate(sought):
+            key = (kind, name) if surfaces else locus_key(mechanism, kind, name)
+            shared = known.get(key)
+            if isinstance(shared, SingularCurves) and shared.traced:
+                loci[name].append(shared.seen_by(mechanism, kind, name))
+                continue
+            if shared is None:
+                left = len(sought) - number + (input_grid > 0)
+                what = f"{'surfaces' if surfaces else 'curves'} {of_type(kind)}"
+                share = budget.part(1.0 / left, what)
+                shared = known[key] = self._searched(mechanism, kind, name, made, share)
+            loci[name].append(shared)
+        if not input_grid:
+            return loci, None
+        share = budget.part(1.0, "aspects")
+        return loci, aspects(mechanism, input_grid, ("I", "II"), names[0], budget=share)
 
     def _searched(
-        self, batch: Batch, kind: LocusName, output: str
+        self,
+        mechanism: Mechanism,
+        kind: LocusName,
+        output: str,
+        made: Cut | None,
+        budget: Budget,
     ) -> SingularCurves | SingularSurface:
-        """Look for a type in an even part of the time that is left; aspects come last.
-
-        Curves are those of a mid-plane architecture, or as slices find.
-        """
-        mechanism, made, sets = batch.mechanism, self._cut(batch), self._sets(batch)
-        left = len(sets) - sets.index((kind, output))
-        left += self.input_grid_of(mechanism) > 0
-        surfaces = len(batch.moving_inputs) == MOST_INPUTS
-        what = f"{'surfaces' if surfaces else 'curves'} {of_type(kind)}"
-        budget = self._budget(batch).part(1.0 / left, what)
-        if surfaces:
-            side, halved = self.side_of(batch)
+        """Look for a type: curves of a mid-plane architecture, or as slices find them."""
+        if len(mechanism.inputs) == MOST_INPUTS:
+            side, halved = self.side_of(mechanism)
             return singular_surface(
                 mechanism,
                 kind,
@@ -379,22 +342,6 @@ class SeveralInputs:
             mechanism, kind, output, slices_of_each=0, made=made, budget=budget
         )
 
-    def _aspects(self, batch: Batch) -> Aspects | None:
-        input_grid = self.input_grid_of(batch.mechanism)
-        if not input_grid:
-            return None
-        name = self.outputs(batch.mechanism)[0].name
-        return batch.once(
-            "aspects",
-            lambda: aspects(
-                batch.mechanism,
-                input_grid,
-                ("I", "II"),
-                name,
-                budget=self._budget(batch).part(1.0, "aspects"),
-            ),
-        )
-
     def _coefficients(self, batch: Batch, output: Output) -> OutputCoefficients:
         return batch.once(
             ("coefficients", output.name),
@@ -406,7 +353,7 @@ class SeveralInputs:
         )
 
 
-def _found(locus: SingularCurves | SingularSurface) -> tuple[dict[str, Any], str]:
+def _in_words(locus: SingularCurves | SingularSurface) -> tuple[dict[str, Any], str]:
     """Return what is found of a type, as figures and in words."""
     if isinstance(locus, SingularSurface):
         what, count, irregular = "surface", len(locus.points.values), locus.irregular

@@ -40,6 +40,7 @@ from spherekit.plugin.rotations import (
     tilt_torsion,
 )
 from spherekit.plugin.workspace import (
+    ClosedKinematics,
     Constraints,
     DirectionWorkspace,
     Judged,
@@ -56,11 +57,11 @@ from spherekit.plugin.workspace import (
 )
 
 from .equivalent_rotation import DIRECTION, MIRROR, MODE, PLACE, place_columns
+from .pose_lists import Given
 from .posed_workspace import (
     Limited,
     Row,
     Workspaces,
-    given_poses,
     how_poses_fare,
     read_apart,
     read_limit,
@@ -233,6 +234,21 @@ def sure_of(region: Region, parts: Sequence[Part]) -> list[Part]:
 
 def _length(points: Floats) -> float:
     return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+
+
+def given_poses(text: str, kinematics: ClosedKinematics) -> Floats:
+    """Return the poses (k, 3) or (k, 4) that a text says, none of an empty one."""
+    if not text:
+        return np.zeros((0, 3 if kinematics.points else 4))
+    given = Given(tuple(text.split("+"))).from_text(kinematics, "workspace: pose")
+    poses = given.poses
+    if given.inputs is not None:
+        solutions = kinematics.forward(given.inputs)
+        poses = solutions.directions if kinematics.points else solutions.rotations
+    assert poses is not None
+    places = poses if kinematics.points else quaternion(poses)
+    _, first = np.unique(places, axis=0, return_index=True)
+    return np.asarray(places[np.sort(first)])
 
 
 COARSE = 1e-2

@@ -406,7 +406,7 @@ def test_an_empty_workspace_names_what_excludes_each_other(five_bar):
         ({"output": "nose"}, "no output"),
         (
             {"pose": "rx=1+ry=2+rz=3"},
-            "is posed; it takes a direction",
+            "is not a pose; say one of x\\+y\\+z, azimuth\\+tilt",
         ),
         ({"pose": "1+2+3+4"}, "is not name=number"),
         ({"pose": "x=0+y=0+z=0"}, "all numbers are 0"),
