@@ -186,43 +186,30 @@ class Kinematics:
 
         With `degrees` inputs are in degrees; coefficients stay as they are.
         """
-        asked = [(pole, moved) for moved in self.input_pairs for pole in self.poles]
-        n, k = len(self), len(asked)
+        batch, links = self._batch, self.mechanism.links
+        poles = [self._pole(pole) for pole in self.poles]
+        wanted = [(*pole, k) for k in range(len(self.input_pairs)) for pole in poles]
+        of = batch.of_poles(wanted)
 
-        def spread(values: Array) -> Array:
-            return np.repeat(values, k)
+        def spread(values: Array) -> Any:
+            return batch.interleaved([values] * len(wanted))
 
-        def gathered(values: list[Array]) -> Array:
-            return np.stack(values, axis=1).reshape(n * k, *values[0].shape[1:])
+        def named(names: list[str]) -> Array:
+            return np.tile(names, len(self))
 
-        u = gathered([self.direction(*wanted) for wanted in asked])
-        names = [pole.split("/") for pole, _ in asked]
+        inputs = input_columns(self.mechanism, self.inputs)
         data: dict[str, Any] = {
             "sample": spread(self.sample),
             "assembly_mode": spread(self.assembly_mode),
-        }
-        inputs = input_columns(self.mechanism, self.inputs)
-        data |= {key: spread(column) for key, column in inputs.items()}
-        data |= {
-            "link": np.tile([link for link, _ in names], n),
-            "relative_to": np.tile([link for _, link in names], n),
-            "moving": np.tile([moved for _, moved in asked], n),
-            "ux": u[:, 0],
-            "uy": u[:, 1],
-            "uz": u[:, 2],
-            "velocity_coefficient": gathered(
-                [self.velocity_coefficient(*wanted) for wanted in asked]
-            ),
-            "acceleration_coefficient": gathered(
-                [self.acceleration_coefficient(*wanted) for wanted in asked]
-            ),
+            **{key: spread(column) for key, column in inputs.items()},
+            "link": named([links[j] for _, j, _ in wanted]),
+            "relative_to": named([links[i] for i, *_ in wanted]),
+            "moving": named([self.input_pairs[moved] for *_, moved in wanted]),
+            **{f"u{axis}": of("direction", k) for k, axis in enumerate("xyz")},
+            "velocity_coefficient": of("velocity_coefficient", None),
+            "acceleration_coefficient": of("acceleration_coefficient", None),
             "residual": spread(self.residual),
-            "status": gathered(
-                [
-                    self._batch.pole_status(*self._pole(pole), self._moving(moved))
-                    for pole, moved in asked
-                ]
-            ),
+            "status": of("pole_status", None),
         }
         return to_frame(TABLE.of(self.mechanism), data, degrees)
 

@@ -7,6 +7,7 @@ How far tables are off: the largest scaled deviation of their columns.
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Protocol, final
@@ -19,10 +20,10 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.evaluation import ENGINES, Evaluation, Integrator, Setting
-from spherekit.analysis.running.kernel_columns import UnreadField
+from spherekit.analysis.running.kernel_columns import UnreadField, turn_round
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.study import requests_for
-from spherekit.analysis.tables import Column, Table, TableArrays, arrays
+from spherekit.analysis.tables import Column, Table, TableData, arrays
 from spherekit.arrays import Array, Floats, Indices
 from spherekit.checked import check_fields
 from spherekit.conventions import EPS, TURN, Status
@@ -71,6 +72,7 @@ class Effort:
         check_fields(self, AnalysisError, "trade")
 
 
+INTEGRATORS: tuple[Integrator, ...] = ("numpy", "compiled")
 DECADES = range(3, 16)
 """Tolerances of simulations, as negative powers of ten."""
 
@@ -83,10 +85,9 @@ def of_samples() -> list[Setting]:
 
 def of_simulation() -> list[Setting]:
     """Return the settings for simulations: integrators and tolerances."""
-    integrators: tuple[Integrator, ...] = ("numpy", "compiled")
     return [
         Setting(integrator=integrator, tolerance=float(f"1e-{decade}"))
-        for integrator in integrators
+        for integrator in INTEGRATORS
         for decade in DECADES
         if float(f"1e-{decade}") >= LEAST[integrator]
     ]
@@ -135,8 +136,8 @@ def _integrated(unit: str) -> str | None:
 
 def deviations(
     tables: Sequence[Table],
-    given: Mapping[str, TableArrays],
-    reference: Mapping[str, TableArrays],
+    given: Mapping[str, TableData],
+    reference: Mapping[str, TableData],
 ) -> Iterator[Deviation]:
     """Yield the deviation of every column of numbers in tables of equal rows.
 
@@ -145,7 +146,7 @@ def deviations(
     all derivatives by an angle are, they are over what they are derivatives of.
     """
     for table in tables:
-        ours, theirs = given[table.name], reference[table.name]
+        ours, theirs = (arrays(data[table.name]) for data in (given, reference))
         results = [c for c in table.columns if c.kind == "number" and c.scale != "none"]
         largest: dict[str, float] = {}
         for column in results:
@@ -197,7 +198,7 @@ LEAST_ROUNDS = 2
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
-Tables = Mapping[str, TableArrays]
+Tables = Mapping[str, TableData]
 Found = tuple[str, float, Tables, list[Measured]]
 """What the reference is in words, how well it is known, its tables, and the settings."""
 
@@ -265,29 +266,18 @@ class Benchmark:
         """
         started = time.process_time()
         course, analysis = self.course, self.analysis
-        wanted = self._wanted()
-        evaluation = Evaluation(setting, course, wanted, self.needs)
+        evaluation = Evaluation(setting, course, self._wanted, self.needs)
         first = time.process_time() - started
-        signs, memory = [SignMemory() for _ in evaluation.requests], AngleMemory()
-        mechanism, store = course.tracer.mechanism, InMemory()
-        tables = [table.of(mechanism) for table in analysis.tables]
+        memories = [SignMemory() for _ in evaluation.requests], AngleMemory()
+        store = InMemory()
         size = evaluation.block if analysis.rowwise else len(course)
         for motion in evaluation.blocks(size):
-            fields: tuple[PoleField | UnreadField, ...]
-            fields = evaluation.fields(motion, signs)
-            angles = evaluation.angles(motion, memory)
-            if toward is not None:
-                rows = motion.sample + np.repeat(
-                    np.arange(len(motion.assembly_modes)) * len(course), motion.samples
-                )
-                fields = tuple(
-                    _turned(field.made, other, rows)
-                    for field, other in zip(fields, toward.fields, strict=True)
-                )
-            made = self._computed(self._batch(wanted, motion, fields, angles))
-            for table in tables:
+            modes = np.arange(len(motion.assembly_modes)) * len(course)
+            rows = motion.sample + np.repeat(modes, motion.samples)
+            made = self._evaluated(evaluation, motion, memories, toward, rows)
+            for table in self.tables_of:
                 store.add(analysis.name, table, made[table.name])
-        whole = {table.name: store.table(analysis.name, table) for table in tables}
+        whole = {table.name: store.table(analysis.name, table) for table in self.tables_of}
         return whole, first, time.process_time() - started
 
     def reference(self) -> Reference:
@@ -301,45 +291,55 @@ class Benchmark:
         The samples are spread over the course: at most so many, chosen apart from any
         regular pattern.
         """
-        course, needs = self.course, self.needs
-        total = len(course)
+        total = len(self.course)
         rows = np.arange(total)
         if total > most:
             shares = (np.arange(most) + (np.arange(most) * GOLDEN) % 1.0) / most
             rows = np.unique((shares * total).astype(np.intp))
-        wanted = self._wanted()
-        evaluation = Evaluation(setting, course, wanted, needs)
-        motion = evaluation.motion_at(rows)
-        plain = Evaluation(Setting(), course, wanted, needs).motion_at(rows)
-        reference = self.reference_at(plain)
-        memories = [SignMemory() for _ in evaluation.requests]
-        every = np.arange(len(motion))
-        fields = tuple(
-            _turned(field.made, other, every)
-            for field, other in zip(
-                evaluation.fields(motion, memories), reference.fields, strict=True
-            )
+        evaluation, plain = (
+            Evaluation(item, self.course, self._wanted, self.needs)
+            for item in (setting, Setting())
         )
-        angles = evaluation.angles(motion, AngleMemory())
-        given = self._computed(self._batch(wanted, motion, fields, angles))
+        reference = self.reference_at(plain.motion_at(rows))
+        motion = evaluation.motion_at(rows)
+        memories = [SignMemory() for _ in evaluation.requests], AngleMemory()
+        every = np.arange(len(motion))
+        given = self._evaluated(evaluation, motion, memories, reference, every)
         return self.deviations(given, reference.tables), len(motion)
 
-    def _computed(self, batch: Batch) -> Tables:
-        tables = [table.of(batch.mechanism) for table in self.analysis.tables]
-        made = computed(self.analysis, tables, batch)
-        return {name: arrays(data) for name, data in made.items()}
-
-    def _batch(
+    def _evaluated(
         self,
-        wanted: Sequence[Request],
+        evaluation: Evaluation,
         motion: Motion,
-        fields: tuple[PoleField | UnreadField, ...],
-        angles: Mapping[str, Floats],
-    ) -> Batch:
-        course, plans = self.course, tuple(item.plan for item in wanted)
-        made = motion.mechanism, plans, self.needs, motion, fields, angles
-        return Batch(*made, course.timed, course.tracer)
+        memories: tuple[Sequence[SignMemory], AngleMemory],
+        toward: Reference | None,
+        rows: Indices,
+    ) -> dict[str, TableData]:
+        """Return tables at a motion, directions turned to a reference's at these rows."""
+        fields: Sequence[PoleField | UnreadField]
+        fields = evaluation.fields(motion, memories[0])
+        if toward is not None:
+            both = zip(fields, toward.fields, strict=True)
+            fields = [_toward(field.made, other, rows) for field, other in both]
+        return self._computed(motion, fields, evaluation.angles(motion, memories[1]))
 
+    def _computed(
+        self,
+        motion: Motion,
+        fields: Sequence[PoleField | UnreadField],
+        angles: Mapping[str, Floats],
+    ) -> dict[str, TableData]:
+        course, plans = self.course, tuple(item.plan for item in self._wanted)
+        made = motion.mechanism, plans, self.needs, motion, tuple(fields), angles
+        batch = Batch(*made, course.timed, course.tracer)
+        return computed(self.analysis, self.tables_of, batch)
+
+    @property
+    def tables_of(self) -> list[Table]:
+        """The tables of the analysis."""
+        return [table.of(self.course.tracer.mechanism) for table in self.analysis.tables]
+
+    @property
     def _wanted(self) -> Sequence[Request]:
         tracer = self.course.tracer
         return requests_for(tracer.mechanism, self.needs, tracer.by_rank)
@@ -351,7 +351,7 @@ class Benchmark:
         equations give in 20 digits; see `spherekit.proof`. The motion's inputs are
         taken as exact, or else `inputs` (n, inputs), which they are rounded from.
         """
-        wanted = self._wanted()
+        wanted = self._wanted
         every = np.ones(len(motion), dtype=bool)
         exact = [
             exact_rows(motion, every, item.plan.input, inputs=inputs) for item in wanted
@@ -364,35 +364,20 @@ class Benchmark:
         )
         lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
         angles = self.course.angles(better, self.needs.continued_values, AngleMemory())
-        tables = self._computed(self._batch(wanted, better, fields, angles))
+        tables = self._computed(better, fields, angles)
         return Reference(tables, fields, int(np.sum(lacking)))
 
     def deviations(self, given: Tables, reference: Tables) -> list[Deviation]:
         """Return how far tables are off, column by column."""
-        mechanism = self.course.tracer.mechanism
-        tables = [table.of(mechanism) for table in self.analysis.tables]
-        return list(deviations(tables, given, reference))
+        return list(deviations(self.tables_of, given, reference))
 
 
-def _turned(field: PoleField, toward: PoleField, rows: Indices) -> PoleField:
+def _toward(field: PoleField, other: PoleField, rows: Indices) -> PoleField:
     """Return a field with directions on the side of another's at these rows of it."""
-    signs = {
-        pole: np.where(np.sum(u * toward.direction[pole][rows], axis=1) < 0.0, -1.0, 1.0)
-        for pole, u in field.direction.items()
-    }
-    return replace(
-        field,
-        direction={pole: u * signs[pole][:, None] for pole, u in field.direction.items()},
-        velocity_coefficient={
-            pole: x * signs[pole] for pole, x in field.velocity_coefficient.items()
-        },
-        acceleration_coefficient={
-            pole: x * signs[pole] for pole, x in field.acceleration_coefficient.items()
-        },
-        direction_dq={
-            pole: u * signs[pole][:, None] for pole, u in field.direction_dq.items()
-        },
-    )
+    for pole, u in field.direction.items():
+        along = np.sum(u * other.direction[pole][rows], axis=1)
+        turn_round(field, pole, np.where(along < 0.0, -1.0, 1.0))
+    return field
 
 
 def timing_loop(
@@ -570,16 +555,15 @@ class _Solver:
 
     def tightest(self) -> tuple[Setting, Simulation, float]:
         """Return the tightest setting, its simulation, and what compiling took (s)."""
-        integrator: Integrator = "compiled" if available() else "numpy"
-        try:
-            return self._tightest(integrator)
-        except EngineError:
-            return self._tightest("numpy")
-
-    def _tightest(self, integrator: Integrator) -> tuple[Setting, Simulation, float]:
-        setting = Setting(integrator=integrator, tolerance=LEAST[integrator])
-        simulation = self.simulation(setting)
-        return setting, simulation, simulation.engine.compile_seconds
+        setting, compiled = (
+            Setting(integrator=integrator, tolerance=LEAST[integrator])
+            for integrator in INTEGRATORS
+        )
+        if available():
+            with suppress(EngineError):
+                simulation = self.simulation(compiled)
+                return compiled, simulation, simulation.engine.compile_seconds
+        return setting, self.simulation(setting), 0.0
 
     def in_many_digits(self, simulation: Simulation) -> Reference:
         """Return the tables at the times of a simulation from one in more digits.

@@ -4,7 +4,7 @@ The samples of a course at which errors are measured.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,7 +18,7 @@ from spherekit.analysis.running import rows_at_once
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.study import Subject, requests_for, study_of, takes
-from spherekit.analysis.tables import TableArrays
+from spherekit.analysis.tables import TableData
 from spherekit.arrays import Floats, Indices
 from spherekit.checked import checked
 from spherekit.conventions import EPS
@@ -224,20 +224,15 @@ def _at_fewer(bench: Benchmark, study: Study, most: int) -> Benchmark:
 def _trade(bench: Benchmark, study: Study, result: Found) -> Trade:
     reference_words, floor, reference, measures = result
     mechanism = bench.course.tracer.mechanism
-    tables = [table.of(mechanism) for table in bench.analysis.tables]
     scales = {
-        (deviation.table, deviation.column): deviation.scale
-        for deviation in bench.deviations(reference, reference)
+        (item.table, item.column): item.scale
+        for item in bench.deviations(reference, reference)
     }
     columns = [
-        (
-            f"{table.name}.{column.name}",
-            scale_words(column),
-            scales[table.name, column.name],
-        )
-        for table in tables
+        (f"{table.name}.{column.name}", scale_words(column), scale)
+        for table in bench.tables_of
         for column in table.columns
-        if (table.name, column.name) in scales
+        if (scale := scales.get((table.name, column.name))) is not None
     ]
     rows = len(bench.course) * len(bench.course.tracer.assembly_modes)
     return Trade(
@@ -266,12 +261,11 @@ def _of_parameters(
         way = partial(_swept, study, analysis, sweep, estimates)
         names = [_named(sweep, value) for value in sweep.values]
         reference = way(sweep.values[-1])[0]
-        compare = _places_apart if sweep.places else _numbers_apart
         ways = [
             (name, None, partial(way, value))
             for name, value in zip(names[:-1], sweep.values[:-1], strict=True)
         ]
-        judge = partial(_compared, sweep, compare, reference)
+        judge = partial(_compared, sweep, reference)
         results = timing_loop(ways, judge, 1, effort)
         every += [
             replace(result, estimate=estimates.get(result.name, np.nan))
@@ -327,28 +321,23 @@ def _named(sweep: Sweep, value: Any) -> str:
     return f"{sweep.parameter}={value:g}"
 
 
-def _estimate(data: TableArrays, sweep: Sweep) -> float:
+def _estimate(data: TableData, sweep: Sweep) -> float:
     """Return the analysis's own largest relative error."""
     values = np.abs(np.asarray(data[sweep.column], dtype=float))
     errors = np.asarray(data[sweep.error], dtype=float)
     return float(np.nanmax(errors, initial=0.0) / (np.nanmax(values, initial=0.0) or 1.0))
 
 
-def _compared(
-    sweep: Sweep,
-    compare: Callable[[Sweep, TableArrays, TableArrays], tuple[Floats, float, int]],
-    reference: Tables,
-    given: Tables,
-) -> list[Deviation]:
+def _compared(sweep: Sweep, reference: Tables, given: Tables) -> list[Deviation]:
     """Return the deviation of the column of a sweep from the reference."""
-    theirs, ours = reference[sweep.table], given[sweep.table]
-    off, scale, missing = compare(sweep, theirs, ours)
+    compare = _places_apart if sweep.places else _numbers_apart
+    off, scale, missing = compare(sweep, reference[sweep.table], given[sweep.table])
     error = max([EPS, *off.tolist()])
     count = len(off) + missing
     return [Deviation(sweep.table, sweep.column, error, scale, count, missing)]
 
 
-def _by_key(sweep: Sweep, data: TableArrays) -> dict[tuple[str, ...], Floats]:
+def _by_key(sweep: Sweep, data: TableData) -> dict[tuple[str, ...], Floats]:
     """Return the numbers (n, columns) of a sweep's column by the texts that match."""
     names = [name for name in data if _is_of(name, sweep.column)]
     numbers = np.stack([np.asarray(data[name], dtype=float) for name in names], axis=1)
@@ -366,7 +355,7 @@ def _is_of(name: str, column: str) -> bool:
 
 
 def _numbers_apart(
-    sweep: Sweep, theirs: TableArrays, ours: TableArrays
+    sweep: Sweep, theirs: TableData, ours: TableData
 ) -> tuple[Floats, float, int]:
     """Return differences over the largest number, that, and how many have none."""
     right, given = _by_key(sweep, theirs), _by_key(sweep, ours)
@@ -377,7 +366,7 @@ def _numbers_apart(
 
 
 def _places_apart(
-    sweep: Sweep, theirs: TableArrays, ours: TableArrays
+    sweep: Sweep, theirs: TableData, ours: TableData
 ) -> tuple[Floats, float, int]:
     """Return the distances (rad) of places from the nearest of the same kind.
 

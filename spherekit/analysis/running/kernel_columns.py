@@ -88,7 +88,9 @@ class KernelColumns:
         for number, field in enumerate(self.careful):
             for k, pole in enumerate(self.kernel.rates[number].signed):
                 unit = field.direction[pole]
-                _turn(field, pole, turned[number].signs(k, unit, rows, rows // samples))
+                turn_round(
+                    field, pole, turned[number].signs(k, unit, rows, rows // samples)
+                )
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Have columns read, rows after rows."""
@@ -126,11 +128,11 @@ def _careful(rows: Motion, wanted: Request, signed: Sequence[Pole]) -> PoleField
     """Return the poles of rows by themselves; rates `signed` not negative."""
     field = found(rows, replace(wanted, planes=frozenset()))
     for pole in signed:
-        _turn(field, pole, np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0))
+        turn_round(field, pole, np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0))
     return field
 
 
-def _turn(field: PoleField, pole: Pole, signs: Floats) -> None:
+def turn_round(field: PoleField, pole: Pole, signs: Floats) -> None:
     """Turn a pole round at some rows, in place."""
     for name in SIGNED:
         part = getattr(field, name)[pole].T
