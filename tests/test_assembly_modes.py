@@ -39,9 +39,7 @@ def alone(made):
     """Return the only group of a mechanism and its closure with the inputs at 0."""
     solver = Solver(made, plan_assembly(made))
     (group,) = solver.assembly.groups
-    return group, group_closure(
-        solver.start(np.zeros((1, len(solver.driven)))), group, made.ends
-    )
+    return group, group_closure(solver.start(np.zeros((1, len(solver.driven)))), group)
 
 
 def poses(solver, found):

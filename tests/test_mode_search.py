@@ -169,7 +169,7 @@ def test_the_order_of_modes_does_not_hang_on_rounding_at_half_turns():
     tracer = Tracer(sk.load("agile_eye"), samples=[1, 1, 1])
     solver, q = tracer.solver, tracer.input_grid.q[0]
     group = solver.assembly.groups[0]
-    closure = group_closure(solver.start(q[None]), group, solver.mechanism.ends)
+    closure = group_closure(solver.start(q[None]), group)
     values, _ = solutions(group, closure)
     angles = np.array(values)
     assert np.any(np.abs(np.abs(angles) - np.pi) < 1e-9)

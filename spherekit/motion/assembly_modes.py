@@ -31,7 +31,7 @@ from spherekit.motion.groups import (
     group_variables,
     place_dyad,
     place_group,
-    place_train,
+    train_turns,
     train_ways,
 )
 from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow
@@ -94,156 +94,6 @@ class _Piece:
         if self.winding is not None:
             turns += laps[:, None] * self.winding[angles]
         return np.where(near[:, None], turns, np.nan)
-
-
-@final
-class Unwrapping:
-    """The turns of passive pairs of one mechanism, mode by mode."""
-
-    def __init__(
-        self,
-        closure: Closure,
-        driven: Sequence[int],
-        angles: Sequence[int],
-        reference: Floats | None,
-        meshes: Meshes | None,
-        train: tuple[WheelTrain, list[int]] | None,
-    ) -> None:
-        self._closure, self._driven, self._angles = closure, list(driven), list(angles)
-        self._meshes, self._train = meshes, train
-        self._periods = np.full(len(driven), TURN) if meshes is None else meshes.periods
-        anchor = np.zeros(len(driven)) if reference is None else reference[self._driven]
-        self.anchor = anchor
-        self._pieces: dict[int, list[_Piece]] = {}
-
-    def turns(
-        self,
-        mode: int,
-        values: Floats,
-        q: Floats,
-        wanted: Sequence[int],
-        last: Floats | None = None,
-    ) -> Floats:
-        """Return turns (n, variables) to be added to configurations (n, variables).
-
-        `q` (n, inputs) are their inputs, which may be whole periods from those of the
-        configurations. Only the variables `wanted` are sought, those of others may be
-        zero. With several inputs samples are followed in their order, from the `last`
-        whole configuration (variables,) or else from the anchor.
-        """
-        turns = np.zeros_like(values)
-        settled = set(self._driven)
-        if self._train is not None:
-            train, followers = self._train
-            start = train.offsets + train.ratios @ self.anchor
-            start = start - TURN * first_turns(start)
-            angle = start + (q - self.anchor) @ train.ratios.T
-            turns[:, followers] = np.round((angle - values[:, followers]) / TURN)
-            settled |= set(followers)
-        sought = [v for v in self._angles if v not in settled]
-        if not set(sought) & set(wanted) or not len(values):
-            return turns
-        at = self._at(values, q)
-        passive = self._by_pieces(mode, at) if len(self._driven) == 1 else None
-        if passive is None:
-            passive = self._in_order(at, last)
-        turns[:, sought] = passive[:, [self._angles.index(v) for v in sought]]
-        return turns
-
-    def _at(self, values: Floats, q: Floats) -> Floats:
-        """Return configurations (n, variables) moved to inputs whole periods away."""
-        at = values.copy()
-        at[:, self._driven] = q
-        if self._meshes is not None:
-            grown = q - values[:, self._driven]
-            at[:, list(self._meshes.variables)] += grown @ self._meshes.ratios.T
-        return at
-
-    def _by_pieces(self, mode: int, at: Floats) -> Floats:
-        (driven,) = self._driven
-        turns = nans((len(at), len(self._angles)))
-        pieces = self._pieces.setdefault(mode, [])
-        tried = np.zeros(len(at), dtype=bool)
-        number = 0
-        while True:
-            for piece in pieces[number:]:
-                open_ = np.isnan(turns[:, 0])
-                turns[open_] = piece.turns(at[open_], driven, self._angles)
-            number = len(pieces)
-            left = np.flatnonzero(np.isnan(turns[:, 0]) & ~tried)
-            if not len(left):
-                return turns
-            tried[left[0]] = True
-            pieces.append(self._piece(at[left[0]], at[left, driven]))
-
-    def _piece(self, values: Floats, places: Floats) -> _Piece:
-        """Return the mode about a configuration (variables,), as far as it reaches."""
-        (driven,), (period,), (anchor,) = self._driven, self._periods, self.anchor
-        returns = bool(np.isfinite(period))
-        ends = [anchor, float(np.min(places)), float(np.max(places))]
-        if returns:
-            moved = float(into_range(values[driven], anchor, anchor + period, period))
-            values = self._at(values[None], np.array([[moved]]))[0]
-            ends = [moved - period, moved + period]
-        curve = follow(self._closure, driven, values, min(ends), max(ends))
-        low, high = curve.inputs[[0, -1]]
-        winding = None
-        if returns:
-            winding = np.zeros(len(values))
-            if high - low > period + BEYOND:
-                grown = curve.values[-1] - curve.predict(high - np.array([period]))[0][0]
-                winding = np.round(grown / TURN)
-                away = (grown - TURN * winding)[self._angles]
-                winding = winding if max_abs(away) < SAME else None
-        there = anchor + period * np.arange(3) if returns else np.array([anchor])
-        inside = there[(there >= low - BEYOND) & (there <= high + BEYOND)]
-        nearest = low if returns else anchor
-        reference = np.clip(inside[:1] if len(inside) else [nearest], low, high)
-        first = first_turns(curve.predict(reference)[0][0])
-        return _Piece(curve, period, winding, first)
-
-    def _in_order(self, at: Floats, last: Floats | None) -> Floats:
-        """Return turns (n, angles) of rows that follow each other, several inputs.
-
-        Where no straight way within the mode leads there from the row before, angles are
-        those of `_from_anchor`.
-        """
-        angles, given = self._angles, at if last is None else np.concatenate([[last], at])
-        after, before = given[1:], given[:-1]
-        moved, status = walk(self._closure, self._driven, after, before[:, self._driven])
-        steps = np.round((moved - before)[:, angles] / TURN)
-        away = np.abs((moved - before)[:, angles] - TURN * steps)
-        follows = (status == Status.OK) & (np.max(away, axis=1, initial=0.0) < SAME)
-        anew = np.concatenate([[last is None], ~follows])
-        turns = np.zeros((len(given), len(angles)))
-        turns[anew] = self._from_anchor(given[anew])
-        for row in np.flatnonzero(~anew[1:]):
-            turns[row + 1] = turns[row] - steps[row]
-        return turns[len(given) - len(at) :]
-
-    def _from_anchor(self, at: Floats) -> Floats:
-        """Return turns (n, angles) of rows to which a straight way from the anchor leads.
-
-        But for whole periods of inputs, with which angles grow as they do from the anchor.
-        Where none leads there, angles are in (-pi, pi].
-        """
-        turns = np.zeros((len(at), len(self._angles)))
-        far = whole_laps(at[:, self._driven] - self.anchor, self._periods)
-        near = self._at(at, at[:, self._driven] - far)
-        for row, laps in enumerate(far):
-            here = near[row : row + 1]
-            there, status = walk(self._closure, self._driven, here, self.anchor[None])
-            if status[0] != Status.OK:
-                turns[row] = -first_turns(here[0, self._angles])
-                continue
-            turns[row] = -first_turns(there[0, self._angles])
-            for k in np.flatnonzero(laps):
-                goal = self.anchor + np.eye(len(laps))[k] * self._periods[k]
-                round_, status = walk(self._closure, self._driven, there, goal[None])
-                grown = (round_ - there)[0, self._angles] / TURN
-                if status[0] == Status.OK and max_abs(grown % 1.0 - 0.5) > 0.45:
-                    turns[row] += np.round(grown) * laps[k] / self._periods[k]
-        return turns
 
 
 FLAT_DYAD = 1e-6
@@ -330,15 +180,9 @@ class Solver:
         return meshes_of(self.closure, self.driven, reference, self._train)
 
     @cached_property
-    def unwrapping(self) -> Unwrapping:
+    def unwrapping(self) -> "Unwrapping":
         """The turns of passive pairs at inputs."""
-        train = None
-        if self._train is not None:
-            names = (self.mechanism.pairs[k].name for k in self._train.followers)
-            train = self._train, [self.mechanism.angles[name] for name in names]
-        reference, passive = self.geometry.reference, set(self.angles) - set(self.driven)
-        where = self.closure, self.driven, sorted(passive)
-        return Unwrapping(*where, reference, self.meshes, train)
+        return Unwrapping(self)
 
     @property
     def periods(self) -> Floats:
@@ -377,26 +221,24 @@ class Solver:
             for number, group in enumerate(self.assembly.groups)
         )
 
-    def rolled_values(self, q: Floats) -> Floats:
-        """Return the variables (n, variables) of contacts rolled at inputs q (n, inputs).
-
-        NaN for all that do not follow from the inputs alone.
-        """
-        values = nans((len(q), len(self.mechanism.variable_owners)))
-        if self.meshes is not None:
-            values[:, list(self.meshes.variables)] = self.meshes.rolled(q)
-        return values
-
     def train_angles(self, q: Floats) -> dict[int, Floats]:
         """Return the angles (n,) of pairs that wheels fix at inputs q (n, inputs)."""
-        assert self._train is not None
+        if self._train is None:
+            return {}
         angles = self._train.offsets + q @ self._train.ratios.T
         return dict(zip(self._train.followers, angles.T, strict=True))
 
     def place(self, state: State, number: int, q: Floats) -> NewtonResult:
         """Place a train of wheels, the group of a number, at inputs q (n, inputs)."""
-        given = self.mechanism.ends, self.train_angles(q), self.rolled_values(q)
-        return place_train(state, self.assembly.groups[number], *given)
+        group, placed = self.assembly.groups[number], state.copy()
+        angles = self.train_angles(q)
+        turns = train_turns(group, state.within, state.ends, self.joints, angles)
+        every = [np.broadcast_to(turn, (len(q), 3, 3)) for turn in turns]
+        placed.merge(group, np.stack(every, axis=1))
+        placed.read_values(group)
+        if self.meshes is not None:
+            placed.values[:, list(self.meshes.variables)] = self.meshes.rolled(q)
+        return place_group(state, group, placed.values[:, group_variables(state, group)])
 
     def start(self, q: Floats) -> State:
         """Return the state in which only the inputs have values q (n, inputs)."""
@@ -423,7 +265,7 @@ class Solver:
             for number, sign in enumerate(assembly_mode.signs):
                 if sign:
                     group = self.assembly.groups[number]
-                    sine = place_dyad(state, group, self.mechanism.ends, sign)
+                    sine = place_dyad(state, group, sign)
                     _mark(status, state.lost, Status.OUT_OF_REACH)
                     _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
                 else:
@@ -451,7 +293,7 @@ class Solver:
                 _mark(status, why == reason, reason)
             start = predicted[:, group_variables(state, group)]
             start = np.where(_good(status)[:, None], start, np.nan)
-            result = place_group(state, group, self.mechanism.ends, start)
+            result = place_group(state, group, start)
             _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
             distance = max_abs(result.values - start, axis=1)
             _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
@@ -503,6 +345,145 @@ class Solver:
     def angles(self) -> list[int]:
         """Numbers of the variables that are angles of R pairs."""
         return list(self.mechanism.angles.values())
+
+
+@final
+class Unwrapping:
+    """The turns of passive pairs of one mechanism, mode by mode."""
+
+    def __init__(self, solver: "Solver") -> None:
+        self.solver, reference = solver, solver.geometry.reference
+        self._closure, self._driven = solver.closure, list(solver.driven)
+        self._angles = sorted({*solver.angles} - {*solver.driven})
+        anchor = np.zeros(len(self._driven))
+        self.anchor = anchor if reference is None else reference[self._driven]
+        self._pieces: dict[int, list[_Piece]] = {}
+
+    def turns(
+        self,
+        mode: int,
+        values: Floats,
+        q: Floats,
+        wanted: Sequence[int],
+        last: Floats | None = None,
+    ) -> Floats:
+        """Return turns (n, variables) to be added to configurations (n, variables).
+
+        `q` (n, inputs) are their inputs, which may be whole periods from those of the
+        configurations. Only the variables `wanted` are sought, those of others may be
+        zero. With several inputs samples are followed in their order, from the `last`
+        whole configuration (variables,) or else from the anchor.
+        """
+        turns = np.zeros_like(values)
+        settled = set(self._driven)
+        start = self.solver.train_angles(self.anchor[None])
+        for pair, angle in self.solver.train_angles(q).items():
+            (follower,) = self.solver.mechanism.variables_of(pair)
+            angle = angle - TURN * first_turns(start[pair]) - values[:, follower]
+            turns[:, follower] = np.round(angle / TURN)
+            settled.add(follower)
+        sought = [v for v in self._angles if v not in settled]
+        if not set(sought) & set(wanted) or not len(values):
+            return turns
+        at = self._at(values, q)
+        alone = len(self._driven) == 1
+        passive = self._by_pieces(mode, at) if alone else self._in_order(at, last)
+        turns[:, sought] = passive[:, [self._angles.index(v) for v in sought]]
+        return turns
+
+    def _at(self, values: Floats, q: Floats) -> Floats:
+        """Return configurations (n, variables) moved to inputs whole periods away."""
+        at = values.copy()
+        at[:, self._driven] = q
+        if (meshes := self.solver.meshes) is not None:
+            at[:, list(meshes.variables)] += (q - values[:, self._driven]) @ meshes.ratios.T
+        return at
+
+    def _by_pieces(self, mode: int, at: Floats) -> Floats:
+        (driven,) = self._driven
+        turns = nans((len(at), len(self._angles)))
+        pieces = self._pieces.setdefault(mode, [])
+        tried = np.zeros(len(at), dtype=bool)
+        number = 0
+        while True:
+            for piece in pieces[number:]:
+                open_ = np.isnan(turns[:, 0])
+                turns[open_] = piece.turns(at[open_], driven, self._angles)
+            number = len(pieces)
+            left = np.flatnonzero(np.isnan(turns[:, 0]) & ~tried)
+            if not len(left):
+                return turns
+            tried[left[0]] = True
+            pieces.append(self._piece(at[left[0]], at[left, driven]))
+
+    def _piece(self, values: Floats, places: Floats) -> _Piece:
+        """Return the mode about a configuration (variables,), as far as it reaches."""
+        (driven,), (period,), (anchor,) = self._driven, self.solver.periods, self.anchor
+        returns = bool(np.isfinite(period))
+        ends = [anchor, float(np.min(places)), float(np.max(places))]
+        if returns:
+            moved = float(into_range(values[driven], anchor, anchor + period, period))
+            values = self._at(values[None], np.array([[moved]]))[0]
+            ends = [moved - period, moved + period]
+        curve = follow(self._closure, driven, values, min(ends), max(ends))
+        low, high = curve.inputs[[0, -1]]
+        winding = None
+        if returns:
+            winding = np.zeros(len(values))
+            if high - low > period + BEYOND:
+                grown = curve.values[-1] - curve.predict(high - np.array([period]))[0][0]
+                winding = np.round(grown / TURN)
+                away = (grown - TURN * winding)[self._angles]
+                winding = winding if max_abs(away) < SAME else None
+        there = anchor + period * np.arange(3) if returns else np.array([anchor])
+        inside = there[(there >= low - BEYOND) & (there <= high + BEYOND)]
+        nearest = low if returns else anchor
+        reference = np.clip(inside[:1] if len(inside) else [nearest], low, high)
+        first = first_turns(curve.predict(reference)[0][0])
+        return _Piece(curve, period, winding, first)
+
+    def _in_order(self, at: Floats, last: Floats | None) -> Floats:
+        """Return turns (n, angles) of rows that follow each other, several inputs.
+
+        Where no straight way within the mode leads there from the row before, angles are
+        those of `_from_anchor`.
+        """
+        angles, given = self._angles, at if last is None else np.concatenate([[last], at])
+        after, before = given[1:], given[:-1]
+        moved, status = walk(self._closure, self._driven, after, before[:, self._driven])
+        steps = np.round((moved - before)[:, angles] / TURN)
+        away = np.abs((moved - before)[:, angles] - TURN * steps)
+        follows = (status == Status.OK) & (np.max(away, axis=1, initial=0.0) < SAME)
+        anew = np.concatenate([[last is None], ~follows])
+        turns = np.zeros((len(given), len(angles)))
+        turns[anew] = self._from_anchor(given[anew])
+        for row in np.flatnonzero(~anew[1:]):
+            turns[row + 1] = turns[row] - steps[row]
+        return turns[len(given) - len(at) :]
+
+    def _from_anchor(self, at: Floats) -> Floats:
+        """Return turns (n, angles) of rows to which a straight way from the anchor leads.
+
+        But for whole periods of inputs, with which angles grow as they do from the anchor.
+        Where none leads there, angles are in (-pi, pi].
+        """
+        turns = np.zeros((len(at), len(self._angles)))
+        far = whole_laps(at[:, self._driven] - self.anchor, self.solver.periods)
+        near = self._at(at, at[:, self._driven] - far)
+        for row, laps in enumerate(far):
+            here = near[row : row + 1]
+            there, status = walk(self._closure, self._driven, here, self.anchor[None])
+            if status[0] != Status.OK:
+                turns[row] = -first_turns(here[0, self._angles])
+                continue
+            turns[row] = -first_turns(there[0, self._angles])
+            for k in np.flatnonzero(laps):
+                goal = self.anchor + np.eye(len(laps))[k] * self.solver.periods[k]
+                round_, status = walk(self._closure, self._driven, there, goal[None])
+                grown = (round_ - there)[0, self._angles] / TURN
+                if status[0] == Status.OK and max_abs(grown % 1.0 - 0.5) > 0.45:
+                    turns[row] += np.round(grown) * laps[k] / self.solver.periods[k]
+        return turns
 
 
 def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:

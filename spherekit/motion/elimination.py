@@ -44,7 +44,7 @@ from spherekit.motion.groups import (
     group_variables,
     place_dyad,
 )
-from spherekit.motion.loops import LoopTree, condition, penetrates
+from spherekit.motion.loops import Linearisation, LoopTree, condition, penetrates
 from spherekit.motion.search import (
     POLISHING_STEPS,
     SEED,
@@ -482,13 +482,13 @@ def _grown(
 
     It is the group of that number; q (n, inputs) are the inputs.
     """
-    ends, group = solver.mechanism.ends, solver.assembly.groups[number]
+    group = solver.assembly.groups[number]
     if group.is_dyad or number in solver.trains:
         signs = (1, -1) if group.is_dyad else (0,)
         placed = [(sign, state.copy()) for sign in signs]
         for sign, further in placed:
             if sign:
-                place_dyad(further, group, ends, sign)
+                place_dyad(further, group, sign)
             else:
                 residual = solver.place(further, number, q).residual
                 further.lost |= ~(residual < CLOSURE_TOLERANCE)
@@ -497,7 +497,7 @@ def _grown(
     reference = solver.geometry.reference
     variables = group_variables(state, group)
     given = None if reference is None else reference[None, variables]
-    closure = group_closure(state, group, ends)
+    closure = group_closure(state, group)
     configurations, method = solutions(group, closure, given)
     grown = []
     if configurations:
@@ -512,15 +512,27 @@ def _grown(
 
 def signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
     """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
-    axes = solver.closure.at(values[None]).axes[0]
-    signs = []
-    for group in solver.assembly.groups:
-        if group.is_dyad:
-            triple = float(np.linalg.det(axes[list(group.pairs)]))
-            signs.append(1 if triple >= 0.0 else -1)
-        else:
-            signs.append(0)
-    return tuple(signs)
+    at = solver.closure.at(values[None])
+    return tuple(
+        (1 if np.linalg.det(group_matrices(solver, at, number)[0]) >= 0.0 else -1)
+        if group.is_dyad
+        else 0
+        for number, group in enumerate(solver.assembly.groups)
+    )
+
+
+def group_matrices(solver: Solver, at: Linearisation, number: int) -> Floats:
+    """Return matrices (n, k, m) of a group, whose determinants tell its modes apart.
+
+    A dyad's axes, the velocity equations of another group.
+    """
+    group, owners = solver.assembly.groups[number], solver.mechanism.variable_owners
+    if group.is_dyad:
+        return at.axes[:, list(group.pairs)]
+    variables = [v for pair in group.pairs for v in solver.mechanism.variables_of(pair)]
+    places = tuple(group.pairs.index(owners[v]) for v in variables)
+    tree = LoopTree(len(group.bodies), group.ends, places)
+    return tree.jacobian(at.vectors[:, variables])
 
 
 def group_signs(solver: Solver, values: Floats) -> SmallIntegers:
@@ -531,18 +543,11 @@ def group_signs(solver: Solver, values: Floats) -> SmallIntegers:
     """
     at = solver.closure.at(values)
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)
-    for number, group in enumerate(solver.assembly.groups):
-        owners = solver.mechanism.variable_owners
-        variables = [v for v, owner in enumerate(owners) if owner in group.pairs]
-        places = tuple(group.pairs.index(owners[v]) for v in variables)
-        tree = LoopTree(len(group.bodies), group.ends, places)
-        matrices = at.axes[:, list(group.pairs)]
-        if not group.is_dyad:
-            matrices = tree.jacobian(at.vectors[:, variables])
-        if matrices.shape[1] != matrices.shape[2]:
-            continue
-        clear = condition(matrices) < 1.0 / FLAT_SIGN
-        signs[clear, number] = np.sign(np.linalg.det(matrices[clear]))
+    for number in range(signs.shape[1]):
+        matrices = group_matrices(solver, at, number)
+        if matrices.shape[1] == matrices.shape[2]:
+            clear = condition(matrices) < 1.0 / FLAT_SIGN
+            signs[clear, number] = np.sign(np.linalg.det(matrices[clear]))
     return signs
 
 
@@ -567,8 +572,6 @@ class RangeSearch:
         self._low, self._high = starting_range(solver.closure)
         driven = list(solver.driven)
         self._low[driven], self._high[driven] = low, high
-        self._least, self._most = (np.full(len(self._low), x) for x in (-np.inf, np.inf))
-        self._least[driven], self._most[driven] = low, high
 
     def _drawn(self) -> tuple[Floats, Indices]:
         """Return the starts (n, variables) of a round, and the sample (n,) of each."""
@@ -590,21 +593,21 @@ class RangeSearch:
         starts, rows = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
         closure = solver.closure
         with np.errstate(all="ignore"):
-            held = driven
-            if solver.meshes is not None:
-                held = driven + list(solver.meshes.variables)
-                starts[:, held[len(driven) :]] = solver.meshes.rolled(starts[:, driven])
-            if self.samples is None and solver.meshes is None:
-                values, near = damped(closure, starts, (), self._least, self._most)
-            else:
-                values, near = damped(closure, starts, held)
+            held, meshes = driven, solver.meshes
+            if meshes is not None:
+                held = driven + list(meshes.variables)
+                starts[:, list(meshes.variables)] = meshes.rolled(starts[:, driven])
+            is_input = np.isin(np.arange(starts.shape[1]), driven)
+            least = np.where(is_input, self._low, -np.inf)
+            most = np.where(is_input, self._high, np.inf)
+            known = self.samples is not None or meshes is not None
+            values, near = damped(closure, starts, held if known else (), least, most)
             values, rows = values[near], rows[near]
             if not len(values):
                 return values, rows
             result = closure.solve(values, held, iterations=POLISHING_STEPS)
-            values = result.values
-            at = closure.at(values)
-            free = [v for v in range(values.shape[1]) if v not in driven]
+            values, at = result.values, result.at
+            free = np.flatnonzero(~is_input)
             _, reciprocal_condition = determinant_signs(at.jacobian[:, :, free])
             good = (result.residual < CLOSURE_TOLERANCE) & (reciprocal_condition > FLAT)
             good &= np.all(at.states.inside, axis=1)

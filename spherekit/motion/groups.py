@@ -26,13 +26,15 @@ from spherekit.sphere.rotation import about_z, close_dyad, nans, transpose
 class State:
     """Orientations of links within their bodies while a batch is being assembled.
 
-    `joints` are those of the mechanism's pairs and `variables[pair]` the numbers of
-    their variables; `within[link]` is (n, 3, 3), from the link's axes to those of its
-    body; `values` (n, variables) are the variables known so far. `slack` (n,) rad is what
-    bodies may be off by: nearly straight dyads enlarge it, at most to the root of rounding.
+    `joints` are those of the mechanism's pairs, `ends` the links that these join, and
+    `variables[pair]` the numbers of their variables; `within[link]` is (n, 3, 3), from the
+    link's axes to those of its body; `values` (n, variables) are the variables known so
+    far. `slack` (n,) rad is what bodies may be off by: nearly straight dyads enlarge it, at
+    most to the root of rounding.
     """
 
     joints: tuple[Joint, ...]
+    ends: tuple[tuple[int, int], ...]
     variables: tuple[tuple[int, ...], ...]
     within: dict[int, Floats]
     values: Floats
@@ -58,7 +60,7 @@ class State:
             ahead = mechanism.ends[driven][0] == parent
             within[child] = within[parent] @ (turn if ahead else transpose(turn))
         lost, slack = np.zeros(n, dtype=bool), np.full(n, REACH_SLACK)
-        return State(joints, variables, within, values, lost, slack)
+        return State(joints, mechanism.ends, variables, within, values, lost, slack)
 
     def copy(self) -> "State":
         """Return a state that can be assembled differently from here on."""
@@ -79,12 +81,12 @@ class State:
                 for link in links:
                     self.within[link] = placed[:, position] @ self.within[link]
 
-    def read_values(self, group: Group, ends: tuple[tuple[int, int], ...]) -> None:
+    def read_values(self, group: Group) -> None:
         """Set the variables of a group's R pairs from the orientations of its links."""
         for pair in group.pairs:
             if not self.joints[pair].has_axis:
                 continue
-            a, b = ends[pair]
+            a, b = self.ends[pair]
             joint = revolute(self.joints[pair])
             one = self.within[a] @ joint.first
             other = self.within[b] @ joint.second
@@ -93,12 +95,7 @@ class State:
             self.values[:, self.variables[pair][0]] = np.arctan2(sine, cosine)
 
 
-def place_dyad(
-    state: State,
-    group: Group,
-    ends: tuple[tuple[int, int], ...],
-    sign: Floats | float,
-) -> Floats:
+def place_dyad(state: State, group: Group, sign: Floats | float) -> Floats:
     """Place the two free bodies of a dyad and merge; return the sine of its dead centre.
 
     The mode's `sign`, one for all samples or (n,), is that of u_1 . (u_2 x u_3), the axes
@@ -110,7 +107,7 @@ def place_dyad(
     def axis(which: int, body: int) -> Floats:
         pair = group.pairs[which]
         is_first = group.ends[which][0] == body
-        return state.axis(pair, ends[pair][0 if is_first else 1], is_first)
+        return state.axis(pair, state.ends[pair][0 if is_first else 1], is_first)
 
     near_turn, far_turn, sine, closes = close_dyad(
         axis(near, 0),
@@ -126,7 +123,7 @@ def place_dyad(
     placed = np.broadcast_to(np.eye(3), (n, 3, 3, 3)).copy()
     placed[:, 1], placed[:, 2] = near_turn, far_turn
     state.merge(group, placed)
-    state.read_values(group, ends)
+    state.read_values(group)
     state.lost |= ~closes
     return sine
 
@@ -136,53 +133,23 @@ def group_variables(state: State, group: Group) -> list[int]:
     return [number for pair in group.pairs for number in state.variables[pair]]
 
 
-def group_tree(state: State, group: Group) -> LoopTree:
-    """Return the loops of a group's bodies."""
-    owners = [k for k, pair in enumerate(group.pairs) for _ in state.variables[pair]]
-    return LoopTree(len(group.bodies), group.ends, tuple(owners))
-
-
-def group_closure(state: State, group: Group, ends: tuple[tuple[int, int], ...]) -> Closure:
+def group_closure(state: State, group: Group) -> Closure:
     """Return the closure of the group's bodies at the state's samples."""
-    pairs = group.pairs
-    return Closure(
-        group_tree(state, group),
-        tuple(state.joints[p] for p in pairs),
-        (
-            np.stack([state.within[ends[p][0]] for p in pairs], axis=1),
-            np.stack([state.within[ends[p][1]] for p in pairs], axis=1),
-        ),
+    owners = [k for k, pair in enumerate(group.pairs) for _ in state.variables[pair]]
+    first, second = (
+        np.stack([state.within[state.ends[pair][side]] for pair in group.pairs], axis=1)
+        for side in (0, 1)
     )
+    tree = LoopTree(len(group.bodies), group.ends, tuple(owners))
+    return Closure(tree, tuple(state.joints[p] for p in group.pairs), (first, second))
 
 
-def place_group(
-    state: State, group: Group, ends: tuple[tuple[int, int], ...], start: Floats
-) -> NewtonResult:
+def place_group(state: State, group: Group, start: Floats) -> NewtonResult:
     """Close an irreducible group from starting values (n, its variables), and merge it."""
-    result = group_closure(state, group, ends).solve(start)
+    result = group_closure(state, group).solve(start)
     state.merge(group, result.at.placed)
     state.values[:, group_variables(state, group)] = result.values
     return result
-
-
-def place_train(
-    state: State,
-    group: Group,
-    ends: tuple[tuple[int, int], ...],
-    angles: Mapping[int, Floats],
-    rolled: Floats,
-) -> NewtonResult:
-    """Place a train of wheels by the `angles` (n,) of pairs that fix it, and merge it.
-
-    `rolled` (n, variables) are the lengths rolled, NaN for all other variables.
-    """
-    placed, n = state.copy(), len(state.values)
-    turns = train_turns(group, state.within, ends, state.joints, angles)
-    every = np.stack([np.broadcast_to(turn, (n, 3, 3)) for turn in turns], axis=1)
-    placed.merge(group, every)
-    placed.read_values(group, ends)
-    start = np.where(np.isnan(rolled), placed.values, rolled)
-    return place_group(state, group, ends, start[:, group_variables(state, group)])
 
 
 def train_ways(group: Group, fixed: Collection[int]) -> tuple[tuple[int, int, int], ...]:

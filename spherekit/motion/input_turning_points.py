@@ -125,8 +125,8 @@ class ModeCoalescence:
         # orientations (n, modes, 3, 3) of links in their bodies, for all modes so far
         within = [state.within[k][:, None].astype(complex) for k in links]
         determinants, ends = np.ones((len(q), 1), complex), self.solver.mechanism.ends
-        every = self.solver.train_angles(q[:, None]) if self.solver.trains else {}
-        angles = {pair: angle[:, None] for pair, angle in every.items()}
+        every = self.solver.train_angles(q[:, None]).items()
+        angles = {pair: angle[:, None] for pair, angle in every}
         with np.errstate(all="ignore"):
             for number, group in enumerate(self.groups[: part + 1]):
                 order = self._orders[number]

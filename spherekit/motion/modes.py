@@ -19,7 +19,7 @@ from spherekit.guarantee import Claim, Guarantee
 from spherekit.model.parts import PoseGeometry
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import LONGEST, follow_arc
-from spherekit.motion.assembly_modes import AssemblyMode, Solver, determinant_signs
+from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.configuration import MonotoneSegments
 from spherekit.motion.elimination import (
     CLOSED_FORM,
@@ -30,15 +30,17 @@ from spherekit.motion.elimination import (
     RangeSearch,
     assemblies,
     chains,
+    group_matrices,
     has_elimination,
     least_complete,
     signs_at,
 )
-from spherekit.motion.groups import State, group_variables, place_dyad, place_group
+from spherekit.motion.groups import State, place_dyad
 from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each, sheets_through
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.search import SAME_MODE, STARTS, Census
+from spherekit.motion.steps import determinant_sign
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import Working
@@ -279,18 +281,11 @@ class ModeSearch:
 
     def _determinants(self, signs: tuple[int, ...], values: Floats) -> tuple[float, ...]:
         """Return the signs of the determinants of groups at a configuration."""
-        solver, ends = self.solver, self.solver.mechanism.ends
-        state = solver.start(values[None, list(solver.driven)])
-        determinants = []
-        for group, sign in zip(self.groups, signs, strict=True):
-            if sign:
-                place_dyad(state, group, ends, sign)
-                determinants.append(float(sign))
-            else:
-                start = values[None, group_variables(state, group)]
-                at = place_group(state, group, ends, start).at
-                determinants.append(float(determinant_signs(at.jacobian)[0][0]))
-        return tuple(determinants)
+        at, solver = self.solver.closure.at(values[None]), self.solver
+        return tuple(
+            float(sign or determinant_sign(group_matrices(solver, at, number))[0])
+            for number, sign in enumerate(signs)
+        )
 
     def _all_modes(self) -> Claim:
         """Look for further modes in the whole range; return what is claimed then."""
@@ -494,7 +489,7 @@ def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:
             pairs = ", ".join(solver.mechanism.names_of(group.pairs))
             if not group.is_dyad:
                 break
-            place_dyad(state, group, solver.mechanism.ends, 1)
+            place_dyad(state, group, 1)
             if np.all(state.lost):
                 return (
                     f"{name}: arcs cannot close: the {group.kind} of pairs {pairs} "
