@@ -117,8 +117,7 @@ class PoseCandidates:
 
     def nearest_first(self, orientation: Floats) -> "PoseCandidates":
         """Return them ordered by the angle from an orientation, singular ones last."""
-        given = np.broadcast_to(orientation, self.orientations.shape)
-        angles = turns_between(given, self.orientations).angle
+        angles = turns_between(orientation[None], self.orientations).angle
         return self._ordered(np.lexsort((np.round(angles, 9), self.singular)))
 
     def singular_last(self) -> "PoseCandidates":
@@ -181,7 +180,7 @@ class PoseFinder:
             If there is none, or the pose is not one of this mechanism's output.
         """
         if self.form is not None:
-            return self._of_mirrors(self.form, self._normals(self.form, pose))
+            return self._of_mirrors(self.form, pose)
         match pose:
             case AtInputs(inputs):
                 return self._assembled(inputs)
@@ -230,7 +229,7 @@ class PoseFinder:
         return Target(closure, made.link_number[self.output.link], len(made.inputs))
 
     def _singular(self, values: Floats) -> Bools:
-        near = self._target.at(values, np.broadcast_to(np.eye(3), (len(values), 3, 3)))
+        near = self._target.at(values, np.eye(3)[None])
         free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
         transmission = Transmission.of(self.mechanism, self.output)
         held = transmission.of_values(self.solver.closure, values) > SINGULAR
@@ -249,8 +248,7 @@ class PoseFinder:
         values, labels = [], []
         for k, signs in enumerate(solutions.signs):
             at = self._assembled(solutions.inputs[k])
-            wanted = np.broadcast_to(solutions.rotations[k], at.orientations.shape)
-            off = turns_between(wanted, at.orientations).angle
+            off = turns_between(solutions.rotations[k, None], at.orientations).angle
             best = int(np.argmin(off))
             if off[best] < SAME_POSE:
                 values.append(at.values[best])
@@ -290,8 +288,7 @@ class PoseFinder:
             case AtInputs(inputs):
                 off = max_abs(self.solver.reduced(good.inputs - inputs), axis=1)
             case AtOrientation(orientation):
-                given = np.broadcast_to(orientation, turned.shape)
-                off = turns_between(given, turned).angle
+                off = turns_between(orientation[None], turned).angle
             case AtDirection(direction):
                 points = turned @ np.array(self.output.direction)
                 off = arc(points, np.broadcast_to(direction, points.shape))
@@ -301,11 +298,13 @@ class PoseFinder:
             f"{self._shown(good.inputs[best])}"
         )
 
-    def _normals(self, form: MidPlaneArchitecture, pose: Pose) -> tuple[Floats, str]:
-        """Return normals (k, 3) of mid-planes, and signs of the driven legs or none."""
+    def _normals(
+        self, form: MidPlaneArchitecture, pose: Pose
+    ) -> tuple[Floats, Floats | None]:
+        """Return the normal (1, 3) of a mid-plane, and signs of the driven legs or none."""
         match pose:
             case AtMirror(phi, gamma):
-                return normal_at(phi, gamma)[None], ""
+                return normal_at(phi, gamma)[None], None
             case AtInputs(inputs):
                 normals = form.plane.normals(inputs[None])
                 if np.any(np.isnan(normals)):
@@ -313,17 +312,16 @@ class PoseFinder:
                         f"{form.mechanism.name}: at these inputs both driven elbows lie "
                         "on one line and do not fix the mid-plane; change one input"
                     )
-                return normals, label_of(form.plane.modes(inputs[None])[0])
+                return normals, form.plane.modes(inputs[None])[0]
             case AtOrientation(orientation):
                 normals, departure = form.normals(orientation[None])
                 if not departure[0] < IN_PLANE:
                     raise SolveError(
                         f"{form.mechanism.name}: the orientation is not a pose of its "
-                        f"output "
-                        f"link: it is {np.degrees(departure[0]):.3g} deg from "
+                        f"output link: it is {np.degrees(departure[0]):.3g} deg from "
                         f"{_named(normals[0])}"
                     )
-                return normals, ""
+                return normals, None
             case AtDirection(direction):
                 if self.output.direction is None:
                     with_wrist(self.mechanism, self.output.name)  # says so
@@ -334,22 +332,17 @@ class PoseFinder:
                         "in every mid-plane through this direction; give inputs, an "
                         "orientation, or phi and gamma"
                     )
-                return upward(normals), ""
+                return upward(normals), None
 
-    def _of_mirrors(
-        self, form: MidPlaneArchitecture, wanted: tuple[Floats, str]
-    ) -> PoseCandidates:
-        normals, driven_signs = wanted
-        values, labels = [], []
-        for normal in normals:
-            self.check_reach(normal)
-            for modes in _modes(form):
-                label = label_of(modes)
-                driven_label = "".join(label[k] for k in form.plane.driven)
-                if not driven_signs or driven_label == driven_signs:
-                    values.append(form.values(form.place(normal[None], modes))[0][0])
-                    labels.append(label)
-        return self._of_values(np.stack(values), labels)
+    def _of_mirrors(self, form: MidPlaneArchitecture, pose: Pose) -> PoseCandidates:
+        normals, signs = self._normals(form, pose)
+        self.check_reach(normals[0])
+        driven = list(form.plane.driven)
+        modes = [
+            mode for mode in _modes(form) if signs is None or np.all(mode[driven] == signs)
+        ]
+        values = [form.values(form.place(normals, mode))[0] for mode in modes]
+        return self._of_values(np.concatenate(values), [label_of(mode) for mode in modes])
 
     def check_reach(self, normal: Floats) -> None:
         """Raise `SolveError` if a mid-plane (3,) of the form is outside the legs' reach.
@@ -386,14 +379,14 @@ class PoseFinder:
             inputs, a direction or a mid-plane, or the start is singular.
         """
         values, first = start.values[number], start.orientations[number]
-        named = self.output.name
+        named, form = self.output.name, self.form
+        signs = np.array([1.0 if sign == "+" else -1.0 for sign in start.labels[number]])
         if isinstance(end, AtRotation):
-            if self.form is not None:
-                (normal,), _ = self.form.normals(first[None])
+            if form is not None:
+                (normal,), _ = form.normals(first[None])
                 about = unit(end.axis)
-                if abs(normal @ self.form.frame.T @ about) < IN_PLANE:
-                    signs = _modes_of(start.labels[number])
-                    return self.form.rotation_about(normal, about, end.angle, signs)
+                if abs(normal @ form.frame.T @ about) < IN_PLANE:
+                    return form.rotation_about(normal, about, end.angle, signs)
             return follow_rotation(self.mechanism, values, end.axis, end.angle, named)
         if isinstance(end, AtOrientation):
             wanted = end.orientation
@@ -403,30 +396,19 @@ class PoseFinder:
                 wanted = ends.orientations[ends.number_of(mode)]
             except SolveError as problem:
                 raise SolveError(f"end: {problem}") from None
-        if self.form is not None:
-            normals, departure = self.form.normals(np.stack([first, wanted]))
+        if form is not None:
+            normals, departure = form.normals(np.stack([first, wanted]))
             if departure[1] < SAME_POSE:
                 self.check_reach(normals[1])
-                signs = _modes_of(start.labels[number])
-                return self.form.rotation_between(normals[0], normals[1], signs)
+                return form.rotation_between(normals[0], normals[1], signs)
         return follow_to(self.mechanism, values, wanted, named)
-
-
-def _modes_of(label: str) -> Floats:
-    return np.array([1.0 if sign == "+" else -1.0 for sign in label])
 
 
 def _modes(form: MidPlaneArchitecture) -> list[Floats]:
     """Return all signs of the legs: first those of the driven ones as in `solutions`."""
-    count = len(form.legs)
-    others = [k for k in range(count) if k not in form.plane.driven]
-    modes = []
-    for driven in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
-        for rest in product((1, -1), repeat=len(others)):
-            signs = np.empty(count)
-            signs[list(form.plane.driven)], signs[others] = driven, rest
-            modes.append(signs)
-    return modes
+    first, second = form.plane.driven
+    every = (np.array(signs) for signs in product((1.0, -1.0), repeat=len(form.legs)))
+    return sorted(every, key=lambda mode: (mode[first], -mode[second]))
 
 
 def _named(normal: Floats) -> str:

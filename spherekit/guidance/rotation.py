@@ -20,7 +20,7 @@ from spherekit.errors import SolveError
 from spherekit.guidance.follow import RotationSamples
 from spherekit.model.study import Cycloidal, Law, Polynomial
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
-from spherekit.sphere.rotation import all_finite
+from spherekit.sphere.rotation import all_finite, max_abs
 
 DEAD = 1e3
 """An input that turns by more for each rad of the output link is at a dead centre."""
@@ -32,36 +32,29 @@ class FixedAxisRotation(Protocol):
     @property
     def axis(self) -> Floats:
         """Unit vector (3,) in the axes of the base."""
-        ...
 
     @property
     def angle(self) -> float:
         """The whole angle (rad), 0 or more."""
-        ...
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the driven pairs."""
-        ...
 
     @property
     def reached(self) -> float:
         """The angle (rad) up to which the mechanism follows."""
-        ...
 
     @property
     def end(self) -> Status:
         """Status of what lies beyond."""
-        ...
 
     @property
     def crossings(self) -> tuple[float, ...]:
         """Angles (rad) on the way at which the inputs do not hold the mechanism."""
-        ...
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) from 0 to the whole angle, any order."""
-        ...
 
 
 def dead_centre(rotation: FixedAxisRotation) -> str:
@@ -149,13 +142,9 @@ class Schedule:
     @property
     def binding(self) -> Extreme:
         """The extreme that sets the duration, at its limit but for whole cycles."""
+        powers = {"speed": 1.0, "acceleration": 0.5}
         return max(
-            self.extremes,
-            key=lambda extreme: (
-                abs(extreme.value) / extreme.limit
-                if extreme.quantity == "speed"
-                else np.sqrt(abs(extreme.value) / extreme.limit)
-            ),
+            self.extremes, key=lambda x: (abs(x.value) / x.limit) ** powers[x.quantity]
         )
 
     def at(self, t: ArrayLike) -> Timetable:
@@ -174,14 +163,14 @@ class Schedule:
             )
         part = np.clip(t / self.duration, 0.0, 1.0)
         samples, motion = _moved(self.rotation, self.shape, part)
-        count = len(self.rotation.inputs)
+        speeds, accelerations = np.split(motion, 2, axis=1)
         return Timetable(
             self.rotation.inputs,
             t,
             samples.theta,
             samples.inputs,
-            motion[:, :count] / self.duration,
-            motion[:, count:] / self.duration**2,
+            speeds / self.duration,
+            accelerations / self.duration**2,
             samples.type_2,
             samples.status,
         )
@@ -248,14 +237,12 @@ def quickest(
                 f"{MOST_ROWS} rows; give a longer cycle"
             )
         duration = cycle * max(1.0, np.ceil(duration / cycle * (1.0 - WHOLE)))
-    names = [(name, what) for what in ("speed", "acceleration") for name in rotation.inputs]
-    reached = values / duration ** (1.0 / powers), duration * places
-    theta = rotation.angle * law.at(places)[0]
+    names = [(name, what) for what in given for name in rotation.inputs]
+    reached, theta = values / duration ** (1.0 / powers), rotation.angle * law.at(places)[0]
+    rows = np.stack([reached, duration * places, theta, limits], axis=1).tolist()
     extremes = tuple(
-        Extreme(name, what, *map(float, row))  # type: ignore[arg-type]
-        for (name, what), row in zip(
-            names, np.stack([*reached, theta, limits], axis=1), strict=True
-        )
+        Extreme(*name, *row)  # type: ignore[arg-type]
+        for name, row in zip(names, rows, strict=True)
     )
     return Schedule(rotation, law, duration, extremes, fitted.error, cycle)
 
@@ -269,12 +256,12 @@ def _shape(shape: str | Law) -> Law:
             )
         return SHAPES[shape]
     part, _, _ = shape.at(np.linspace(0.0, 1.0, 1001))
-    if not (abs(part[0]) < 1e-12 and abs(part[-1] - 1.0) < 1e-12):
+    if not max_abs(part[[0, -1]] - [0.0, 1.0]) < 1e-12:
         raise SolveError(
             f"a law shape goes from 0 at t = 0 to 1 at t = 1, but this one goes from "
             f"{part[0]:.6g} to {part[-1]:.6g}"
         )
-    if np.min(part) < -1e-12 or np.max(part) > 1.0 + 1e-12:
+    if max_abs(part - np.clip(part, 0.0, 1.0)) > 1e-12:
         raise SolveError("a law shape stays between 0 and 1, but this one leaves that")
     return shape
 

@@ -195,24 +195,23 @@ class Distinct:
         rolled = [variable for variable, _ in self._rolling]
         order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
         left = order[exists[order]]
-        for number, (pose, other) in enumerate(self._poses):
+        number = 0
+        while len(left):
+            if number == len(self.values):
+                row = left[0]
+                if number == MOST_MODES:
+                    break
+                if loose[row] and self._loose == MOST_LOOSE:
+                    left = left[1:]
+                    continue
+                self._loose += int(loose[row])
+                self.values.append(values[row])
+                self._poses.append((placed[row], tolerance[row]))
+            pose, other = self._poses[number]
             near = self._near(number, values[left], placed[left], pose)
             same = near <= np.maximum(tolerance[left], other)
             places[left[same]] = number
-            left = left[~same]
-        while len(left) and len(self.values) < MOST_MODES:
-            number, row = len(self.values), left[0]
-            if loose[row] and self._loose == MOST_LOOSE:
-                left = left[1:]
-                continue
-            self._loose += int(loose[row])
-            self.values.append(values[row])
-            self._poses.append((placed[row], tolerance[row]))
-            near = self._near(number, values[left], placed[left], placed[row])
-            same = near <= np.maximum(tolerance[left], tolerance[row])
-            same[0] = True
-            places[left[same]] = number
-            left = left[~same]
+            left, number = left[~same], number + 1
         return places
 
     def _near(self, number: int, values: Floats, placed: Floats, pose: Floats) -> Floats:
