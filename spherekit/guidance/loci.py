@@ -18,14 +18,15 @@ closed form, every pair has to close, and the velocity equations have to leave t
 freedoms. The poses that the closed form reaches are then all there are near each of them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import final
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices, Integers
+from spherekit.arrays import Floats, Indices, Integers
 from spherekit.checked import checked
 from spherekit.conventions import CLOSURE_TOLERANCE, listing
 from spherekit.errors import ModelError
@@ -54,7 +55,6 @@ from spherekit.sphere.rotation import (
     cross,
     max_abs,
     nans,
-    perpendicular,
     unit_rows,
 )
 
@@ -262,7 +262,7 @@ def _assembled(
 
 
 SIDE = float(np.radians(4.0))
-"""Longest side (rad) of the triangles, and the distance of points on circles."""
+"""Longest side (rad) of the triangles."""
 ALONG = 1e-6
 """Elbows with a smaller sine lie along one line."""
 
@@ -320,42 +320,63 @@ class _Modes:
 
     def borders(self) -> Iterator[CurveSeen]:
         """Yield the circles on which a driven leg is at its limit, where others reach."""
-        plane = self.form.plane
-        count = round(2.0 * np.pi / SIDE)
-        angle = np.arange(count + 1) * (2.0 * np.pi / count)
-        for leg, sense in product(plane.driven, (1.0, -1.0)):
-            axis, height = plane.axes[leg], sense * np.sin(plane.arcs[leg])
-            side = perpendicular(axis)
-            flat = np.outer(np.cos(angle), side)
-            flat += np.outer(np.sin(angle), cross(axis, side))
-            normals = height * axis + np.sqrt(1.0 - height**2) * flat
-            others = [k for k in range(len(plane.axes)) if k != leg]
-            for signs in product((1, -1), repeat=len(others)):
-                modes = np.ones(len(plane.axes), dtype=np.int64)
-                modes[others] = signs
-                reached = np.isfinite(plane.elbows(normals, modes)[0]).all(axis=(1, 2))
-                reached &= normals[:, 2] >= 0.0
-                why = f"leg of {self._name(leg)} at the limit of its reach"
-                for rows, closed in _runs(reached):
-                    yield self._curve(normals[rows], modes, closed, why)
+        count = len(self.form.legs)
+        for leg in self.form.plane.driven:
+            why = f"leg of {self._name(leg)} at the limit of its reach"
+            for signs in product((1, -1), repeat=count - 1):
+                modes = np.insert(np.array(signs), leg, 1)
+                margins, axis = partial(self._margins, leg), self.form.plane.axes[leg]
+                yield from self._zeros(margins, modes, why, (axis, -axis))
 
     def contours(self, budget: Budget) -> Iterator[CurveSeen]:
         """Yield the lines on which the determinant of the locked mechanism changes sign."""
-        nodes, triangles = hemisphere(SIDE)
-        edges, sides = edges_of(triangles)
         for signs in product((1, -1), repeat=len(self.form.legs)):
             if not budget.goes_on(f"mode {signs}"):
                 return
             modes = np.array(signs)
-            values = self._determinants(nodes, modes)
-            finite = all_finite(values[edges], 1)
-            changes = finite & (values[edges[:, 0]] * values[edges[:, 1]] < 0.0)
-            cut = edges[changes]
-            roots = self._roots(nodes[cut[:, 0]], nodes[cut[:, 1]], modes)
-            number = np.where(changes, np.cumsum(changes) - 1, -1)
-            for line, closed in _lines(number[sides], len(cut)):
-                why = self._why(roots[line], modes)
-                yield self._curve(roots[line], modes, closed, why)
+            yield from self._zeros(partial(self._determinants, modes), modes)
+
+    def _zeros(
+        self,
+        function: Callable[[Floats], Floats],
+        modes: Integers,
+        why: str = "",
+        centres: Sequence[Floats] = (),
+    ) -> Iterator[CurveSeen]:
+        """Yield the lines on which a function of normals changes its sign in a mode.
+
+        Around `centres` (3,) however short they are.
+        """
+        nodes, triangles = hemisphere(SIDE)
+        nodes = nodes.copy()
+        for centre in centres:
+            nodes[np.argmax(nodes @ centre)] = centre
+        edges, sides = edges_of(triangles)
+        values = function(nodes)[edges]
+        changes = all_finite(values, 1) & (values[:, 0] * values[:, 1] < 0.0)
+        low, high = nodes[edges[changes]].swapaxes(0, 1)
+
+        def between(part: Floats, rows: Indices) -> Floats:
+            return np.asarray(unit_rows(low[rows] + part[:, None] * (high - low)[rows]))
+
+        part, _ = bracketed_zeros(
+            lambda x, rows: function(between(x, rows)),
+            np.zeros(len(low)),
+            np.ones(len(low)),
+            *values[changes].T,
+        )
+        roots = between(part, np.arange(len(low)))
+        number = np.where(changes, np.cumsum(changes) - 1, -1)
+        for line, closed in _lines(number[sides], len(low)):
+            normals = roots[line]
+            words = why or self._why(normals, modes)
+            yield self._curve(normals, modes, closed, words)
+
+    def _margins(self, leg: int, normals: Floats) -> Floats:
+        """Return how far (n,) a leg is inside its reach, NaN where another one is not."""
+        _, left = self.form.plane.nearest_elbows(normals)
+        others = np.delete(left, leg, axis=1)
+        return np.where(np.all(others >= 0.0, axis=1), left[:, leg], np.nan)
 
     def _name(self, leg: int) -> str:
         return self.form.mechanism.pairs[self.form.legs[leg].base].name
@@ -370,28 +391,11 @@ class _Modes:
             return f"elbows of the legs of {names} along one line"
         return "the loops lose rank"
 
-    def _roots(self, low: Floats, high: Floats, modes: Integers) -> Floats:
-        """Return where the determinant vanishes between normals (n, 3)."""
-
-        def between(part: Floats, rows: Indices) -> Floats:
-            normals = low[rows] + part[:, None] * (high - low)[rows]
-            return np.asarray(unit_rows(normals))
-
-        every = np.arange(len(low))
-        part, _ = bracketed_zeros(
-            lambda x, rows: self._determinants(between(x, rows), modes),
-            np.zeros(len(low)),
-            np.ones(len(low)),
-            self._determinants(low, modes),
-            self._determinants(high, modes),
-        )
-        return between(part, every)
-
     def _values(self, normals: Floats, modes: Integers) -> Floats:
         values, _ = self.form.values(self.form.place(normals, modes))
         return np.where(all_finite(values, 1)[:, None], values, np.nan)
 
-    def _determinants(self, normals: Floats, modes: Integers) -> Floats:
+    def _determinants(self, modes: Integers, normals: Floats) -> Floats:
         """Return (n,) the determinant of the locked mechanism, NaN out of reach."""
         values = self._values(normals, modes)
         determinants = nans(len(normals))
@@ -445,15 +449,3 @@ def _lines(sides: Indices, count: int) -> Iterator[tuple[list[int], bool]]:
             left.discard(ahead[0])
         closed = len(line) > 2 and start in beside[line[-1]]
         yield [*line, start] if closed else line, closed
-
-
-def _runs(wanted: Bools) -> Iterator[tuple[Indices, bool]]:
-    """Yield the rows of each part of a closed line that is wanted, and if it closes."""
-    if np.all(wanted):
-        yield np.arange(len(wanted)), True
-        return
-    n = len(wanted) - 1
-    order = (np.arange(n) + np.argmin(wanted[:-1])) % n  # the first is none of them
-    for rows in np.split(order, np.flatnonzero(np.diff(wanted[order])) + 1):
-        if wanted[rows[0]]:
-            yield rows, False
