@@ -28,13 +28,6 @@ from spherekit.engine.expression_graph import (
     rewrite,
     symbols,
 )
-from spherekit.engine.kinematics import (
-    misfits,
-    newton_step,
-    openness,
-    rates_by_inputs,
-)
-from spherekit.engine.pose import spin_vectors
 from spherekit.engine.row_quantities import DesignTerms, RowQuantities
 from spherekit.engine.system import ArrayFunction, array_function
 
@@ -244,10 +237,10 @@ def arc_function(terms: DesignTerms) -> tuple[tuple[int, ...], ArrayFunction]:
     """
     mechanism, pairs = terms.structure.mechanism, terms.structure.pairs
     axes: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
-    for variable, (spin, *rest) in enumerate(pairs.spins):
-        if not rest and variable in pairs.twin:
-            for end in (spin, pairs.twin[variable]):
-                axes[end.link].append(constants(end.axis))
+    for pair, ends in enumerate(mechanism.ends):
+        if pair not in pairs.sides:
+            for link, axis in zip(ends, pairs.axes(pair), strict=True):
+                axes[link].append(constants(axis))
     links = tuple(link for link, directions in axes.items() if len(directions) == 2)
     arcs = []
     for link in links:
@@ -334,25 +327,22 @@ def path_kernel(
 
     Newton's step `alone` is real, and without rates.
     """
-    structure, links, places = terms.structure, terms.links, terms.places
-    off = misfits(structure, links, terms.variables)
-    change, determinant = newton_step(structure, links, off)
+    structure, flow, places = terms.structure, terms.flow, terms.places
+    change, determinant = flow.answers(flow.misfits)
     for variable, angle in enumerate(terms.variables):
         if angle is not places[variable]:
             change[variable] = angle - places[variable]
     rates: list[list[Expr]] = []
     if not alone:
-        rates, determinant = rates_by_inputs(structure, links)
+        determinant = flow.scale
+        rates = [[rate / determinant for rate in tau] for tau in flow.tau]
     outputs = [*change, *(rate for row in rates for rate in row), determinant]
-    outputs.append(openness(structure, links, terms.variables))
+    outputs.append(flow.openness)
     dyads = [group for group in structure.assembly.groups if group.is_dyad and not alone]
     turning = []
     for group in dyads:
-        axes = []
-        for pair in group.pairs:
-            (variable,) = structure.mechanism.variables_of(pair)
-            (spin,) = spin_vectors(structure.pairs, links, variable)
-            axes.append(spin.axis)
+        owned = [structure.mechanism.variables_of(pair) for pair in group.pairs]
+        axes = [flow.vectors[variable] for (variable,) in owned]
         turning.append(dot(axes[0], cross(axes[1], axes[2])))
     given = [*places, *terms.handed_in]
     rows, fixed = hoisted([*outputs, *turning], given, "design_")

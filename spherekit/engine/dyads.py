@@ -159,11 +159,8 @@ def _close(
     near, middle, far = group.dyad_places
 
     def held(which: int, body: int) -> tuple[int, Entries]:
-        pair = group.pairs[which]
-        (variable,) = mechanism.variables_of(pair)
-        spins = *structure.pairs.spins[variable], structure.pairs.twin[variable]
-        spin = spins[0 if group.ends[which][0] == body else 1]
-        return spin.link, spin.axis
+        pair, end = group.pairs[which], group.ends[which].index(body)
+        return mechanism.ends[pair][end], structure.pairs.axes(pair)[end]
 
     def axis(which: int, body: int) -> Exprs:
         link, direction = held(which, body)

@@ -20,7 +20,6 @@ from spherekit.engine.algebra import Exprs, about_z, cosine, sine
 from spherekit.engine.expression_graph import Expr
 from spherekit.engine.turns import (
     AxisRotation,
-    AxisTerm,
     Chain,
     Entries,
     Follower,
@@ -94,8 +93,6 @@ class Hinged:
     def pairs(self, given: Mapping[int, Expr]) -> TurningPairs:
         """Return the pairs of the mechanism with terms for some of the `numbers`."""
         chains: list[Chain] = []
-        twin: dict[int, AxisTerm] = {}
-        spins: list[tuple[AxisTerm, ...]] = []
         at = 0
         for number, rotations in enumerate(self.constants):
             made = []
@@ -106,18 +103,14 @@ class Hinged:
             if number in self.contacts:
                 parts = [(made[0], np.eye(3)), (made[1], made[2])]
             for first, second in parts:
-                variable = len(chains)
-                one, other = self.mechanism.ends[variable]
-                chains.append(Chain((first, second), (AxisRotation(variable),)))
-                spins.append((AxisTerm(1.0, one, first[:, 2]),))
-                twin[variable] = AxisTerm(1.0, other, second[2])
+                chains.append(Chain((first, second), (AxisRotation(len(chains)),)))
         followers = {}
         if self.train is not None:
             numbers = [given.get(at + k, x) for k, x in enumerate(self.train.numbers)]
             rows = np.array(numbers, dtype=object).reshape(len(self.train.followers), -1)
             for pair, row in zip(self.train.followers, rows, strict=True):
                 followers[pair] = Follower(tuple(row[:-1]), row[-1])
-        return TurningPairs(tuple(chains), tuple(spins), twin, {}, followers)
+        return TurningPairs(tuple(chains), {}, followers)
 
 
 def hinged(

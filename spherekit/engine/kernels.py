@@ -212,7 +212,7 @@ def kernel(
     def make() -> Kernel:
         structure = Structure.of(mechanism, input_pair)
         inputs, placed = _placed(structure, source)
-        flow = CoordinateRates(structure, placed)
+        flow = CoordinateRates(structure, placed, inputs)
         scale = _scale(flow, coordinate)
         parts = [*_poles(flow, scale, chosen)]
         if with_inertia:

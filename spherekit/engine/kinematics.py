@@ -24,6 +24,7 @@ with w_ji the angular velocity of link j per unit rate of input i.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
@@ -43,9 +44,9 @@ from spherekit.engine.expression_graph import (
     ExpressionNode,
     derivatives,
 )
-from spherekit.engine.pose import Angles, LinkOrientation, placed_by, spin_vectors
+from spherekit.engine.pose import Angles, LinkOrientation, carried_vectors, placed_by
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
-from spherekit.engine.turns import Entries, TurningPairs, turning_pairs
+from spherekit.engine.turns import AxisRotation, Entries, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
@@ -177,7 +178,8 @@ class Structure:
         if owners[one] == owners[other]:
             if self.pairs.columns:
                 return None
-            sizes = [self.pairs.spins[v][0].size for v in (one, other)]
+            turns = [side.turn for side in self.pairs.sides[owners[one]]]
+            sizes = [turn.scale for turn in turns if isinstance(turn, AxisRotation)]
             cosine = self.pairs.chains[owners[one]].constants[1][2, 2]
             return (sizes[0] * sizes[1]) ** 2 * (1.0 - cosine * cosine)
         held = [self.held(v) for v in (one, other)]
@@ -186,47 +188,20 @@ class Structure:
             return dot(both, both)
         return None
 
-    def vectors(self, placed: Sequence[LinkOrientation]) -> list[Exprs]:
-        """Return the vectors (3,) of all variables, in ground axes, links placed."""
-        variables = range(len(self.mechanism.variable_owners))
-        spins = [spin_vectors(self.pairs, placed, v) for v in variables]
-        return [vector_sum([spin.axis * spin.size for spin in parts]) for parts in spins]
-
-    def solved(
-        self,
-        driven: Mapping[int, Expr],
-        vectors: Sequence[Exprs],
-        misfits: Mapping[int, Exprs] | None = None,
-    ) -> HomogeneousRates:
-        """Return the rates of all variables at those of the driven pairs."""
-        solver = HomogeneousRates(self.mechanism, driven, vectors, self.span, misfits)
-        for rows in self.groups:
-            solver.close(rows)
-        return solver
-
     def held(self, variable: int) -> dict[int, Entries]:
         """Return a variable's vector (3,) in the axes of each link it is fixed in."""
-        spins = self.pairs.spins[variable]
-        if len(spins) > 1 or any(spin.slide is not None for spin in spins):
+        pair = self.mechanism.variable_owners[variable]
+        ends, sides = self.mechanism.ends[pair], self.pairs.sides.get(pair)
+        if sides is None:
+            return dict(zip(ends, self.pairs.axes(pair), strict=True))
+        owned = self.mechanism.variables_of(pair)
+        if len(owned) == 1:
             return {}
-        twin = self.pairs.twin.get(variable)
-        return {s.link: s.size * s.axis for s in (*spins, *([twin] if twin else []))}
-
-
-def _rotations(
-    structure: Structure,
-    links: Sequence[LinkOrientation],
-    variables: Sequence[Expr],
-    pair: int,
-) -> list[Exprs]:
-    """Return the rotation (3, 3) of a pair's second link, and where the pair has it."""
-    first, second = structure.mechanism.ends[pair]
-    chain = structure.pairs.chains[pair]
-    there = placed_by(chain, links[first], Angles(variables))
-    return [
-        np.stack([placed.direction(axis) for axis in np.eye(3)], axis=1)
-        for placed in (links[second], there)
-    ]
+        place = owned.index(variable)
+        side, sense = sides[place], (1.0, -1.0)[place]
+        if not isinstance(side.turn, AxisRotation):
+            return {}
+        return {ends[place]: side.before[:, 2] * (sense * side.turn.scale)}
 
 
 def _half_turn(basis: Exprs, rate: Exprs) -> Exprs:
@@ -237,101 +212,110 @@ def _half_turn(basis: Exprs, rate: Exprs) -> Exprs:
     return np.asarray(total * 0.5)
 
 
-def misfits(
-    structure: Structure, links: Sequence[LinkOrientation], variables: Sequence[Expr]
-) -> dict[int, Exprs]:
-    """Return by how much (3,) each pair that closes a loop is off, to first order (rad)."""
-    made = {}
-    for pair in LoopTree.of(structure.mechanism).chords:
-        here, there = _rotations(structure, links, variables, pair)
-        made[pair] = _half_turn(there, here)
-    return made
-
-
-def openness(
-    structure: Structure, links: Sequence[LinkOrientation], variables: Sequence[Expr]
-) -> Expr:
-    """Return the square of by how much loops are open (rad2), half turns included."""
-    total: Expr = 0.0
-    for pair in LoopTree.of(structure.mechanism).chords:
-        here, there = _rotations(structure, links, variables, pair)
-        for entry in (here - there).ravel():
-            total = total + 0.5 * (entry * entry)
-    return total
-
-
-def misfit_rates(
-    structure: Structure,
-    links: Sequence[LinkOrientation],
-    variables: Sequence[Expr],
-    by: ExpressionNode,
-) -> dict[int, Exprs]:
-    """Return the rates (3,) of the misfits by a size, the variables held."""
-    made = {}
-    for pair in LoopTree.of(structure.mechanism).chords:
-        turned = []
-        for basis in _rotations(structure, links, variables, pair):
-            rate = vector(derivatives(list(basis.ravel()), {by: 1.0})).reshape(3, 3)
-            turned.append(_half_turn(basis, rate))
-        made[pair] = np.asarray(turned[0] - turned[1])
-    return made
-
-
-def answers(
-    structure: Structure,
-    links: Sequence[LinkOrientation],
-    misfit: dict[int, Exprs],
-) -> list[Expr]:
-    """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
-    return newton_step(structure, links, misfit)[0]
-
-
-def newton_step(
-    structure: Structure,
-    links: Sequence[LinkOrientation],
-    misfit: dict[int, Exprs],
-) -> tuple[list[Expr], Expr]:
-    """Return the `answers`, and the determinant of the equations."""
-    solver = structure.solved(structure.at_rest, structure.vectors(links), misfit)
-    made = [solver.rates[v] / solver.scale for v in range(len(solver.vectors))]
-    return made, solver.scale
-
-
-def rates_by_inputs(
-    structure: Structure, links: Sequence[LinkOrientation]
-) -> tuple[list[list[Expr]], Expr]:
-    """Return the derivatives of all variables by each input, and the determinant.
-
-    It is that of the equations: its sign changes where modes meet.
-    """
-    flow = CoordinateRates(structure, links)
-    return [[rate / flow.scale for rate in tau] for tau in flow.tau], flow.scale
-
-
 @final
 class CoordinateRates:
-    """Rates at given placements of the links.
+    """Rates at given placements of the links, `variables` those that contacts run by.
 
     `vectors[v]` (3,) are the angular velocities of pairs' second links relative to the
     first per unit rate of variables, in ground axes; `w[i][link]` (3,) those of links per
     unit rate of input i, times `scale` as `tau[i][v]` are.
     """
 
-    def __init__(self, structure: Structure, placed: Sequence[LinkOrientation]) -> None:
-        self.structure, self.placed = structure, placed
-        mechanism = structure.mechanism
-        self.tree = LoopTree.of(mechanism)
-        self._spins = [
-            spin_vectors(structure.pairs, placed, v)
-            for v in range(len(mechanism.variable_owners))
-        ]
-        self.vectors = structure.vectors(placed)
-        self.tau: list[list[Expr]] = []
-        for moving in structure.input_pairs:
-            solver = structure.solved(structure.moving(moving), self.vectors)
-            self.tau.append([solver.rates[v] for v in range(len(self.vectors))])
-            self.scale = solver.scale
-        self.w = [self.links(self._parts(tau)) for tau in self.tau]
+    def __init__(
+        self,
+        structure: Structure,
+        placed: Sequence[LinkOrientation],
+        variables: Sequence[Expr] = (),
+    ) -> None:
+        self.structure, self.placed, self._variables = structure, placed, variables
+        self.tree = LoopTree.of(structure.mechanism)
+        self._carried = carried_vectors(
+            structure.mechanism, structure.pairs, placed, variables, about_centres=True
+        ).vectors
+        self.vectors = [carried.vector for carried in self._carried]
+
+    def _solved(
+        self, driven: Mapping[int, Expr], misfits: Mapping[int, Exprs] | None = None
+    ) -> tuple[list[Expr], Expr]:
+        """Return the rates of all variables at those of the driven pairs, and the scale."""
+        structure = self.structure
+        given = structure.mechanism, driven, self.vectors, structure.span, misfits
+        solver = HomogeneousRates(*given)
+        for rows in structure.groups:
+            solver.close(rows)
+        return [solver.rates[v] for v in range(len(self.vectors))], solver.scale
+
+    @cached_property
+    def _by_inputs(self) -> list[tuple[list[Expr], Expr]]:
+        structure = self.structure
+        return [self._solved(structure.moving(pair)) for pair in structure.input_pairs]
+
+    @property
+    def tau(self) -> list[list[Expr]]:
+        """The rates of all variables by each input, times the scale."""
+        return [rates for rates, _ in self._by_inputs]
+
+    @property
+    def scale(self) -> Expr:
+        """The determinant of the equations: its sign changes where modes meet."""
+        return self._by_inputs[-1][1]
+
+    @cached_property
+    def w(self) -> list[list[Exprs]]:
+        """The angular velocities of links by each input, times the scale."""
+        return [self.links(self._parts(tau)) for tau in self.tau]
+
+    @cached_property
+    def _meetings(self) -> dict[int, tuple[Exprs, Exprs]]:
+        """Of pairs that close loops: the rotation (3, 3) of the second link.
+
+        With it where the pair has that.
+        """
+        made, structure = {}, self.structure
+        for pair in self.tree.chords:
+            first, second = structure.mechanism.ends[pair]
+            chain = structure.pairs.chains[pair]
+            there = placed_by(chain, self.placed[first], Angles(self._variables))
+            here, beyond = (
+                np.stack([placed.direction(axis) for axis in np.eye(3)], axis=1)
+                for placed in (self.placed[second], there)
+            )
+            made[pair] = here, beyond
+        return made
+
+    @property
+    def misfits(self) -> dict[int, Exprs]:
+        """By how much (3,) each pair that closes a loop is off, to first order (rad)."""
+        return {
+            pair: _half_turn(there, here) for pair, (here, there) in self._meetings.items()
+        }
+
+    @property
+    def openness(self) -> Expr:
+        """The square of by how much loops are open (rad2), half turns included."""
+        gaps = [(here - there).ravel() for here, there in self._meetings.values()]
+        return sum_of(0.5 * (entry * entry) for gap in gaps for entry in gap)
+
+    def misfit_rates(self, by: ExpressionNode) -> dict[int, Exprs]:
+        """Return the rates (3,) of the misfits by a size, the variables held."""
+        made = {}
+        for pair, bases in self._meetings.items():
+            one, other = (
+                _half_turn(
+                    basis, vector(derivatives([*basis.ravel()], {by: 1.0})).reshape(3, 3)
+                )
+                for basis in bases
+            )
+            made[pair] = np.asarray(one - other)
+        return made
+
+    def answers(self, misfits: Mapping[int, Exprs]) -> tuple[list[Expr], Expr]:
+        """Return how all variables answer to misfits (3,) of pairs, the inputs at rest.
+
+        With the determinant of the equations.
+        """
+        rates, scale = self._solved(self.structure.at_rest, misfits)
+        return [rate / scale for rate in rates], scale
 
     def _parts(self, rates: Sequence[Expr]) -> list[Exprs]:
         """Return what pairs turn by (3,) at rates of their variables."""
@@ -380,10 +364,9 @@ class CoordinateRates:
         """
         turning = [self._turning(pair, rates, w) for pair in range(len(self.tree.ends))]
         misfits = {pair: np.asarray(turned * -1.0) for pair, turned in enumerate(turning)}
-        solver = self.structure.solved(self.structure.at_rest, self.vectors, misfits)
-        share = 1.0 / solver.scale
-        second = [solver.rates[v] * share for v in range(len(self.vectors))]
-        accelerated = self._parts(second)
+        second, scale = self._solved(self.structure.at_rest, misfits)
+        share = 1.0 / scale
+        accelerated = self._parts([rate * share for rate in second])
         return self.links([a + b for a, b in zip(accelerated, turning, strict=True)])
 
     def _turning(self, pair: int, rates: Sequence[Expr], w: Sequence[Exprs]) -> Exprs:
@@ -394,12 +377,12 @@ class CoordinateRates:
             # w_first x (rate axis), and rate axis = w_second - w_first.
             first, second = mechanism.ends[pair]
             return cross(w[first], w[second])
-        changes = [
-            spin.change(w[spin.link], rates[v]) * (spin.size * rates[v])
-            for v in variables
-            for spin in self._spins[v]
-        ]
-        return vector_sum(changes)
+        return vector_sum(
+            [
+                self._carried[v].change(w[self._carried[v].link], rates[v]) * rates[v]
+                for v in variables
+            ]
+        )
 
 
 def along(parts: Sequence[Any], rates: Sequence[Expr]) -> Any:

@@ -133,54 +133,12 @@ def placed_along(
 
 @final
 @dataclass(frozen=True)
-class Spin:
-    """A part of a variable's vector in ground axes: `size` times an `axis` (3,).
-
-    It turns with a link, and slides on it by `slide` (3,) per unit of the variable.
-    """
-
-    size: float
-    link: int
-    axis: Exprs
-    slide: Exprs | None
-
-    def change(self, w: Exprs, rate: Expr) -> Exprs:
-        """Return the rate (3,) of the axis while the link turns and the variable runs."""
-        turned = cross(w, self.axis)
-        return turned if self.slide is None else np.asarray(turned + self.slide * rate)
-
-
-def spin_vectors(
-    pairs: TurningPairs, placed: Sequence[LinkOrientation], variable: int
-) -> tuple[Spin, ...]:
-    """Return the parts of a variable's vector."""
-    spins = pairs.spins[variable]
-    if variable in pairs.twin:
-        other = pairs.twin[variable]
-        if placed[other.link].depth < placed[spins[0].link].depth:
-            spins = (other,)
-
-    def placed_as(link: int, axis: Entries) -> Exprs:
-        return vector(list(placed[link].direction(axis)))
-
-    return tuple(
-        Spin(
-            spin.size,
-            spin.link,
-            placed_as(spin.link, spin.axis),
-            None if spin.slide is None else placed_as(spin.link, spin.slide),
-        )
-        for spin in spins
-    )
-
-
-@final
-@dataclass(frozen=True)
 class CarriedVector:
     """A variable's `vector` (3,): it turns with a link, and slides on it.
 
     By `slide` (3,) per unit of the variable, None where it is fixed in the link. `size` and
-    `slid` are the lengths of both, `bent` bounds how the slide changes on the link.
+    `slid` are the lengths of both; the slide changes on the link by `bend` and by how the
+    curvatures of the `sides` bend, at most.
     """
 
     vector: Exprs
@@ -188,7 +146,18 @@ class CarriedVector:
     size: Expr = 1.0
     slide: Exprs | None = None
     slid: Expr = 0.0
-    bent: Expr = 0.0
+    bend: Expr = 0.0
+    sides: tuple[ProfileSide, ...] = ()
+
+    @property
+    def bent(self) -> Expr:
+        """A bound of how the slide changes on the link."""
+        return self.bend + sum(side.most_bent for side in self.sides)
+
+    def change(self, w: Exprs, rate: Expr) -> Exprs:
+        """Return the rate (3,) of the vector while the link turns and the variable runs."""
+        turned = cross(w, self.vector)
+        return turned if self.slide is None else np.asarray(turned + self.slide * rate)
 
 
 @final
@@ -225,31 +194,40 @@ def carried_vectors(
     pairs: TurningPairs,
     placed: Sequence[LinkOrientation],
     variables: Sequence[Expr],
+    about_centres: bool = False,
 ) -> CarriedVectors:
-    """Return them of links that are placed, by pair variables."""
+    """Return them of links that are placed, by pair variables.
+
+    Where circles roll on each other, their vector may be that `about_centres`, the sum of
+    those of both, which takes fewer terms but loses digits where the circles are small.
+    """
     angles = Angles(variables)
     carried: dict[int, CarriedVector] = {}
     lines: dict[int, ContactLine] = {}
     for pair, ends in enumerate(mechanism.ends):
         owned = mechanism.variables_of(pair)
         if pair not in pairs.sides:
-            spins = pairs.spins[owned[0]][0], pairs.twin[owned[0]]
-            held = min(spins, key=lambda spin: placed[spin.link].depth)
-            axis = placed[held.link].direction(held.axis)
-            carried[owned[0]] = CarriedVector(vector(list(axis * held.size)), held.link)
+            held = zip(ends, pairs.axes(pair), strict=True)
+            link, axis = min(held, key=lambda end: placed[end[0]].depth)
+            carried[owned[0]] = CarriedVector(
+                vector(list(placed[link].direction(axis))), link
+            )
             continue
         sides = pairs.sides[pair]
-        if len(owned) == 1:
+        around = [
+            _sliding(sense, side, end, placed[end], angles)
+            for side, end, sense in zip(sides, ends, (1.0, -1.0), strict=True)
+        ]
+        if len(owned) == 2:
+            carried |= zip(owned, around, strict=True)
+        elif about_centres and not any(side.columns for side in sides):
+            one, other = (part.vector for part in around)
+            carried[owned[0]] = CarriedVector(one + other, ends[0], slide=cross(one, other))
+        else:
             near = 0 if placed[ends[0]].depth <= placed[ends[1]].depth else 1
             line = _line(sides, near, ends[near], placed[ends[near]], angles)
             lines[pair] = line
             carried[owned[0]] = _rolling(sides, near, line)
-            continue
-        for number, (variable, side, link) in enumerate(
-            zip(owned, sides, ends, strict=True)
-        ):
-            sense = -1.0 if number else 1.0
-            carried[variable] = _sliding(sense, side, link, placed[link], angles)
     relative = tuple(_relative(sides) for sides in pairs.sides.values())
     return CarriedVectors(tuple(carried[v] for v in sorted(carried)), lines, relative)
 
@@ -315,7 +293,6 @@ def _rolling(
 ) -> CarriedVector:
     """Return (k1 - k2) p."""
     relative, slope, curvature = line.relative, line.slope, sides[near].curvature
-    more = sides[0].most_bent + sides[1].most_bent
     swing = size_of(relative) * root(1.0 + curvature * curvature)
     vector, slide = sides[0].rolled(sides[1], line.tangent, line.point)
     return CarriedVector(
@@ -324,7 +301,8 @@ def _rolling(
         size_of(relative),
         slide,
         root(relative * relative + slope * slope),
-        2.0 * size_of(slope) + swing + more,
+        2.0 * size_of(slope) + swing,
+        sides,
     )
 
 
@@ -344,5 +322,6 @@ def _sliding(
         root(1.0 + k * k),
         slide,
         size_of(slope),
-        size_of(slope) + side.most_bent,
+        size_of(slope),
+        (side,),
     )

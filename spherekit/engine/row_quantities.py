@@ -28,11 +28,9 @@ from spherekit.engine.kinematics import (
     CoordinateRates,
     InputMoments,
     Structure,
-    answers,
-    misfit_rates,
 )
 from spherekit.engine.loads import LoadState, forces_of
-from spherekit.engine.pose import LinkOrientation, place_by_variables, spin_vectors
+from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.engine.turns import Entries, ProfileColumns, TurningPairs
 from spherekit.errors import EngineError
 from spherekit.model.actions import wound_pairs
@@ -275,6 +273,11 @@ class DesignTerms:
             },
         )
 
+    @cached_property
+    def flow(self) -> CoordinateRates:
+        """The rates."""
+        return CoordinateRates(self.structure, self.links, self.variables)
+
     @property
     def closed_form(self) -> bool:
         """Whether the links are placed by the signs of dyads."""
@@ -310,8 +313,7 @@ class DesignTerms:
         columns = [term for profile in self.profiles for term in profile.terms]
         made = []
         for size in (*self.sizes, *columns):
-            rates = misfit_rates(self.structure, self.links, self.variables, size)
-            moved = answers(self.structure, self.links, rates)
+            moved, _ = self.flow.answers(self.flow.misfit_rates(size))
             total = derivatives(items, {size: 1.0})
             for change, partial in zip(moved, by_places, strict=True):
                 total = [x + y * change for x, y in zip(total, partial, strict=True)]
@@ -331,14 +333,10 @@ class RowQuantities:
     """
 
     def __init__(self, terms: DesignTerms) -> None:
-        self.terms, self.structure = terms, terms.structure
+        self.terms, self.structure, self._flow = terms, terms.structure, terms.flow
         mechanism = self.mechanism = terms.structure.mechanism
         self.inputs = mechanism.names_of(terms.structure.input_pairs)
         self.sample = dict(zip(sample_names(self.inputs), terms.sample, strict=True))
-
-    @cached_property
-    def _flow(self) -> CoordinateRates:
-        return CoordinateRates(self.structure, self.terms.links)
 
     @cached_property
     def _moments(self) -> InputMoments:
@@ -484,8 +482,7 @@ class RowQuantities:
 
     def _axis(self, pair: int) -> Exprs:
         (variable,) = self.mechanism.variables_of(pair)
-        (spin,) = spin_vectors(self.structure.pairs, self.terms.links, variable)
-        return spin.axis
+        return np.asarray(self._flow.vectors[variable])
 
     def _two_links(self, text: str) -> tuple[str, str]:
         names = self.mechanism.links

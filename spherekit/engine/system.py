@@ -254,7 +254,7 @@ def one_freedom(mechanism: Mechanism) -> System:
     symbols = Symbols.of(mechanism)
     structure = Structure.of(mechanism, mechanism.inputs[0].pair)
     placed = place_by_variables(mechanism, structure.pairs, symbols.variables)
-    flow = CoordinateRates(structure, placed)
+    flow = CoordinateRates(structure, placed, symbols.variables)
     (momentum,) = symbols.momenta
     masses = InputMoments(flow, tensors(mechanism))
     share = power(masses.unit * masses.matrix[0][0], -0.5)
@@ -424,7 +424,7 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     layout = symbols.layout
     structure = Structure.at(mechanism, values)
     placed = place_by_variables(mechanism, structure.pairs, symbols.variables)
-    flow = CoordinateRates(structure, placed)
+    flow = CoordinateRates(structure, placed, symbols.variables)
     size = mass_size(mechanism)
     root = float(np.sqrt(size))
     share = 1.0 / flow.scale

@@ -150,20 +150,6 @@ def _back(turn: Turn) -> Turn:
 
 @final
 @dataclass(frozen=True)
-class AxisTerm:
-    """A part of a variable's vector: `size` times an axis (3,) carried by a link.
-
-    It slides on the link by `slide` (3,) per unit of the variable; None where it is fixed.
-    """
-
-    size: float
-    link: int
-    axis: Entries
-    slide: Exprs | None = None
-
-
-@final
-@dataclass(frozen=True)
 class ProfileSide:
     """A profile of a contact: its moving frame at the contact is before * turn * after.
 
@@ -213,20 +199,20 @@ class Follower:
 @final
 @dataclass(frozen=True)
 class TurningPairs:
-    """The pairs of a mechanism: `chains[pair]`, and `spins[variable]`.
+    """The pairs of a mechanism: `chains[pair]`.
 
-    The vector of a variable, the angular velocity of its pair's second link relative to
-    the first per unit rate, is the sum of its spins. An R pair's single spin may be
-    taken in either link; `twin[variable]` is that in the second. `sides[pair]` are the
-    profiles of a contact; one that is no circle has no spin. `followers[pair]` are R pairs
-    whose angles follow from the inputs.
+    `sides[pair]` are the profiles of a contact, `followers[pair]` R pairs whose angles
+    follow from the inputs.
     """
 
     chains: tuple[Chain, ...]
-    spins: tuple[tuple[AxisTerm, ...], ...]
-    twin: dict[int, AxisTerm]
     sides: dict[int, tuple[ProfileSide, ProfileSide]]
     followers: Mapping[int, Follower] = field(default_factory=dict)
+
+    def axes(self, pair: int) -> tuple[Entries, Entries]:
+        """Return the axis (3,) of an R pair in the axes of its first and second link."""
+        chain = self.chains[pair]
+        return chain.constants[0][:, 2], chain.constants[-1][2]
 
     @property
     def columns(self) -> tuple[ProfileColumns, ...]:
@@ -244,7 +230,7 @@ def turning_pairs(
     """Return the pairs of a mechanism as turns, their sizes those of a design if given.
 
     With `any_profile`, what profiles other than circles are is handed in as columns; with
-    `as_columns` what all profiles are, and spins are where these have the contact.
+    `as_columns` what all profiles are.
 
     Raises
     ------
@@ -254,12 +240,9 @@ def turning_pairs(
     frames = revolute_frames(mechanism, design) if design else {}
     joints = geometry_of(mechanism).joints
     chains: list[Chain] = []
-    spins: list[tuple[AxisTerm, ...]] = [()] * len(mechanism.variable_owners)
-    twin: dict[int, AxisTerm] = {}
     tracks = dict(contact_tracks(joints))
     sides: dict[int, tuple[ProfileSide, ProfileSide]] = {}
     for number, at, joint in numbered(joints):
-        a, b = mechanism.ends[number]
         if number in tracks:
             if not (any_profile or as_columns):
                 _need_circles(mechanism, number)
@@ -268,48 +251,19 @@ def turning_pairs(
                 for link, track in enumerate(tracks[number])
             )
             sides[number] = one_side, other_side
-            chain = _along(one_side, other_side)
-            if as_columns:
-                _add_spins(spins, mechanism.ends[number], tracks[number], sides[number])
+            chains.append(_along(one_side, other_side))
         else:
             hinge = revolute(joint)
             name = mechanism.pairs[number].name
             one, other = frames.get(name, (hinge.first, hinge.second))
-            chain = Chain((one, other.T), (AxisRotation(at),))
-            twin[at] = AxisTerm(1.0, b, other[:, 2])
-        chains.append(chain)
-        axes = (a, chain.constants[0][:, 2]), (b, chain.constants[-1][2])
-        for turn, (link, axis) in zip(chain.turns, axes, strict=False):
-            if isinstance(turn, AxisRotation):
-                spins[turn.variable] += (AxisTerm(turn.scale, link, axis),)
-    return TurningPairs(tuple(chains), tuple(spins), twin, sides)
+            chains.append(Chain((one, other.T), (AxisRotation(at),)))
+    return TurningPairs(tuple(chains), sides)
 
 
 def _along(one: ProfileSide, other: ProfileSide) -> Chain:
     """Return the turns that run along two profiles."""
     constants = one.before, one.after @ transpose(other.after), transpose(other.before)
     return Chain(constants, (one.turn, _back(other.turn)))
-
-
-def _add_spins(
-    spins: list[tuple[AxisTerm, ...]],
-    ends: tuple[int, int],
-    tracks: tuple[Track, ...],
-    sides: tuple[ProfileSide, ProfileSide],
-) -> None:
-    """Add n + k p of each side and the opposite, of curves that roll (k1 - k2) p."""
-    one, other = (track.variable for track in tracks)
-    for link, variable, sense, side in zip(
-        ends, (one, other), (1.0, -1.0), sides, strict=True
-    ):
-        assert side.columns is not None
-        tangent, normal, point = side.columns.frame.T
-        if one != other:
-            vector, slide = side.slid(1.0, normal, point)
-            spins[variable] = (AxisTerm(sense, link, vector, slide),)
-        elif sense > 0.0:
-            vector, slide = side.rolled(sides[1], tangent, point)
-            spins[variable] = (AxisTerm(1.0, link, vector, slide),)
 
 
 def _side(
