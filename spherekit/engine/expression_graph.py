@@ -232,11 +232,11 @@ def rewrite(
 
 
 def substituted(items: Sequence[Expr], terms: Mapping[ExpressionNode, Expr]) -> list[Expr]:
-    """Return expressions in which other terms stand for variables."""
+    """Return expressions in which other terms stand for some of their terms."""
     made = {"+": _sum, "-": _difference, "*": _product, "/": _quotient}
 
     def apply(term: ExpressionNode, arguments: list[Any]) -> Expr:
-        if term.operation == "variable":
+        if term in terms or term.operation == "variable":
             return terms.get(term, term)
         if term.operation in made:
             return made[term.operation](*arguments)
@@ -257,30 +257,12 @@ def hoisted(
     for term in order:
         if any(x in moves for x in term.arguments if isinstance(x, ExpressionNode)):
             moves.add(term)
-    fixed: dict[ExpressionNode, ExpressionNode] = {}
-
-    def stand_in(term: ExpressionNode) -> ExpressionNode:
-        if term not in fixed:
-            (fixed[term],) = symbols([f"{prefix}{len(fixed)}"])
-        return fixed[term]
-
-    made: dict[ExpressionNode, ExpressionNode] = {}
-
-    def of(item: Expr) -> Expr:
-        if not isinstance(item, ExpressionNode):
-            return item
-        return made[item] if item in moves else stand_in(item)
-
-    for term in order:
-        if term not in moves:
-            continue
-        if term.operation == "variable":
-            made[term] = term
-        else:
-            made[term] = _term(
-                term.operation, *(of(argument) for argument in term.arguments)
-            )
-    return [of(item) for item in items], {new: term for term, new in fixed.items()}
+    used = [item for term in order if term in moves for item in term.arguments]
+    still = [x for x in (*used, *items) if isinstance(x, ExpressionNode) and x not in moves]
+    fixed = list(dict.fromkeys(still))
+    new = symbols(f"{prefix}{k}" for k in range(len(fixed)))
+    made = substituted(items, dict(zip(fixed, new, strict=True)))
+    return made, dict(zip(new, fixed, strict=True))
 
 
 _Chain = Callable[[ExpressionNode, Sequence[Expr], Sequence[Expr]], Expr]

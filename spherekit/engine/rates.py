@@ -15,8 +15,8 @@ afterwards. With one such pair for every loop, a group of k loops comes down to 
 equations (a dyad to one), whatever its bodies.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -25,7 +25,7 @@ from spherekit.arrays import Floats
 from spherekit.engine.algebra import Exprs, cofactors, cross, determinant, dot, vector
 from spherekit.engine.expression_graph import WITHOUT_EXPRESSIONS, Expr
 from spherekit.errors import EngineError
-from spherekit.model.graph import spanning
+from spherekit.model.graph import joined, spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, Group
 
@@ -44,17 +44,13 @@ class Loop:
     private: tuple[int, ...]
 
 
-@final
-@dataclass(frozen=True)
-class Elimination:
-    """The loops of a group and the variables that remain to be solved together."""
+def eliminate(
+    group: Group, variables: Sequence[Sequence[int]]
+) -> tuple[tuple[Loop, ...], tuple[int, ...]]:
+    """Return a group's loops, and the variables that remain to be solved together.
 
-    loops: tuple[Loop, ...]
-    unknowns: tuple[int, ...]
-
-
-def eliminate(group: Group, variables: Sequence[Sequence[int]]) -> Elimination:
-    """Return the loops of a group; `variables[pair]` are those of the mechanism's pairs."""
+    `variables[pair]` are those of the mechanism's pairs.
+    """
     owned = [tuple(variables[pair]) for pair in group.pairs]
     ways = _ways(group, _leaves(group), owned)
     crossed = [pair for way in ways for pair, _ in way]
@@ -70,8 +66,8 @@ def eliminate(group: Group, variables: Sequence[Sequence[int]]) -> Elimination:
         private = tuple(columns[:2]) if len(columns) > 1 else ()
         loops.append(Loop(way, private))
         gone |= set(private)
-    every = [variable for of_pair in owned for variable in of_pair]
-    return Elimination(tuple(loops), tuple(v for v in every if v not in gone))
+    unknowns = [v for of_pair in owned for v in of_pair if v not in gone]
+    return tuple(loops), tuple(unknowns)
 
 
 def _leaves(group: Group) -> dict[int, tuple[int, int]]:
@@ -114,46 +110,22 @@ def _ways(
     """
     leaf_pairs = {pair for both in leaves.values() for pair in both}
     inner = [pair for pair in range(len(group.pairs)) if pair not in leaf_pairs]
-    ordered = sorted(inner, key=lambda pair: len(owned[pair]))
-    root = min(set(range(len(group.bodies))) - set(leaves))
-    above: dict[int, tuple[int, int] | None] = {root: None}
-    grown, used = True, set()
-    while grown:
-        grown = False
-        for pair in ordered:
-            a, b = group.ends[pair]
-            if (a in above) != (b in above):
-                old, new = (a, b) if a in above else (b, a)
-                above[new] = (pair, old)
-                used.add(pair)
-                grown = True
-                break
-
-    def from_root(body: int) -> list[tuple[int, int]]:
-        way: list[tuple[int, int]] = []
-        step = above[body]
-        while step is not None:
-            pair, old = step
-            way.append((pair, 1 if group.ends[pair][0] == old else -1))
-            step = above[old]
-        return way[::-1]
-
-    def between(start: int, end: int) -> list[tuple[int, int]]:
-        down, up = from_root(start), from_root(end)
-        while down and up and down[0] == up[0]:
-            down, up = down[1:], up[1:]
-        return [(pair, -sense) for pair, sense in reversed(down)] + up
-
+    tree: list[int] = []
+    for pair in sorted(inner, key=lambda pair: len(owned[pair])):
+        body = joined(len(group.bodies), [group.ends[k] for k in tree])
+        a, b = group.ends[pair]
+        if body[a] != body[b]:
+            tree.append(pair)
     ways = []
-    for body, (first, second) in leaves.items():
-        start, end = _far(group, first, body), _far(group, second, body)
-        out = (first, 1 if group.ends[first][1] == body else -1)
-        back = (second, 1 if group.ends[second][0] == body else -1)
-        ways.append((*between(end, start), out, back))
+    for leaf, (first, second) in leaves.items():
+        start, end = _far(group, first, leaf), _far(group, second, leaf)
+        out = (first, 1 if group.ends[first][1] == leaf else -1)
+        back = (second, 1 if group.ends[second][0] == leaf else -1)
+        ways.append((*way(group.ends, tree, end, start), out, back))
     for pair in inner:
-        if pair not in used:
+        if pair not in tree:
             a, b = group.ends[pair]
-            ways.append((*between(b, a), (pair, 1)))
+            ways.append((*way(group.ends, tree, b, a), (pair, 1)))
     return ways
 
 
@@ -170,13 +142,14 @@ COINCIDENT = 1e-9
 @final
 @dataclass(frozen=True)
 class GroupRows:
-    """A group with its elimination, or the rows to use where equations repeat.
+    """A group with its loops and unknowns, or the rows to use where equations repeat.
 
     `chosen` lists (loop, variable): the loop's equation along the vector of a variable.
     """
 
     group: Group
-    elimination: Elimination
+    loops: tuple[Loop, ...]
+    unknowns: tuple[int, ...]
     chosen: tuple[tuple[int, int], ...] | None = None
 
 
@@ -198,20 +171,14 @@ def group_rows(
     owned = [mechanism.variables_of(pair) for pair in range(len(mechanism.pairs))]
     made = []
     for group in assembly.groups:
-        if not group.redundant:
-            rows = GroupRows(group, eliminate(group, owned))
-        else:
-            loops = eliminate(group, owned).loops
-            plain = Elimination(
-                tuple(Loop(loop.passes, ()) for loop in loops),
-                tuple(v for pair in group.pairs for v in owned[pair]),
-            )
-            rows = GroupRows(
-                group,
-                plain,
-                _independent(mechanism, assembly, group, plain, pose_vectors()),
-            )
-        count = len(rows.elimination.unknowns)
+        rows = GroupRows(group, *eliminate(group, owned))
+        if group.redundant:
+            loops = tuple(Loop(loop.passes, ()) for loop in rows.loops)
+            every = tuple(v for pair in group.pairs for v in owned[pair])
+            rows = GroupRows(group, loops, every)
+            chosen = _independent(mechanism, assembly, rows, pose_vectors())
+            rows = replace(rows, chosen=chosen)
+        count = len(rows.unknowns)
         if count > LARGEST:
             raise EngineError(
                 f"{mechanism.name}: a {group.kind} leaves {count} equations to be solved "
@@ -225,8 +192,7 @@ def group_rows(
 def _independent(
     mechanism: Mechanism,
     assembly: Assembly,
-    group: Group,
-    plain: Elimination,
+    group_rows: GroupRows,
     vectors: Floats,
 ) -> tuple[tuple[int, int], ...]:
     """Choose rows by the pivots of a QR decomposition, as many as there are unknowns."""
@@ -235,11 +201,13 @@ def _independent(
     owners = mechanism.variable_owners
     driven = [mechanism.variables_of(pair)[0] for pair in assembly.inputs]
     candidates: dict[tuple[int, int], Floats] = {}
-    for number, loop in enumerate(plain.loops):
-        sense = {group.pairs[pair]: sign for pair, sign in loop.passes}
-        for pair, sign in _through_inputs(mechanism, assembly, group, loop):
-            sense[pair] = sign
-        weights = np.array([float(sense.get(owner, 0)) for owner in owners])
+    for number, loop in enumerate(group_rows.loops):
+        senses = np.zeros(len(mechanism.pairs))
+        for pair, sign, enters, leaves in _passed(mechanism, group_rows.group, loop):
+            senses[pair] = sign
+            for driver, sense in way(mechanism.ends, assembly.inputs, enters, leaves):
+                senses[driver] += sense
+        weights = senses[list(owners)]
         columns = weights[:, None] * vectors
         for variable in np.flatnonzero(weights):
             candidates[number, int(variable)] = columns @ vectors[variable]
@@ -247,7 +215,7 @@ def _independent(
         np.delete(row, driven) / max(float(np.linalg.norm(row)), 1e-300)
         for row in candidates.values()
     ]
-    count, keys = len(plain.unknowns), list(candidates)
+    count, keys = len(group_rows.unknowns), list(candidates)
     _, triangle, order = qr(np.transpose(rows), mode="economic", pivoting=True)
     sizes = np.abs(np.diagonal(triangle))
     if len(sizes) < count or np.min(sizes[:count]) < INDEPENDENT:
@@ -259,28 +227,28 @@ def _independent(
     return tuple(keys[k] for k in order[:count])
 
 
-def _through_inputs(
-    mechanism: Mechanism, assembly: Assembly, group: Group, loop: Loop
-) -> list[tuple[int, int]]:
-    """Return the input pairs, with their senses, that a loop of a group passes through."""
-    totals: dict[int, int] = {}
-    for (pair, sign), (after, onward) in zip(
-        loop.passes, (*loop.passes[1:], loop.passes[0]), strict=True
-    ):
-        enters = mechanism.ends[group.pairs[pair]][1 if sign > 0 else 0]
-        leaves = mechanism.ends[group.pairs[after]][0 if onward > 0 else 1]
-        for number, sense in way(mechanism, assembly.inputs, enters, leaves):
-            totals[number] = totals.get(number, 0) + sense
-    return [item for item in totals.items() if item[1]]
+def _passed(
+    mechanism: Mechanism, group: Group, loop: Loop
+) -> Iterator[tuple[int, int, int, int]]:
+    """Yield each pair of a loop with its sense, the link that it leads to, the next from.
+
+    The two links are of one body.
+    """
+    onward = (*loop.passes[1:], loop.passes[0])
+    for (pair, sense), (after, following) in zip(loop.passes, onward, strict=True):
+        number = group.pairs[pair]
+        enters = mechanism.ends[number][1 if sense > 0 else 0]
+        leaves = mechanism.ends[group.pairs[after]][0 if following > 0 else 1]
+        yield number, sense, enters, leaves
 
 
 def way(
-    mechanism: Mechanism, pairs: Sequence[int], start: int, end: int
+    ends: Sequence[tuple[int, int]], pairs: Sequence[int], start: int, end: int
 ) -> tuple[tuple[int, int], ...]:
-    """Return the pairs, with senses, that lead from a link to another; empty if none do."""
+    """Return the pairs, with senses, that lead from a body to another; empty if none do."""
     ways: dict[int, tuple[tuple[int, int], ...]] = {start: ()}
-    for pair, old, new in spanning(mechanism.ends, [start], pairs):
-        ways[new] = (*ways[old], (pair, 1 if mechanism.ends[pair][0] == old else -1))
+    for pair, old, new in spanning(ends, [start], pairs):
+        ways[new] = (*ways[old], (pair, 1 if ends[pair][0] == old else -1))
     return ways.get(end, ())
 
 
@@ -318,7 +286,7 @@ class HomogeneousRates:
         if start == end:
             return None
         total: Exprs | None = None
-        for pair, sense in way(self.mechanism, self.closed, start, end):
+        for pair, sense in way(self.mechanism.ends, self.closed, start, end):
             for variable in self.owned[pair]:
                 part = self.vectors[variable] * self.rates[variable] * float(sense)
                 total = part if total is None else total + part
@@ -331,15 +299,11 @@ class HomogeneousRates:
         """Return the columns of a loop's equation by variable, and what is known of it."""
         columns: dict[int, Exprs] = {}
         rest: Exprs = vector([0.0, 0.0, 0.0])
-        onward = (*loop.passes[1:], loop.passes[0])
-        for (pair, sense), (after, next_sense) in zip(loop.passes, onward, strict=True):
-            number = group.pairs[pair]
+        for number, sense, enters, leaves in _passed(self.mechanism, group, loop):
             for variable in self.owned[number]:
                 columns[variable] = self.vectors[variable] * float(sense)
             if number in self.misfits:
                 rest = rest - self.misfits[number] * (self.scale * float(sense))
-            enters = self.mechanism.ends[number][1 if sense > 0 else 0]
-            leaves = self.mechanism.ends[group.pairs[after]][0 if next_sense > 0 else 1]
             part = self._between(enters, leaves)
             if part is not None:
                 rest = rest + part
@@ -347,8 +311,8 @@ class HomogeneousRates:
 
     def close(self, rows: GroupRows) -> None:
         """Find the rates of a group's variables; those found before are scaled."""
-        group, unknowns = rows.group, rows.elimination.unknowns
-        loops = [self._loop(group, loop) for loop in rows.elimination.loops]
+        group, unknowns = rows.group, rows.unknowns
+        loops = [self._loop(group, loop) for loop in rows.loops]
         matrix: list[list[Expr]] = []
         right: list[Expr] = []
         for number, directions in self._directions(rows, loops):
@@ -364,7 +328,7 @@ class HomogeneousRates:
             variable: -1.0 * dot(vector(right), vector([row[k] for row in shares]))
             for k, variable in enumerate(unknowns)
         }
-        for loop, (columns, rest) in zip(rows.elimination.loops, loops, strict=True):
+        for loop, (columns, rest) in zip(rows.loops, loops, strict=True):
             if loop.private:
                 self._check_span(*loop.private)
                 self._private(loop.private, columns, rest, scale, rates)
@@ -389,7 +353,7 @@ class HomogeneousRates:
         if rows.chosen is not None:
             return [(number, [self.vectors[v]]) for number, v in rows.chosen]
         made = []
-        for number, loop in enumerate(rows.elimination.loops):
+        for number, loop in enumerate(rows.loops):
             columns, _ = loops[number]
             if loop.private:
                 a, b = loop.private
