@@ -5,27 +5,27 @@ The least of the greatest of several functions that have kinks, within bounds.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
-from spherekit.analysis.contract import Merit
 from spherekit.arrays import Array, Bools, Floats
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import extremes, widest_swings
 from spherekit.design.held_modes import HeldMode
 from spherekit.design.sensitivity import DEG, DesignAt
 from spherekit.design.sweep import Columns
-from spherekit.design.wanted import Sizing
+from spherekit.design.wanted import MATCH, Sizing
 from spherekit.engine.design_kernel import design_kernel
 from spherekit.engine.expression_graph import (
+    Expr,
+    ExpressionNode,
     derivatives,
     expression_terms,
     symbols,
 )
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.engine.system import ArrayFunction, array_function
-from spherekit.model.expression import Expression
 
 Parts = tuple[Floats, Floats, Floats, Floats]
 """Values (k,), gradients (k, n), limits' values (m,) and gradients (m, n) at a place."""
@@ -146,8 +146,10 @@ class FigureGradients:
         self.evaluator, figures = evaluator, evaluator.figures
         terms = evaluator.varied.terms()
         self._kernel = design_kernel(terms, figures.columns, gradients=True)
-        names = [*figures.sample, *figures.columns]
-        self._functions = [with_derivatives(item, names) for item in figures.expressions]
+        rows = symbols([*figures.sample, *figures.columns])
+        named = {x.arguments[0]: (x, x) for x in rows}
+        items = [expression_terms(item, named) for item in figures.expressions]
+        self._expressions = with_derivatives(items, rows)
 
     def at(self, values: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
         """Return figures (m,), gradients (m, variables), and the share that closes.
@@ -162,12 +164,37 @@ class FigureGradients:
         if design is None:
             return figures, gradients, 0.0
         closed, quantities, changes = self._rows(design, mode)
+        with np.errstate(all="ignore"):
+            every = self._expressions(np.ascontiguousarray(quantities))
+        every = every.reshape(-1, len(of.merits), len(closed))
         for k, merit in enumerate(of.merits):
             rows = of.rows_of(merit)
-            figures[k], gradients[k] = self._reduced(
-                merit, k, quantities[:, rows], changes[:, :, rows], closed[rows]
-            )
+            value = np.where(closed[rows], every[0, k, rows], np.nan)
+            figures[k] = of.reduced(merit, value[:, None])[0]
+            share = self._share(merit.reduction, value, figures[k])
+            some = np.flatnonzero(share)
+            if not merit.reduction.startswith("arg") and len(some):
+                partial, rows = every[1:, k, rows[some]], rows[some]
+                gradients[k] = np.einsum(
+                    "cn,vcn,n->v", partial, changes[:, :, rows], share[some]
+                )
         return figures, gradients, float(np.mean(closed[: len(of.samples.rows)]))
+
+    def _share(self, kind: str, value: Floats, figure: float) -> Floats:
+        """Return the share (n,) of each value in the derivative of a figure."""
+        share, closed = np.zeros(len(value)), np.isfinite(value)
+        if kind in ("mean", "sum", "at", "rms"):
+            share[closed] = 1.0 if kind == "sum" else 1.0 / max(np.sum(closed), 1)
+            if kind == "rms":
+                share[closed] *= value[closed] / max(figure, 1e-300)
+        elif np.any(closed):
+            low, high = extremes(value[:, None])
+            if kind == "swing":
+                returns = self.evaluator.samples.returns
+                _, low, high = widest_swings(value[:, None], returns)
+            share[high] += kind != "min"
+            share[low] += {"min": 1.0, "max": 0.0}.get(kind, -1.0)
+        return share
 
     def _turns(self, design: DesignAt, places: Floats) -> Floats:
         """Return the turns (pairs, n), rad, at samples and points."""
@@ -198,46 +225,13 @@ class FigureGradients:
         changes[:, first:, whole] = design.by_values(made[1:, :, whole], places[:, whole].T)
         return closed, np.concatenate([samples.T, made[0]]), changes
 
-    def _reduced(
-        self,
-        merit: Merit,
-        k: int,
-        quantities: Floats,
-        changes: Floats,
-        closed: Bools,
-    ) -> tuple[float, Floats]:
-        with np.errstate(all="ignore"):
-            value, *partial = self._functions[k](np.ascontiguousarray(quantities))
-        value, kind = np.where(closed, value, np.nan), merit.reduction
-        of, column = self.evaluator.figures, value[:, None]
-        figure = float(of.reduced(merit, column)[0])
-        if not np.any(closed) or kind.startswith("arg"):
-            return figure, np.full(len(changes), np.nan)
-        share = np.zeros(len(value))  # of each row in the derivative
-        if kind in ("mean", "sum", "at", "rms"):
-            share[closed] = 1.0 if kind == "sum" else 1.0 / np.sum(closed)
-            if kind == "rms":
-                share[closed] *= value[closed] / max(figure, 1e-300)
-        else:
-            low, high = extremes(column)
-            if kind == "swing":
-                _, low, high = widest_swings(column, of.samples.returns)
-            share[high] += kind != "min"
-            share[low] += {"min": 1.0, "max": 0.0}.get(kind, -1.0)
-        some = np.flatnonzero(share)
-        by_columns = np.array(partial)[:, some]
-        return figure, np.einsum(
-            "cn,vcn,n->v", by_columns, changes[:, :, some], share[some]
-        )
 
-
-def with_derivatives(expression: Expression, names: Sequence[str]) -> ArrayFunction:
-    """Return a function of named rows: the expression, then its derivative by each."""
-    terms = symbols(names)
-    named = {name: (x, x) for name, x in zip(names, terms, strict=True)}
-    item = expression_terms(expression, named)
-    partial = [derivatives([item], {term: 1.0})[0] for term in terms]
-    return array_function([item, *partial], terms)
+def with_derivatives(
+    items: Sequence[Expr], terms: Sequence[ExpressionNode]
+) -> ArrayFunction:
+    """Return a function of terms: items, then their derivatives term by term."""
+    partial = [slope for term in terms for slope in derivatives(items, {term: 1.0})]
+    return array_function([*items, *partial], terms)
 
 
 @final
@@ -253,22 +247,28 @@ class Descent:
         self.width = (
             np.array([variation.high for variation in sweep.space.variations]) - self.low
         )
-        self.objectives = [self._differentiable(item) for item in sizing.objectives]
-        conditions = [item for item in sweep.conditions if "closes" not in item.names]
-        below = [item.sign.startswith("<") for item in conditions]
-        self.signs = np.where(below, 1.0, -1.0)
-        self.sides = [
-            [self._differentiable(getattr(item, side)) for item in conditions]
-            for side in ("left", "right")
-        ]
+        terms = symbols(variable.name for variable in sweep.variables)
+        terms += symbols(merit.name for merit in sweep.merits)
+        named = {x.arguments[0]: (x, x) for x in terms}
+        if sizing.matched:
+            missed = [named[name][0] for name in sizing.matched]
+            size = np.sqrt(sum(x * x for x in missed) / len(missed))
+            named[MATCH] = (size, size)
+        items = [expression_terms(item, named) for item in sizing.objectives]
+        for item in sweep.conditions:
+            if "closes" not in item.names:
+                sides = [expression_terms(x, named) for x in (item.left, item.right)]
+                less, more = sides if item.sign.startswith("<") else sides[::-1]
+                items.append(less - more)
+        self._wanted, self._function = (
+            len(sizing.objectives),
+            with_derivatives(items, terms),
+        )
         radians = DEG if sweep.angle == "deg" else 1.0
         quantities = row_quantities(sweep.mechanism)
         units = [merit.unit(quantities) == "rad" for merit in sweep.merits]
         self.figure_unit = np.where(units, radians, 1.0)
-        self._last: tuple[tuple[bytes, HeldMode], Any] | None = None
-
-    def _differentiable(self, expression: Expression) -> ArrayFunction:
-        return with_derivatives(expression, self.sizing.names)
+        self._last: dict[tuple[bytes, HeldMode], tuple[Parts, float, Floats]] = {}
 
     def places(self, rows: Columns) -> Floats:
         """Return where rows of a sweep are (n, variables), in units of the ranges."""
@@ -280,52 +280,30 @@ class Descent:
         design = self.figures.evaluator.varied.design_at(self.low + self.width * x)
         return mode if design is None else mode.moved(design)
 
-    def at(self, x: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
-        """Return varied numbers and figures (k,), their gradients by x, what closes."""
+    def at(self, x: Floats, mode: HeldMode) -> tuple[Parts, float, Floats]:
+        """Return objectives and limits, the share that closes, and the figures (k,).
+
+        Limits are by how much conditions are missed, < 0 where they hold.
+        """
         key = x.tobytes(), mode
-        if self._last is None or self._last[0] != key:
+        if key not in self._last:
             values = self.low + self.width * x
             figures, slopes, closes = self.figures.at(values, mode)
             figures = figures / self.figure_unit
             slopes = slopes * self.width / self.figure_unit[:, None]
-            columns = np.concatenate([values, figures])
-            gradient = np.concatenate([np.diag(self.width), slopes])
-            if self.sizing.matched:
-                names = self.sizing.names
-                rows = [names.index(name) for name in self.sizing.matched]
-                missed = columns[rows]
-                size = np.sqrt(np.mean(missed**2))
-                slope = np.mean(missed[:, None] * gradient[rows], axis=0)
-                columns = np.append(columns, size)
-                gradient = np.vstack([gradient, slope / max(size, 1e-300)])
-            self._last = key, (columns, gradient, closes)
-        made: tuple[Floats, Floats, float] = self._last[1]
-        return made
-
-    def value(
-        self, function: ArrayFunction, x: Floats, mode: HeldMode
-    ) -> tuple[float, Floats]:
-        """Return an expression of varied numbers and figures, and its gradient by x."""
-        columns, gradient, _ = self.at(x, mode)
-        values = function(columns[:, None])[:, 0]
-        return float(values[0]), values[1:] @ np.nan_to_num(gradient)
+            by_x = np.nan_to_num(np.concatenate([np.diag(self.width), slopes]))
+            with np.errstate(all="ignore"):
+                made = self._function(np.concatenate([values, figures])[:, None])
+            every = made.reshape(len(by_x) + 1, -1)
+            partial = np.where(np.isnan(every[1:]), 0.0, every[1:])
+            gradients, k = partial.T @ by_x, self._wanted
+            parts = every[0, :k], gradients[:k], every[0, k:], gradients[k:]
+            self._last = {key: (parts, closes, figures)}
+        return self._last[key]
 
     def wanted(self, x: Floats, mode: HeldMode) -> Floats:
         """Return the objectives (k,)."""
-        return self._values(self.objectives, x, mode)[0]
-
-    def _values(
-        self, functions: Sequence[ArrayFunction], x: Floats, mode: HeldMode
-    ) -> tuple[Floats, Floats]:
-        """Return expressions (k,) and their gradients (k, variables)."""
-        made = [self.value(function, x, mode) for function in functions]
-        slopes = np.array([slope for _, slope in made]).reshape(-1, len(x))
-        return np.array([value for value, _ in made]), slopes
-
-    def _limits(self, x: Floats, mode: HeldMode) -> tuple[Floats, Floats]:
-        """Return by how much conditions are missed (k,), < 0 where they hold; gradients."""
-        left, right = (self._values(side, x, mode) for side in self.sides)
-        return self.signs * (left[0] - right[0]), self.signs[:, None] * (left[1] - right[1])
+        return self.at(x, mode)[0][0]
 
     def go(self, x: Floats, mode: HeldMode) -> Floats:
         """Return where a descent of the first objective from x ends.
@@ -335,28 +313,23 @@ class Descent:
         """
         from scipy.optimize import minimize
 
-        closes = self.at(x, mode)[2]
-        first, *others = self.objectives
-        bounds = self.wanted(x, mode)[1:]
+        (begun, *_), closes, _ = self.at(x, mode)
 
         def objective(y: Floats) -> tuple[float, Floats]:
-            value, slope = self.value(first, y, mode)
-            if not np.isfinite(value):
+            wanted, gradients, *_ = self.at(y, mode)[0]
+            if not np.isfinite(wanted[0]):
                 return 1e6, np.zeros_like(y)
-            return value, slope
+            return float(wanted[0]), gradients[0]
 
         def slack(y: Floats) -> Floats:
-            closed, missed = self.at(y, mode)[2], self._limits(y, mode)[0]
-            rest = bounds - self._values(others, y, mode)[0]
-            made = np.concatenate([[closed - closes], -missed, rest])
+            (wanted, _, limits, _), closed, _ = self.at(y, mode)
+            rest = begun[1:] - wanted[1:]
+            made = np.concatenate([[closed - closes], -limits, rest])
             return np.asarray(np.nan_to_num(made, nan=-1e6))
 
         def slopes(y: Floats) -> Floats:
-            by_limits, by_others = (
-                self._limits(y, mode)[1],
-                self._values(others, y, mode)[1],
-            )
-            return np.concatenate([np.zeros((1, len(y))), -by_limits, -by_others])
+            _, gradients, _, by_limits = self.at(y, mode)[0]
+            return np.concatenate([np.zeros((1, len(y))), -by_limits, -gradients[1:]])
 
         result = minimize(  # type: ignore[call-overload]
             objective,
@@ -382,13 +355,14 @@ class Descent:
         the objectives are at x, this is a descent of all of them, and ends where nothing
         beside makes all smaller.
         """
-        closes = self.at(x, mode)[2]
+        least = self.at(x, mode)[1]
 
         def parts(y: Floats) -> Parts | None:
-            if self.at(y, mode)[2] < closes:
+            (wanted, gradients, limits, by_limits), closes, _ = self.at(y, mode)
+            if closes < least:
                 return None
-            wanted, gradients = self._values(self.objectives, y, mode)
-            made = (wanted - aim) / size, gradients / size[:, None], *self._limits(y, mode)
+            off, slopes = (wanted - aim) / size, gradients / size[:, None]
+            made = off, slopes, limits, by_limits
             return made if all(np.all(np.isfinite(part)) for part in made) else None
 
         return least_greatest(parts, x, enough)
@@ -414,7 +388,7 @@ class End:
     mode: HeldMode
     x: Floats
     wanted: Floats
-    columns: Floats
+    figures: Floats
 
 
 @final
@@ -462,8 +436,8 @@ class Settling:
 
     def here(self, mode: HeldMode, x: Floats) -> End:
         """Return a place as the end of a descent."""
-        columns, _, _ = self.descent.at(x, mode)
-        return End(mode, x, self.descent.wanted(x, mode), columns)
+        (wanted, *_), _, figures = self.descent.at(x, mode)
+        return End(mode, x, wanted, figures)
 
     def attacked(self, end: End, ends: Sequence[End]) -> End:
         """Return what is left where a design, also from other starts, beats an end."""

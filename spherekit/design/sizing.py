@@ -14,7 +14,7 @@ from spherekit.design.evaluate import Evaluator
 from spherekit.design.held_modes import HeldMode, HeldModes, SignedMode
 from spherekit.design.sweep import Columns
 from spherekit.design.variables import ACTIONS, designed
-from spherekit.design.wanted import MATCH, Sizing, front_of, nondominated
+from spherekit.design.wanted import Sizing, front_of, nondominated
 from spherekit.errors import DesignError
 from spherekit.model.gears import pair_frames
 from spherekit.model.mechanism import Mechanism
@@ -148,14 +148,14 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     kept = _apart(ends, settling)
     if several:
         kept = unbeaten(kept, settling.tolerance)
-    names = [merit.name for merit in sweep.merits] + [MATCH] * bool(sizing.matched)
-    figures = np.array([end.columns[len(sweep.variables) :] for end in kept])
+    figures = np.array([end.figures for end in kept])
+    columns = dict(zip([merit.name for merit in sweep.merits], figures.T, strict=True))
     return Sized(
         sizing,
         np.array([descent.low + descent.width * end.x for end in kept]),
         tuple(end.mode.label for end in kept),
         np.array([end.wanted for end in kept]),
-        dict(zip(names, figures.T, strict=True)),
+        sizing.with_match(columns),
         sweep.space.count,
         feasible,
         np.min(wanted, axis=0),
