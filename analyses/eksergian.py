@@ -43,7 +43,17 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .dynamics import as_loads_see, curve, plotted, repeated, row_columns
+from .dynamics import (
+    as_loads_see,
+    curve,
+    largest_torques,
+    plotted,
+    repeated,
+    row_columns,
+    said_of_torques,
+)
+
+LARGEST = "largest_torque_Nm"
 
 USABLE_RATES = 1e-6
 """Inertia and torque are not given where more than this part of the rates is in doubt."""
@@ -198,23 +208,17 @@ class Eksergian(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque and the worst conditioning, and where they are."""
-        torque = np.abs(self._at(batch, self._found(batch).sure_torques[:, 0]))
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
+        torque = np.abs(self._at(batch, self._found(batch).sure_torques[:, 0]))
         worst = int(np.nanargmax(batch.closure_conditioning))
         figures: dict[str, Any] = {
             "largest_conditioning": float(batch.closure_conditioning[worst]),
             "at_q_rad": float(batch.q[worst]),
             "at_assembly_mode": int(batch.assembly_mode[worst]),
         }
-        if np.any(np.isfinite(torque)):
-            row = int(np.nanargmax(torque))
-            figures["torque"] = {
-                "pair": self.at or batch.moving_inputs[0],
-                "largest_torque_Nm": float(torque[row]),
-                "at_sample": int(batch.sample[row]),
-                "at_assembly_mode": int(batch.assembly_mode[row]),
-            }
+        for name, largest in largest_torques(batch, torque[:, None], LARGEST).items():
+            figures["torque"] = {"pair": self.at or name, **largest}
         return _said(figures)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
@@ -225,7 +229,7 @@ class Eksergian(AbstractAnalysis):
         figures = dict(max(both, key=lambda item: item["largest_conditioning"]))
         torques = [item["torque"] for item in both if "torque" in item]
         if torques:
-            figures["torque"] = max(torques, key=lambda item: item["largest_torque_Nm"])
+            figures["torque"] = max(torques, key=lambda item: item[LARGEST])
         return _said(figures)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
@@ -247,16 +251,11 @@ class Eksergian(AbstractAnalysis):
             curve("torque", label, "driving torque", values, "N m")
             for label, values in torques.items()
         ]
-        for group, letter, title, unit, whole, parts in (
-            ("inertia", "B", "equivalent inertia", "kg m2", B, solution.B_parts),
-            (
-                "derivative",
-                "dB/dq",
-                "derivative of the inertia",
-                "kg m2/rad",
-                dB,
-                solution.dB_parts,
-            ),
+        B_words = "inertia", "B", "equivalent inertia", "kg m2"
+        dB_words = "derivative", "dB/dq", "derivative of the inertia", "kg m2/rad"
+        for (group, letter, title, unit), whole, parts in (
+            (B_words, B, solution.B_parts),
+            (dB_words, dB, solution.dB_parts),
         ):
             curves.append(curve(group, letter, title, whole, unit, 0))
             for k, link in enumerate(names):
@@ -290,17 +289,10 @@ def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
 
 def _said(figures: Mapping[str, Any]) -> Findings:
     """Return the figures, and the largest torque in words."""
-    if "torque" not in figures:
-        return Findings(figures)
-    largest = figures["torque"]
-    words = (
-        f"largest driving torque at {largest['pair']}: {largest['largest_torque_Nm']:.6g} "
-        f"N m at sample {largest['at_sample']} of assembly mode "
-        f"{largest['at_assembly_mode']}"
-        if largest["largest_torque_Nm"]
-        else f"driving torque at {largest['pair']}: zero in every row, to rounding"
-    )
-    return Findings(figures, remarks=(words,))
+    torques = [figures["torque"]] if "torque" in figures else []
+    by_pair = {torque["pair"]: torque for torque in torques}
+    words = said_of_torques(by_pair, LARGEST, "driving torque")
+    return Findings(figures, remarks=tuple(words))
 
 
 def _solution(batch: Batch) -> InverseSolution:
@@ -323,22 +315,19 @@ def _solution(batch: Batch) -> InverseSolution:
 
 def _motion(batch: Batch) -> CoordinateMotion:
     """Return what a batch has of a motion by the input; the rest is NaN."""
-    mechanism, needs = batch.mechanism, batch.needs
-    n, links = len(batch), len(mechanism.links)
-    values = np.full((n, len(mechanism.variable_names)), np.nan)
-    rates = np.full_like(values, np.nan)
+    mechanism, needs, n = batch.mechanism, batch.needs, len(batch)
+    variables, links = len(mechanism.variable_names), len(mechanism.links)
+    values, rates, second = np.full((3, n, variables), np.nan)
     for pair in needs.continued_values:
-        (number,) = mechanism.variables_of(mechanism.pair_number[pair])
+        number = mechanism.angles[pair]
         values[:, number] = batch.continued_value(pair)
         rates[:, number] = batch.pair_rate(pair)
     turns = np.full((n, links, 3, 3), np.nan)
-    w, dw = np.full((n, links, 3), np.nan), np.full((n, links, 3), np.nan)
+    w, dw = np.full((2, n, links, 3), np.nan)
     for link in needs.link_rates:
         number = mechanism.link_number[link]
         turns[:, number] = batch.rotation(link)
         w[:, number] = batch.angular_velocity(link)
         dw[:, number] = batch.angular_velocity_dq(link)
-    second = np.full((n, 1, 1, values.shape[1]), np.nan)
-    return CoordinateMotion(
-        values, rates[:, None], second, turns, w[:, None], dw[:, None, None], batch.status
-    )
+    by_two = second[:, None, None], turns, w[:, None], dw[:, None, None]
+    return CoordinateMotion(values, rates[:, None], *by_two, batch.status)

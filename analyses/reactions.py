@@ -164,13 +164,13 @@ class ReactionAnalysis(AbstractAnalysis):
                 "force_is_open": bool(np.any(result.open_forces[:, k])),
             }
         bearings: dict[str, Any] = {
-            label: _peaks(
+            _named(load, at): _peaks(
                 batch,
                 largest_couple_N=couple,
                 largest_radial_N=radial,
                 largest_axial_N=np.abs(axial),
             )
-            for label, couple, radial, axial in _bearing_loads(batch.mechanism, result)
+            for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result)
         }
         more = result.lacking
         sliding = np.any(result.slides, axis=0)
@@ -210,7 +210,8 @@ class ReactionAnalysis(AbstractAnalysis):
             if not pair.kind.has_axis:
                 title, push = "push of contacts, times the radius", result.push[:, k]
                 curves.append(curve("push", pair.name, title, push, "N m"))
-        for label, couple, radial, axial in _bearing_loads(batch.mechanism, result):
+        for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result):
+            label = _named(load, at)
             whole = np.any(np.isfinite(radial))
             title = "radial load of bearings" if whole else "load of bearings by the couple"
             curves.append(curve("radial", label, title, radial if whole else couple, "N"))
@@ -229,35 +230,41 @@ def _asks_for_forces(mechanism: Mechanism) -> bool:
 
 def _bearing_loads(
     mechanism: Mechanism, result: Reactions
-) -> list[tuple[str, Floats, Floats, Floats]]:
-    """Return of each bearing a label, and its load (n,) N: couple, radial, axial."""
-    loads = []
-    for load in _placed(mechanism):
-        forces, couples = result.on_bearings[load.name], result.couples[load.name]
-        radial = np.hypot(forces[..., 0], forces[..., 1])
-        for k, position in enumerate(load.positions):
-            label = f"{load.name} at {position:g} m"
-            loads.append((label, couples[:, k], radial[:, k], forces[:, k, 2]))
-    return loads
+) -> list[tuple[Bearings, float, Floats, Floats, Floats]]:
+    """Return what places each bearing, where (m), and its load (n,) N.
+
+    That of the couple, with the force through the centre, and along the axis.
+    """
+    return [
+        (load, at, couple, np.hypot(force[0], force[1]), force[2])
+        for load in _placed(mechanism)
+        for at, couple, force in zip(
+            load.positions,
+            result.couples[load.name].T,
+            np.moveaxis(result.on_bearings[load.name], 0, 2),
+            strict=True,
+        )
+    ]
+
+
+def _named(load: Bearings, at: float) -> str:
+    return f"{load.name} at {at:g} m"
 
 
 def _bearing_rows(batch: Batch, result: Reactions) -> TableData:
-    mechanism = batch.mechanism
-    placed = [(load, at) for load in _placed(mechanism) for at in load.positions]
-    numbers = [mechanism.pair_number[load.pair] for load, _ in placed]
-    rows = _bearing_loads(mechanism, result)
-    blank = np.zeros((3, 0, len(batch)))
-    parts = np.array([part for _, *part in rows]).swapaxes(0, 1) if rows else blank
-    couple, radial, axial = (part.T.ravel() for part in parts)
+    bearings, n = _bearing_loads(batch.mechanism, result), len(batch)
+    pairs = [load.pair for load, *_ in bearings]
+    numbers = [batch.mechanism.pair_number[pair] for pair in pairs]
+    timed = row_columns(batch, timed=True)
+    loads = {
+        name: np.reshape([bearing[k] for bearing in bearings], (-1, n)).T.ravel()
+        for k, name in enumerate(("couple", "radial", "axial"), 2)
+    }
     return {
-        **repeated(
-            row_columns(batch, timed=True), [load.name for load, _ in placed], "load"
-        ),
-        "pair": np.tile(np.array([load.pair for load, _ in placed], dtype=str), len(batch)),
-        "position": np.tile(np.array([at for _, at in placed], dtype=float), len(batch)),
-        "couple": couple,
-        "radial": radial,
-        "axial": axial,
+        **repeated(timed, [load.name for load, *_ in bearings], "load"),
+        "pair": np.tile(np.array(pairs, dtype=str), n),
+        "position": np.tile(np.array([at for _, at, *_ in bearings], dtype=float), n),
+        **loads,
         "status": result.status[:, numbers].ravel(),
     }
 

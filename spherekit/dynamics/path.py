@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from numpy.polynomial import legendre
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.dynamics.coordinates import inertia
 from spherekit.dynamics.start import variable_of
@@ -202,6 +202,11 @@ class StatePath:
     starts: Floats
     lengths: Floats
     drift: float
+
+    def chosen(self, most: int) -> Indices:
+        """Return the numbers of that many steps at most, evenly chosen."""
+        count = len(self.starts)
+        return np.linspace(0, count - 1, min(most, count)).astype(np.intp)
 
     def at(self, t: Floats) -> Traced:
         """Return the states at times (n,) within the path."""

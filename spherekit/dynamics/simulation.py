@@ -138,8 +138,7 @@ def given_up(
     equation: EquationOfMotion, path: StatePath, t: float, why: str
 ) -> SimulationEnd:
     """Return the end where no step is short enough: `why`, or the inertia has vanished."""
-    chosen = np.linspace(0, len(path.starts) - 1, min(CHECKED, len(path.starts)))
-    traced = path.at(np.append(path.starts[chosen.astype(int)], t))
+    traced = path.at(np.append(path.starts[path.chosen(CHECKED)], t))
     motion = equation.motion(traced.states[:, : equation.variables], traced.frames)
     sizes = np.linalg.eigvalsh(inertia_matrix(equation.mechanism, motion))
     if sizes[-1, 0] < VANISHED * np.max(sizes):
@@ -309,23 +308,18 @@ class Simulation:
         SolveError
             If a time lies outside.
         """
-        t = np.atleast_1d(np.asarray(t, dtype=float))
-        traced, dynamics = self._at(t)
-        equation = self.equation
-        states, speed = traced.states, dynamics.speed
-        values = states[:, : equation.variables]
-        whole = traced.values
-        motion, masses, change = self._accelerated(traced, dynamics)
+        equation, driven = self.equation, list(self.driven)
+        traced, dynamics, motion, masses, timing = self._accelerated(t)
+        speed, states, values = timing.dq, traced.states, traced.values
         bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         rates = rates_by_time(motion, speed)
-        second = rates_by_time(motion, change) + bend
-        driven = list(self.driven)
+        second = rates_by_time(motion, timing.ddq) + bend
         return History(
-            t=t,
-            inputs=whole[:, driven],
+            t=timing.t,
+            inputs=values[:, driven],
             input_rates=rates[:, driven],
             input_accelerations=second[:, driven],
-            values=whole,
+            values=values,
             value_rates=rates,
             rotations=motion.rotations,
             speed=speed,
@@ -334,28 +328,25 @@ class Simulation:
             kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
             power=dynamics.power,
             work=states[:, equation.works],
-            residual=equation.closure.at(values).gap,
+            residual=equation.closure.at(motion.values).gap,
         )
 
     @checked(SolveError)
     def moments(self, t: ArrayLike) -> Transmitted:
         """Return the moments that every pair transmits at times (n,), in pair axes."""
-        t = np.atleast_1d(np.asarray(t, dtype=float))
-        traced, dynamics = self._at(t)
-        motion, _, change = self._accelerated(traced, dynamics)
-        motion = replace(motion, values=traced.values)
-        at = self.equation.closure.at(traced.states[:, : self.equation.variables])
-        none = np.zeros((len(t), len(self.driven)))
-        timing = Timing(np.asarray(t, dtype=float), dynamics.speed, change)
-        closed = self.equation.closure.joints, at.frames
-        return transmitted(
-            Driven(self.mechanism, *closed, motion, timing, none, dynamics.carried)
-        )
+        traced, dynamics, motion, _, timing = self._accelerated(t)
+        closure, none = self.equation.closure, np.zeros((len(timing.t), len(self.driven)))
+        frames = closure.at(motion.values).frames
+        seen = replace(motion, values=traced.values)
+        given = closure.joints, frames, seen, timing, none, dynamics.carried
+        return transmitted(Driven(self.mechanism, *given))
 
     def _accelerated(
-        self, traced: Traced, dynamics: Dynamics
-    ) -> tuple[CoordinateMotion, Inertia, Floats]:
-        """Return the motion to the second order, inertia, and rates of the speed (n, m)."""
+        self, t: ArrayLike
+    ) -> tuple[Traced, Dynamics, CoordinateMotion, Inertia, Timing]:
+        """Return states and forces, the motion to the second order, and inertia."""
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        traced, dynamics = self._at(times)
         equation, speed = self.equation, dynamics.speed
         values = traced.states[:, : equation.variables]
         motion = equation.motion(values, traced.frames, order=2)
@@ -363,14 +354,14 @@ class Simulation:
         pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
         drive = np.sum(dynamics.forces, axis=2) - pull
         change = np.linalg.solve(masses.M, drive[..., None])[..., 0]
-        return motion, masses, np.asarray(change)
+        return traced, dynamics, motion, masses, Timing(times, speed, change)
 
     @cached_property
     def checks(self) -> Checks:
         """The balance of energy and power, closure, and the error if it was asked for."""
         path = self.path
-        chosen = np.linspace(0, len(path.starts) - 1, min(CHECKED, len(path.starts)))
-        starts, lengths = (x[chosen.astype(int)] for x in (path.starts, path.lengths))
+        chosen = path.chosen(CHECKED)
+        starts, lengths = path.starts[chosen], path.lengths[chosen]
         # Not at the ends of steps, where loads may jump.
         t = np.concatenate([starts + x * lengths for x in (0.03, 0.35, 0.7)])
         t = np.append(np.minimum(t, self.end.t), self.end.t)

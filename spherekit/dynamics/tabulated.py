@@ -45,9 +45,6 @@ LAYOUT = (
     "is cell c and 0 is outside the domain"
 )
 
-_BOX = ("splits", "bounds", "coefficients")
-_CURVE = ("edges", "coefficients")
-
 NUMBER = (float, int)
 """What is one place; a tuple is tested in less time than a union."""
 
@@ -266,11 +263,10 @@ class StoredModel:
         OutputError
             If it cannot be written; an older file is then unchanged.
         """
-        names = _CURVE if self.heading.alone else _BOX
         arrays = {
             f"{name}_{k}": getattr(group, name)
             for k, group in enumerate(self.groups)
-            for name in names
+            for name in _names(self.heading)
         }
         ARCHIVE.write(path, {**asdict(self.heading), "layout": LAYOUT}, arrays)
 
@@ -454,8 +450,7 @@ def load_reduced(path: AnyPath) -> StoredModel:
         heading = StoredHeading(**given)
         numbers = [*heading.low, *heading.high, *heading.rise]
         numbers += [x for item in heading.functions for x in (item.largest, item.error)]
-        rising = np.all(np.less(heading.low, heading.high))
-        if not (all_finite(numbers) and rising):
+        if not (all_finite(numbers) and np.all(np.less(heading.low, heading.high))):
             raise FileError(
                 f"{where}: the heading has numbers that are not finite; make it anew"
             )
@@ -470,25 +465,31 @@ def _series(
     where: str, heading: StoredHeading, k: int, arrays: Mapping[str, Floats]
 ) -> PiecewiseChebyshev | TensorChebyshev:
     """Return the series of a group of functions, checked."""
-    names = _CURVE if heading.alone else _BOX
-    *cells, series = (arrays[f"{name}_{k}"] for name in names)
-    group, m = heading.groups[k], len(heading.by)
-    if series.ndim != m + 2 or series.shape[-1] != len(group):
-        raise FileError(
-            f"{where}: coefficients_{k} do not fit: {series.shape[-1]} columns for "
-            f"{len(group)} functions; make it anew"
+    group, series = heading.groups[k], arrays[f"coefficients_{k}"]
+    fault = None
+    if series.ndim != len(heading.by) + 2 or series.shape[-1] != len(group):
+        fault = (
+            f"coefficients_{k} do not fit: {series.shape[-1]} columns for {len(group)} "
+            "functions"
         )
-    bad = np.argwhere(~np.isfinite(series))
-    if len(bad):
-        raise FileError(
-            f'{where}: "{group[bad[0][-1]].name}" has coefficients that are not finite; '
-            "make it anew"
-        )
-    bounds = [cells[0][:-1], cells[0][1:]] if heading.alone else np.swapaxes(cells[1], 0, 1)
-    rising = np.all(np.less(*bounds)) and len(bounds[0]) == len(series) > 0
-    if not (rising and all(all_finite(x) for x in cells)):
-        raise FileError(f"{where}: the cells of group {k} do not rise; make it anew")
+    elif not all_finite(series):
+        name = group[np.argwhere(~np.isfinite(series))[0, -1]].name
+        fault = f'"{name}" has coefficients that are not finite'
+    else:
+        cells = [arrays[f"{name}_{k}"] for name in _names(heading)[:-1]]
+        ends = (cells[0][:-1], cells[0][1:]) if heading.alone else cells[1].swapaxes(0, 1)
+        rising = np.all(np.less(*ends)) and len(ends[0]) == len(series) > 0
+        if not (rising and all(all_finite(x) for x in cells)):
+            fault = f"the cells of group {k} do not rise"
+    if fault is not None:
+        raise FileError(f"{where}: {fault}; make it anew")
     if heading.alone:
         return PiecewiseChebyshev(cells[0], series)
     low, high = np.array(heading.low), np.array(heading.high)
     return TensorChebyshev(low, high, cells[0], cells[1], series)
+
+
+def _names(heading: StoredHeading) -> tuple[str, ...]:
+    """Return the names of a group's arrays, the coefficients last."""
+    cells = ("edges",) if heading.alone else ("splits", "bounds")
+    return (*cells, "coefficients")

@@ -38,11 +38,11 @@ from spherekit.errors import AnalysisError
 from spherekit.figures import style
 from spherekit.figures.curves import Curve, OnSphere, draw_curves, draw_paths, draw_sphere
 from spherekit.figures.plane import Plane, draw_plane
-from spherekit.figures.sdk import Axes, Figure, Normalize, Poly3DCollection, ScalarMappable
+from spherekit.figures.sdk import Axes, Figure, Normalize, Poly3DCollection
 from spherekit.figures.sheet import (
     Sheet,
     as_data_url,
-    ends,
+    colour_bar,
     line_between,
     name_points,
     stroke,
@@ -61,7 +61,7 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
     ]
     with style.look():
         size = min(sheet.width, 4.5)
-        figure = sheet.figure(1, size, sheet.legend_rows(entries))
+        figure = sheet.figure(1, size, entries)
         panel: Any = figure.add_subplot(projection="3d")
         for surface in meshed:
             panel.add_collection3d(
@@ -78,18 +78,10 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
                 panel.scatter(*surface.vertices.T, c=style.tone_colour(surface.tone), s=3.0)
                 continue
             tint = Normalize(*map_range(surface.values, surface.values_unit))
-            dots = panel.scatter(
-                *surface.vertices.T, c=surface.values, norm=tint, cmap=style.HEAT, s=3.0
-            )
-            bar = figure.colorbar(
-                dots,
-                ax=panel,
-                shrink=0.7,
-                pad=0.12,
-                aspect=28,
-                extend=ends(surface.values, tint),
-            )
-            bar.set_label(titled(surface.label, surface.values_unit))
+            look: dict[str, Any] = {"c": surface.values, "norm": tint, "cmap": style.HEAT}
+            panel.scatter(*surface.vertices.T, s=3.0, **look)
+            words = titled(surface.label, surface.values_unit)
+            colour_bar(figure, panel, surface.values, tint, style.HEAT, words, 0.12)
         every = np.concatenate([item.vertices for item in surfaces])
         first = surfaces[0]
         for which, name, column in zip("xyz", first.axes, every.T, strict=True):
@@ -97,7 +89,6 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
             getattr(panel, f"set_{which}lim")(np.nanmin(column), np.nanmax(column))
             ticks_of(panel, first.unit, which, 5)
         panel.set_box_aspect((1, 1, 1), zoom=0.85)
-        sheet.legend(figure, entries)
     return figure
 
 
@@ -235,18 +226,10 @@ def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
                 _zeros(panel, grid[0], grid[1], table, high - low)
             panel.set_title(_title(input_map, grid, at, sheet), color=_ink(input_map.page))
             _axes(panel, input_map.over, k % across == 0, k + across >= len(panels))
-        bar = figure.colorbar(
-            ScalarMappable(tint, colours),
-            ax=panels,
-            shrink=0.8,
-            pad=0.02,
-            aspect=30,
-            extend=ends(values, tint),
-        )
         words = titled(first.group, first.unit)
         if first.label != first.group:
             words = f"{first.label}: {words}"
-        bar.set_label(wrapped(words, 42))
+        colour_bar(figure, panels, values, tint, colours, wrapped(words, 42))
     return figure
 
 

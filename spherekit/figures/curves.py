@@ -38,13 +38,12 @@ from spherekit.figures.sdk import (
     Figure,
     Line2D,
     Normalize,
-    ScalarMappable,
     Triangulation,
     withStroke,
 )
 from spherekit.figures.sheet import (
     Sheet,
-    ends,
+    colour_bar,
     label_x,
     line_between,
     spot,
@@ -100,8 +99,7 @@ def draw_curves(
     count = 1 if together else len(labels)
     with style.look():
         longest = max(map(len, labels)) if count > 1 else 0
-        rows = sheet.legend_rows(entries)
-        figure, panels, across = sheet.panels(count, RATIO, rows, longest)
+        figure, panels, across = sheet.panels(count, RATIO, entries, longest)
         scale = scale_of(
             np.concatenate([curve.series.values for curve in curves]), curves[0].series.unit
         )
@@ -122,7 +120,6 @@ def draw_curves(
                 panel.set_ylabel(wrapped(words))
             if k + across < count:
                 panel.set_xlabel("")
-        sheet.legend(figure, entries)
     return figure
 
 
@@ -312,7 +309,7 @@ def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
         across = 2 if sheet.columns == 2 else 1
         rows = len(views) // across
         width = sheet.width * (0.85 if shown.maps else 1.0)
-        figure = sheet.figure(rows, width / across + 0.3, sheet.legend_rows(entries))
+        figure = sheet.figure(rows, width / across + 0.3, entries)
         panels = figure.subplots(rows, across, squeeze=False).ravel().tolist()
         tint, colours = _tint(shown)
         for panel, view in zip(panels, views, strict=True):
@@ -324,19 +321,11 @@ def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
             panel.set_title(f"{view.projection.name}, about {view.centre.name}", pad=12)
         if shown.maps:
             first = shown.maps[0]
-            bar = figure.colorbar(
-                ScalarMappable(tint, colours),
-                ax=panels,
-                shrink=0.75,
-                pad=0.03,
-                aspect=28,
-                extend=ends(shown.values, tint),
-            )
+            words = titled(first.label, first.unit)
+            bar = colour_bar(figure, panels, shown.values, tint, colours, words)
             if isinstance(tint, BoundaryNorm):
                 whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))
                 bar.set_ticks(whole.tolist(), labels=[f"{n:.0f}" for n in whole])
-            bar.set_label(titled(first.label, first.unit))
-        sheet.legend(figure, entries)
     return figure
 
 
@@ -356,14 +345,13 @@ def draw_paths(arrows: Sequence[tuple[Page, Arrow]], sheet: Sheet) -> Figure:
     if len(pages) > 1:
         entries = [(sheet.title(page), stroke(*page_look(page))) for page in pages]
     with style.look():
-        figure, panels, _ = sheet.panels(len(labels), 1.05, sheet.legend_rows(entries))
+        figure, panels, _ = sheet.panels(len(labels), 1.05, entries)
         for panel, label in zip(panels, labels, strict=True):
             rim_patch = _graticule(panel, view)
             panel.set_title(f"{label}, about {centre.name}", pad=12)
             for page, arrow in arrows:
                 if arrow.label == label:
                     _path(panel, view, arrow.directions, page, rim_patch)
-        sheet.legend(figure, entries)
     return figure
 
 

@@ -75,7 +75,7 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     if len(kinds) <= MOST_KINDS:
         entries += [(label, spot(tone)) for label, tone in sorted(kinds.items())]
     with style.look():
-        figure, (panel,), _ = sheet.panels(1, RATIO, sheet.legend_rows(entries))
+        figure, (panel,), _ = sheet.panels(1, RATIO, entries)
         for curve in curves.values():
             look = {"color": style.tone_colour(curve.tone), "label": curve.label or "_"}
             line_between(panel, curve.points, look | {"linewidth": 0.9, "zorder": 1.5})
@@ -86,7 +86,6 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
         _frame(panel, first)
         if not traced and first.x_unit == first.y_unit and not first.logarithmic:
             panel.set_aspect("equal")
-        sheet.legend(figure, entries)
         if len(kinds) > MOST_KINDS:
             figure.draw_without_rendering()
             shown = list(marks.values())

@@ -26,16 +26,8 @@ class Projection:
     radius: Callable[[Floats], Floats]
 
 
-def _equal_area(angle: Floats) -> Floats:
-    return np.asarray(2.0 * np.sin(angle / 2.0))
-
-
-def _stereographic(angle: Floats) -> Floats:
-    return np.asarray(2.0 * np.tan(angle / 2.0))
-
-
-EQUAL_AREA = Projection("equal-area (Lambert)", _equal_area)
-STEREOGRAPHIC = Projection("stereographic", _stereographic)
+EQUAL_AREA = Projection("equal-area (Lambert)", lambda angle: 2.0 * np.sin(angle / 2.0))
+STEREOGRAPHIC = Projection("stereographic", lambda angle: 2.0 * np.tan(angle / 2.0))
 
 
 @final

@@ -5,7 +5,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, Literal, ParamSpec, final
+from typing import Any, ParamSpec, final
 
 import numpy as np
 
@@ -13,9 +13,19 @@ from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Axis, Page, titled
 from spherekit.arrays import Floats
 from spherekit.figures import style
-from spherekit.figures.sdk import Axes, Figure, Line2D, MaxNLocator, Normalize
+from spherekit.figures.sdk import (
+    Axes,
+    Figure,
+    Line2D,
+    MaxNLocator,
+    Normalize,
+    ScalarMappable,
+)
 
 P = ParamSpec("P")
+
+Entries = Sequence[tuple[str, Line2D]]
+"""What a legend has: words, and how what they name is drawn."""
 
 DEGREE_STEPS = (1, 1.2, 1.5, 1.8, 3, 4.5, 6, 9, 10)
 LONG = 60.0
@@ -98,48 +108,39 @@ class Sheet:
             across = 2
         return -(-count // across), across
 
-    def figure(self, rows: int, row: float, legend: int = 0) -> Drawing:
-        """Return an empty figure with rows of panels `row` inches high."""
-        height = rows * row + LEGEND_ROW * legend
-        return Drawing(figsize=(self.width, height), layout="constrained")
-
-    def panels(
-        self, count: int, ratio: float, legend: int = 0, longest: int = 0
-    ) -> tuple[Drawing, list[Axes], int]:
-        """Return a figure with so many panels, and how many are side by side.
-
-        `ratio` is the height of a panel over its width, `legend` the rows of a legend,
-        `longest` the letters of the longest title.
-        """
-        rows, across = self.grid(count, longest)
-        widest = 0.55 if across == 1 and self.columns == 2 else 1.0
-        row = self.width / across * ratio * widest
-        figure = self.figure(rows, row + HEADING, legend)
-        axes = figure.subplots(rows, across, squeeze=False).ravel().tolist()
-        for spare in axes[count:]:
-            spare.remove()
-        return figure, axes[:count], across
-
-    def legend(self, figure: Figure, entries: Sequence[tuple[str, Line2D]]) -> None:
-        """Put a legend below the panels."""
+    def figure(self, rows: int, row: float, entries: Entries = ()) -> Drawing:
+        """Return an empty figure with rows of panels `row` inches high, a legend below."""
+        longest = max((len(label) for label, _ in entries), default=1)
+        columns = max(1, int(self.width / (0.062 * longest + 0.5)))
+        height = rows * row + LEGEND_ROW * -(-len(entries) // columns)
+        figure = Drawing(figsize=(self.width, height), layout="constrained")
         if entries:
             figure.legend(
                 [line for _, line in entries],
                 [label for label, _ in entries],
                 loc="outside lower center",
-                ncols=min(len(entries), self.legend_columns(entries)),
+                ncols=min(len(entries), columns),
                 handlelength=2.2,
                 columnspacing=1.4,
             )
+        return figure
 
-    def legend_columns(self, entries: Sequence[tuple[str, Any]]) -> int:
-        """Return how many entries of a legend stand side by side."""
-        longest = max((len(label) for label, _ in entries), default=1)
-        return max(1, int(self.width / (0.062 * longest + 0.5)))
+    def panels(
+        self, count: int, ratio: float, entries: Entries = (), longest: int = 0
+    ) -> tuple[Drawing, list[Axes], int]:
+        """Return a figure with so many panels, and how many are side by side.
 
-    def legend_rows(self, entries: Sequence[tuple[str, Any]]) -> int:
-        """Return how many rows a legend has."""
-        return -(-len(entries) // self.legend_columns(entries)) if entries else 0
+        `ratio` is the height of a panel over its width, `entries` are those of the legend,
+        `longest` the letters of the longest title.
+        """
+        rows, across = self.grid(count, longest)
+        widest = 0.55 if across == 1 and self.columns == 2 else 1.0
+        row = self.width / across * ratio * widest
+        figure = self.figure(rows, row + HEADING, entries)
+        axes = figure.subplots(rows, across, squeeze=False).ravel().tolist()
+        for spare in axes[count:]:
+            spare.remove()
+        return figure, axes[:count], across
 
 
 def stroke(colour: str, dashes: Any = "-", width: float = 1.1) -> Line2D:
@@ -190,10 +191,28 @@ def name_points(
         )
 
 
-def ends(values: Floats, tint: Normalize) -> Literal["neither", "both"]:
-    """Return whether a scale of colours has ends for what is beyond it."""
+def colour_bar(
+    figure: Figure,
+    panels: Any,
+    values: Floats,
+    tint: Normalize,
+    colours: Any,
+    words: str,
+    pad: float = 0.03,
+) -> Any:
+    """Add the scale of the colours of values, with ends where some are beyond it."""
     parts = np.ma.compressed(tint(values[np.isfinite(values)]))
-    return "both" if np.any((parts < 0.0) | (parts > 1.0)) else "neither"
+    beyond = np.any((parts < 0.0) | (parts > 1.0))
+    bar = figure.colorbar(
+        ScalarMappable(tint, colours),
+        ax=panels,
+        shrink=0.75,
+        pad=pad,
+        aspect=28,
+        extend="both" if beyond else "neither",
+    )
+    bar.set_label(words)
+    return bar
 
 
 def label_x(panel: Axes, axis: Axis) -> None:

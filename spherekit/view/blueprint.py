@@ -89,6 +89,8 @@ SPACE_EYE = (1.9, -2.2, 1.3)
 
 Bounds = tuple[tuple[float, float], tuple[float, float]]
 
+HIDDEN = rrb.EntityBehavior(visible=False)
+
 UNASKED = ("", MOTION)
 """Sources of scenes that show what moves, and nothing that was asked for."""
 
@@ -142,8 +144,8 @@ class Layout:
 
     pages: dict[int | str, str] = field(default_factory=dict)
     solids: list[tuple[Page, str]] = field(default_factory=list)
-    trails: list[tuple[Page, str]] = field(default_factory=list)
-    hidden: list[tuple[Page, str]] = field(default_factory=list)
+    overrides: list[tuple[Page, str, Any]] = field(default_factory=list)
+    """What is seen otherwise than from now on: hidden, or for the last samples."""
     sight: Sight = field(default_factory=lambda: Sight.facing(None))
     answered: list[Page] = field(default_factory=list)
     """The pages with what was asked for, in the order in which it came."""
@@ -225,11 +227,8 @@ class Layout:
             return owner is None or owner == page
 
         overrides: dict[Any, Any] = {
-            path: [self._recent()] for owner, path in self.trails if here(owner)
+            path: [how] for owner, path, how in self.overrides if here(owner)
         }
-        for owner, path in self.hidden:
-            if here(owner):
-                overrides[path] = [rrb.EntityBehavior(visible=False)]
         contents = [f"+ {self.root}/sphere/**"]
         contents += [f"+ {path}/**" for owner, path in self.solids if here(owner)]
         return rrb.Spatial3DView(
@@ -246,7 +245,9 @@ class Layout:
             overrides=overrides,
         )
 
-    def _recent(self) -> rrb.VisibleTimeRanges:
+    @property
+    def recent(self) -> rrb.VisibleTimeRanges:
+        """How the trail behind a pole is seen."""
         return rrb.VisibleTimeRanges(
             [
                 rr.VisibleTimeRange(

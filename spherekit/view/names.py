@@ -40,7 +40,6 @@ FARTHER = 0.005
 """What the next of the places for a name costs, in parts of pictures in which it covers."""
 FIRST = 0.5
 """What the first picture counts."""
-PASSES = 3
 
 
 _Taken = tuple[float, Floats, Floats]
@@ -93,7 +92,7 @@ class Names:
 
         A name keeps its place in its link over all pictures: the one of a few that
         covers others in the fewest of them, the first of which counts most; the
-        nearest of equals.
+        nearest of equals. Wide names choose first.
         """
         wanted: list[_Wanted] = []
         for body, turn in zip(bodies, _rotations(bodies), strict=True):
@@ -101,9 +100,12 @@ class Names:
                 dot = self._sight.seen(np.einsum("nij,j->ni", turn, axis))
                 self._taken.append((DOT_WEIGHT, dot, np.full(2, DOT)))
             wanted += self._of_pairs(body, turn) + self._of_link(body, turn)
-        chosen = _apart(wanted, self._taken)
         names: dict[str, list[Name]] = {body.path: [] for body in bodies}
-        for name, k in zip(wanted, chosen, strict=True):
+        for name in sorted(wanted, key=lambda name: -len(name.words)):
+            cost = FARTHER * np.arange(len(name.places))
+            for weight, *box in self._taken:
+                cost += weight * _covered(name, *box)
+            k = int(np.argmin(cost))
             self._taken.append((1.0, name.seen[:, k], name.half))
             names[name.link].append(Name(name.words, name.places[k], name.of_pair))
         return names
@@ -140,26 +142,6 @@ class Names:
         """Return where names at places (k, 3) of a link are on the pictures (n, k, 2)."""
         seen = self._sight.seen(np.einsum("nij,kj->nki", turn, places))
         return np.asarray(seen - np.array([0.0, DROP]))
-
-
-def _apart(wanted: Sequence[_Wanted], taken: list[_Taken]) -> list[int]:
-    """Return the numbers of the places of names, each the best where the others are."""
-    fixed = [
-        FARTHER * np.arange(len(name.places))
-        + sum((w * _covered(name, *box) for w, *box in taken), np.zeros(len(name.places)))
-        for name in wanted
-    ]
-    chosen: dict[int, int] = {}
-    widest_first = sorted(range(len(wanted)), key=lambda k: -len(wanted[k].words))
-    for _ in range(PASSES):
-        for k in widest_first:
-            cost = fixed[k]
-            for j, at in chosen.items():
-                if j != k:
-                    other = wanted[j]
-                    cost = cost + _covered(wanted[k], other.seen[:, at], other.half)
-            chosen[k] = int(np.argmin(cost))
-    return [chosen[k] for k in range(len(wanted))]
 
 
 def _covered(name: _Wanted, middles: Floats, half: Floats) -> Floats:

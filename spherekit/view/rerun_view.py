@@ -43,6 +43,7 @@ from spherekit.checked import checked_class
 from spherekit.errors import OutputError
 from spherekit.view import charts, colours, diagrams, entities, shapes
 from spherekit.view.blueprint import (
+    HIDDEN,
     MOST_COMPARED,
     SAMPLE,
     TIME,
@@ -173,6 +174,9 @@ class Charts:
             and sum(len(self.charts[plot.path].curves) for plot in plots) <= MOST_COMPARED
         }
 
+
+SOLID = (Body, GreatCircle, SphereCurves, SphereMap, Trace, Arrow)
+"""What is seen with the sphere."""
 
 Draw = Callable[[Floats], Iterable[entities.Still]]
 """Draws what stands still from all rows of a primitive, when these are known."""
@@ -518,35 +522,28 @@ class RerunRecorder:
         if page is not None:
             title = f"Assembly mode {page}" if isinstance(page, int) else page
             layout.pages.setdefault(page, title)
+        if isinstance(primitive, SOLID):
+            layout.solids.append((page, path))
         match primitive:
-            case Body() | GreatCircle() | SphereCurves():
-                layout.solids.append((page, path))
             case SphereMap(label=label, unit=unit):
-                layout.solids.append((page, path))
                 values = map_range(primitive.shown_values, unit)
                 self._place_scale(page, values, titled(label, unit))
             case Trace(number=number):
-                layout.solids.append((page, path))
                 self._whole[path] = partial(self._trace, number), []
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
-                layout.solids.append((page, path))
                 if not shown:
-                    layout.hidden.append((page, path))
+                    layout.overrides.append((page, path, HIDDEN))
                 if path_shown:
                     self._whole[path] = partial(self._path, primary), []
                 if shown and path_shown and not primary:
-                    layout.trails.append((page, f"{path}/trail"))
-            case Portrait(curves=curves, label=label):
-                layout.plots.append(Plot(page, path, label, answers, charts.bounds()))
-                if not curves:
+                    layout.overrides.append((page, f"{path}/trail", layout.recent))
+            case Portrait() | Diagram() | Surface():
+                seen = None if isinstance(primitive, Surface) else charts.bounds()
+                if isinstance(primitive, Diagram):
+                    seen = diagrams.bounds(primitive)
+                layout.plots.append(Plot(page, path, primitive.label, answers, seen))
+                if isinstance(primitive, Portrait) and not primitive.curves:
                     self._whole[path] = _portrait, []
-            case Diagram(label=label):
-                seen = diagrams.bounds(primitive)
-                layout.plots.append(Plot(page, path, label, answers, seen))
-            case Surface(label=label):
-                layout.plots.append(Plot(page, path, label, answers, None))
-            case Series():
-                return
             case InputMarks():
                 assert self._charts is not None
                 self._charts.marks.setdefault(layout.base(page), []).append(primitive)
