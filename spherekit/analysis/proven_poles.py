@@ -31,7 +31,7 @@ from spherekit.proof.construction import construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.roots import root_near
-from spherekit.sphere.rotation import max_abs, nans
+from spherekit.sphere.rotation import max_abs
 
 PRECISION = 80
 PROVES = "poles"
@@ -39,6 +39,9 @@ NEAR = 1e-6
 """A proven configuration farther (rad) from that of the run is another one."""
 
 HOLDS, EXCEEDED, OPEN = "holds", "exceeded", "open"
+
+GIVEN = ("sample", "assembly_mode", "link", "relative_to", "moving", "status")
+"""Columns that are those of the table of poles."""
 
 PROVEN = Table(
     "proven_poles",
@@ -137,10 +140,10 @@ def prove_poles(
     )
     written = Written.of(mechanism)
     made = construct(written.structure)
-    names = written.structure.pairs
+    names, links = written.structure.pairs, mechanism.links
     columns = [written.motion_columns()[pair] for pair in made.pairs]
     working = Working("proving poles")
-    proven: dict[tuple[int, int], dict[tuple[str, frozenset[str]], CertifiedPole]] = {}
+    proven: dict[tuple[int, int], Enclosed] = {}
     with bits(PRECISION):
         equations = Equations(written, made)
         good = np.flatnonzero(np.asarray(motion["status"]) == Status.OK)
@@ -161,11 +164,11 @@ def prove_poles(
             proven[key] = {
                 (
                     names[pole.driven],
-                    frozenset((mechanism.links[pole.first], mechanism.links[pole.second])),
+                    frozenset((links[pole.first], links[pole.second])),
                 ): pole
                 for pole in enclosed_poles(equations, places)
             }
-        return _table(poles, proven)
+        return _table(mechanism, poles, proven)
 
 
 def _proven_place(
@@ -209,71 +212,64 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
     construct(Written.of(mechanism).structure)
 
 
+Enclosed = Mapping[tuple[str, frozenset[str]], CertifiedPole]
+"""Poles by the input that moves and their links."""
+
+
 def _table(
+    mechanism: Mechanism,
     poles: TableArrays,
-    enclosed: Mapping[tuple[int, int], Mapping[tuple[str, frozenset[str]], CertifiedPole]],
+    enclosed: Mapping[tuple[int, int], Enclosed],
 ) -> ProvenPoles:
-    rows = len(poles["sample"])
-    numbers = {
-        column.name: nans(rows) for column in PROVEN.columns if column.kind == "number"
-    }
-    words: dict[str, list[str]] = {
-        "error_bound_is": [""] * rows,
-        "velocity_coefficient_error_bound_is": [""] * rows,
-    }
-    status = np.array(poles["status"], dtype=np.int8)
-    proven = 0
-    for row in range(rows):
-        key = int(poles["sample"][row]), int(poles["assembly_mode"][row])
-        links = frozenset((str(poles["link"][row]), str(poles["relative_to"][row])))
-        pole = enclosed.get(key, {}).get((str(poles["moving"][row]), links))
-        if status[row] != Status.OK or pole is None or pole.direction is None:
-            continue
-        proven += 1
-        u = np.array([float(poles[f"u{axis}"][row]) for axis in "xyz"])
-        axis = np.array([middle(ball) for ball in pole.direction])
-        off = max(
-            upper(ball - exact(float(near)))
-            for ball, near in zip(pole.direction, axis, strict=True)
-        )
-        axis = axis if axis @ u > 0 else -axis
-        least, most = _between(u, axis, off)
-        size = middle(pole.coefficient)
-        spare = upper(pole.coefficient - exact(size))
-        gap = abs(abs(float(poles["velocity_coefficient"][row])) - size)
-        for name, value in zip("xyz", axis, strict=True):
-            numbers[f"proven_u{name}"][row] = value
-        for name, value in (
-            ("proven_u_off", off),
-            ("proven_velocity_coefficient", size),
-            ("proven_velocity_coefficient_off", spare),
-            ("u_error", most),
-            ("velocity_coefficient_error", gap + spare),
-        ):
-            numbers[name][row] = value
-        slack = 2.0**-52 * size
-        for name, low, high in (
-            ("error_bound", least, most),
-            ("velocity_coefficient_error_bound", gap - spare - slack, gap + spare + slack),
-        ):
-            bound = float(poles[name][row])
-            numbers[name][row] = bound
-            word = HOLDS if high <= bound else EXCEEDED if low > bound else OPEN
-            words[f"{name}_is"][row] = word
-            if word == EXCEEDED:
-                status[row] = Status.BOUND_EXCEEDED
-    axes = Counter(word for word in words["error_bound_is"] if word)
-    coefficients = Counter(
-        word for word in words["velocity_coefficient_error_bound_is"] if word
+    parts: list[dict[str, Any]] = []
+    for row in range(len(poles["sample"])):
+        given = {name: column[row] for name, column in poles.items()}
+        part = {c.name: given[c.name] for c in PROVEN.columns if c.name in GIVEN}
+        of_row = enclosed.get((int(given["sample"]), int(given["assembly_mode"])), {})
+        links = frozenset((str(given["link"]), str(given["relative_to"])))
+        pole = of_row.get((str(given["moving"]), links))
+        if given["status"] == Status.OK and pole is not None and pole.direction is not None:
+            part |= _proven(given, pole.direction, pole.coefficient)
+        parts.append(part)
+    words = (
+        Counter(part[name] for part in parts if name in part)
+        for name in ("error_bound_is", "velocity_coefficient_error_bound_is")
     )
-    data: dict[str, Any] = {
-        **{name: poles[name] for name in ("sample", "assembly_mode")},
-        **{name: poles[name] for name in ("link", "relative_to", "moving")},
-        **numbers,
-        **{name: np.array(column) for name, column in words.items()},
-        "status": status,
+    proven = sum("u_error" in part for part in parts)
+    return ProvenPoles(PROVEN.stacked(mechanism, parts), proven, len(parts), *words)
+
+
+def _proven(
+    given: Mapping[str, Any], direction: Sequence[Ball], coefficient: Ball
+) -> dict[str, Any]:
+    """Return what is proven of a row of poles."""
+    u = np.array([float(given[f"u{axis}"]) for axis in "xyz"])
+    axis = np.array([middle(ball) for ball in direction])
+    pairs = zip(direction, axis, strict=True)
+    off = max(upper(ball - exact(float(near))) for ball, near in pairs)
+    axis = axis if axis @ u > 0 else -axis
+    least, most = _between(u, axis, off)
+    size = middle(coefficient)
+    spare = upper(coefficient - exact(size))
+    gap = abs(abs(float(given["velocity_coefficient"])) - size)
+    slack = 2.0**-52 * size
+    made: dict[str, Any] = {f"proven_u{k}": x for k, x in zip("xyz", axis, strict=True)} | {
+        "proven_u_off": off,
+        "proven_velocity_coefficient": size,
+        "proven_velocity_coefficient_off": spare,
+        "u_error": most,
+        "velocity_coefficient_error": gap + spare,
     }
-    return ProvenPoles(data, proven, rows, axes, coefficients)
+    for name, low, high in (
+        ("error_bound", least, most),
+        ("velocity_coefficient_error_bound", gap - spare - slack, gap + spare + slack),
+    ):
+        bound = made[name] = float(given[name])
+        word = HOLDS if high <= bound else EXCEEDED if low > bound else OPEN
+        made[f"{name}_is"] = word
+        if word == EXCEEDED:
+            made["status"] = Status.BOUND_EXCEEDED
+    return made
 
 
 def _between(u: Floats, axis: Floats, off: float) -> tuple[float, float]:
