@@ -19,14 +19,13 @@ from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.computed import computed
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.kernel_columns import UnreadField
-from spherekit.analysis.running.summary import BOUNDED, RunPlan
+from spherekit.analysis.running.summary import BOUNDED, RunPlan, motion_rows, motion_table
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     RESIDUAL,
     SAMPLE,
-    Column,
     Table,
-    TableArrays,
+    TableData,
     arrays,
 )
 from spherekit.arrays import Bools, Floats, Indices
@@ -35,7 +34,6 @@ from spherekit.errors import SpherekitError
 from spherekit.motion.motion import Motion
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.planning.poles import Pole
 from spherekit.proof.balls import DIGITS, Digits, floats
 from spherekit.proof.rows import (
     ExactRows,
@@ -51,9 +49,6 @@ GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 """Multiples of it, without their whole parts, are spread evenly over 0 to 1."""
 
 
-Read = tuple[Motion, tuple[PoleField, ...], Mapping[str, Floats]]
-"""What a batch reads: a motion, its poles, and variables that go on."""
-
 BEYOND = 1e4
 """A deviation above this many roundings times the conditioning is a fault."""
 
@@ -65,27 +60,29 @@ OPEN = 100.0
 
 @final
 @dataclass(frozen=True)
-class _Kept(ArrayRows):
-    """Rows of a motion with fields and continued angles, and what they are chosen by."""
+class _Read(ArrayRows):
+    """Rows of what a batch reads: a motion, its poles, and variables that go on."""
 
     motion: Motion
     fields: tuple[PoleField, ...]
     angles: Mapping[str, Floats]
-    spread: Floats
-    bound: Floats
-    condition: Floats
 
-    def worst(self) -> list[int]:
-        """Return the rows with the largest residual, bound and condition."""
-        scores = (self.motion.residual, self.bound, self.condition)
-        return [int(np.argmax(np.nan_to_num(score, nan=-1.0))) for score in scores]
+    def chosen(self, count: int, samples: int) -> "_Read":
+        """Return the worst rows, and as many others as fit, spread, by mode and sample.
 
-    def chosen(self, count: int) -> Bools:
-        """Return which rows to keep: the worst, and as many others as fit, spread."""
-        wanted = dict.fromkeys([*self.worst(), *map(int, np.argsort(self.spread))])
-        rows = np.zeros(len(self.spread), dtype=bool)
-        rows[list(wanted)[:count]] = True
-        return rows
+        The worst have the largest residual, bound of a direction, and condition.
+        """
+        motion, bound = self.motion, nans(len(self.motion))
+        for field in self.fields:
+            for errors in field.error.values():
+                bound = np.fmax(bound, errors)
+        scores = motion.residual, bound, motion.conditioning
+        worst = [int(np.argmax(np.nan_to_num(score, nan=-1.0))) for score in scores]
+        number = motion.assembly_mode * samples + motion.sample
+        spread = np.argsort((number + 1) * GOLDEN % 1.0)
+        wanted = list(dict.fromkeys([*worst, *spread.tolist()]))[:count]
+        place = np.array(wanted)[np.argsort(number[wanted])]
+        return self.rows(place)
 
 
 @final
@@ -101,12 +98,12 @@ class Verifier:
     """
 
     def __init__(self, job: RunPlan, count: int) -> None:
-        self._plans, self._timed = job.plans, job.course.timed
+        self._plans, self._course = job.plans, job.course
         self._wanted = [item for item in job.requests if item.poles]
         self._analyses = list(zip(job.analyses, job.needs, strict=True))
-        self._samples, self._count = job.course.total, count
-        self._kept: _Kept | None = None
-        self._whole: Read | None = None
+        self._count = count
+        self._kept: _Read | None = None
+        self._whole: _Read | None = None
 
     def see(
         self,
@@ -118,28 +115,17 @@ class Verifier:
 
         The whole motion is kept where an analysis had it, as a single block.
         """
-        fields = tuple(field.made for field in poles)
+        read = _Read(motion, tuple(field.made for field in poles), angles)
         if any(analysis.at_once for analysis, _ in self._analyses):
-            self._whole = motion, fields, angles
+            self._whole = read
         good = motion.status == Status.OK
-        for field in fields:
+        for field in read.fields:
             good &= field.status == Status.OK
-        if not np.any(good):
-            return
-        good_rows = motion.rows(good)
-        good_fields = tuple(field.rows(good) for field in fields)
-        turned = {name: angle[good] for name, angle in angles.items()}
-        number = good_rows.assembly_mode * self._samples + good_rows.sample
-        bound = nans(len(good_rows))
-        for field in good_fields:
-            for pole in field.error:
-                bound = np.fmax(bound, field.error[pole])
-        spread = (number + 1) * GOLDEN % 1.0
-        new = _Kept(good_rows, good_fields, turned, spread, bound, good_rows.conditioning)
-        new = new.rows(new.chosen(self._count))
-        if self._kept is not None:
-            new = _together(self._kept, new)
-        self._kept = new.rows(new.chosen(self._count))
+        if np.any(good):
+            count = self._count, self._course.total
+            new = read.rows(good).chosen(*count)
+            both = [new] if self._kept is None else [self._kept, new]
+            self._kept = _Read.joined(both).chosen(*count)
 
     def verdict(self, failed: Collection[str] = ()) -> dict[str, Any]:
         """Return what is to be said of the rows, ready for JSON.
@@ -173,36 +159,27 @@ class Verifier:
         nearest = tuple(exact_field(*triple) for triple in compared)
         better = exact_motion(motion, every, exact[0])
         rows = _Rows(motion, status == Status.OK, exact[0].condition, _allowed(motion))
-        pairs = [(MOTION, *tables) for tables in _configurations(motion, better)]
-        angles = self._kept.angles
-        alone = (motion, fields, angles), (better, nearest, _as_far(better, angles))
+        alone = self._kept, _Read(better, nearest, _as_far(better, self._kept.angles))
+        motions = [motion_rows(self._course, read.motion, read.fields) for read in alone]
+        pairs: list[tuple[str, Table, TableData, TableData]]
+        pairs = [(MOTION, motion_table(self._course), motions[0], motions[1])]
         for analysis, needs in self._analyses:
             if analysis.name in failed or not _reads_rows(needs):
                 verdict["not_verified"].append(analysis.name)
                 continue
             both = alone
             if analysis.at_once and self._whole is not None:
-                both = self._whole, _replaced(self._whole, rows, *alone[1])
+                both = self._whole, _replaced(self._whole, rows, alone[1])
             try:
                 declared = [table.of(motion.mechanism) for table in analysis.tables]
                 first, second = (
-                    computed(
-                        analysis,
-                        declared,
-                        Batch(motion.mechanism, self._plans, needs, *read, self._timed),
-                    )
-                    for read in both
+                    computed(analysis, declared, self._batch(needs, read)) for read in both
                 )
             except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
                 continue
             pairs += [
-                (
-                    analysis.name,
-                    table,
-                    arrays(first[table.name]),
-                    arrays(second[table.name]),
-                )
+                (analysis.name, table, first[table.name], second[table.name])
                 for table in declared
             ]
         columns = [item for pair in pairs for item in _compared(rows, *pair)]
@@ -239,6 +216,11 @@ class Verifier:
             "seconds": time.perf_counter() - started,
         }
 
+    def _batch(self, needs: Needs, read: _Read) -> Batch:
+        parts = read.motion, read.fields, read.angles
+        mechanism = read.motion.mechanism
+        return Batch(mechanism, self._plans, needs, *parts, self._course.timed)
+
 
 @final
 @dataclass(frozen=True)
@@ -254,24 +236,17 @@ class _Rows:
     condition: Floats
     allowed: Floats
 
-    def of(self, data: TableArrays) -> Indices:
+    def of(self, data: Mapping[str, Any]) -> Indices:
         """Return the row that each row of a table belongs to, -1 if none."""
-        number = {
-            place: row
-            for row, place in enumerate(
-                zip(
-                    self.motion.sample.tolist(),
-                    self.motion.assembly_mode.tolist(),
-                    strict=True,
-                )
-            )
-        }
-        places = zip(
-            np.asarray(data["sample"]).tolist(),
-            np.asarray(data["assembly_mode"]).tolist(),
-            strict=True,
-        )
+        number = {place: row for row, place in enumerate(_places(vars(self.motion)))}
+        places = _places(data)
         return np.array([number.get(place, -1) for place in places], dtype=np.intp)
+
+
+def _places(data: Mapping[str, Any]) -> Iterator[tuple[int, int]]:
+    """Yield the sample and the assembly mode of each row."""
+    columns = (np.asarray(data[column.name]) for column in (SAMPLE, ASSEMBLY_MODE))
+    return zip(*(values.tolist() for values in columns), strict=True)
 
 
 def _reads_rows(needs: Needs) -> bool:
@@ -279,39 +254,14 @@ def _reads_rows(needs: Needs) -> bool:
     return not needs.tracer and needs != Needs(time=needs.time)
 
 
-def _replaced(
-    whole: Read,
-    rows: _Rows,
-    better: Motion,
-    nearest: tuple[PoleField, ...],
-    angles: Mapping[str, Floats],
-) -> Read:
+def _replaced(whole: _Read, rows: _Rows, better: _Read) -> _Read:
     """Return what is read of a whole motion, with rows that have a reference put in."""
-    motion, fields, going_on = whole
-    row = rows.of({"sample": motion.sample, "assembly_mode": motion.assembly_mode})
-    at = np.flatnonzero(row >= 0)
-    at = at[rows.has_reference[row[at]]]
-    source = row[at]
-
-    def put(old: Any, new: Any) -> Any:
-        if isinstance(old, dict):
-            return {key: put(old[key], new[key]) for key in old}
-        changed = old.copy()
-        changed[at] = new[source]
-        return changed
-
-    names = {"values": "values", "placed": "rotations", "residual": "residual"}
-    parts = {
-        part: put(getattr(motion, name), getattr(better, name))
-        for part, name in names.items()
-    }
-    better_fields = tuple(
-        PoleField(
-            **{name: put(value, getattr(new, name)) for name, value in vars(old).items()}
-        )
-        for old, new in zip(fields, nearest, strict=True)
-    )
-    return replace(motion, **parts), better_fields, put(going_on, angles)
+    motion = replace(whole.motion, placed=whole.motion.rotations)
+    row, order = rows.of(vars(motion)), np.arange(len(motion))
+    at = np.flatnonzero((row >= 0) & rows.has_reference[row])
+    order[at] = len(motion) + row[at]
+    made = _Read.joined([replace(whole, motion=motion), better]).rows(order)
+    return replace(made, motion=replace(made.motion, samples=motion.samples))
 
 
 def _as_far(better: Motion, angles: Mapping[str, Floats]) -> Mapping[str, Floats]:
@@ -324,22 +274,6 @@ def _as_far(better: Motion, angles: Mapping[str, Floats]) -> Mapping[str, Floats
     return turned
 
 
-def _configurations(
-    motion: Motion, better: Motion
-) -> Iterator[tuple[Table, TableArrays, TableArrays]]:
-    """Yield the table of pair variables, as it was and in many digits."""
-    mechanism = motion.mechanism
-    names = mechanism.variable_names
-    columns = tuple(Column(name, "rad", "pair variable") for name in names)
-    table = Table(MOTION, "the configurations", (SAMPLE, ASSEMBLY_MODE, *columns))
-    first, second = (
-        {"sample": configurations.sample, "assembly_mode": configurations.assembly_mode}
-        | {name: configurations.values[:, k] for k, name in enumerate(names)}
-        for configurations in (motion, better)
-    )
-    yield table, first, second
-
-
 def _allowed(motion: Motion) -> Floats:
     """Return (n,) how many roundings a number may be off.
 
@@ -350,27 +284,26 @@ def _allowed(motion: Motion) -> Floats:
 
 
 def _compared(
-    rows: _Rows, analysis: str, table: Table, given: TableArrays, reference: TableArrays
+    rows: _Rows, analysis: str, table: Table, given: TableData, reference: TableData
 ) -> Iterator[dict[str, Any]]:
     """Yield for each column of numbers the place where it deviates most."""
-    if not {"sample", "assembly_mode"} <= set(given):
+    if not table.in_assembly_modes:
         return
     row = rows.of(given)
     if not np.any(row >= 0):
         return
-    given, reference = (
-        {name: np.asarray(values)[row >= 0] for name, values in data.items()}
+    first, second = (
+        {name: values[row >= 0] for name, values in arrays(data).items()}
         for data in (given, reference)
     )
     row = row[row >= 0]
-    has_reference = rows.has_reference[row]
     subjects = [c.name for c in table.columns if c.kind == "text"]
     for column in table.columns:
         if column.kind != "number" or column == RESIDUAL:
             continue
         one, other = (
-            np.where(has_reference, np.asarray(data[column.name], dtype=float), np.nan)
-            for data in (given, reference)
+            np.where(rows.has_reference[row], data[column.name], np.nan)
+            for data in (first, second)
         )
         off = np.abs(one - other)
         if column.unit == "rad":
@@ -379,18 +312,14 @@ def _compared(
         share = off / rounding
         compared = bool(np.any(np.isfinite(off)))
         apart, rough = (
-            int(np.nanargmax(measure)) if compared else 0 for measure in (off, share)
-        )
-
-        def place(at: int, one: Floats = one, other: Floats = other) -> dict[str, Any]:
-            return {
-                "sample": int(given["sample"][at]),
-                "assembly_mode": int(given["assembly_mode"][at]),
-                "subject": {name: str(given[name][at]) for name in subjects},
+            {
+                **{name: int(first[name][at]) for name in ("sample", "assembly_mode")},
+                "subject": {name: str(first[name][at]) for name in subjects},
                 "value": _number(one[at]),
                 "reference": _number(other[at]),
             }
-
+            for at in (int(np.nanargmax(x)) if compared else 0 for x in (off, share))
+        )
         yield {
             "analysis": analysis,
             "table": table.name,
@@ -398,10 +327,10 @@ def _compared(
             "unit": column.unit,
             "compared": compared or not np.any(np.isfinite(one)),
             "deviation": _largest(off),
-            **place(apart),
+            **apart,
             "in_roundings": _largest(share),
             "beyond": bool(np.any(share > rows.allowed[row])),
-            "worst": place(rough),
+            "worst": rough,
             "given_by_one_alone": int(np.sum(np.isnan(one) != np.isnan(other))),
         }
 
@@ -415,71 +344,59 @@ def _within_bounds(
 
     With the worst of each.
     """
-    verdicts = {name: _Within() for name in BOUNDED}
+    found: dict[str, list[tuple[Floats, Floats]]] = {name: [] for name in BOUNDED}
+    subjects = []
+    links = rows.motion.mechanism.links
     for (exact, wanted, field), nearest in zip(compared, references, strict=True):
+        moving = rows.motion.mechanism.pairs[exact.driven].name
         for pole in wanted.poles:
-            given = field.direction[pole]
+            low, high = (links[k] for k in pole)
+            subjects.append({"link": high, "relative_to": low, "moving": moving})
+            given, rate, change = (
+                part[pole]
+                for part in (
+                    field.direction,
+                    field.velocity_coefficient,
+                    field.acceleration_coefficient,
+                )
+            )
             with exact.arithmetic.within():
                 apart = floats(exact_direction(exact, pole, given) - given)
-            errors = {
-                "directions": np.linalg.norm(apart, axis=1),
-                "rates": np.abs(
-                    field.velocity_coefficient[pole] - nearest.velocity_coefficient[pole]
-                ),
-                "rate_derivatives": np.abs(
-                    field.acceleration_coefficient[pole]
-                    - nearest.acceleration_coefficient[pole]
-                ),
-            }
-            bounds = (
-                field.error,
-                field.velocity_coefficient_error,
-                field.acceleration_coefficient_error,
-            )
-            for (name, error), bound in zip(errors.items(), bounds, strict=True):
-                verdicts[name].add(rows, exact.driven, pole, error, bound[pole])
-    return {name: verdict.told for name, verdict in verdicts.items()}
+            found["directions"].append((np.linalg.norm(apart, axis=1), field.error[pole]))
+            off = np.abs(rate - nearest.velocity_coefficient[pole])
+            found["rates"].append((off, field.velocity_coefficient_error[pole]))
+            off = np.abs(change - nearest.acceleration_coefficient[pole])
+            bound = field.acceleration_coefficient_error[pole]
+            found["rate_derivatives"].append((off, bound))
+    return {name: _within(rows, subjects, some) for name, some in found.items()}
 
 
-@final
-class _Within:
-    """How many numbers of a kind lie within their bounds, and the worst."""
-
-    def __init__(self) -> None:
-        self.told: dict[str, Any] = {"count": 0, "within_bound": 0, "over_bound": 0.0}
-
-    def add(
-        self, rows: _Rows, driven: int, pole: Pole, error: Floats, bound: Floats
-    ) -> None:
-        """Count the numbers of a pole in all rows."""
-        motion = rows.motion
-        judged = rows.has_reference & np.isfinite(error) & np.isfinite(bound)
-        if not np.any(judged):
-            return
-        over = np.where(judged, error / np.maximum(bound, TINY), 0.0)
-        self.told["count"] += int(np.sum(judged))
-        self.told["within_bound"] += int(np.sum(judged & (over <= 1.0)))
-        at = int(np.argmax(over))
-        if over[at] >= self.told["over_bound"]:
-            links = motion.mechanism.links
-            self.told |= {
-                "over_bound": float(over[at]),
-                "error": float(error[at]),
-                "bound": float(bound[at]),
-                "sample": int(motion.sample[at]),
-                "assembly_mode": int(motion.assembly_mode[at]),
-                "subject": {
-                    "link": links[pole[1]],
-                    "relative_to": links[pole[0]],
-                    "moving": motion.mechanism.pairs[driven].name,
-                },
-            }
-
-
-def _together(one: _Kept, other: _Kept) -> _Kept:
-    """Return the rows of two blocks, mode after mode, in each the samples in order."""
-    both = _Kept.joined([one, other])
-    return both.rows(np.lexsort((both.motion.sample, both.motion.assembly_mode)))
+def _within(
+    rows: _Rows,
+    subjects: Sequence[Mapping[str, str]],
+    numbers: Sequence[tuple[Floats, Floats]],
+) -> dict[str, Any]:
+    """Return how many numbers lie within their bounds, and the worst, of all subjects."""
+    if not numbers:
+        return {"count": 0, "within_bound": 0, "over_bound": 0.0}
+    error, bound = np.array(numbers).swapaxes(0, 1)
+    judged = rows.has_reference & np.isfinite(error) & np.isfinite(bound)
+    over = np.where(judged, error / np.maximum(bound, TINY), 0.0)
+    told = {
+        "count": int(np.sum(judged)),
+        "within_bound": int(np.sum(judged & (over <= 1.0))),
+        "over_bound": float(np.max(over, initial=0.0)),
+    }
+    if not told["count"]:
+        return told
+    k, row = map(int, np.unravel_index(np.argmax(over), over.shape))
+    return told | {
+        "error": float(error[k, row]),
+        "bound": float(bound[k, row]),
+        "sample": int(rows.motion.sample[row]),
+        "assembly_mode": int(rows.motion.assembly_mode[row]),
+        "subject": dict(subjects[k]),
+    }
 
 
 def _largest(values: Floats) -> float:
