@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from spherekit.checked import P, R, checked, judges, marked
-from spherekit.errors import ArgumentError, SpherekitError
+from spherekit.errors import ArgumentError
 from spherekit.lazily import homes
 
 _PASSED_ON = ("dataclasses", "copy", "functools")
@@ -24,65 +24,48 @@ _PASSED_ON = ("dataclasses", "copy", "functools")
 _PLAIN = re.compile(r"[^_].*|__init__|__call__")
 
 
-class Boundary:
-    """What the packages in a folder offer, and which of its classes do not judge yet.
+@functools.cache
+def _waiting() -> dict[str, set[str]]:
+    """Return by module the names that packages offer and that were not looked at yet."""
+    waiting: dict[str, set[str]] = {}
+    for file in sorted((Path(__file__).parent / "plugin").glob("*.py")):
+        for module, attribute in homes(file).values():
+            waiting.setdefault(module, set()).add(attribute)
+    return waiting
+
+
+def offer(value: Any, package: str) -> Any:
+    """Return what a package of `spherekit.plugin` offers in place of something of ours.
 
     Classes judge from the moment at which the first name is offered after their module is
     loaded: an object reaches the outside by a name that was offered, or is made of one.
     """
-
-    def __init__(self, folder: Path, error: type[SpherekitError]) -> None:
-        self._error = error
-        self._waiting: dict[str, set[str]] = {}
-        for file in sorted(folder.glob("*.py")):
-            for module, attribute in homes(file).values():
-                self._waiting.setdefault(module, set()).add(attribute)
-
-    def offer(self, value: Any, package: str) -> Any:
-        """Return what a package offers in place of something of ours."""
-        self._reach()
-        if not inspect.isfunction(value) or judges(value):
-            return value
-        offered = checked(self._error)(value)
-        offered.__module__ = package  # where it is imported from, so that it pickles
-        return offered
-
-    def _reach(self) -> None:
-        """Let the classes judge whose modules were loaded since."""
-        for module in [name for name in self._waiting if name in sys.modules]:
-            defined = vars(sys.modules[module])
-            names = self._waiting[module]
-            for name in [name for name in names if name in defined]:
-                names.discard(name)
-                if inspect.isclass(defined[name]):
-                    _let_judge(defined[name], self._error)
-            if not names:
-                self._waiting.pop(module, None)
+    for module, names in _waiting().items():
+        defined = vars(sys.modules[module]) if module in sys.modules else {}
+        for name in names & defined.keys():
+            names.discard(name)
+            if inspect.isclass(defined[name]):
+                _let_judge(defined[name])
+    if not inspect.isfunction(value) or judges(value):
+        return value
+    offered = checked(ArgumentError)(value)
+    offered.__module__ = package  # where it is imported from, so that it pickles
+    return offered
 
 
-@functools.cache
-def _of_plugins() -> Boundary:
-    return Boundary(Path(__file__).parent / "plugin", ArgumentError)
-
-
-def offer(value: Any, package: str) -> Any:
-    """Return what a package of `spherekit.plugin` offers in place of something of ours."""
-    return _of_plugins().offer(value, package)
-
-
-def _let_judge(made: type, error: type[SpherekitError]) -> None:
+def _let_judge(made: type) -> None:
     """Let a class and those that extend it judge what they are called with from outside."""
     if issubclass(made, BaseException | Enum) or getattr(made, "_is_protocol", False):
         return
     for owner in [part for part in made.__mro__ if _is_inside(part.__module__)]:
         for name, item in _callables(owner):
             if isinstance(item, classmethod | staticmethod):
-                setattr(owner, name, type(item)(_outside(item.__func__, error)))
+                setattr(owner, name, type(item)(_outside(item.__func__)))
             else:
-                setattr(owner, name, _outside(item, error))
+                setattr(owner, name, _outside(item))
     for extended in made.__subclasses__():
         if _is_inside(extended.__module__):
-            _let_judge(extended, error)
+            _let_judge(extended)
 
 
 def _callables(made: type) -> Iterator[tuple[str, Any]]:
@@ -94,25 +77,16 @@ def _callables(made: type) -> Iterator[tuple[str, Any]]:
             and inspect.isfunction(function)
             and not judges(function)
             and not getattr(function, "__isabstractmethod__", False)
-            and _takes_any(function, 0 if isinstance(item, staticmethod) else 1)
         ):
             yield name, item
 
 
-def _takes_any(function: Callable[..., Any], bound: int) -> bool:
-    """Return whether a function has parameters besides those that are bound."""
-    code = inspect.unwrap(function).__code__
-    several = inspect.CO_VARARGS | inspect.CO_VARKEYWORDS
-    count: int = code.co_argcount + code.co_kwonlyargcount
-    return count > bound or bool(code.co_flags & several)
-
-
-def _outside(function: Callable[P, R], error: type[SpherekitError]) -> Callable[P, R]:
+def _outside(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function that judges its arguments unless it is called from inside."""
 
     @functools.cache
     def judging() -> Callable[P, R]:
-        return checked(error)(function)
+        return checked(ArgumentError)(function)
 
     @functools.wraps(function)
     def _asked(*args: P.args, **kwargs: P.kwargs) -> R:

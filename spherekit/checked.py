@@ -4,7 +4,7 @@ import contextlib
 import functools
 import inspect
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import NoneType, UnionType
 from typing import (
     Any,
@@ -41,6 +41,14 @@ _SIMPLE: Mapping[Any, tuple[tuple[type, ...], str]] = {
     str: ((str,), "text"),
     NoneType: ((NoneType,), "None"),
 }
+
+
+_HOLDERS: Mapping[Any, Any] = {
+    tuple: (tuple, list, np.ndarray),
+    Sequence: (Sequence, np.ndarray),
+    **{kind: kind for kind in (Iterable, Mapping, dict, list, set, frozenset)},
+}
+"""What holds items where a type says so."""
 
 
 def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -194,30 +202,17 @@ def _fits(value: Any, hint: Any) -> bool:
         return any(type(value) is type(choice) and value == choice for choice in inner)
     if origin in (Union, UnionType):
         return any(_fits(value, part) for part in _parts(inner))
-    if origin is os.PathLike:
-        return isinstance(value, os.PathLike)
-    if origin is tuple:
-        return _fits_tuple(value, inner)
-    if origin is Sequence:
-        holds = isinstance(value, Sequence | np.ndarray) and not isinstance(
-            value, str | bytes
-        )
-        return holds and all(_fits(item, inner[0]) for item in value)
-    if origin in (Mapping, dict):
-        return isinstance(value, origin) and all(
-            _fits(key, inner[0]) and _fits(item, inner[1]) for key, item in value.items()
-        )
-    if origin is Iterable:
-        if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+    if origin in _HOLDERS:
+        if isinstance(value, str | bytes) or not isinstance(value, _HOLDERS[origin]):
             return False
-        several = isinstance(value, Sequence | Set | np.ndarray)
+        if origin is tuple and inner[1:] != (...,):
+            return len(value) == len(inner) and all(map(_fits, value, inner))
+        if isinstance(value, Mapping):
+            return all(all(map(_fits, item, inner)) for item in value.items())
+        several = isinstance(value, Collection | np.ndarray)
         return not several or all(_fits(item, inner[0]) for item in value)
-    if origin in (list, set, frozenset):
-        return isinstance(value, origin) and all(_fits(item, inner[0]) for item in value)
     if origin is type:
         return inspect.isclass(value) and (inner[0] is Any or issubclass(value, inner[0]))
-    if origin is Callable:
-        return callable(value)
     kind = origin or hint
     if getattr(kind, "_is_protocol", False):
         # Stand-ins need not have all of it; what has nothing of it is something else.
@@ -234,15 +229,6 @@ def _parts(inner: tuple[Any, ...]) -> tuple[Any, ...]:
     if not set(numbers) <= set(inner):
         return inner
     return (ArrayLike, *(part for part in inner if part not in numbers))
-
-
-def _fits_tuple(value: Any, inner: tuple[Any, ...]) -> bool:
-    if not isinstance(value, tuple | list | np.ndarray):
-        return False
-    kinds = inner[:1] * len(value) if inner[1:] == (...,) else inner
-    if len(kinds) != len(value):
-        return False
-    return all(_fits(item, kind) for item, kind in zip(value, kinds, strict=True))
 
 
 def _is_numeric(value: Any, hint: Any) -> bool:

@@ -1,11 +1,9 @@
 """`spherekit export`: a mechanism for other programs."""
 
 import argparse
-import sys
-from pathlib import Path
 
+from spherekit.cli.main import note
 from spherekit.cli.study import INPUT, LOCK, with_locks
-from spherekit.errors import OutputError
 
 PAGE = (
     INPUT
@@ -49,25 +47,13 @@ def execute(options: argparse.Namespace) -> int:
     """Write the file and say what it holds."""
     from spherekit.files.read import angle_unit_of, load
     from spherekit.files.units import to_radians
-    from spherekit.front.export import OWN, SUFFIXES, export
+    from spherekit.front.export import SUFFIXES, export
 
-    for name, kinds in OWN.items():
-        flag = "tol" if name == "tolerance" else name
-        if options.to not in kinds and getattr(options, flag) is not None:
-            raise OutputError(
-                f"--{flag} does nothing without --to {' or --to '.join(kinds)}"
-            )
-    endings = SUFFIXES[options.to]
-    if options.output is not None and Path(options.output).suffix not in endings:
-        raise OutputError(
-            f"{options.output}: --to {options.to} writes a file named "
-            f"*{' or *'.join(endings)}; give it that ending"
-        )
     mechanism = with_locks(load(options.file), options.lock, options.file)
     unit = angle_unit_of(options.file)
     made = export(
         mechanism,
-        options.output or f"{mechanism.name}{endings[0]}",
+        options.output or f"{mechanism.name}{SUFFIXES[options.to][0]}",
         to=options.to,
         input_pair=options.input,
         assembly_mode=options.assembly_mode,
@@ -77,7 +63,5 @@ def execute(options: argparse.Namespace) -> int:
         tolerance=options.tol,
         at=options.at and tuple(to_radians(angle, unit) for angle in options.at),
     )
-    if not options.quiet:
-        for text in (made.holds, *made.notes):
-            print(f"{made.path}: {text}", file=sys.stderr)
+    note(options, *(f"{made.path}: {text}" for text in (made.holds, *made.notes)))
     return 0

@@ -1,8 +1,9 @@
 """`spherekit import`: a mechanism file from a MuJoCo model or a URDF."""
 
 import argparse
-import sys
 from pathlib import Path
+
+from spherekit.cli.main import note
 
 PAGE = """
 MODEL
@@ -33,11 +34,9 @@ def execute(options: argparse.Namespace) -> int:
         )
     made = import_mechanism(options.model, within=options.within)
     made.save(target)
-    if not options.quiet:
-        mechanism = made.mechanism
-        inputs = listing(mechanism.input_pairs)
-        held = f"{counted(len(mechanism.links), 'link')}, "
-        held += f"{counted(len(mechanism.pairs), 'pair')}, inputs {inputs}"
-        for text in (held, *made.notes):
-            print(f"{target}: {text}", file=sys.stderr)
+    mechanism = made.mechanism
+    held = f"{counted(len(mechanism.links), 'link')}, "
+    held += f"{counted(len(mechanism.pairs), 'pair')}, inputs "
+    held += listing(mechanism.input_pairs)
+    note(options, *(f"{target}: {text}" for text in (held, *made.notes)))
     return 0

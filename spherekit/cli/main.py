@@ -4,6 +4,7 @@ stdout carries data, stderr talk. Exit status: 0 fine, 1 bad input, 2 usage, 3 s
 samples failed under --strict, 4 an analysis failed, 128 and more stopped by a signal.
 """
 
+import argparse
 import errno
 import os
 import sys
@@ -119,6 +120,13 @@ def _trace_plugins() -> None:
     log = logging.getLogger("spherekit.plugins")
     log.setLevel(logging.DEBUG)
     log.addHandler(logging.StreamHandler())
+
+
+def note(options: argparse.Namespace, *texts: str) -> None:
+    """Print texts that are not empty to stderr, unless errors alone are wanted."""
+    for text in texts:
+        if text and not options.quiet:
+            print(text, file=sys.stderr)
 
 
 def _say(text: str) -> None:

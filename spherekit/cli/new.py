@@ -2,8 +2,9 @@
 
 import argparse
 import re
-import sys
 from pathlib import Path
+
+from spherekit.cli.main import note
 
 PAGE = """
 WHAT {mechanism,analysis}
@@ -61,8 +62,7 @@ def execute(options: argparse.Namespace) -> int:
         text = _like(options.like) if options.like else kind.read_text("utf-8")
         write_text(path, _NAME.sub(f'name = "{name}"', text, count=1))
         then = f"change it, then: spherekit run {path}"
-    if not options.quiet:
-        print(f"{path}: {then}", file=sys.stderr)
+    note(options, f"{path}: {then}")
     return 0
 
 

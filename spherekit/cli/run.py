@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES
+from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note
 from spherekit.cli.run_progress import progress
 from spherekit.cli.run_report import report
 from spherekit.cli.study import STUDY, TIMED, study_from
@@ -122,14 +122,12 @@ def execute(options: argparse.Namespace) -> int:
         _leave_no_empty(study.folder if made else None)
         _add_hint(stop, study, options)
         raise
-    if study.recording is not None and not options.quiet:
-        print(f"recording in {study.recording}", file=sys.stderr)
+    if study.recording is not None:
+        note(options, f"recording in {study.recording}")
     if options.view and study.recording is not None:
         from spherekit.view.viewer import open_viewer
 
-        note = open_viewer(study.recording)
-        if note and not options.quiet:
-            print(note, file=sys.stderr)
+        note(options, open_viewer(study.recording))
     return _exit_status(result, exceeded, options.strict)
 
 
@@ -208,13 +206,12 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
     from spherekit.analysis.tables import COLUMNS
 
     summary = result.summary
-    if study.folder is not None and not options.quiet:
+    if study.folder is not None:
         angles = "deg" if study.degrees else "rad"
-        print(
+        note(
+            options,
             f"{counted(len(result.files), 'file')} in {study.folder}, angles in "
-            f"{angles}; the unit of "
-            f"every column is in {COLUMNS}",
-            file=sys.stderr,
+            f"{angles}; the unit of every column is in {COLUMNS}",
         )
     if options.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
@@ -223,25 +220,22 @@ def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> N
     sys.stdout.flush()
     for name, why in result.failures.items():
         print(f"spherekit: {failed(name, why)}", file=sys.stderr)
-    if options.quiet:
-        return
-    shown = _records(options, study)
-    if study.folder is None and not shown and not options.json:
-        print("nothing was written: use -o DIR for tables", file=sys.stderr)
+    if not (study.folder or options.json or _records(options, study)):
+        note(options, "nothing was written: use -o DIR for tables")
     ended = summary.get("simulation", {}).get("end", {"kind": "time"})
     if ended["kind"] != "time":
-        print(
+        note(
+            options,
             f"spherekit: the simulation ended at {ended['t']:.9g} s: "
             f"{ended['reason']}; what was found until then is kept",
-            file=sys.stderr,
         )
     logged = summary.get("recording", {"one_of": 1, "from_sample": 0})
     if logged["one_of"] > 1 or logged["from_sample"] > 0:
-        print(
+        note(
+            options,
             f"the recording has one of {counted(logged['one_of'], 'sample')} of each "
-            f"assembly mode, from "
-            f"sample {logged['from_sample']} on (--log-every K for another number)",
-            file=sys.stderr,
+            f"assembly mode, from sample {logged['from_sample']} on (--log-every K for "
+            "another number)",
         )
 
 
@@ -378,15 +372,13 @@ def _draw(collector: Any, folder: Path, options: argparse.Namespace) -> None:
 
     figures = figures_of(collector.scenes(), collector.titles)
     paths = write_figures(figures, folder / "figures", options.figures)
-    if not options.quiet:
-        print(f"{counted(len(paths), 'figure')} in {folder / 'figures'}", file=sys.stderr)
+    note(options, f"{counted(len(paths), 'figure')} in {folder / 'figures'}")
 
 
 def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
-    if not options.quiet:
-        print(
-            f"serving at {recorder.url}; open it with: rerun {recorder.url}\n"
-            "stop with Ctrl-C",
-            file=sys.stderr,
-        )
+    note(
+        options,
+        f"serving at {recorder.url}; open it with: rerun {recorder.url}",
+        "stop with Ctrl-C",
+    )
     recorder.serve_until_interrupted()

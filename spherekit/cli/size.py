@@ -3,6 +3,7 @@
 import argparse
 import sys
 
+from spherekit.cli.main import note
 from spherekit.conventions import counted, with_units
 
 PAGE = """
@@ -78,8 +79,8 @@ def execute(options: argparse.Namespace) -> int:
         if len(frame) > SHOWN:
             print(f"... {counted(len(frame) - SHOWN, 'more design')}")
     sys.stdout.flush()
-    if options.output is not None and not options.quiet:
-        print(f"the best in {options.output}", file=sys.stderr)
-    elif not options.quiet:
-        print("nothing was written: use -o FILE for the best mechanism", file=sys.stderr)
+    if options.output is not None:
+        note(options, f"the best in {options.output}")
+    else:
+        note(options, "nothing was written: use -o FILE for the best mechanism")
     return 0

@@ -5,6 +5,7 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
+from spherekit.cli.main import note
 from spherekit.cli.study import STUDY, TIMED, study_from
 from spherekit.conventions import counted, numbered, with_units, without_numbers
 
@@ -99,8 +100,8 @@ def execute(options: argparse.Namespace) -> int:
     elif not options.quiet:
         _tell(result)
     sys.stdout.flush()
-    if options.output is None and not options.quiet and not options.json:
-        print("nothing was written: use -o DIR for all rows", file=sys.stderr)
+    if options.output is None and not options.json:
+        note(options, "nothing was written: use -o DIR for all rows")
     return 0
 
 

@@ -2,10 +2,10 @@
 
 import argparse
 import json
-import sys
 from importlib.util import find_spec
 from typing import Any
 
+from spherekit.cli.main import note
 from spherekit.cli.study import STUDY, TIMED, study_from
 
 PAGE = (
@@ -93,14 +93,13 @@ def _write(result: Any, options: argparse.Namespace) -> None:
     data = json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False)
     write_text(folder / "trade.csv", as_csv(result))
     write_text(folder / "trade.json", data + "\n")
-    note = "3 files"
+    files = "3 files"
     if find_spec("matplotlib") is None:
-        note = '2 files, and no figure without matplotlib: pip install "{}[plot]",'
-        note = note.format("spherekit-mechanisms")
+        files = "2 files, and no figure without matplotlib: pip install "
+        files += '"spherekit-mechanisms[plot]",'
     else:
         result.plot(options.tol).savefig(folder / "trade.png", metadata={"Creator": MARK})
-    if not options.quiet:
-        print(f"{note} in {folder}", file=sys.stderr)
+    note(options, f"{files} in {folder}")
 
 
 def _record(result: Any, options: argparse.Namespace) -> None:
@@ -115,5 +114,4 @@ def _record(result: Any, options: argparse.Namespace) -> None:
     with RerunRecorder(result.mechanism, path=Path(options.save)) as recorder:
         recorder.start(RecordingHead())
         recorder.log(scene(result, options.tol), np.arange(1))
-    if not options.quiet:
-        print(f"recording in {options.save}", file=sys.stderr)
+    note(options, f"recording in {options.save}")

@@ -6,6 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from spherekit.cli.main import note
 from spherekit.conventions import listing
 from spherekit.errors import OutputError
 
@@ -75,19 +76,17 @@ def _of_mechanism(options: argparse.Namespace) -> int:
 
     mechanism = load(options.file)
     if options.png is None and not has_display():
-        if not options.quiet:
-            print(
-                f"no display here: make a picture with `spherekit view {options.file} "
-                "--png X.png`",
-                file=sys.stderr,
-            )
+        note(
+            options,
+            f"no display here: make a picture with `spherekit view {options.file} "
+            "--png X.png`",
+        )
         return 0
     folder = Path(tempfile.mkdtemp(prefix="spherekit-"))
     path = folder / f"{mechanism.name}.rrd"
     try:
-        note = preview(mechanism, path)
-        if note and not options.quiet:
-            print(f"{mechanism.name}: {note}", file=sys.stderr)
+        left_out = preview(mechanism, path)
+        note(options, f"{mechanism.name}: {left_out}" if left_out else "")
         return _of_recording(path, options)
     finally:
         if options.png is not None or not path.exists():  # a viewer still reads it
@@ -103,9 +102,7 @@ def _of_recording(path: Path, options: argparse.Namespace) -> int:
     if options.png is None:
         from spherekit.view.viewer import open_viewer
 
-        note = open_viewer(path)
-        if note and not options.quiet:
-            print(note, file=sys.stderr)
+        note(options, open_viewer(path))
         return 0
     from spherekit.view.pictures import screenshot
 
