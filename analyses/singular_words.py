@@ -147,11 +147,11 @@ def least_angles(
         least = least_transmission(sampled, output)
         if least is None:
             continue
-        shown = float(f"{np.degrees(least.angle):.4g}")
+        angle, q, modes = least
+        shown = float(f"{np.degrees(angle):.4g}")
         lines.append(
             f"least transmission angle of {name}: {_degrees(shown)} deg at "
-            f"{input_pair} = {_degrees(np.degrees(least.q))} deg in "
-            f"{numbered('mode', least.assembly_modes)}"
+            f"{input_pair} = {_degrees(np.degrees(q))} deg in {numbered('mode', modes)}"
         )
     return lines
 

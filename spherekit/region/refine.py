@@ -509,52 +509,43 @@ def _parts(
     search: Refinement, areas: Floats
 ) -> tuple[tuple[Part, ...], tuple[Part, ...], tuple[Boundary, ...]]:
     """Return the parts of the region and of the outside, and the curves between them."""
-    triangles, inside = search.triangles, search.inside
-    pairs = np.concatenate(
-        [triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]
-    )
-    label = labels(len(inside), pairs[inside[pairs[:, 0]] == inside[pairs[:, 1]]])
-    count = int(label.max()) + 1
-    held = inside[triangles]
-    rows = np.arange(len(triangles))
-    total = np.zeros(count)
-    some = held.any(axis=1)
-    np.add.at(total, label[triangles[rows, np.argmax(held, axis=1)]][some], areas[some])
-    some = ~held.all(axis=1)
-    rest = search.areas - areas
-    np.add.at(total, label[triangles[rows, np.argmin(held, axis=1)]][some], rest[some])
-    is_region = np.zeros(count, dtype=bool)
+    triangles, inside, value = search.triangles, search.inside, least(search.values)
+    edges, _ = edges_of(triangles)
+    alike = inside[edges[:, 0]] == inside[edges[:, 1]]
+    label = labels(len(inside), edges[alike])
+    total = np.zeros(int(label.max()) + 1)
+    for state, sizes in ((True, areas), (False, search.areas - areas)):
+        held = inside[triangles] == state
+        which = np.argmax(held, axis=1)[:, None]
+        part = label[np.take_along_axis(triangles, which, axis=1)[:, 0]]
+        some = held.any(axis=1)
+        total += np.bincount(part[some], sizes[some], len(total))
+    is_region = np.zeros(len(total), dtype=bool)
     is_region[label] = inside
     order = np.argsort(-total, kind="stable")
-    numbers = np.empty(count, dtype=np.intp)
-    for state in (True, False):
-        alike = order[is_region[order] == state]
-        numbers[alike] = np.arange(len(alike))
-    boundaries, sides = [], []
+    kinds = [order[is_region[order] == state].tolist() for state in (True, False)]
+    numbers = {part: number for kind in kinds for number, part in enumerate(kind)}
+    boundaries = []
     for loop in search.loops():
         vertices = triangles[search.owner[loop[0]]]
-        state = inside[vertices]
-        component = int(numbers[label[vertices[np.argmax(state)]]])
-        gap = int(numbers[label[vertices[np.argmin(state)]]])
-        sides.append((component, gap))
+        beside = (vertices[np.argmax(inside[vertices] == state)] for state in (True, False))
+        component, gap = (numbers[int(label[vertex])] for vertex in beside)
         boundaries.append(Boundary(_arcs(search.pieces, loop), component, gap))
-    value = least(search.values)
-    parts: tuple[list[Part], list[Part]] = ([], [])
-    for part in order:
-        kind = int(not is_region[part])
-        around = [k for k, side in enumerate(sides) if side[kind] == numbers[part]]
-        members = np.flatnonzero(label == part)
-        depth = value[members] if is_region[part] else -value[members]
-        deepest = members[np.argmax(depth)]
-        parts[kind].append(
-            Part(
-                float(total[part]),
-                tuple(around),
-                search.points[deepest],
-                float(value[deepest]),
-            )
-        )
-    return tuple(parts[0]), tuple(parts[1]), tuple(boundaries)
+
+    def part_of(number: int, sides: list[int], sign: float) -> Part:
+        members = np.flatnonzero(label == number)
+        deepest = members[np.argmax(sign * value[members])]
+        around = (k for k, side in enumerate(sides) if side == numbers[number])
+        size, depth = float(total[number]), float(value[deepest])
+        return Part(size, tuple(around), search.points[deepest], depth)
+
+    components = [boundary.component for boundary in boundaries]
+    gaps = [boundary.gap for boundary in boundaries]
+    return (
+        tuple(part_of(number, components, 1.0) for number in kinds[0]),
+        tuple(part_of(number, gaps, -1.0) for number in kinds[1]),
+        tuple(boundaries),
+    )
 
 
 def _arcs(pieces: BoundarySegments, loop: Indices) -> tuple[BorderArc, ...]:
@@ -563,13 +554,11 @@ def _arcs(pieces: BoundarySegments, loop: Indices) -> tuple[BorderArc, ...]:
     turns = np.flatnonzero(margin != np.roll(margin, 1))
     if len(turns):
         loop = np.roll(loop, -turns[0])
-        margin = np.roll(margin, -turns[0])
-    starts = np.flatnonzero(np.concatenate([[True], margin[1:] != margin[:-1]]))
-    arcs = []
-    for chain in np.split(loop, starts[1:]):
-        points = pieces.curve(chain)
-        arcs.append(BorderArc(int(pieces.margin[chain[0]]), points))
-    return tuple(arcs)
+    ends = np.flatnonzero(np.diff(pieces.margin[loop])) + 1
+    return tuple(
+        BorderArc(int(pieces.margin[chain[0]]), pieces.curve(chain))
+        for chain in np.split(loop, ends)
+    )
 
 
 def _excluding(

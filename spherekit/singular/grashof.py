@@ -13,7 +13,9 @@ vanishes where the links of a relation c y' = d q' are badly chosen, as c and d 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
 from typing import final
 
 import numpy as np
@@ -158,53 +160,36 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
     parts of the greatest on the curve, where that is less than 1: a reducer's output is
     slow throughout.
     """
-    return [
-        miss
-        for kind in (Type.I, Type.II)
-        for output in range(len(sampled.report.outputs))
-        for number in range(len(sampled.curves))
-        for miss in _on_curve(sampled, kind, output, number, near)
-    ]
-
-
-def _on_curve(
-    sampled: SampledSingularities, kind: Type, output: int, number: int, near: float
-) -> list[NearMiss]:
-    """Return where an output comes near a type on one curve."""
-
-    def angle(s: Floats, kind: Type = kind) -> Floats:
-        return sampled.angle(kind, number, s, output)
-
-    curve, limit = sampled.curves[number], np.sin(near)
-    if kind is Type.I:
-        limit *= min(1.0, np.tan(np.nanmax(angle(curve.s), initial=0.0)))
-    places, sines = local_least(sampled, number, angle, limit)
     misses = []
-    for s in places[sines > SINGULAR]:
-        here, slope = (float(angle(s[None], one)[0]) for one in (kind, Type.I))
-        misses += [
-            NearMiss(kind, output, number, float(s), q, modes, here, np.tan(slope))
-            for q, modes in _met_at(sampled, number, float(s), curve.at(s).values[0])
-        ]
+    for kind, output, number in product(
+        (Type.I, Type.II), range(len(sampled.report.outputs)), range(len(sampled.curves))
+    ):
+        angle = partial(sampled.angle, kind, number, output=output)
+        curve, limit = sampled.curves[number], np.sin(near)
+        if kind is Type.I:
+            limit *= min(1.0, np.tan(np.nanmax(angle(curve.s), initial=0.0)))
+        places, sines = local_least(sampled, number, angle, limit)
+        for s in places[sines > SINGULAR]:
+            here, slope = (
+                float(sampled.angle(one, number, s[None], output)[0])
+                for one in (kind, Type.I)
+            )
+            misses += [
+                NearMiss(kind, output, number, float(s), q, modes, here, np.tan(slope))
+                for q, modes in _met_at(sampled, number, float(s), curve.at(s).values[0])
+            ]
     return misses
 
 
-@final
-@dataclass(frozen=True)
-class LeastAngle:
-    """The least transmission angle (rad) of an output in the range, at which input q."""
+def least_transmission(
+    sampled: SampledSingularities, output: int
+) -> tuple[float, float, tuple[int, ...]] | None:
+    """Return the least transmission angle (rad) of an output in the range.
 
-    angle: float
-    q: float
-    assembly_modes: tuple[int, ...]
-
-
-def least_transmission(sampled: SampledSingularities, output: int) -> LeastAngle | None:
-    """Return the least transmission angle of an output, None if no dyad places it.
-
-    Between samples too, and where curves cross.
+    With it at which input q (rad), and in which assembly modes; None if no dyad places
+    the output. Between samples too, and where curves cross.
     """
-    every: list[LeastAngle] = []
+    every: list[tuple[float, float, tuple[int, ...]]] = []
     for number, curve in enumerate(sampled.curves):
 
         def angles(s: Floats, curve: ArcCurve = curve) -> Floats:
@@ -216,12 +201,12 @@ def least_transmission(sampled: SampledSingularities, output: int) -> LeastAngle
             (angle,) = sampled.transmission_angles(values[None])[output]
             size = float(angle) if not angle <= SINGULAR else 0.0
             met = _met_at(sampled, number, float(s), values)
-            every += [LeastAngle(size, q, modes) for q, modes in met]
-    if not every or not np.isfinite(every[0].angle):
+            every += [(size, q, modes) for q, modes in met]
+    if not every or not np.isfinite(every[0][0]):
         return None
-    least = min(every, key=lambda angle: angle.angle)
-    alike = {m for e in every if e.angle - least.angle < ALIKE for m in e.assembly_modes}
-    return replace(least, assembly_modes=tuple(sorted(alike)))
+    least, q, _ = min(every, key=lambda found: found[0])
+    alike = {mode for size, _, modes in every if size - least < ALIKE for mode in modes}
+    return least, q, tuple(sorted(alike))
 
 
 def _met_at(

@@ -5,7 +5,7 @@ poles of these four links any three that share a link lie in one plane, and a tr
 product of three directions removes the two rates that are not wanted.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import final
@@ -172,8 +172,7 @@ def form_ii(links: FourLinks, poles: SixPoles) -> Relation | None:
     """Return c w_or = d w_ir, or None where o is r, or i and that is the input's rate.
 
     With four links c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is) (Di Gregorio
-    2012); s is then any link beside the other three, `best_fourth` finds a good one. With
-    three links as in `form_i`.
+    2012); s is then any link beside the other three. With three links as in `form_i`.
     """
     if links.o in (links.r, links.i):
         return None
@@ -181,24 +180,6 @@ def form_ii(links: FourLinks, poles: SixPoles) -> Relation | None:
         return _made(Form.II, links, poles, cross(poles.os, poles.is_))
     third = "os" if links.s == links.i else "io"
     return _made(Form.II, links, poles, _across(poles, "or_", third))
-
-
-def best_fourth(candidates: Mapping[int, tuple[Floats, Floats]]) -> int | None:
-    """Return the link whose poles with i and o span the surest plane on a whole curve.
-
-    Parameters
-    ----------
-    candidates
-        For each link s the unit vectors u_os and u_is, (n, 3). The link taken has the
-        greatest mean sine of their angle; NaN rows count as zero.
-
-    None if there is no candidate.
-    """
-    sines = {
-        link: float(np.mean(np.nan_to_num(np.linalg.norm(cross(*pair), axis=-1))))
-        for link, pair in candidates.items()
-    }
-    return max(sines, key=lambda link: (sines[link], -link), default=None)
 
 
 def _made(

@@ -41,7 +41,6 @@ from spherekit.singular.relation import (
     Relation,
     SixPoles,
     Type,
-    best_fourth,
     form_i,
     form_ii,
 )
@@ -122,26 +121,25 @@ def groups_of(
     curve: ArcCurve, zeros: Sequence[tuple[Pole | None, Roots]]
 ) -> list[CommonRoots]:
     """Return zeros put together where they agree within their error bounds."""
-    every: list[tuple[float, float, Pole | None, bool]] = []
-    for pole, roots in zeros:
-        start = curve.closed & (curve.length - roots.s <= 2.0 * roots.error)
-        places = np.where(start, roots.s - curve.length, roots.s), roots.error, roots.double
-        rows = zip(*(array.tolist() for array in places), strict=True)
-        every += [(s, error, pole, double) for s, error, double in rows]
-    every.sort(key=lambda root: root[0])
-    groups: list[list[tuple[float, float, Pole | None, bool]]] = []
-    for root in every:
-        if groups and root[0] - groups[-1][-1][0] <= root[1] + groups[-1][-1][1]:
-            groups[-1].append(root)
-        else:
-            groups.append([root])
-    out = []
-    for group in groups:
-        s, error, *_ = min(group, key=lambda root: root[1])
-        spread = group[-1][0] - group[0][0]
-        members = {pole: double for _, _, pole, double in group}
-        out.append(CommonRoots(max(s, 0.0), max(error, spread), spread, members))
-    return out
+    if not zeros:
+        return []
+    poles = [pole for pole, roots in zeros for _ in roots.s]
+    s, error, double = (
+        np.concatenate([getattr(roots, name) for _, roots in zeros])
+        for name in ("s", "error", "double")
+    )
+    at_end = curve.closed & (curve.length - s <= 2.0 * error)
+    s = np.where(at_end, s - curve.length, s)
+    order = np.argsort(s, kind="stable")
+    apart = np.diff(s[order]) > error[order][1:] + error[order][:-1]
+    groups = []
+    for rows in np.split(order, np.flatnonzero(apart) + 1):
+        if len(rows):
+            best, spread = rows[np.argmin(error[rows])], float(np.ptp(s[rows]))
+            members = {poles[row]: bool(double[row]) for row in rows}
+            place, off = max(float(s[best]), 0.0), max(float(error[best]), spread)
+            groups.append(CommonRoots(place, off, spread, members))
+    return groups
 
 
 def type_of(resting: Iterable[Pole | None], driven: Pole, wanted: Pole) -> Type:
@@ -236,23 +234,29 @@ class SingleFreedom:
             self.links.append((links, self._second_links(links)))
 
     def _second_links(self, links: FourLinks) -> FourLinks | None:
-        """Return the links of form ii, with a fourth one where r and s are one."""
+        """Return the links of form ii, with a fourth one where r and s are one.
+
+        That is the link whose poles with i and o span the surest plane on all curves.
+        """
         if links.o in (links.r, links.i):
             return None
         if links.s != links.r:
             return links
-        every = range(len(self.tracer.mechanism.links))
-        others = [k for k in every if k not in links.different]
-        pairs = {k: (pole_of(links.o, k), pole_of(links.i, k)) for k in others}
-        wanted = [pole for pair in pairs.values() for pole in pair]
+        poles = {
+            k: (pole_of(links.o, k), pole_of(links.i, k))
+            for k in range(len(self.tracer.mechanism.links))
+            if k not in links.different
+        }
+        wanted = [pole for pair in poles.values() for pole in pair]
         axes = [along.axes(along.curve.s, wanted) for along in self.along]
 
-        def directions(pole: Pole) -> Floats:
-            return np.concatenate([np.zeros((1, 3)), *(there[pole].unit for there in axes)])
+        def sine(k: int) -> float:
+            """Return the mean sine of the angle of the poles of a link with o and i."""
+            pairs = ([there[pole].unit for pole in poles[k]] for there in axes)
+            sines = [np.linalg.norm(cross(*pair), axis=1) for pair in pairs]
+            return float(np.mean(np.nan_to_num(np.concatenate([np.zeros(1), *sines]))))
 
-        best = best_fourth(
-            {k: (directions(a), directions(b)) for k, (a, b) in pairs.items()}
-        )
+        best = max(poles, key=lambda k: (sine(k), -k), default=None)
         return None if best is None else replace(links, s=best)
 
     def poles(self, output: int) -> list[Pole]:
