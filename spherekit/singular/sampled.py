@@ -10,7 +10,6 @@ about unless it stops the input. A group that is left out has no dead centre any
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -37,40 +36,25 @@ SAME_INPUT = 1e-6
 """Inputs (rad) at which modes meet and that differ by less are one."""
 
 
-@final
-@dataclass(frozen=True)
-class TracedPart:
-    """A tracer of a part, or of the whole mechanism where nothing can be left out.
+def traced_part(
+    tracer: Tracer, links: Iterable[int]
+) -> tuple[Tracer, list[int], dict[int, tuple[int, ...]]]:
+    """Return a tracer of the part that places links, by numbers, relative to the input.
 
-    Attributes
-    ----------
-    tracer
-        That of the part.
-    variables
-        Numbers that its variables have in the whole.
-    modes
-        Numbers of the assembly modes of the whole, by those of the part.
+    Or of the whole mechanism where nothing can be left out. With it the numbers that its
+    variables have in the whole, and those of the assembly modes of the whole by its own.
     """
-
-    tracer: Tracer
-    variables: tuple[int, ...]
-    modes: dict[int, tuple[int, ...]]
-
-    @staticmethod
-    def of(tracer: Tracer, links: Iterable[int]) -> "TracedPart":
-        """Return the part that places links, by their numbers, relative to the input."""
-        whole = tracer.mechanism
-        made = whole if tracer.by_rank else part_for(whole, links)
-        if made is not whole and tracer.solver.meshes is None:
-            part = Tracer(made, path=np.linspace(*tracer.range, COMPARED)[:, None])
-            pairs = [whole.pair_number[pair.name] for pair in made.pairs]
-            variables = tuple(v for pair in pairs for v in whole.variables_of(pair))
-            modes = _modes(tracer, part, list(variables))
-            if modes is not None and _same_turning_points(tracer, part):
-                return TracedPart(part, variables, modes)
-        numbers = [mode.number for mode in tracer.assembly_modes]
-        every = tuple(range(len(whole.variable_owners)))
-        return TracedPart(tracer, every, {number: (number,) for number in numbers})
+    whole = tracer.mechanism
+    made = whole if tracer.by_rank else part_for(whole, links)
+    if made is not whole and tracer.solver.meshes is None:
+        part = Tracer(made, path=np.linspace(*tracer.range, COMPARED)[:, None])
+        pairs = [whole.pair_number[pair.name] for pair in made.pairs]
+        variables = [v for pair in pairs for v in whole.variables_of(pair)]
+        modes = _modes(tracer, part, variables)
+        if modes is not None and _same_turning_points(tracer, part):
+            return part, variables, modes
+    every = list(range(len(whole.variable_owners)))
+    return tracer, every, {mode.number: (mode.number,) for mode in tracer.assembly_modes}
 
 
 def _modes(
@@ -164,8 +148,8 @@ class SampledSingularities:
     ) -> None:
         links = tracer.mechanism.links
         self.whole, self._values = tracer, values
-        self._part = TracedPart.of(tracer, [link for output in outputs for link in output])
-        self.tracer = self._part.tracer
+        wanted = [link for output in outputs for link in output]
+        self.tracer, variables, self._modes = traced_part(tracer, wanted)
         self._driven = self.tracer.solver.single
         number = self.tracer.mechanism.link_number
         self.configurations: Configurations = self.tracer.configurations
@@ -173,7 +157,7 @@ class SampledSingularities:
         named = [(number[links[o]], number[links[s]]) for o, s in outputs]
         self.analysis = SingleFreedom(self.tracer, self.curves, named)
         self.report: Singularities = self.analysis.report()
-        self._place(values[:, list(self._part.variables)], assembly_mode)
+        self._place(values[:, variables], assembly_mode)
         self.range: tuple[float, float] = tracer.range
         self._ways: dict[int, tuple[float, float]] | None = None
         if passed is not None:
@@ -212,7 +196,7 @@ class SampledSingularities:
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of all assembly modes on pieces of curves."""
         numbers = {piece.assembly_mode for piece in pieces}
-        return sorted(m for k in numbers if k is not None for m in self._part.modes[k])
+        return sorted(m for k in numbers if k is not None for m in self._modes[k])
 
     def assembly_modes_at(self, curve: int, s: float, q: float) -> tuple[int, ...]:
         """Return the modes whose pieces of a curve hold or touch a place s at input q.
@@ -416,25 +400,22 @@ class SampledSingularities:
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
         """Return by how much (n,) the input changes from s to the nearest of a type."""
         curve, links = self.curves[number], self.report.outputs[output]
-        places = [
-            (point.s, curve.at(point.s).values[0])
+        met = [
+            (point.s, point.values)
             for point in self.report.points
             if point.curve == number and point.output == links and point.type is kind
         ]
-        places += self.crossing_ends(number)
-        if not places:
+        met = sorted([*met, *self.crossing_ends(number)], key=lambda place: place[0])
+        places = np.array([(place, values[self._driven]) for place, values in met])
+        if not len(places):
             return nans(len(s))
-        places.sort(key=lambda place: place[0])
-        at = np.array([place for place, _ in places])
-        there = np.array([values[self._driven] for _, values in places])
         if curve.closed:
-            laps = np.arange(-1, 2)[:, None]
-            at = (at + curve.length * laps).ravel()
-            there = (there + curve.rise[self._driven] * laps).ravel()
-        after = np.searchsorted(at, s)
-        beside = np.concatenate([[np.inf], there, [np.inf]])
+            lap = np.array([curve.length, curve.rise[self._driven]])
+            places = np.concatenate([places - lap, places, places + lap])
+        after = np.searchsorted(places[:, 0], s)
+        beside = np.pad(places[:, 1], 1, constant_values=np.inf)
         here = curve.at(s).values[:, self._driven]
-        return np.minimum(*(np.abs(beside[k] - here) for k in (after, after + 1)))
+        return np.asarray(np.min(np.abs(beside[[after, after + 1]] - here), axis=0))
 
 
 def _dyad_of(output: tuple[int, int], assembly: Assembly) -> Group | None:
