@@ -3,16 +3,15 @@
 Where roots are not all told apart, real ones are by excluding the rest of space.
 """
 
-import operator
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
 import numpy as np
 
-from spherekit.arrays import Bools, Complexes, Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN
 from spherekit.guarantee import Claim, Guarantee
 from spherekit.numeric.crossings import wrap
@@ -34,73 +33,12 @@ from spherekit.proof.gears import Written
 from spherekit.proof.paving import FIRST, Axis, Paved, paved
 from spherekit.proof.roots import Root, root_near
 from spherekit.proof.systems import SEEDS, SolvedSystem, Systems, modes_near
-from spherekit.proof.tubes import UP
+from spherekit.proof.tubes import UP, corrected
 
 SMALLEST = 1e-6
 MOST_BOXES = 500_000
 TRIED = 4
 STEPS = 20
-
-
-@final
-@dataclass
-class RealModes:
-    """Real roots at inputs, and the boxes in which others may be."""
-
-    equations: Equations
-    driven: Sequence[Ball]
-    roots: list[Root] = field(default_factory=list)
-
-    def excluded(self, smallest: float = SMALLEST, most: int = MOST_BOXES) -> Paved:
-        """Return the boxes left of the space of the unknowns."""
-        axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(self.equations.unknowns)]
-        axes += [Axis(angle, exact(0.0)) for angle in self.driven]
-        return paved(self.equations, axes, self._covers, self._look, smallest, most)
-
-    def add(self, near: Sequence[complex]) -> bool:
-        """Keep the real root next to an approximation, if there is one that is new."""
-        root = root_near(self.equations, self.driven, near)
-        if root is None or not root.real:
-            return False
-        if not all(root.apart(other) for other in self.roots):
-            return False
-        self.roots.append(root)
-        return True
-
-    def _covers(self, centres: Floats, radii: Floats) -> Bools:
-        out = np.zeros(len(centres), dtype=bool)
-        count = self.equations.unknowns
-        for root in self.roots:
-            middle = np.array([middle_of(ball).real for ball in root.centre])
-            apart = wrap(centres[:, :count] - middle)
-            reach = np.abs(apart) + radii[:, :count] * UP + 1e-13
-            out |= np.all(reach <= root.unique, axis=1)
-        return out
-
-    def _look(self, centres: Floats, radii: Floats) -> bool:
-        before = len(self.roots)
-        count = self.equations.unknowns
-        small = np.flatnonzero(np.max(radii, axis=1) < 0.1)
-        for row in small[:: max(1, len(small) // TRIED)]:
-            place = self._newton(centres[row], count)
-            near = place is not None and not self._covers(place[None], 0.0 * place[None])[0]
-            if place is not None and near:
-                self.add([complex(angle) for angle in place[:count]])
-        return len(self.roots) > before
-
-    def _newton(self, place: Floats, count: int) -> Floats | None:
-        place = place.copy()
-        for _ in range(STEPS):
-            turns = np.stack([np.cos(place), np.sin(place)], axis=-1)[None]
-            values, slopes = self.equations.real.first(turns)
-            change, *_ = np.linalg.lstsq(slopes[0][:, :count], -values[0], rcond=1e-12)
-            size = float(np.max(np.abs(change)))
-            place[:count] += change * min(1.0, 0.3 / max(size, 1e-300))
-            if size < 1e-12:
-                return place
-        return None
-
-
 PRECISIONS = (80, 160, 320, 640)
 """Bits of centres; the next where roots are not told apart."""
 CLOSE = 1e-7
@@ -111,8 +49,6 @@ CENTRAL = 6.0
 """Imaginary part (rad) below which an approximation surely is of no root at infinity."""
 MOST_APART = 3000
 """Boxes left over, beyond which they are one cluster."""
-NUDGES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-11, 1e-14)
-"""How far (rad) from a root a lost neighbour of it is looked for."""
 
 
 @final
@@ -250,35 +186,23 @@ def certified_modes(
     if not made.unknowns:
         only = (Root((), 0.0, 0.0, True),)
         return CertifiedModes(written, made, tuple(inputs), only, PRECISIONS[0])
-    near: list[Complexes] = []
-    seeds = iter(range(SEEDS))
+    near: list[Sequence[complex]] = []
     systems: tuple[SolvedSystem, ...] = ()
-    while True:
-        roots: list[Root] = []
-        for precision in PRECISIONS:
-            with bits(precision):
-                search = _Search(written, made, inputs)
-                search.try_all(roots, near)
-                if precision == PRECISIONS[0]:
-                    systems = search.from_homotopies(near, seeds)
-                else:
-                    search.try_beside()
-                roots = search.roots
-            if len(roots) >= made.bound or systems or not search.doubtful:
-                break
-        proven = len(roots) >= made.bound or bool(systems)
-        if proven or search.doubtful or operator.length_hint(seeds) == 0:
-            break
-    assert len(roots) <= made.bound, "more roots were proven than there can be"
-    left = None
-    if len(roots) < made.bound and not systems:
+    for precision in PRECISIONS:
         with bits(precision):
-            equations = Equations(written, made)
-            driven = given_at(written, inputs)
-            real = RealModes(equations, driven, [root for root in roots if root.real])
-            left = real.excluded()
-            roots = [*(root for root in roots if not root.real), *real.roots]
-    order = sorted(roots, key=_place)
+            search = _Search(written, made, inputs)
+            for approximation in near:
+                search.take(approximation)
+            if precision == PRECISIONS[0]:
+                systems = search.from_homotopies(near)
+        proven = len(search.roots) >= made.bound or bool(systems)
+        if proven or not search.doubtful:
+            break
+        near = [*([middle_of(ball) for ball in r.centre] for r in search.roots), *near]
+    assert len(search.roots) <= made.bound, "more roots were proven than there can be"
+    with bits(precision):
+        left = None if proven else search.excluded()
+    order = sorted(search.roots, key=_place)
     return CertifiedModes(
         written, made, tuple(inputs), tuple(order), precision, left, systems
     )
@@ -291,21 +215,21 @@ def given_at(written: Written, inputs: Sequence[str]) -> list[Ball]:
 
 def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     """Return the hulls, centres and half widths, of boxes (n, k) that touch each other."""
-    # SciPy's graphs take long to import, and only a few modes need them.
-    from scipy.sparse.csgraph import connected_components
-
-    low, high = centres - radii, centres + radii
-    label = np.zeros(len(low), dtype=np.int32)
-    if len(low) <= MOST_APART:
-        touch = np.all(low[:, None] <= high + 1e-12, axis=2)
-        label = connected_components(touch & touch.T)[1]
-    hulls = []
-    for mine in (label == part for part in range(np.max(label, initial=-1) + 1)):
-        least, most = np.min(low[mine], axis=0), np.max(high[mine], axis=0)
-        hulls.append((0.5 * (least + most), 0.5 * (most - least)))
-    # hulls may touch where their boxes do not
-    apart = len(hulls) in (0, len(centres))
-    return hulls if apart else clusters(*map(np.array, zip(*hulls, strict=True)))
+    lows, highs = centres - radii, centres + radii
+    boxes = zip(lows, highs, strict=True)
+    if len(centres) > MOST_APART:
+        boxes = zip([np.min(lows, axis=0)], [np.max(highs, axis=0)], strict=True)
+    lows = highs = np.empty((0, centres.shape[1]))
+    for low, high in boxes:
+        while True:
+            apart = np.any((lows > high + 1e-12) | (low > highs + 1e-12), axis=1)
+            low = np.min([low, *lows[~apart]], axis=0)
+            high = np.max([high, *highs[~apart]], axis=0)
+            lows, highs = np.vstack([lows[apart], low]), np.vstack([highs[apart], high])
+            if np.all(apart):
+                break
+            lows, highs = lows[:-1], highs[:-1]
+    return list(zip(0.5 * (lows + highs), 0.5 * (highs - lows), strict=True))
 
 
 @final
@@ -321,25 +245,34 @@ class _Search:
         self.roots: list[Root] = []
         self.lost = False
 
-    def from_homotopies(
-        self, near: list[Complexes], seeds: Iterator[int]
-    ) -> tuple[SolvedSystem, ...]:
+    @property
+    def real(self) -> list[Root]:
+        """The roots that are real."""
+        return [root for root in self.roots if root.real]
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether roots may be missing since they were not told apart."""
+        return self.lost or any(root.unique < CLOSE for root in self.roots)
+
+    def from_homotopies(self, near: list[Sequence[complex]]) -> tuple[SolvedSystem, ...]:
         """Try what homotopies find; return the systems if these show all real roots.
 
-        All approximations tried are put in `near`. It ends when they are as many as roots
-        can be, none near infinity: if some are not proven, they are too near each other.
+        All approximations tried are put in `near`, with their complex conjugates. It ends
+        when they are as many as roots can be, none near infinity, and some that are not
+        proven are too near each other.
         """
         bound = self.equations.construction.bound
-        for seed in seeds:
-            approximations = modes_near(self.equations, self.turns, seed)
-            if not len(approximations):
-                continue
-            near.append(approximations)
-            self.try_all((), near[-1:])
-            finite = np.sum(np.all(np.abs(approximations.imag) < CENTRAL, axis=1))
-            if max(len(self.roots), finite) >= bound:
+        for seed in range(SEEDS):
+            found = modes_near(self.equations, self.turns, seed)
+            fresh = [two.tolist() for start in found for two in (start, start.conj())]
+            for approximation in fresh:
+                self.take(approximation)
+            near += fresh
+            finite = np.sum(np.all(np.abs(found.imag) < CENTRAL, axis=1))
+            if len(self.roots) >= bound or (finite >= bound and self.doubtful):
                 break
-            if self.real_by_systems[0] == sum(root.real for root in self.roots):
+            if len(found) and self.real_by_systems[0] == len(self.real):
                 return self.real_by_systems[1]
         return ()
 
@@ -352,19 +285,6 @@ class _Search:
         good, modes = systems.counted(place, self.turns[None], none, np.ones(1, dtype=bool))
         return int(modes[0]) if good[0] else -1, systems.solved
 
-    @property
-    def doubtful(self) -> bool:
-        """Whether roots may be missing since they were not told apart."""
-        return self.lost or any(root.unique < CLOSE for root in self.roots)
-
-    def try_all(self, roots: Sequence[Root], near: Sequence[Complexes]) -> None:
-        """Try roots once more, and approximations, those of complex conjugates too."""
-        for root in roots:
-            self.take([middle_of(ball) for ball in root.centre])
-        for start in (start for starts in near for start in starts):
-            for approximation in (start, start.conj()):
-                self.take([complex(angle) for angle in approximation])
-
     def take(self, near: Sequence[complex]) -> None:
         """Try one approximation; keep what it leads to if that is new."""
         if any(root.leads_to(near) for root in self.roots):
@@ -376,19 +296,32 @@ class _Search:
         elif all(root.apart(other) for other in self.roots):
             self.roots.append(root)
 
-    def try_beside(self) -> None:
-        """Look for roots next to those found, where some are missing."""
-        bound = self.equations.construction.bound
-        if len(self.roots) in (0, bound):
-            return
-        closest = sorted(self.roots, key=lambda root: root.unique)[:4]
-        for root in closest:
-            centre = np.array([middle_of(ball) for ball in root.centre])
-            for nudge in NUDGES:
-                for way in np.concatenate([np.eye(len(centre)), 1j * np.eye(len(centre))]):
-                    for sense in (nudge, -nudge):
-                        if len(self.roots) < bound:
-                            self.take([complex(a) for a in centre + sense * way])
+    def excluded(self) -> Paved:
+        """Return the boxes left of space in which there may be other real roots."""
+        axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(self.equations.unknowns)]
+        axes += [Axis(angle, exact(0.0)) for angle in self.driven]
+        return paved(self.equations, axes, self._covers, self._look, SMALLEST, MOST_BOXES)
+
+    def _covers(self, centres: Floats, radii: Floats) -> Bools:
+        """Return which boxes are in balls of which the root is known."""
+        out = np.zeros(len(centres), dtype=bool)
+        count = self.equations.unknowns
+        for root in self.real:
+            middle = np.array([middle_of(ball).real for ball in root.centre])
+            apart = wrap(centres[:, :count] - middle)
+            reach = np.abs(apart) + radii[:, :count] * UP + 1e-13
+            out |= np.all(reach <= root.unique, axis=1)
+        return out
+
+    def _look(self, centres: Floats, radii: Floats) -> bool:
+        """Look for real roots next to boxes; return whether there are new ones."""
+        before, count = len(self.real), self.equations.unknowns
+        small = np.flatnonzero(np.max(radii, axis=1) < 0.1)
+        for row in small[:: max(1, len(small) // TRIED)]:
+            place = corrected(self.equations, centres[row], STEPS, count)
+            if place is not None and not self._covers(place[None], 0.0 * place[None])[0]:
+                self.take(place[:count].astype(complex).tolist())
+        return len(self.real) > before
 
 
 def _place(root: Root) -> tuple[float, ...]:

@@ -233,13 +233,19 @@ class Test:
         return float(halves[row]), float(radius[row, column]), tight, here
 
 
-def corrected(equations: Equations, place: Floats, steps: int = 8) -> Floats | None:
-    """Return the configuration next to a place by Newton's method, None without one."""
+def corrected(
+    equations: Equations, place: Floats, steps: int = 8, moved: int | None = None
+) -> Floats | None:
+    """Return the configuration next to a place by Newton's method, None without one.
+
+    Only the first `moved` variables are, by default all.
+    """
+    place = place.copy()
     for _ in range(steps):
         turns = np.stack([np.cos(place), np.sin(place)], axis=-1)
         values, slopes, _ = equations.real.second(turns)
-        change, *_ = np.linalg.lstsq(slopes, -values, rcond=1e-13)
-        place = place + change
+        change, *_ = np.linalg.lstsq(slopes[:, :moved], -values, rcond=1e-13)
+        place[:moved] += change
         size = float(np.max(np.abs(change)))
         if not size < 1.0:
             return None
