@@ -29,9 +29,7 @@ from spherekit.guidance.rotation_path import (
     Way,
     least_about,
 )
-from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import chosen_output
-from spherekit.motion.closure import Closure
 from spherekit.motion.loops import condition
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
@@ -306,26 +304,21 @@ def follow_rotation(
     """
     mechanism = mechanism_of(mechanism)
     end = chosen_output(mechanism, output)
-    made = replace(mechanism, ground=end.relative_to)
     about = unit(axis)
     if not (np.isfinite(angle) and angle > 0.0):
         raise SolveError(f"angle: found {angle:g} rad, needs a finite angle above 0")
-    inputs = made.input_pairs
-    driven = [made.variables_of(made.pair_number[name])[0] for name in inputs]
-    target = Target(
-        Closure.of(made, geometry_of(made).joints), made.link_number[end.link], len(inputs)
-    )
-    start = _configuration(values, len(target.closure.tree.owners), made.name)
-    near = _started(target, start, made.name)
+    target = Target.of(mechanism, end)
+    near = _started(target, _configuration(target, values, mechanism.name), mechanism.name)
     given = target, about, rotation(about, [lead])[0] @ near.reached[0]
     way = Way(*given, bool(near.rates(about)[2][0]))
+    measure = Transmission.of(replace(mechanism, ground=end.relative_to), end)
     first = way.nodes_of(np.array([0.0 - lead]), near)
     return FollowedRotation(
         *given,
         way.exact,
-        Transmission.of(made, end),
-        driven,
-        inputs,
+        measure,
+        list(measure.driven),
+        mechanism.input_pairs,
         float(angle),
         *way.follow(first, float(angle)),
     )
@@ -345,21 +338,20 @@ def follow_to(
     """
     mechanism = mechanism_of(mechanism)
     end = chosen_output(mechanism, output)
-    made = replace(mechanism, ground=end.relative_to)
-    closure = Closure.of(made, geometry_of(made).joints)
-    start = _configuration(values, len(closure.tree.owners), made.name)
-    placed = closure.at(start[None]).placed
+    target = Target.of(mechanism, end)
+    start = _configuration(target, values, mechanism.name)
+    placed = target.closure.at(start[None]).placed
     wanted = np.asarray(orientation, dtype=float)
     proper = wanted.shape == (3, 3) and np.linalg.det(wanted) > 0.0
     if not proper or not max_abs(wanted @ wanted.T - np.eye(3)) < 1e-9:
         raise SolveError("the orientation has to be a rotation matrix (3, 3)")
-    axis, angle = turn_to(placed[0, made.link_number[end.link]], wanted)
+    axis, angle = turn_to(placed[0, target.link], wanted)
     return follow_rotation(mechanism, values, axis, angle, output)
 
 
-def _configuration(values: ArrayLike, count: int, name: str) -> Floats:
+def _configuration(target: Target, values: ArrayLike, name: str) -> Floats:
     """Return a configuration (variables,); `SolveError` unless it has finite values."""
-    given = np.asarray(values, dtype=float)
+    given, count = np.asarray(values, dtype=float), len(target.closure.tree.owners)
     if given.shape != (count,) or not all_finite(given):
         raise SolveError(
             f"{name}: the configuration to start from has to be {count} finite values, as "

@@ -5,7 +5,7 @@ otherwise from the inverse kinematics of the output and the assembly modes of th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import final
@@ -18,11 +18,9 @@ from spherekit.errors import SolveError
 from spherekit.guidance.follow import FollowedRotation, follow_rotation, follow_to, unit
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.guidance.rotation_path import UNFIXED, Target
-from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import Solver, label_of
-from spherekit.motion.closure import Closure
 from spherekit.motion.elimination import assemblies
 from spherekit.motion.motion import Motion, trace
 from spherekit.output.forward import pose_of
@@ -224,9 +222,7 @@ class PoseFinder:
 
     @cached_property
     def _target(self) -> Target:
-        made = replace(self.mechanism, ground=self.output.relative_to)
-        closure = Closure.of(made, geometry_of(made).joints)
-        return Target(closure, made.link_number[self.output.link], len(made.inputs))
+        return Target.of(self.mechanism, self.output)
 
     def _singular(self, values: Floats) -> Bools:
         near = self._target.at(values, np.eye(3)[None])

@@ -17,7 +17,7 @@ twice by the angle turned through, the condition gives exact rates.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -25,6 +25,9 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.model.gears import geometry_of
+from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure, NewtonSteps, newton
 from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.steps import STEP_PARTS, Verification
@@ -51,6 +54,13 @@ class Target:
     closure: Closure
     link: int
     freedoms: int
+
+    @staticmethod
+    def of(mechanism: Mechanism, output: Output) -> "Target":
+        """Return the target of an output, body 0 the link that it is relative to."""
+        made = replace(mechanism, ground=output.relative_to)
+        closure = Closure.of(made, geometry_of(made).joints)
+        return Target(closure, made.link_number[output.link], len(made.inputs))
 
     def at(self, values: Floats, wanted: Floats) -> "Optimality":
         """Return n configurations (n, variables) beside orientations (n, 3, 3)."""

@@ -467,22 +467,22 @@ class Unwrapping:
         But for whole periods of inputs, with which angles grow as they do from the anchor.
         Where none leads there, angles are in (-pi, pi].
         """
-        turns = np.zeros((len(at), len(self._angles)))
-        far = whole_laps(at[:, self._driven] - self.anchor, self.solver.periods)
+        angles, anchor = self._angles, self.anchor
+        far = whole_laps(at[:, self._driven] - anchor, self.solver.periods)
         near = self._at(at, at[:, self._driven] - far)
-        for row, laps in enumerate(far):
-            here = near[row : row + 1]
-            there, status = walk(self._closure, self._driven, here, self.anchor[None])
-            if status[0] != Status.OK:
-                turns[row] = -first_turns(here[0, self._angles])
-                continue
-            turns[row] = -first_turns(there[0, self._angles])
-            for k in np.flatnonzero(laps):
-                goal = self.anchor + np.eye(len(laps))[k] * self.solver.periods[k]
-                round_, status = walk(self._closure, self._driven, there, goal[None])
-                grown = (round_ - there)[0, self._angles] / TURN
-                if status[0] == Status.OK and max_abs(grown % 1.0 - 0.5) > 0.45:
-                    turns[row] += np.round(grown) * laps[k] / self.solver.periods[k]
+        goal = np.broadcast_to(anchor, far.shape)
+        there, status = walk(self._closure, self._driven, near, goal)
+        led = status == Status.OK
+        turns = -first_turns(np.where(led[:, None], there, near)[:, angles])
+        for k, period in enumerate(self.solver.periods):
+            rows = np.flatnonzero(led & (far[:, k] != 0.0))
+            goal = np.tile(anchor + np.eye(len(anchor))[k] * period, (len(rows), 1))
+            round_, status = walk(self._closure, self._driven, there[rows], goal)
+            grown = (round_ - there[rows])[:, angles] / TURN
+            whole = max_abs(grown % 1.0 - 0.5, axis=1, initial=0.0) > 0.45
+            whole &= status == Status.OK
+            laps = far[rows[whole], k, None] / period
+            turns[rows[whole]] += np.round(grown[whole]) * laps
         return turns
 
 

@@ -36,6 +36,7 @@ import numpy as np
 
 from spherekit.arrays import Array, Bools, Complexes, Floats, Indices, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.model.graph import spanning
 from spherekit.motion.assembly_modes import Solver, determinant_signs
 from spherekit.motion.closure import Closure
 from spherekit.motion.groups import (
@@ -206,17 +207,14 @@ def orders_of(group: Group) -> tuple[Order, ...]:
 
 def _way(group: Group, pairs: Sequence[int], start: int, goal: int) -> tuple[int, ...]:
     """Return the pairs from one body of a tree to another, in order."""
-    ways: dict[int, tuple[int, ...]] = {start: ()}
-    waiting = [start]
-    while waiting and goal not in ways:
-        body = waiting.pop(0)
-        for pair in pairs:
-            if body in group.ends[pair]:
-                further = sum(group.ends[pair]) - body
-                if further not in ways:
-                    ways[further] = (*ways[body], pair)
-                    waiting.append(further)
-    return ways.get(goal, ())
+    came = {
+        body: (pair, other) for pair, other, body in spanning(group.ends, [start], pairs)
+    }
+    way: list[int] = []
+    while goal in came and goal != start:
+        pair, goal = came[goal]
+        way.insert(0, pair)
+    return tuple(way)
 
 
 @final
@@ -275,16 +273,13 @@ class Frames:
         ends = self.group.ends
         placed = np.empty((*angles.shape[:2], len(self.group.bodies), 3, 3), angles.dtype)
         placed[:, :, order.bodies[0]] = np.eye(3)
-        reached = {order.bodies[0]}
-        while len(reached) < len(order.bodies):
-            for pair, angle in zip(order.pairs, np.moveaxis(angles, 2, 0), strict=True):
-                for sense, (body, further) in ((1, ends[pair]), (-1, ends[pair][::-1])):
-                    if body in reached and further not in reached:
-                        turn = np.tensordot(point(sense * angle), _TURN, 1)
-                        one, other = self.of_pair(pair, body), self.of_pair(pair, further)
-                        step = one[:, None] @ turn @ transpose(other)[:, None]
-                        placed[:, :, further] = placed[:, :, body] @ step
-                        reached.add(further)
+        for pair, body, further in spanning(ends, order.bodies[:1], order.pairs):
+            sense = 1.0 if ends[pair][0] == body else -1.0
+            angle = sense * angles[..., order.pairs.index(pair)]
+            turn = np.tensordot(point(angle), _TURN, 1)
+            one, other = self.of_pair(pair, body), self.of_pair(pair, further)
+            step = one[:, None] @ turn @ transpose(other)[:, None]
+            placed[:, :, further] = placed[:, :, body] @ step
         for bar in order.bars:
             inner, outer = self._axes(bar)
             there = [

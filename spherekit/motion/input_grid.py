@@ -42,15 +42,15 @@ class InputGrid:
     def neighbours(self) -> Indices:
         """Return (2 axes, n): the next and the previous sample along each axis, or -1."""
         number = np.arange(len(self)).reshape(self.shape)
-        neighbours = []
-        for axis in range(len(self.shape)):
-            for shift in (-1, 1):
-                beside = np.roll(number, shift, axis)
-                edge = [slice(None)] * len(self.shape)
-                edge[axis] = slice(-1, None) if shift == -1 else slice(0, 1)
-                beside[tuple(edge)] = -1
-                neighbours.append(beside.ravel())
-        return np.stack(neighbours)
+        padded = np.pad(number, 1, constant_values=-1)
+        inside = (slice(1, -1),) * len(self.shape)
+        return np.stack(
+            [
+                np.roll(padded, shift, axis)[inside].ravel()
+                for axis in range(len(self.shape))
+                for shift in (-1, 1)
+            ]
+        )
 
     def nearest(self, q: Floats, count: int) -> Indices:
         """Return the rows of the `count` samples nearest to inputs q (inputs,)."""
