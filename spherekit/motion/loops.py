@@ -265,65 +265,47 @@ def rolled_lengths(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
     return [(at + variable, joint) for _, at, joint in every for variable in joint.rolled]
 
 
-@final
-@dataclass(frozen=True)
-class _Alike:
-    """The joints of one kind, with the numbers of them and of their variables."""
-
-    kind: Kind
-    joints: tuple[Joint, ...]
-    pairs: slice | list[int]
-    variables: slice | list[int]
+Places = slice | list[int]
+Alike = tuple[Kind, tuple[Joint, ...], Places, Places]
+"""The joints of one kind, with the places of them and of their variables."""
 
 
 @lru_cache(maxsize=512)
-def _by_kind(joints: tuple[Joint, ...]) -> tuple[_Alike, ...]:
+def _by_kind(joints: tuple[Joint, ...]) -> tuple[Alike, ...]:
     pairs: dict[Kind, list[int]] = {}
     variables: dict[Kind, list[int]] = {}
     for number, at, joint in numbered(joints):
         pairs.setdefault(type(joint), []).append(number)
         variables.setdefault(type(joint), []).extend(range(at, at + joint.freedoms))
     return tuple(
-        _Alike(
-            kind, tuple(joints[k] for k in members), _run(members), _run(variables[kind])
-        )
+        (kind, tuple(joints[k] for k in members), _run(members), _run(variables[kind]))
         for kind, members in pairs.items()
     )
 
 
-def _run(numbers: list[int]) -> slice | list[int]:
+def _run(numbers: list[int]) -> Places:
     """Return rising numbers as a slice where they have no gap: a view, not a copy."""
     first, last = numbers[0], numbers[-1] + 1
     return slice(first, last) if last - first == len(numbers) else numbers
 
 
-def _variables(joints: Sequence[Joint]) -> int:
-    return sum(joint.freedoms for joint in joints)
-
-
-def _flat(vectors: Floats) -> Floats:
-    """Return (n, variables, 3) from (n, pairs, variables of each, 3)."""
-    n, pairs, freedoms, _ = vectors.shape
-    return vectors.reshape(n, pairs * freedoms, 3)
-
-
 def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
     """Return the states of pairs for variables (n, variables)."""
-    n = len(values)
-    alike = _by_kind(tuple(joints))
-    parts = [
-        item.kind.states(
-            item.joints,
-            values[:, item.variables].reshape(n, len(item.joints), item.kind.freedoms),
-        )
-        for item in alike
-    ]
+    n, parts = len(values), list[tuple[Places, PairStates]]()
+    for kind, own, pairs, variables in _by_kind(tuple(joints)):
+        given = values[:, variables].reshape(n, len(own), kind.freedoms)
+        parts.append((pairs, kind.states(own, given)))
     if len(parts) == 1:
-        return parts[0]
+        return parts[0][1]
     states = PairStates.blank(n, len(joints))
-    for group, part in zip(alike, parts, strict=True):
-        states.put(group.pairs, part)
+    for pairs, part in parts:
+        states.put(pairs, part)
     return states
+
+
+def _blank(joints: Sequence[Joint], n: int) -> Floats:
+    """Return an array (n, variables, 3) to be filled."""
+    return np.empty((n, sum(joint.freedoms for joint in joints), 3))
 
 
 def variable_vectors(joints: Sequence[Joint], frames: Floats, curvatures: Floats) -> Floats:
@@ -332,18 +314,18 @@ def variable_vectors(joints: Sequence[Joint], frames: Floats, curvatures: Floats
     `frames` (n, pairs, 3, 3) are the pair frames in the axes wanted, `curvatures` as in
     `PairStates`.
     """
-    vectors = np.empty((len(frames), _variables(joints), 3))
-    for group in _by_kind(tuple(joints)):
-        part = group.kind.vectors(frames[:, group.pairs], curvatures[:, group.pairs])
-        vectors[:, group.variables] = _flat(part)
+    vectors = _blank(joints, len(frames))
+    for kind, _, pairs, variables in _by_kind(tuple(joints)):
+        part = kind.vectors(frames[:, pairs], curvatures[:, pairs])
+        vectors[:, variables] = part.reshape(vectors[:, variables].shape)
     return vectors
 
 
 def pair_axes(joints: Sequence[Joint], frames: Floats) -> Floats:
     """Return (n, pairs, 3): axis (R), contact line (Cr), normal of contact plane (Cs)."""
     axes = np.empty(frames.shape[:-1])
-    for group in _by_kind(tuple(joints)):
-        axes[:, group.pairs] = group.kind.axes(frames[:, group.pairs])
+    for kind, _, pairs, _ in _by_kind(tuple(joints)):
+        axes[:, pairs] = kind.axes(frames[:, pairs])
     return axes
 
 
@@ -359,17 +341,15 @@ def pair_rates(
     `first_w`, `second_w` (n, pairs, 3) are angular velocities of the links in the axes
     that `frames` (n, pairs, 3, 3) are given in.
     """
-    n = len(frames)
     alike = _by_kind(tuple(joints))
-    rates = PairRates(np.empty((n, _variables(joints), 3)), np.empty((n, len(joints), 3)))
-    for group in alike:
-        placed = frames[:, group.pairs], states.take(group.pairs)
-        turning = first_w[:, group.pairs], second_w[:, group.pairs]
-        vectors, axes = group.kind.rates(*placed, *turning)
+    rates = PairRates(_blank(joints, len(frames)), np.empty((len(frames), len(joints), 3)))
+    for kind, _, pairs, variables in alike:
+        turning = first_w[:, pairs], second_w[:, pairs]
+        vectors, axes = kind.rates(frames[:, pairs], states.take(pairs), *turning)
+        vectors = vectors.reshape(rates.vectors[:, variables].shape)
         if len(alike) == 1:
-            return PairRates(_flat(vectors), axes)
-        rates.vectors[:, group.variables] = _flat(vectors)
-        rates.axes[:, group.pairs] = axes
+            return PairRates(vectors, axes)
+        rates.vectors[:, variables], rates.axes[:, pairs] = vectors, axes
     return rates
 
 
