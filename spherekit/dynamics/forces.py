@@ -293,14 +293,16 @@ class Balance:
         self.wrenches = self._wrenches(
             np.ones(frames.shape[:2]) if sides is None else sides
         )
-        n, links = len(frames), len(mechanism.links)
-        matrix = np.zeros((n, links, 6, len(self.columns)))
-        for k, (pair, _) in enumerate(self.columns):
-            first, second = mechanism.ends[pair]
-            by_half = self.wrenches[:, k].reshape(n, 2, 3) * [[1.0], [self.length]]
-            column = np.einsum("nab,nhb->nha", frames[:, pair], by_half).reshape(n, 6)
-            matrix[:, second, :, k] += column
-            matrix[:, first, :, k] -= column
+        links = len(mechanism.links)
+        # A pair acts on its second link, and the other way round on its first.
+        first, second = np.array(mechanism.ends).T
+        self._on_links = np.eye(links)[second] - np.eye(links)[first]
+        pairs = [pair for pair, _ in self.columns]
+        self._on_pairs = np.eye(len(mechanism.pairs))[pairs]
+        scaled = self.wrenches * np.repeat([1.0, self.length], 3)
+        turned = _turned(frames[:, pairs], scaled)
+        on_each = self._on_links[pairs].T[:, None]
+        matrix = on_each * np.swapaxes(turned, 1, 2)[:, None]
         self._rows = np.zeros((links, 6), dtype=bool)
         self._rows[1:, :3] = True
         if forces:
@@ -365,13 +367,8 @@ class Balance:
         `needed` (n, links, 6) moves the links, `about` N m are torques about axes, and of
         contacts what acts along their tangents.
         """
-        left = needed.copy()
-        for pair, (first, second) in enumerate(self.mechanism.ends):
-            frames = self.frames[:, pair, None]
-            by_half = (frames @ self.working[pair].reshape(2, 3, 1)).reshape(-1, 6)
-            left[:, second] -= about[:, pair, None] * by_half
-            left[:, first] += about[:, pair, None] * by_half
-        return left
+        acting = about[..., None] * _turned(self.frames, self.working)
+        return np.asarray(needed - self._on_links.T @ acting)
 
     def held(self, left: Floats) -> tuple[Floats, Floats]:
         """Return the reactions (n, columns) and what misses the equations (n,), N m."""
@@ -403,10 +400,14 @@ class Balance:
 
     def on_pairs(self, reactions: Floats) -> Floats:
         """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes."""
-        wrenches = np.zeros((len(reactions), len(self.mechanism.pairs), 6))
-        for k, (pair, _) in enumerate(self.columns):
-            wrenches[:, pair] += reactions[:, k, None] * self.wrenches[:, k]
-        return wrenches
+        every = reactions[..., None] * self.wrenches
+        return np.asarray(self._on_pairs.T @ every)
+
+
+def _turned(frames: Floats, wrenches: Floats) -> Floats:
+    """Return wrenches (..., k, 6) in ground axes, from those of frames (n, k, 3, 3)."""
+    halves = wrenches.reshape(*wrenches.shape[:-1], 2, 3) @ transpose(frames)
+    return np.reshape(halves, (*halves.shape[:-2], 6))
 
 
 def _working(pair: Pair) -> Floats:

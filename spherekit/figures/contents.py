@@ -8,7 +8,6 @@ A quantity over a grid of two inputs: a map for each mode, zeros drawn as lines.
 """
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from typing import Any, TypeVar, final
@@ -157,16 +156,6 @@ MOST_SLICES = 3
 """Values of further inputs at which a map is drawn."""
 
 
-@final
-@dataclass(frozen=True)
-class InputMap:
-    """A series of a mode over several inputs."""
-
-    page: Page
-    series: Series
-    over: tuple[Axis, ...]
-
-
 def ticks(over: Sequence[Axis]) -> list[Floats] | None:
     """Return the values of each axis if the rows are a grid of them, the last quickest."""
     per_axis = [np.unique(axis.values) for axis in over]
@@ -189,7 +178,7 @@ def along_path(over: Sequence[Axis]) -> Axis:
     return Axis("path of the inputs", over[0].unit, np.cumsum(steps))
 
 
-def draw_maps(maps: Sequence[InputMap], sheet: Sheet) -> Figure:
+def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     """Return a figure of one quantity over two inputs, in every mode.
 
     With more inputs at the first, the middle and the last value of the others.
@@ -269,7 +258,7 @@ def _slices(rest: Sequence[Floats]) -> list[tuple[int, ...]]:
 
 
 def _title(
-    input_map: InputMap, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet
+    input_map: Curve, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet
 ) -> str:
     words = [sheet.title(input_map.page)] if isinstance(input_map.page, int) else []
     for axis, values, k in zip(input_map.over[2:], grid[2:], at, strict=True):
@@ -391,7 +380,7 @@ def _series(
         over = lines[0][0].over
         if len(over) > 1 and ticks(over) is not None:
             for label in dict.fromkeys(item.label for _, item in lines):
-                maps = [InputMap(s.page, i, s.over) for s, i in lines if i.label == label]
+                maps = [Curve(s.page, i, s.over) for s, i in lines if i.label == label]
                 subject = name if label == name else f"{name}: {label}"
                 yield from _parted(subject, maps, _each_page, draw_maps, sheet)
             continue
@@ -404,11 +393,11 @@ def _series(
         yield from _parted(name, curves, lambda curve: curve.series.label, draw, sheet)
 
 
-def _axis(over: Sequence[Axis]) -> Axis:
-    return over[0] if len(over) == 1 else along_path(over)
+def _axis(over: tuple[Axis, ...]) -> tuple[Axis, ...]:
+    return over if len(over) == 1 else (along_path(over),)
 
 
-def _each_page(item: InputMap) -> Hashable:
+def _each_page(item: Curve) -> Hashable:
     return item.page
 
 

@@ -66,11 +66,16 @@ RULE: dict[str, Any] = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 
 @final
 @dataclass(frozen=True)
 class Curve:
-    """A series of a page over an axis."""
+    """A series of a page over an axis, or over several inputs."""
 
     page: Page
     series: Series
-    axis: Axis
+    over: tuple[Axis, ...]
+
+    @property
+    def axis(self) -> Axis:
+        """The only axis, or the first."""
+        return self.over[0]
 
 
 def draw_curves(
