@@ -98,25 +98,14 @@ def _lengths(held: Solver, meshes: Meshes, lengths: Floats) -> Floats:
 def _turned(meshes: Meshes, q: Floats, lengths: Floats) -> Floats | None:
     """Return inputs (k,) whole turns from some that roll the lengths (m,), the least."""
     rolling = max_abs(meshes.ratios, axis=0, initial=0.0) > SAME_RATIO
-    turns = [_turns(period) if moves else (0,) for moves, period in _each(meshes, rolling)]
+    half = np.minimum(MOST_TURNS, np.ceil(0.5 * np.asarray(meshes.periods) / TURN))
+    turns = [range(-k, k + 1) for k in np.where(rolling, half, 0).astype(int).tolist()]
     places = q + TURN * np.array(list(product(*turns)), dtype=float)
     off = max_abs(meshes.rolled(places) - lengths, axis=1)
     fits = places[off < SAME_LENGTH]
     if not len(fits):
         return None
     return np.asarray(fits[np.argmin(np.sum(np.abs(fits), axis=1))])
-
-
-def _each(meshes: Meshes, rolling: Sequence[bool]) -> list[tuple[bool, float]]:
-    return list(zip(rolling, map(float, meshes.periods), strict=True))
-
-
-def _turns(period: float) -> range:
-    """Return the whole turns of an input within half a period of none."""
-    half = MOST_TURNS
-    if np.isfinite(period):
-        half = min(half, int(np.ceil(0.5 * period / TURN)))
-    return range(-half, half + 1)
 
 
 @final

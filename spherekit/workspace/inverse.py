@@ -88,26 +88,22 @@ class MidPlaneKinematics(ClosedKinematics):
         upward = plane.normals(inputs)
         away = -np.sign(upward @ form.home)[:, None]  # from the image of the output
         normals, driven_modes = away * upward, away * plane.modes(inputs)
-        parts: list[tuple[Indices, Floats, list[Signs]]] = []
-        for signs in self.modes:
-            same = np.all(driven_modes == np.array(signs)[list(plane.driven)], axis=1)
-            row = np.flatnonzero(same)
-            values, _ = form.values(form.place(normals[row], signs))
-            closed = np.isfinite(values).all(axis=1)
-            row, values = row[closed], values[closed]
-            parts.append((row, values, [signs] * len(row)))
-        rows = np.concatenate([row for row, _, _ in parts])
-        order = np.argsort(rows, kind="stable")
-        values = np.concatenate([values for _, values, _ in parts])[order]
-        labels = [signs for _, _, listed in parts for signs in listed]
-        turned = form.orientations(normals[rows[order]])
+        wanted = np.array(self.modes)[:, list(plane.driven)]
+        row, mode = np.nonzero(np.all(driven_modes[:, None] == wanted, axis=2))
+        values = nans((len(row), len(self.mechanism.variable_owners)))
+        for number, signs in enumerate(self.modes):
+            placed = form.place(normals[row[mode == number]], signs)
+            values[mode == number], _ = form.values(placed)
+        closed = np.isfinite(values).all(axis=1)
+        row, mode, values = row[closed], mode[closed], values[closed]
+        turned = form.orientations(normals[row])
         return PoseSolutions(
-            rows[order],
-            inputs[rows[order]],
+            row,
+            inputs[row],
             values,
             turned,
             turned @ np.array(self.output.direction),
-            tuple(labels[k] for k in order),
+            tuple(self.modes[number] for number in mode),
             np.ones(len(inputs), dtype=bool),
         )
 
@@ -522,6 +518,4 @@ class GraphKinematics(OutputKinematics):
 
 def _filled(array: Floats, rows: Indices) -> Floats:
     """Return some rows, NaN where their number is negative."""
-    filled = nans((len(rows), *array.shape[1:]))
-    filled[rows >= 0] = array[rows[rows >= 0]]
-    return filled
+    return np.concatenate([array, nans((1, *array.shape[1:]))])[rows]

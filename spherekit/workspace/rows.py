@@ -331,69 +331,55 @@ _NO_LIMIT = AngleLimit(
 )
 
 
-@final
-@dataclass
-class _Between:
-    """The strictest limits (rad) of the angle between two axes, and where they are from."""
-
-    low: float = 0.0
-    high: float = np.pi
-    low_from: str = ""
-    high_from: str = ""
-
-    def narrow(self, low: float, high: float, source: str) -> None:
-        if low > self.low:
-            self.low, self.low_from = low, source
-        if high < self.high:
-            self.high, self.high_from = high, source
-
-
 def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...]:
-    """Return the bounds of angles between axes, one each way for each two axes."""
+    """Return the bounds of angles between axes, one each way for each two axes.
+
+    Of the limits (rad) of two axes the strictest hold, with where they are from.
+    """
     mechanism = kinematics.mechanism
-    limits: dict[tuple[int, int], _Between] = {}
+    lows: dict[tuple[int, int], list[tuple[float, str]]] = {}
+    highs: dict[tuple[int, int], list[tuple[float, str]]] = {}
+
+    def limit(axes: tuple[int, int], low: float, high: float, source: str) -> None:
+        lows.setdefault(axes, [(0.0, "")]).append((low, source))
+        highs.setdefault(axes, [(np.pi, "")]).append((high, source))
+
     closest = _closest(mechanism, wanted)
     for span in kinematics.spans:
-        between = limits.setdefault((span.one, span.other), _Between())
-        between.narrow(span.cones.shortest, span.cones.longest, "the arcs of the leg")
+        axes, cones = (span.one, span.other), span.cones
+        limit(axes, cones.shortest, cones.longest, "the arcs of the leg")
         if closest > 0.0 and span.folds:
-            between.narrow(closest, np.pi, "the width of the links")
+            limit(axes, closest, np.pi, "the width of the links")
     for item in wanted.apart:
         one, other = (_pair(mechanism, "apart", name) for name in (item.one, item.other))
-        if _holds_always(mechanism, item, one, other):
-            continue
-        key = (one, other) if (one, other) in limits else (other, one)
-        key = key if key in limits else (one, other)
-        limits.setdefault(key, _Between()).narrow(item.low, item.high, "apart")
+        if not _holds_always(mechanism, item, one, other):
+            turned = (other, one) in lows and (one, other) not in lows
+            limit((other, one) if turned else (one, other), item.low, item.high, "apart")
     bounds: list[AngleLimit] = []
-    for (one, other), between in limits.items():
-        name = "/".join(kinematics.name_of(pair) for pair in sorted((one, other)))
-        if between.low > between.high:
+    for axes in lows:
+        name = "/".join(kinematics.name_of(pair) for pair in sorted(axes))
+        low, low_from = max(lows[axes], key=lambda found: found[0])
+        high, high_from = min(highs[axes], key=lambda found: found[0])
+        if low > high:
             raise _refusal(
                 mechanism,
-                f"the axes {name} cannot be at least {_deg(between.low)} apart "
-                f"({between.low_from}) and at most {_deg(between.high)} "
-                f"({between.high_from}); these limits contradict each other",
+                f"the axes {name} cannot be at least {_deg(low)} apart ({low_from}) and "
+                f"at most {_deg(high)} ({high_from}); these limits contradict each other",
             )
-        if between.high - between.low < COLLINEAR:
+        if high - low < COLLINEAR:
             raise _refusal(
                 mechanism,
-                f"the axes {name} are always {_deg(between.low)} apart "
-                f"({between.low_from}, {between.high_from}); the workspace is no more "
-                "than a curve and has no area",
+                f"the axes {name} are always {_deg(low)} apart ({low_from}, {high_from}); "
+                "the workspace is no more than a curve and has no area",
             )
 
-        def cosine(rows: Rows, one: int = one, other: int = other) -> Floats:
-            return rows.cosine(one, other)
+        def cosine(rows: Rows, axes: tuple[int, int] = axes) -> Floats:
+            return rows.cosine(*axes)
 
-        for limit, at_least, source in (
-            (between.low, True, between.low_from),
-            (between.high, False, between.high_from),
-        ):
-            if COLLINEAR < limit < np.pi - COLLINEAR:
-                words = "at least" if at_least else "at most"
-                title = f"axes {name} {words} {_deg(limit)} ({source})"
-                bounds.append(AngleLimit(title, limit, at_least, cosine))
+        for end, words, source in ((low, "least", low_from), (high, "most", high_from)):
+            if COLLINEAR < end < np.pi - COLLINEAR:
+                title = f"axes {name} at {words} {_deg(end)} ({source})"
+                bounds.append(AngleLimit(title, end, words == "least", cosine))
     return tuple(bounds)
 
 
