@@ -13,6 +13,7 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.arrays import Floats
+from spherekit.model.graph import spanning
 from spherekit.model.parts import AngleUnit
 
 ONE_LINE = 1e-6
@@ -23,13 +24,15 @@ SAME = 1e-9
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Turning:
-    """A hinge as far as gears are concerned: the links it joins, and its axis (3,)."""
+    """A pair of two links about an axis (3,); `joint` is its joint's number, or -1."""
 
-    joint: int
+    name: str
     links: tuple[int, int]
     axis: Floats
+    value: float
+    joint: int = -1
 
 
 @final
@@ -111,20 +114,12 @@ def _aligned(one: Floats, other: Floats) -> bool:
 
 def _way(hinges: Sequence[Turning]) -> list[tuple[Turning, float]]:
     """Return hinges in the order of a way through all, with the sense of each."""
-    ends = [link for hinge in hinges for link in hinge.links]
-    odd = [link for link in dict.fromkeys(ends) if ends.count(link) == 1]
-    if len(odd) != 2 or max(ends.count(link) for link in ends) > 2:
+    links = [link for hinge in hinges for link in hinge.links]
+    ends = [link for link in dict.fromkeys(links) if links.count(link) == 1]
+    ways = spanning([hinge.links for hinge in hinges], ends[:1])
+    if len(ends) != 2 or len(ways) < len(hinges):
         return []
-    left, link, ordered = list(hinges), odd[0], []
-    while left:
-        here = next((hinge for hinge in left if link in hinge.links), None)
-        if here is None:
-            return []
-        forwards = here.links[0] == link
-        ordered.append((here, 1.0 if forwards else -1.0))
-        link = here.links[1] if forwards else here.links[0]
-        left.remove(here)
-    return ordered
+    return [(hinges[k], 1.0 if hinges[k].links[0] == x else -1.0) for k, x, _ in ways]
 
 
 PARALLEL = 1e-9

@@ -48,18 +48,6 @@ class Tables:
     notes: tuple[str, ...]
 
 
-@final
-@dataclass(frozen=True)
-class _Pair:
-    """A pair of two links about an axis; `joint` is the number of its joint, or -1."""
-
-    name: str
-    links: tuple[int, int]
-    axis: Floats
-    value: float
-    joint: int = -1
-
-
 def tables_of(
     where: str, model: ForeignModel, unit: AngleUnit, within: float | None = None
 ) -> Tables:
@@ -129,7 +117,7 @@ class _Import:
     def _ends(self, low: float, high: float) -> Table:
         return {"from": self.units.angle(low), "to": self.units.angle(high)}
 
-    def _limits(self, pair: _Pair) -> tuple[float, float] | None:
+    def _limits(self, pair: Turning) -> tuple[float, float] | None:
         if pair.joint < 0 or not self.m.jnt_limited[pair.joint]:
             return None
         low, high = map(float, self.m.jnt_range[pair.joint])
@@ -255,8 +243,8 @@ class _Import:
 
     # Pairs
 
-    def _pairs(self) -> list[_Pair]:
-        pairs: list[_Pair] = []
+    def _pairs(self) -> list[Turning]:
+        pairs: list[Turning] = []
         names: list[str] = []
 
         def told(text: str) -> str:
@@ -281,7 +269,7 @@ class _Import:
                     self.names[above] = self._unique(text, self.names.values())
                 value = float(self.d.qpos[self.m.jnt_qposadr[k]])
                 ends, axis = (below, above), self.d.xaxis[k].copy()
-                pairs.append(_Pair(told(self._joint(k)), ends, axis, value, k))
+                pairs.append(Turning(told(self._joint(k)), ends, axis, value, k))
                 below = above
         for ends, points in self._held().items():
             pairs += self._closing(ends, points, told)
@@ -295,7 +283,7 @@ class _Import:
         ends: tuple[int, int],
         points: Sequence[tuple[str, Floats]],
         told: Callable[[str], str],
-    ) -> list[_Pair]:
+    ) -> list[Turning]:
         """Return the pair that points which hold two links make."""
         arms = [point - self.centre for _, point in points]
         lengths = [float(np.linalg.norm(arm)) for arm in arms]
@@ -310,11 +298,11 @@ class _Import:
         one, other = (self._name(end) for end in ends)
         self.comments["pairs", name] = f"Closes a loop: holds {one} and {other} at a point."
         value = self.model.values.get(first, 0.0)
-        return [_Pair(name, ends, arms[far] / lengths[far], value)]
+        return [Turning(name, ends, arms[far] / lengths[far], value)]
 
     def _contacts(self) -> Iterator[tuple[str, Table]]:
         """Yield a rolling contact for each coupling of hinges."""
-        turning = [Turning(p.joint, p.links, p.axis) for p in self.pairs if p.joint >= 0]
+        turning = [pair for pair in self.pairs if pair.joint >= 0]
         names = [pair.name for pair in self.pairs]
         for coupling, factors in self.model.couplings():
             gears = gears_of(turning, factors)
@@ -342,7 +330,7 @@ class _Import:
             self.comments["pairs", names[-1]] = "Joints at a constant ratio: gears."
             yield names[-1], table
 
-    def _need_pieces(self, pairs: Sequence[_Pair]) -> None:
+    def _need_pieces(self, pairs: Sequence[Turning]) -> None:
         joined = {self.find(0)}
         for _ in pairs:
             joined |= {k for pair in pairs for k in pair.links if joined & set(pair.links)}
@@ -353,7 +341,7 @@ class _Import:
                 "to the ground"
             )
 
-    def _pair(self, pair: _Pair) -> Table:
+    def _pair(self, pair: Turning) -> Table:
         one, other = (self._name(link) for link in pair.links)
         table: Table = {"type": "R", "links": [one, other], **self.units.axis(pair.axis)}
         if pair.value:
@@ -391,7 +379,7 @@ class _Import:
             )
         return {self.pairs[k].name: self._range(self.pairs[k]) for k in chosen}
 
-    def _range(self, pair: _Pair) -> Table:
+    def _range(self, pair: Turning) -> Table:
         given = self.model.drives.get(pair.joint) or self._limits(pair)
         return self._ends(*(given or (pair.value - np.pi, pair.value + np.pi)))
 

@@ -15,6 +15,7 @@ from typing import Any, final
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from spherekit.arrays import Floats
 from spherekit.conventions import counted, listing
@@ -26,22 +27,8 @@ Element = ElementTree.Element
 TURNING = ("revolute", "continuous")
 POINT = ("spherical", "ball")
 RIGID = ("fixed",)
-
-
-@final
-@dataclass(frozen=True)
-class UrdfLoop:
-    """A joint that closes a loop: its kind, links, the places and the axis on them.
-
-    `axis` (3,) and both `places` (3,) are in the axes of the links; the axis is the
-    first link's.
-    """
-
-    name: str
-    kind: str
-    links: tuple[str, str]
-    places: tuple[Floats, Floats]
-    axis: Floats | None
+ENDS = ("link1", "link2", "predecessor", "successor", "parent", "child")
+"""What the links of loop joints are called."""
 
 
 def tree_only(root: Element) -> str:
@@ -50,50 +37,6 @@ def tree_only(root: Element) -> str:
         for looks in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(looks)
     return ElementTree.tostring(root, encoding="unicode")
-
-
-def loops(where: str, root: Element) -> Iterator[UrdfLoop]:
-    """Yield the loop joints of a URDF.
-
-    Raises
-    ------
-    FileError
-        If one has not two links, or is of a kind that no hinge, point or weld is.
-    """
-    for item in [*root.findall("loop_joint"), *root.findall("loop")]:
-        name = item.get("name", "loop")
-        kind = item.get("type", "spherical")
-        if kind not in (*TURNING, *POINT, *RIGID):
-            raise FileError(
-                f'{where}: loop joint {name}: type "{kind}"; allowed: '
-                f"{', '.join((*TURNING, *POINT, *RIGID))}"
-            )
-        ends = list(_ends(item))
-        if len(ends) != 2:
-            raise FileError(
-                f"{where}: loop joint {name}: has {counted(len(ends), 'link')}, needs 2: "
-                "link1 and link2, predecessor and successor, or parent and child with "
-                "origins"
-            )
-        (first, place, turn), (second, other, _) = ends
-        axis = _vector(item.find("axis"), "xyz") if item.find("axis") is not None else None
-        if axis is not None:
-            axis = turn @ axis / np.linalg.norm(axis)
-        if kind in TURNING and axis is None:
-            axis = turn @ np.array([1.0, 0.0, 0.0])
-        yield UrdfLoop(name, kind, (first, second), (place, other), axis)
-
-
-def _ends(item: Element) -> Iterator[tuple[str, Floats, Floats]]:
-    """Yield each link with the place (3,) and the axes (3, 3) of the joint on it."""
-    for tag in ("link1", "link2", "predecessor", "successor", "parent", "child"):
-        for end in item.findall(tag):
-            origin = end.find("origin")
-            if origin is None:
-                origin = item.find(f"{tag}_origin")
-            if origin is None:
-                origin = end
-            yield end.get("link", ""), _vector(origin, "xyz"), _turn(_vector(origin, "rpy"))
 
 
 def driven(root: Element) -> list[str]:
@@ -107,17 +50,8 @@ def driven(root: Element) -> list[str]:
     return list(dict.fromkeys(joints))
 
 
-def _vector(item: Element | None, key: str) -> Floats:
-    text = (item.get(key) if item is not None else None) or "0 0 0"
-    return np.array([float(part) for part in text.split()])
-
-
-def _turn(rpy: Floats) -> Floats:
-    (a, b, c), (d, e, f) = np.cos(rpy), np.sin(rpy)
-    about_x = np.array([[1, 0, 0], [0, a, -d], [0, d, a]])
-    about_y = np.array([[b, 0, e], [0, 1, 0], [-e, 0, b]])
-    about_z = np.array([[c, -f, 0], [f, c, 0], [0, 0, 1]])
-    return np.asarray(about_z @ about_y @ about_x)
+def _vector(item: Element, key: str) -> Floats:
+    return np.array([float(part) for part in (item.get(key) or "0 0 0").split()])
 
 
 MASSLESS = 1e-14
@@ -233,28 +167,50 @@ class ForeignModel:
         spec = self.mj.MjSpec.from_string(tree_only(root))
         spec.compiler.fusestatic = False
         try:
-            for loop in loops(str(self.path), root):
-                self._add_loop(spec, loop)
+            for item in [*root.findall("loop_joint"), *root.findall("loop")]:
+                self._add_loop(spec, item)
         except ValueError as error:
             raise FileError(f"{self.path}: a loop joint has no numbers: {error}") from None
         return spec
 
-    def _add_loop(self, spec: Any, loop: UrdfLoop) -> None:
-        """Take a loop joint of a URDF as constraints of sites."""
-        kind, what, names = self.mj.mjtEq.mjEQ_CONNECT, self.mj.mjtObj.mjOBJ_SITE, []
-        for k, (link, place) in enumerate(zip(loop.links, loop.places, strict=True)):
-            body = spec.body(link)
+    def _add_loop(self, spec: Any, item: Element) -> None:
+        """Take a loop joint of a URDF as constraints of sites.
+
+        It has two links, with the place and the axes of the joint on each; its axis is the
+        first one's.
+        """
+        kind, name = item.get("type", "spherical"), item.get("name", "loop")
+        where = f"{self.path}: loop joint {name}"
+        if kind not in (*TURNING, *POINT, *RIGID):
+            allowed = ", ".join((*TURNING, *POINT, *RIGID))
+            raise FileError(f'{where}: type "{kind}"; allowed: {allowed}')
+        ends = [(tag, end) for tag in ENDS for end in item.findall(tag)]
+        if len(ends) != 2:
+            raise FileError(
+                f"{where}: has {counted(len(ends), 'link')}, needs 2: link1 and link2, "
+                "predecessor and successor, or parent and child with origins"
+            )
+        links, turns = [end.get("link", "") for _, end in ends], []
+        for k, (tag, end) in enumerate(ends):
+            within = end.find("origin")
+            beside = item.find(f"{tag}_origin")
+            origin = next((x for x in (within, beside) if x is not None), end)
+            turns.append(Rotation.from_euler("xyz", _vector(origin, "rpy")).as_matrix())
+            body = spec.body(links[k])
             if body is None:
-                raise FileError(f'{self.path}: loop joint {loop.name}: no link "{link}"')
-            names.append(f"{loop.name}_{k}")
-            body.add_site(name=names[-1], pos=place)
-        if loop.kind in RIGID:
-            kind, what = self.mj.mjtEq.mjEQ_WELD, self.mj.mjtObj.mjOBJ_BODY
-            names = list(loop.links)
-        if loop.kind in TURNING and loop.axis is not None:
-            self.hinged[loop.name] = loop.axis
-        one, other = names
-        spec.add_equality(name=loop.name, type=kind, objtype=what, name1=one, name2=other)
+                raise FileError(f'{where}: no link "{links[k]}"')
+            body.add_site(name=f"{name}_{k}", pos=_vector(origin, "xyz"))
+        if kind in TURNING:
+            given = item.find("axis")
+            axis = np.eye(3)[0] if given is None else _vector(given, "xyz")
+            self.hinged[name] = turns[0] @ axis / np.linalg.norm(axis)
+        eq, objects = self.mj.mjtEq, self.mj.mjtObj
+        held = {"type": eq.mjEQ_CONNECT, "objtype": objects.mjOBJ_SITE}
+        one, other = f"{name}_0", f"{name}_1"
+        if kind in RIGID:
+            held = {"type": eq.mjEQ_WELD, "objtype": objects.mjOBJ_BODY}
+            one, other = links
+        spec.add_equality(name=name, name1=one, name2=other, **held)
 
     def _need_hinges(self) -> None:
         m, kinds = self.m, self.kinds
