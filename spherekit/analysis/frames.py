@@ -451,11 +451,11 @@ def _csv(rows: Iterable[Sequence[str]]) -> bytes:
     return text.getvalue().encode()
 
 
-def columns_text(tables: Mapping[str, Table], degrees: bool) -> bytes:
+def columns_text(tables: Mapping[str, tuple[str, Table]], degrees: bool) -> bytes:
     """Return the text of `COLUMNS`: of tables by their files' stems, column by column."""
     rows = [
         (stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
-        for stem, table in tables.items()
+        for stem, (_, table) in tables.items()
         for column in table.columns
     ]
     return _csv([("table", "column", "unit", "meaning"), *rows])

@@ -282,19 +282,19 @@ class RunResult:
         """
         from spherekit.analysis.frames import pieces_of
 
-        rows = [
-            (name, table, pieces_of(table, self._data(name, table.name)))
-            for name, result in self.results.items()
-            for table in result.tables
-        ]
+        declared = {name: result.tables for name, result in self.results.items()}
+        rows = {
+            stem: pieces_of(table, self._data(name, table.name))
+            for stem, (name, table) in stems(declared).items()
+        }
         with RunFolder.opened(folder) as place:
             if place.unfinished:
                 raise OutputError(
                     f"{str(folder)!r}: there is unfinished work of a run; finish it with "
                     'unfinished="resume" first, or choose another folder'
                 )
-            paths, _ = write_results(place, rows, self.summary, Files(degrees, formats))
-            return paths
+            wanted = Files(degrees, formats)
+            return write_results(place, declared, rows, self.summary, wanted)[0]
 
 
 def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
@@ -314,22 +314,22 @@ def file_names(
     declared: Mapping[str, Sequence[Table]], formats: Sequence[Format] | None
 ) -> list[str]:
     """Return the names that the files of tables may get."""
-    stems = [
-        stem_of(name, tables, table)
+    kinds = formats or FILE_SIZE
+    return [*(f"{stem}.{kind}" for stem in stems(declared) for kind in kinds), COLUMNS]
+
+
+def stems(declared: Mapping[str, Sequence[Table]]) -> dict[str, tuple[str, Table]]:
+    """Return what files are called without their ending: whose, and of which table."""
+    return {
+        f"{name}_{table.name}" if number else name: (name, table)
         for name, tables in declared.items()
-        for table in tables
-    ]
-    return [*(f"{stem}.{kind}" for stem in stems for kind in formats or FILE_SIZE), COLUMNS]
+        for number, table in enumerate(tables)
+    }
 
 
-def stem_of(analysis: str, tables: Sequence[Table], table: Table) -> str:
-    """Return what the files of a table of an analysis are called, without their ending."""
-    return analysis if table is tables[0] else f"{analysis}_{table.name}"
-
-
-def units_of(tables: Mapping[str, Table], degrees: bool) -> dict[str, dict[str, str]]:
+def _units(declared: Mapping[str, Sequence[Table]], degrees: bool) -> dict[str, Any]:
     """Return the unit of every column of tables by the stems of their files."""
-    return {stem: table.units(degrees) for stem, table in tables.items()}
+    return {stem: table.units(degrees) for stem, (_, table) in stems(declared).items()}
 
 
 def result_of(
@@ -349,30 +349,21 @@ def result_of(
     """
     files: list[Path] = []
     data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
-    stems = {
-        stem_of(name, tables, table): table
-        for name, tables in declared.items()
-        for table in tables
-    }
-    summary = {**summary, "units": units_of(stems, degrees=False)}
+    summary = {**summary, "units": _units(declared, degrees=False)}
+    by_stem = stems(declared)
     if isinstance(store, InMemory):
-        for name, tables in declared.items():
-            data[name] = {table.name: store.table(name, table) for table in tables}
+        for name, table in by_stem.values():
+            data[name][table.name] = store.table(name, table)
     elif isinstance(store, StoredParts):
         from spherekit.analysis.frames import ParquetColumns
 
         assert place is not None
-        rows = [
-            (name, table, store.pieces(name, table))
-            for name, tables in declared.items()
-            for table in tables
-        ]
-        files, summary = write_results(place, rows, summary, wanted)
-        for name, tables in declared.items():
-            for table in tables:
-                path = place.path / f"{stem_of(name, tables, table)}.parquet"
-                if path in files:
-                    data[name][table.name] = ParquetColumns(path, table, wanted.degrees)
+        rows = {stem: store.pieces(*key) for stem, key in by_stem.items()}
+        files, summary = write_results(place, declared, rows, summary, wanted)
+        for stem, (name, table) in by_stem.items():
+            path = place.path / f"{stem}.parquet"
+            if path in files:
+                data[name][table.name] = ParquetColumns(path, table, wanted.degrees)
     results = {
         name: AnalysisResult(name, tuple(tables), data[name])
         for name, tables in declared.items()
@@ -382,13 +373,14 @@ def result_of(
 
 def write_results(
     folder: RunFolder,
-    tables: Sequence[tuple[str, Table, Iterator[Mapping[str, Any]]]],
+    declared: Mapping[str, Sequence[Table]],
+    rows: Mapping[str, Iterator[Mapping[str, Any]]],
     summary: Mapping[str, Any],
     wanted: Files,
 ) -> tuple[list[Path], dict[str, Any]]:
     """Write the tables of analyses, and the summary with their names and the time.
 
-    Return the paths and that summary.
+    `rows` are their pieces by the stems of their files. Return the paths and that summary.
 
     Raises
     ------
@@ -398,12 +390,10 @@ def write_results(
     from spherekit.analysis.frames import columns_text, write_table
 
     started = time.perf_counter()
-    stems: dict[str, Table] = {}
-    for analysis, table, _ in tables:
-        siblings = [other for name, other, _ in tables if name == analysis]
-        stems[stem_of(analysis, siblings, table)] = table
-    cost = summary["cost"]["tables"]
-    in_memory = sum(table.row_bytes * cost[stem]["rows"] for stem, table in stems.items())
+    by_stem, cost = stems(declared), summary["cost"]["tables"]
+    in_memory = sum(
+        table.row_bytes * cost[stem]["rows"] for stem, (_, table) in by_stem.items()
+    )
     csv = FILE_SIZE["csv"] * in_memory
     formats = wanted.formats_of(csv)
     if wanted.formats is None and "csv" not in formats:
@@ -413,18 +403,18 @@ def write_results(
     wanted = replace(wanted, formats=formats)
     made = make_folder(folder.work / MADE)
     names: list[str] = []
-    for (analysis, table, rows), stem in zip(tables, stems, strict=True):
+    for stem, (analysis, table) in by_stem.items():
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
-        own_names = write_table(made, stem, table, rows, notes, wanted)
+        own_names = write_table(made, stem, table, rows[stem], notes, wanted)
         for name in own_names:
             key = f"{name.rpartition('.')[2]}_bytes"
             cost[stem][key] = (made / name).stat().st_size
         names += own_names
-    write_bytes(made / COLUMNS, columns_text(stems, wanted.degrees))
+    write_bytes(made / COLUMNS, columns_text(by_stem, wanted.degrees))
     names.append(COLUMNS)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
     sizes = {name: (made / name).stat().st_size for name in names}
-    rest = {"units": units_of(stems, wanted.degrees), "files": names, BYTES: sizes}
+    rest = {"units": _units(declared, wanted.degrees), "files": names, BYTES: sizes}
     written = signed({**summary, **rest})
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())

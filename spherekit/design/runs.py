@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, Merit
 from spherekit.analysis.execution import Execution
-from spherekit.analysis.result import MOTION, RunResult, stem_of
+from spherekit.analysis.result import MOTION, RunResult, stems
 from spherekit.analysis.run import executed
 from spherekit.analysis.tables import Table, TableArrays
 from spherekit.arrays import Floats
@@ -287,10 +287,10 @@ class DesignRuns:
 
 def _tables(run: RunResult) -> tuple[RunTable, ...]:
     """Return all tables of a run."""
+    declared = {name: result.tables for name, result in run.results.items()}
     return tuple(
-        (stem_of(name, result.tables, table), table, result.data[table.name])
-        for name, result in run.results.items()
-        for table in result.tables
+        (stem, table, run.results[name].data[table.name])
+        for stem, (name, table) in stems(declared).items()
     )
 
 

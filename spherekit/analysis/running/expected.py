@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.execution import Execution
-from spherekit.analysis.result import stem_of
+from spherekit.analysis.result import stems
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.run import evaluate_block, executed, traced
 from spherekit.analysis.running.cost import Timer
@@ -70,16 +70,15 @@ def expected(
     assembly_modes = every if assembly.has_closed_form else None
     rows = samples * (min(every, 1) if assembly_modes is None else assembly_modes)
     tables = {}
-    for name, declared in job.tables(standing.failures).items():
-        for table in declared:
-            data = store.table(name, table)
-            count = round(standing.rows[name, table.name] * rows / max(tried, 1))
-            tables[stem_of(name, declared, table)] = {
-                "rows": count,
-                "columns": len(table.columns),
-                "csv_bytes": round(count * csv_row(data, samples)),
-                "parquet_bytes": round(count * parquet_row(data, count, samples)),
-            }
+    for stem, (name, table) in stems(job.tables(standing.failures)).items():
+        data = store.table(name, table)
+        count = round(standing.rows[name, table.name] * rows / max(tried, 1))
+        tables[stem] = {
+            "rows": count,
+            "columns": len(table.columns),
+            "csv_bytes": round(count * csv_row(data, samples)),
+            "parquet_bytes": round(count * parquet_row(data, count, samples)),
+        }
     names = {analysis.name for analysis in able} - set(standing.failures)
     return {
         "assembly_modes": assembly_modes,

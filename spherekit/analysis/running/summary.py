@@ -18,7 +18,7 @@ from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder import need_memory
 from spherekit.analysis.link_scenes import plan_notes
-from spherekit.analysis.result import MOTION, stem_of
+from spherekit.analysis.result import MOTION, stems
 from spherekit.analysis.running.cost import RECORDING, Timer, cost_of
 from spherekit.analysis.running.evaluation import Evaluation, Setting
 from spherekit.analysis.running.kernel_columns import UnreadField
@@ -386,13 +386,10 @@ def actual_cost(
     job: RunPlan, standing: RunState, ledger: Timer, recorder: Recorder | None
 ) -> dict[str, Any]:
     """Return what was evaluated, made and logged; a recorder that counts is finished."""
+    declared = stems(job.tables(standing.failures))
     tables = {
-        stem_of(name, declared, table): (
-            standing.rows[name, table.name],
-            len(table.columns),
-        )
-        for name, declared in job.tables(standing.failures).items()
-        for table in declared
+        stem: (standing.rows[name, table.name], len(table.columns))
+        for stem, (name, table) in declared.items()
     }
     logged = None
     if isinstance(recorder, CountingRecorder):
