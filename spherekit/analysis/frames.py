@@ -67,7 +67,7 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
 def _categories(values: Array) -> "pd.Categorical":
     import pandas as pd
 
-    words, codes = np.unique(values, return_inverse=True)
+    codes, words = pd.factorize(values, sort=True)
     return pd.Categorical.from_codes(codes, categories=pd.Index(words.tolist()))
 
 
@@ -87,20 +87,15 @@ def frame_of(columns: Mapping[str, Array], notes: Mapping[str, Any]) -> "pd.Data
 
 def _texts(values: Any) -> "pa.DictionaryArray":
     """Return texts as places in the words that are there, which are in order."""
+    import pandas as pd
     import pyarrow as pa
 
-    if isinstance(values, np.ndarray) and values.dtype.kind == "U":
-        words, places = np.unique(values, return_inverse=True)
+    if isinstance(values, np.ndarray):
+        places, words = pd.factorize(values, sort=True)
     else:
-        if isinstance(values, np.ndarray):
-            values = pa.chunked_array([pa.array(values, pa.string())])
-        coded = values.dictionary_encode().unify_dictionaries().combine_chunks()
-        every, codes = np.array(coded.dictionary, dtype=str), np.asarray(coded.indices)
-        used = np.flatnonzero(np.bincount(codes, minlength=len(every)))
-        used = used[np.argsort(every[used])]
-        words, ranks = every[used], np.zeros(len(every), dtype=np.int32)
-        ranks[used] = np.arange(len(used))
-        places = ranks[codes]
+        used = values.unify_dictionaries().to_pandas().cat.remove_unused_categories()
+        ordered = used.cat.reorder_categories(sorted(used.cat.categories)).cat
+        places, words = ordered.codes.to_numpy(), ordered.categories
     names = pa.array(words.tolist(), pa.string())
     return pa.DictionaryArray.from_arrays(pa.array(places, pa.int32()), names)
 

@@ -16,7 +16,7 @@ from spherekit.analysis.tables import (
     TableData,
 )
 from spherekit.arrays import Array, Indices
-from spherekit.numeric.unread import Interleaved, Span, put
+from spherekit.numeric.unread import Interleaved, Span, once, put
 
 LARGEST_SHARE = 8
 """Columns that are a smaller part of an array than one of so many are kept as copies."""
@@ -137,8 +137,8 @@ def parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | Non
     """
     parts: list[tuple[int, int, slice]] = []
     for number, block in enumerate(blocks):
-        modes, repeats = _once(block[ASSEMBLY_MODE.name])
-        samples, _ = _once(block[SAMPLE.name])
+        modes, repeats = once(block[ASSEMBLY_MODE.name])
+        samples, _ = once(block[SAMPLE.name])
         is_new = modes[1:] != modes[:-1] if len(modes) == len(samples) else None
         if is_new is None or np.any(~is_new & (samples[1:] < samples[:-1])):
             return None
@@ -149,13 +149,6 @@ def parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | Non
     if len({part[:2] for part in parts}) < len(parts):
         return None
     return [(number, rows) for _, number, rows in sorted(parts, key=lambda part: part[:2])]
-
-
-def _once(column: "Array | Interleaved") -> tuple[Array, int]:
-    """Return a column without the rows that repeat, and how often each is there."""
-    if isinstance(column, Interleaved) and len({id(part) for part in column.parts}) == 1:
-        return np.asarray(column.parts[0]), len(column.parts)
-    return np.asarray(column), 1
 
 
 def order_of(data: TableArrays) -> Indices:

@@ -10,7 +10,7 @@ from spherekit.arrays import Array, Floats
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError
 from spherekit.model.mechanism import Mechanism
-from spherekit.numeric.unread import Interleaved, read
+from spherekit.numeric.unread import Interleaved, once, read
 
 Kind = Literal["number", "integer", "text", "status"]
 Scale = Literal["unit", "absolute", "largest", "none"]
@@ -183,10 +183,11 @@ class Table:
         """Return rows with the names of their assembly modes, where the table has these."""
         if MODE_NAME not in self.columns:
             return data
-        numbers = np.asarray(data[ASSEMBLY_MODE.name])
+        numbers, repeats = once(data[ASSEMBLY_MODE.name])
         texts = np.array([names.get(k, "") for k in range(max(names, default=0) + 1)])
         within = (numbers >= 0) & (numbers < len(texts))
-        made = np.where(within, texts[np.where(within, numbers, 0)], "")
+        words = np.where(within, texts[np.where(within, numbers, 0)], "")
+        made = Interleaved([words] * repeats) if repeats > 1 else words
         return {c.name: made if c == MODE_NAME else data[c.name] for c in self.columns}
 
     @property

@@ -63,6 +63,13 @@ class Interleaved:
         return _array(self, dtype, copy)
 
 
+def once(column: Array | Interleaved) -> tuple[Array, int]:
+    """Return a column without the rows that repeat, and how often each is there."""
+    if isinstance(column, Interleaved) and len({id(part) for part in column.parts}) == 1:
+        return np.asarray(column.parts[0]), len(column.parts)
+    return np.asarray(column), 1
+
+
 Column = Array | Unread | Interleaved
 Span = tuple[slice, int]
 """Rows of a column, and from where on they belong in an array."""
