@@ -24,9 +24,7 @@ from spherekit.figures.contents import figures_of
 from spherekit.figures.projection import (
     EQUAL_AREA,
     STEREOGRAPHIC,
-    centre_at,
     centre_of,
-    opposite,
 )
 from spherekit.markup import html_table
 
@@ -179,13 +177,13 @@ def test_the_stereographic_map_keeps_angles_and_circles(pole):
 def test_a_centre_is_an_axis_of_the_ground_and_its_sides_point_along_others():
     for out in range(3):
         for positive in (True, False):
-            centre = centre_at(out, positive)
+            centre = centre_of(np.eye(3)[[out]] * (1.0 if positive else -1.0))
             assert np.linalg.det(centre.frame) == pytest.approx(1.0)
             right, up = ("xyz".index(name) for name in centre.sides)
             for axis, to in ((right, (1.0, 0.0)), (up, (0.0, 1.0))):
                 place = centre.placed(np.eye(3)[[axis]], EQUAL_AREA)[0]
                 assert place == pytest.approx(np.sqrt(2.0) * np.array(to))
-            assert opposite(opposite(centre)).name == centre.name
+            assert centre.opposite.opposite.name == centre.name
 
 
 def series(values, unit="rad", label="a", group="angle"):
@@ -307,7 +305,8 @@ def test_the_border_of_a_workspace_is_on_both_maps(tmp_path):
     assert len(maps) == 4
     for panel in maps:
         name = panel.get_title().split("about ")[1].replace("−", "-")
-        centre = centre_at("xyz".index(name[1]), name[0] == "+")
+        sign = 1.0 if name[0] == "+" else -1.0
+        centre = centre_of(sign * np.eye(3)[["xyz".index(name[1])]])
         angles = centre.angles(border)
         radius = (
             2.0 * np.sin(angles / 2)

@@ -29,7 +29,6 @@ from spherekit.figures.projection import (
     Centre,
     Projection,
     centre_of,
-    opposite,
 )
 from spherekit.figures.sdk import (
     Axes,
@@ -307,7 +306,7 @@ def draw_sphere(shown: OnSphere, sheet: Sheet) -> Figure:
     rim = max(RING, STEP * np.ceil(farthest / STEP + 1e-9))
     if not shown.maps and rim < HALF:
         rim = HALF
-    centres, rim = ([centre], rim) if rim <= WIDEST else ([centre, opposite(centre)], HALF)
+    centres, rim = ([centre], rim) if rim <= WIDEST else ([centre, centre.opposite], HALF)
     views = [View(c, p, rim) for c in centres for p in (EQUAL_AREA, STEREOGRAPHIC)]
     entries = _entries(shown)
     with style.look():

@@ -33,10 +33,20 @@ STEREOGRAPHIC = Projection("stereographic", lambda angle: 2.0 * np.tan(angle / 2
 @final
 @dataclass(frozen=True)
 class Centre:
-    """A centre of maps on an axis of the ground: its name, and right, up, out (3, 3)."""
+    """A centre of maps on an axis of the ground, by right, up, out (3, 3)."""
 
-    name: str
     frame: Floats
+
+    @property
+    def name(self) -> str:
+        """The axis of the ground on which it is, with its sign."""
+        out = int(np.argmax(np.abs(self.frame[2])))
+        return f"{'−' if self.frame[2, out] < 0.0 else '+'}{AXES[out]}"
+
+    @property
+    def opposite(self) -> "Centre":
+        """The centre on the other side."""
+        return Centre(self.frame[[1, 0, 2]] * [[1.0], [1.0], [-1.0]])
 
     @property
     def sides(self) -> tuple[str, str]:
@@ -62,20 +72,5 @@ def centre_of(directions: Floats) -> Centre:
     """Return the axis of the ground that is nearest to the middle of directions (n, 3)."""
     mean = np.nanmean(directions, axis=0) if len(directions) else np.array([0.0, 0.0, 1.0])
     out = int(np.argmax(np.abs(mean)))
-    return centre_at(out, positive=mean[out] >= 0.0)
-
-
-def centre_at(out: int, positive: bool) -> Centre:
-    """Return the centre on axis number `out` of the ground, or on its other end."""
-    right, up = (out + 1) % 3, (out + 2) % 3
-    if positive:
-        return Centre(f"+{AXES[out]}", np.eye(3)[[right, up, out]])
-    frame = np.eye(3)[[up, right, out]]
-    frame[2] *= -1.0
-    return Centre(f"−{AXES[out]}", frame)
-
-
-def opposite(centre: Centre) -> Centre:
-    """Return the centre on the other side."""
-    out = int(np.argmax(np.abs(centre.frame[2])))
-    return centre_at(out, positive=centre.frame[2, out] < 0.0)
+    centre = Centre(np.eye(3)[[(out + 1) % 3, (out + 2) % 3, out]])
+    return centre if mean[out] >= 0.0 else centre.opposite

@@ -96,10 +96,7 @@ def _even_steps(line: Floats) -> Floats:
     keep[-1] = True
     line, length = line[keep], length[keep]
     pieces = np.ceil(np.diff(length) / LONGEST_CHORD).astype(int).clip(min=1)
-    first = np.repeat(np.arange(len(pieces)), pieces)
-    within = np.arange(len(first)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    part = (within / pieces[first])[:, None]
-    fine = line[first] * (1.0 - part) + line[first + 1] * part
-    fine = np.concatenate([fine, line[-1:]])
-    unit: Floats = unit_rows(fine)
-    return unit
+    ends = np.concatenate([[0], np.cumsum(pieces)])
+    at = np.interp(np.arange(ends[-1] + 1), ends, length)
+    fine = np.stack([np.interp(at, length, column) for column in line.T], axis=1)
+    return unit_rows(fine)
