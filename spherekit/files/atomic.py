@@ -32,6 +32,16 @@ _REASONS = {
 }
 
 
+@contextmanager
+def _refusing(path: AnyPath, what: str) -> Iterator[None]:
+    """Raise `OutputError` where the block fails: a file or folder cannot be `what`."""
+    try:
+        _named(path)
+        yield
+    except (OSError, ValueError) as error:
+        raise refused(path, what, error) from None
+
+
 def make_folder(path: AnyPath) -> Path:
     """Return a folder as a path, made with the folders around it if it is not there.
 
@@ -40,46 +50,33 @@ def make_folder(path: AnyPath) -> Path:
     OutputError
         If it cannot be made.
     """
-    try:
-        _named(path)
-        folder = Path(path)
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        raise refused(path, "made", error) from None
-    return folder
+    with _refusing(path, "made"):
+        Path(path).mkdir(parents=True, exist_ok=True)
+    return Path(path)
 
 
 def check_folder(path: AnyPath) -> None:
     """Raise `OutputError` unless a folder is there or can be made; nothing is made."""
-    places = (Path(path), *Path(path).parents)
-    try:
-        _named(path)
+    with _refusing(path, "made"):
+        places = (Path(path), *Path(path).parents)
         nearest = next(folder for folder in places if folder.exists())
-    except (OSError, ValueError) as error:
-        raise refused(path, "made", error) from None
-    if not nearest.is_dir():
-        number = errno.EEXIST if nearest == Path(path) else errno.ENOTDIR
-        raise refused(path, "made", OSError(number, ""))
-    if not os.access(nearest, os.W_OK | os.X_OK):
-        raise refused(path, "made", OSError(errno.EACCES, ""))
+        _writable(nearest, errno.EEXIST if nearest == Path(path) else errno.ENOTDIR)
 
 
 def check_file(path: AnyPath) -> None:
     """Raise `OutputError` unless a file can be made there; nothing is made."""
-    target = Path(path)
-    try:
-        _named(path)
-        _replaceable(target)
-        faults = (
-            (not target.parent.exists(), errno.ENOENT),
-            (not target.parent.is_dir(), errno.ENOTDIR),
-            (not os.access(target.parent, os.W_OK | os.X_OK), errno.EACCES),
-        )
-    except (OSError, ValueError) as error:
-        raise refused(path, "written", error) from None
-    for fault, number in faults:
-        if fault:
-            raise refused(path, "written", OSError(number, ""))
+    with _refusing(path, "written"):
+        _replaceable(Path(path))
+        around = Path(path).parent
+        _writable(around, errno.ENOTDIR if around.exists() else errno.ENOENT)
+
+
+def _writable(folder: Path, fault: int) -> None:
+    """Raise `OSError` with `fault` if there is no folder, or none that can be changed."""
+    if not folder.is_dir():
+        raise OSError(fault, "")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OSError(errno.EACCES, "")
 
 
 def _named(path: AnyPath) -> None:
@@ -151,20 +148,18 @@ def writing(path: AnyPath) -> Iterator[BinaryIO]:
     """
     temporary: Path | None = None
     try:
-        _named(path)
-        target = Path(path).resolve()
-        _replaceable(target)
-        mark = os.urandom(4).hex()
-        unfinished = target.with_name(f".{target.name[:100]}.{mark}.part")
-        handle = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-        temporary = unfinished
-        with open(handle, "wb") as stream:  # noqa: PTH123 (an open descriptor)
-            yield stream
-            stream.flush()
-            os.fsync(handle)
-        temporary.replace(target)
-    except (OSError, ValueError) as error:
-        raise refused(path, "written", error) from None
+        with _refusing(path, "written"):
+            target = Path(path).resolve()
+            _replaceable(target)
+            mark = os.urandom(4).hex()
+            unfinished = target.with_name(f".{target.name[:100]}.{mark}.part")
+            handle = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+            temporary = unfinished
+            with open(handle, "wb") as stream:  # noqa: PTH123 (an open descriptor)
+                yield stream
+                stream.flush()
+                os.fsync(handle)
+            temporary.replace(target)
     finally:
         # After success the name is gone; after a fault or Ctrl-C the rest goes too.
         if temporary is not None:

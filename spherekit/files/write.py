@@ -8,14 +8,24 @@ import hashlib
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
+from functools import reduce
+from operator import getitem
 from typing import Any
 
 from spherekit.checked import checked
 from spherekit.conventions import AnyPath, listing, nearest
 from spherekit.errors import EngineError, FileError, OutputError
 from spherekit.files.atomic import write_text
-from spherekit.files.document import Document, KeyPath, LiteralNumber, parse, spelt
+from spherekit.files.document import (
+    Document,
+    KeyPath,
+    LiteralNumber,
+    parse,
+    spelt,
+    values_in,
+)
 from spherekit.files.read import AnyMechanism, checked_document, loads, mechanism_of
 from spherekit.files.schema import FORMAT
 from spherekit.files.toml_text import assignment, tables
@@ -178,10 +188,7 @@ def _place(ours: object, theirs: object) -> str:
     return ""
 
 
-_LEADS = {"arc": ("arcs", 1), "angle": ("angles", 2)}
-"""The list in which a link's sizes stand, and the first axis that one leads to."""
-
-_LONLAT = {"longitude": 0, "latitude": 1}
+_LONLAT = ("longitude", "latitude")
 
 _ABSENT = ("zero", "value")
 """Angles of pairs that a file may leave out; they are 0 then."""
@@ -240,22 +247,50 @@ def number_path(document: Document, key: str) -> KeyPath:
     FileError
         If there is no such number.
     """
-    parts = key.split(".")
-    path: list[str | int] = []
+    table, name, *_ = *key.split("."), ""
+    named = _named_numbers(document, table, name)
+    if key in named:
+        return named[key]
+    path: KeyPath = ()
     place: Any = document.data
-    for k, part in enumerate(parts):
-        steps = _steps(document, path, place, part, last=k == len(parts) - 1)
-        for step in steps:
-            path.append(step)
-            place = _within(place, step)
-    if place is None and parts[-1] in _ABSENT:
-        return tuple(path)
-    if isinstance(place, bool) or not isinstance(place, int | float):
-        raise FileError(
-            f'{document.name}: "{key}" is not a number'
-            + (f"; it holds {listing(_names(place))}" if _names(place) else "")
-        )
-    return tuple(path)
+    wrong = f'"{key}" is not a number;'
+    for part in key.split("."):
+        if not isinstance(place, Mapping) or part not in place:
+            where = f"{spelt(path)}: " if path else ""
+            hint = nearest(part, place if isinstance(place, Mapping) else ()) or ";"
+            wrong = f'{where}there is no "{part}"{hint}'
+            break
+        path, place = (*path, part), place[part]
+    within = ".".join(map(str, path))
+    there = [number for number in reversed(named) if number.startswith(within)]
+    held = there or (list(place) if isinstance(place, Mapping) else [])
+    raise FileError(f"{document.name}: {wrong} there are {listing(held) or 'none'}")
+
+
+def _named_numbers(document: Document, table: str, name: str) -> dict[str, KeyPath]:
+    """Return where the numbers of an entry of a table stand, by all their names."""
+    entry: Any = {}
+    with suppress(AttributeError, KeyError, TypeError):
+        entry = document.data[table][name]
+    at: dict[KeyPath, KeyPath] = {}
+    if table == "pairs" and entry:
+        at = {(key,): (table, name, key) for key in _ABSENT}
+    for place, value in values_in(entry if isinstance(entry, Mapping) else {}):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        path, (*around, last) = (table, name, *place), place
+        at.setdefault(place, path)
+        if isinstance(last, int) and len(reduce(getitem, around, entry)) == len(_LONLAT):
+            at[*around, _LONLAT[last]] = path
+            if around[-1] == "lonlat":
+                at[*around[:-1], _LONLAT[last]] = path
+        match table, place:
+            case "links", ("arcs" | "angles" as kind, int(k)):
+                pair = k + (1 if kind == "arcs" else 2)
+                at |= {(kind, x): path for x in entry.get("axes", ())[pair:][:1]}
+                if len(entry[kind]) == 1:
+                    at[(kind[:-1],)] = path
+    return {".".join((table, name, *map(str, key))): path for key, path in at.items()}
 
 
 def number_at(document: Document, path: KeyPath) -> float:
@@ -285,47 +320,3 @@ def _within(place: Any, step: str | int) -> Any:
     if isinstance(step, int):
         return place[step]
     return place.get(step)
-
-
-def _names(place: Any) -> list[str]:
-    if isinstance(place, Mapping):
-        return list(place)
-    return [str(k) for k in range(len(place))] if isinstance(place, list) else []
-
-
-def _steps(
-    document: Document, path: list[str | int], place: Any, part: str, last: bool
-) -> KeyPath:
-    """Return the steps that a part of a key stands for."""
-    if len(path) == 2 and path[0] == "links" and part in _LEADS and last:
-        name, first = _LEADS[part]
-        sizes = place.get(name, [])
-        if len(sizes) == 1:
-            return name, 0
-        pairs = place.get("axes", [])[first:]
-        if not sizes:
-            raise FileError(f"{document.name}: links.{path[1]} has no {name}")
-        raise FileError(
-            f"{document.name}: links.{path[1]} has {len(sizes)} {name}; say which by the "
-            f"pair it leads to: {listing(f'links.{path[1]}.{name}.{p}' for p in pairs)}"
-        )
-    if len(path) == 3 and path[0] == "links" and path[2] in ("arcs", "angles"):
-        first = 1 if path[2] == "arcs" else 2
-        pairs = document.data["links"][path[1]].get("axes", [])[first:]
-        if part in pairs:
-            return (pairs.index(part),)
-    if part in _LONLAT and isinstance(place, Mapping) and "lonlat" in place:
-        return "lonlat", _LONLAT[part]
-    if part in _LONLAT and last and isinstance(place, list) and len(place) == 2:
-        return (_LONLAT[part],)
-    if isinstance(place, Mapping) and (part in place or (last and part in _ABSENT)):
-        return (part,)
-    if isinstance(place, list) and part.isdecimal() and int(part) < len(place):
-        return (int(part),)
-    names = _names(place)
-    where = spelt(tuple(path))
-    raise FileError(
-        f'{document.name}: {where + ": " if where else ""}there is no "{part}"'
-        f"{nearest(part, names) or ';'} "
-        + (f"it holds {listing(names)}" if names else "it is a single value")
-    )
