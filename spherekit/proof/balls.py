@@ -281,6 +281,16 @@ def turned(frame: Frame, angle: Ball) -> Frame:
     return np.stack([c * x + s * y, c * y - s * x, z])
 
 
+def revolute(first: Frame, second: Frame) -> Array:
+    """Return (3, 3, 3) how an R pair turns its second link in the first, by its frames.
+
+    By the sum of these times 1, the cosine and the sine of its angle.
+    """
+    (x, y, z), nothing = first, 0 * first[0]
+    moved = [[nothing, nothing, z], [x, y, nothing], [y, -x, nothing]]
+    return np.asarray(np.array(moved).swapaxes(1, 2) @ second)
+
+
 def axes_about(centre: Vector) -> Frame:
     """Return the axes from which azimuths about a unit vector are counted, and it."""
     helper = np.eye(3)[1 if abs(float(centre[0])) > 0.9 else 0]

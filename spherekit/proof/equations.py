@@ -29,6 +29,7 @@ from spherekit.proof.balls import (
     exact,
     lower,
     matrix,
+    revolute,
 )
 from spherekit.proof.construction import Across, Construction, Onto, Ranks
 from spherekit.proof.gears import Written
@@ -135,15 +136,10 @@ class Equations:
         return dict(zip(followers, angles, strict=True))
 
     def _turning(self, step: Across) -> Rotation:
-        one = matrix(self.frame(step.pair, step.parent).T)
-        other = matrix(self.frame(step.pair, step.link))
-        ahead = self.written.structure.ends[step.pair][0] == step.parent
-        sense = 1 if ahead else -1
-        parts = ([0, 0, 0, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 1, 0, 0, 0, 0])
-        odd = [0, -sense, 0, sense, 0, 0, 0, 0, 0]
-        still, even, turned = (
-            one * matrix([row[:3], row[3:6], row[6:]]) * other for row in (*parts, odd)
-        )
+        parts = revolute(*self.frames[step.pair])
+        if self.written.structure.ends[step.pair][0] != step.parent:
+            parts = parts.swapaxes(1, 2)
+        still, even, turned = map(matrix, parts)
         if step.pair in self.offsets:
             s, c = complex_ball(self.offsets[step.pair]).sin_cos()
             even, turned = even * c + turned * s, turned * c - even * s

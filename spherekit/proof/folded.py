@@ -12,13 +12,12 @@ Saddles met by chains are kept here: where arms begin and end, and what is still
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
 from itertools import pairwise
 from typing import final
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Array, Bools, Floats
 from spherekit.files.document import LiteralNumber
 from spherekit.model.parts import SizeGeometry
 from spherekit.numeric.crossings import wrap
@@ -50,140 +49,82 @@ BALL = 1e-9
 class Folding:
     """The equation of a loop of four pairs with both its variables.
 
-    `values` are the angles (rad) of each variable in line: links on the same side, and on
-    opposite sides. `closes[i][j]` says whether the loop closes with these.
+    `values` (2, 2) are the angles (rad) of each variable in line: links on the same side,
+    and on opposite sides. `closes` (2, 2) says whether the loop closes with two of these.
     """
 
     equation: int
     variables: tuple[int, int]
-    values: tuple[tuple[Ball, Ball], tuple[Ball, Ball]]
-    closes: tuple[tuple[bool, bool], tuple[bool, bool]]
+    values: Array
+    closes: Bools
 
 
-@final
-class Foldings:
-    """All loops of four pairs among the equations, with what is exact about them."""
+def completed(
+    equations: Equations, equation: int, given: Mapping[int, Ball], place: Floats
+) -> list[Ball] | None:
+    """Return balls next to a place, with variables given, that solve all other equations.
 
-    def __init__(self, equations: Equations) -> None:
-        self.equations = equations
-
-    @cached_property
-    def loops(self) -> list[Folding]:
-        """The loops whose arcs are decimal numbers, none without a tolerance of zero."""
-        written = self.equations.written
-        if written.tolerance or not isinstance(written.mechanism.geometry, SizeGeometry):
-            return []
-        made = (
-            _folding(self.equations, number, step)
-            for number, step in enumerate(self.equations.construction.equations)
-        )
-        return [folding for folding in made if folding is not None]
-
-    def closed_at(self, place: Floats, reach: float) -> list[Ball] | None:
-        """Return a configuration in line next to a place, in balls within `reach` of it."""
-        for loop in self.loops:
-            for i, one in enumerate(loop.values[0]):
-                for j, other in enumerate(loop.values[1]):
-                    if not loop.closes[i][j]:
-                        continue
-                    given = dict(zip(loop.variables, (one, other), strict=True))
-                    balls = self.completed(loop.equation, given, place)
-                    near = balls is not None and all(
-                        upper(ball - exact(float(e))) < reach
-                        for ball, e in zip(balls, place, strict=True)
-                    )
-                    if near:
-                        return balls
-        return None
-
-    def still(self, variable: int, place: Floats) -> list[Ball] | None:
-        """Return a configuration at which a variable is what it is along a whole curve.
-
-        In balls next to a place; None if no loop closes with all values of its other
-        variable there.
-        """
-        for loop in self.loops:
-            if variable not in loop.variables:
-                continue
-            side = loop.variables.index(variable)
-            other = loop.variables[1 - side]
-            for number, value in enumerate(loop.values[side]):
-                closes = np.array(loop.closes) if side == 0 else np.array(loop.closes).T
-                if not np.all(closes[number]):
-                    continue
-                given = {variable: value, other: exact(float(place[other]))}
-                balls = self.completed(loop.equation, given, place)
-                if balls is not None:
-                    return balls
-        return None
-
-    def completed(
-        self, equation: int, given: Mapping[int, Ball], place: Floats
-    ) -> list[Ball] | None:
-        """Return balls next to a place, with variables given, that solve other equations.
-
-        None if the variables given are not next to the place, or nothing is proven.
-        """
-        count = self.equations.variables
-        balls = [exact(float(e)) for e in place]
-        for variable, value in given.items():
-            turns = np.round((place[variable] - middle(value)) / (2.0 * np.pi))
-            balls[variable] = value + 2 * pi() * exact(float(turns))
-            if abs(middle(balls[variable]) - place[variable]) > NEAR:
-                return None
-        free = [j for j in range(count) if j not in given]
-        rows = [k for k in range(self.equations.unknowns) if k != equation]
-        if len(free) != len(rows):
+    None if the variables given are not next to the place, or nothing is proven.
+    """
+    balls = [exact(float(e)) for e in place]
+    for variable, value in given.items():
+        turns = np.round((place[variable] - middle(value)) / (2.0 * np.pi))
+        balls[variable] = value + 2 * pi() * exact(float(turns))
+        if abs(middle(balls[variable]) - place[variable]) > NEAR:
             return None
-        if not free:
-            return balls
-        around = list(balls)
-        for j in free:
-            around[j] = wide(balls[j], BALL)
-        values, _ = self.equations.arrays(balls)
-        _, slopes = self.equations.arrays(around)
-        over = matrix(slopes[np.ix_(rows, free)])
-        return around if zero_within(matrix(values[rows][:, None]), over) < BALL else None
+    free = [j for j in range(equations.variables) if j not in given]
+    rows = [k for k in range(equations.unknowns) if k != equation]
+    if len(free) != len(rows):
+        return None
+    if not free:
+        return balls
+    around = [wide(ball, BALL if j in free else 0.0) for j, ball in enumerate(balls)]
+    values, slopes = equations.arrays(balls, 0)[0], equations.arrays(around)[1]
+    over = matrix(slopes[np.ix_(rows, free)])
+    return around if zero_within(matrix(values[rows][:, None]), over) < BALL else None
+
+
+def foldings(equations: Equations) -> list[Folding]:
+    """Return the loops of four pairs in decimal arcs, none without a tolerance of zero."""
+    written = equations.written
+    if written.tolerance or not isinstance(written.mechanism.geometry, SizeGeometry):
+        return []
+    steps = enumerate(equations.construction.equations)
+    made = (_folding(equations, number, step) for number, step in steps)
+    return [folding for folding in made if folding is not None]
 
 
 def _folding(equations: Equations, number: int, step: Onto) -> Folding | None:
     """Return the loop of an equation, None if it is none of four pairs in exact arcs."""
     shared, first, second = equations.ranks.apart(*step.parents)
     steps = {s.link: s for s in equations.construction.steps}
-    turned = [*first, *second]
-    across = [steps[link] for link in turned]
-    if len(turned) != 2 or not all(isinstance(s, Across) for s in across):
-        return None
-    joints = [s for s in across if isinstance(s, Across)]
-    if joints[0].variable == joints[1].variable:
+    turned = [steps[link] for link in (*first, *second)]
+    joints = [s for s in turned if isinstance(s, Across)]
+    if not len(turned) == len(joints) == len({s.variable for s in joints}) == 2:
         return None
     if any(s.turns != 1 or s.pair in equations.offsets for s in joints):
         return None
     # the loop as links with the pairs between them, from the shared link round to it
     links = [shared, *first[::-1], step.link, *second]
+    pairs = {s.link: s.pair for s in joints}
     hinges = [
-        *(steps[link].pair for link in first[::-1]),  # type: ignore[union-attr]
+        *(pairs[link] for link in first[::-1]),
         *step.pairs,
-        *(steps[link].pair for link in second),  # type: ignore[union-attr]
+        *(pairs[link] for link in second),
     ]
     written = equations.written
-    sides = [
-        _arc(written, link, one, other)
-        for link, (one, other) in zip(links, pairwise([hinges[-1], *hinges]), strict=True)
-    ]
-    if any(side is None for side in sides):
+    sides = zip(links, pairwise([hinges[-1], *hinges]), strict=True)
+    arcs = [arc for link, two in sides if (arc := _arc(written, link, *two)) is not None]
+    if len(arcs) < len(links):
         return None
-    arcs = [side for side in sides if side is not None]
-    where = {pair: k for k, pair in enumerate(hinges)}
-    variables = joints[0].variable, joints[1].variable
-    places = [where[joint.pair] for joint in joints]
-    values = [_in_line(equations, hinges, links, k) for k in places]
-    closes = [[_closes(arcs, places, (i, j), written) for j in (0, 1)] for i in (0, 1)]
+    places = [hinges.index(joint.pair) for joint in joints]
     return Folding(
         number,
-        variables,
-        (values[0], values[1]),
-        ((closes[0][0], closes[0][1]), (closes[1][0], closes[1][1])),
+        (joints[0].variable, joints[1].variable),
+        np.array([_in_line(equations, hinges, links, k) for k in places]),
+        np.array(
+            [[_closes(arcs, places, (i, j), written) for j in (0, 1)] for i in (0, 1)]
+        ),
     )
 
 
@@ -287,7 +228,7 @@ class Crossings:
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
-        self.foldings = Foldings(equations)
+        self.loops = foldings(equations)
         self.saddles: list[Saddle] = []
 
     def find(self, place: Floats) -> bool:
@@ -334,14 +275,31 @@ class Crossings:
         other variable vanish, and not all do, there is no other near by.
         """
         piece = pieces[len(pieces) // 2]
-        balls = self.foldings.still(variable, piece.centre)
-        if balls is None:
-            return False
-        return piece.holds(np.array([middle(ball) for ball in balls]), 2.0 * BALL)
+        for loop in (loop for loop in self.loops if variable in loop.variables):
+            side = loop.variables.index(variable)
+            other = loop.variables[1 - side]
+            for value in loop.values[side][np.all(loop.closes, axis=1 - side)]:
+                given = {variable: value, other: exact(float(piece.centre[other]))}
+                balls = completed(self.equations, loop.equation, given, piece.centre)
+                if balls is not None:
+                    centre = np.array([middle(ball) for ball in balls])
+                    return piece.holds(centre, 2.0 * BALL)
+        return False
 
     def _crosses(self, part: Saddle) -> bool:
-        balls = self.foldings.closed_at(part.centre, 1e-3 * np.min(part.limits))
-        return balls is not None
+        """Return whether a loop is proven to close in line next to a saddle's centre."""
+        reach = 1e-3 * float(np.min(part.limits))
+        for loop in self.loops:
+            for i, j in np.argwhere(loop.closes):
+                values = loop.values[0, i], loop.values[1, j]
+                given = dict(zip(loop.variables, values, strict=True))
+                balls = completed(self.equations, loop.equation, given, part.centre)
+                if balls is not None and all(
+                    upper(ball - exact(e)) < reach
+                    for ball, e in zip(balls, part.centre.tolist(), strict=True)
+                ):
+                    return True
+        return False
 
     def _fits(self, made: Saddle) -> bool:
         return all(_disjoint(made, other) for other in self.saddles)

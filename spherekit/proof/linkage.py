@@ -37,6 +37,7 @@ from spherekit.proof.balls import (
     middles,
     pi,
     precision,
+    revolute,
     series,
     sine_cosine,
     square_root,
@@ -309,10 +310,7 @@ class _Revolute(_Joint):
     """An R pair with its frames in both links."""
 
     def __init__(self, first: Frame, second: Frame) -> None:
-        x, y, z = first
-        moved = [[0 * x, 0 * x, z], [x, y, 0 * x], [y, -x, 0 * x]]
-        self._parts = np.array(moved).swapaxes(1, 2) @ second
-        self._axis = z
+        self._parts, self._axis = revolute(first, second), first[2]
 
     def turn(self, values: Array) -> Array:
         return harmonic(self._parts, values[:, 0])
