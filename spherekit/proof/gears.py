@@ -194,152 +194,6 @@ class Touching:
         ) / sine
 
 
-@final
-@dataclass(frozen=True)
-class Train:
-    """Wheels in mesh with the numbers of a file, in balls of the present precision.
-
-    `touching` are the circles of each mesh and `starts` the lengths (rad) along both at
-    which it starts, `frames` those of the structure's pairs. `reference` are the angles
-    (pairs,) in a pose in which nothing has rolled; without one `turns` (meshes, 2) are the
-    whole turns of both circles with which wheels are put together.
-    """
-
-    structure: Structure
-    meshes: tuple[Mesh, ...]
-    touching: Sequence[Touching]
-    starts: Sequence[tuple[Ball, Ball]]
-    frames: Sequence[tuple[Frame, Frame]]
-    reference: Array | None
-    turns: tuple[tuple[int, int], ...] = ()
-
-    @property
-    def followers(self) -> tuple[int, ...]:
-        """The pairs whose angles follow, in order."""
-        every = set().union(*(mesh.pairs for mesh in self.meshes))
-        return tuple(sorted(every - set(self.structure.inputs)))
-
-    def ratios(self) -> list[list[Ball]]:
-        """Return the rates (followers, inputs) of the angles that follow."""
-        rows = self._rows()
-        return self._solved(rows, -rows[:, list(self.structure.inputs)])
-
-    def exact_ratios(self) -> list[Fraction] | None:
-        """Return the rates of angles by the only input, None unless all have teeth."""
-        rows = self._rows()
-        if not all(factor.is_exact() for factor in rows.flat):
-            return None
-        (driven,) = self.structure.inputs
-        return solved_exactly(rows[:, list(self.followers)], -rows[:, driven])
-
-    def angles(self, inputs: Sequence[Ball]) -> list[Ball]:
-        """Return the angles (rad) of followers at angles of the inputs."""
-        rows = self._rows()
-        if self.reference is not None:
-            constants = rows @ self.reference
-        else:
-            constants = self._rolled(self.turns) @ exactly([1.0, -1.0])
-        right = constants - rows[:, list(self.structure.inputs)] @ np.array(inputs)
-        return [angle for (angle,) in self._solved(rows, right[:, None])]
-
-    def assembled(self) -> "Train":
-        """Return it put together as the file means.
-
-        That is with nothing rolled in the reference pose; without one, with wheels rolled
-        least at inputs of zero.
-
-        Raises
-        ------
-        PlanError
-            If the meshes do not fix all angles that they relate by the inputs.
-        """
-        structure, count = self.structure, len(self.meshes)
-        where = ", ".join(structure.pairs[pair] for pair in self.followers)
-        problem = PlanError(
-            f"{structure.name}: its {count} rolling contacts relate the angles {where} to "
-            "the inputs, and do not fix each of them; proofs are for wheels whose turning "
-            "follows from the inputs alone: drive another pair"
-        )
-        if count != len(self.followers):
-            raise problem
-        try:
-            self.ratios()
-        except ZeroDivisionError:
-            raise problem from None
-        if self.reference is not None:
-            return self
-        scale = floats(
-            np.array(
-                [
-                    [two.circles[0].sine / two.circles[0].radius.sin()]
-                    for two in self.touching
-                ]
-            )
-        )
-        laps = [[c.sine for c in two.circles] for two in self.touching]
-        senses = np.array([(1, two.sense) for two in self.touching])
-        square = floats(self._rows()[:, list(self.followers)])
-        on_first = [[p in mesh.turned[0] for p in self.followers] for mesh in self.meshes]
-        turns = least_rolled(
-            floats(self._rolled([(0, 0)] * count)) / scale,
-            2.0 * np.pi * floats(np.array(laps)) * senses / scale,
-            square * on_first / scale,
-            square / scale,
-        )
-        if turns is None:
-            raise PlanError(
-                f"{structure.name}: it has {count} rolling contacts; without a reference "
-                "pose proofs are for fewer, whose turns can all be tried"
-            )
-        return replace(self, turns=tuple((int(one), int(other)) for one, other in turns))
-
-    def _rows(self) -> Array:
-        """Return the factors (meshes, pairs) of sums of angles that stay the same."""
-        rows = exactly(np.zeros((len(self.meshes), len(self.frames))))
-        for row, mesh, touch in zip(rows, self.meshes, self.touching, strict=True):
-            one, other = (circle.sine for circle in touch.circles)
-            for pair, factor in mesh.relation((one, -touch.sense * other)).items():
-                row[pair] = factor
-        return rows
-
-    def _rolled(self, turns: Sequence[tuple[int, int]]) -> Array:
-        """Return the lengths (meshes, 2) rolled along circles with all angles zero.
-
-        It is the sine of the radius times the azimuth of the contact, less where it starts;
-        in teeth, if these are given.
-        """
-        rolled = []
-        for mesh, touch, start, two in zip(
-            self.meshes, self.touching, self.starts, turns, strict=True
-        ):
-            lines = [
-                self._carried(circle.axes[2], way)
-                for circle, way in zip(touch.circles, mesh.ways, strict=True)
-            ]
-            lengths = []
-            for side, direction in enumerate(touch.towards(lines[0], lines[1])):
-                circle = touch.circles[side]
-                ahead, across, _ = circle.axes @ self._carried(
-                    direction, back(mesh.ways[side])
-                )
-                length = circle.sine * (angle_of(ahead, across) + 2 * pi() * two[side])
-                length = length * touch.sense if side else length
-                lengths.append(length - start[side] * circle.sine / circle.radius.sin())
-            rolled.append(lengths)
-        return np.array(rolled)
-
-    def _solved(self, rows: Array, right: Array) -> list[list[Ball]]:
-        """Return the angles that follow, or their rates, from the columns of `right`."""
-        made = solved(matrix(rows[:, list(self.followers)]), matrix(right)).tolist()
-        return [[entry.real for entry in row] for row in made]
-
-    def _carried(self, vector: Vector, way: Way) -> Vector:
-        """Return a vector of the first link of a way in the last, all angles zero."""
-        for pair, side in way:
-            vector = carried(vector, self.frames[pair][side], self.frames[pair][1 - side])
-        return vector
-
-
 PHASE = 1e-13
 """A start that the reader finds of a phase is known to this (rad)."""
 
@@ -395,15 +249,131 @@ class Written:
 
     def given(self, inputs: Sequence[Ball]) -> list[Ball]:
         """Return the angles (rad) of the inputs and of all pairs that follow from them."""
-        return [*inputs, *(self._train().angles(inputs) if self.meshes else ())]
+        if not self.meshes:
+            return [*inputs]
+        structure, rows = self.structure, self._relations()
+        if isinstance(self.mechanism.geometry, PoseGeometry):
+            # nothing has rolled in the reference pose
+            values, zero = self._angles("value"), exact(0.0)
+            constants = rows @ np.array([values.get(p, zero) for p in structure.pairs])
+        else:
+            constants = self._rolled(self.turns) @ exactly([1.0, -1.0])
+        right = constants - rows[:, list(structure.inputs)] @ np.array(inputs)
+        return [*inputs, *(angle for (angle,) in self._followed(rows, right[:, None]))]
 
     def ratios(self) -> list[list[Ball]]:
         """Return the rates (followers, inputs) of the angles that wheels fix."""
-        return self._train().ratios() if self.meshes else []
+        if not self.meshes:
+            return []
+        rows = self._relations()
+        return self._followed(rows, -rows[:, list(self.structure.inputs)])
 
     def exact_ratios(self) -> list[Fraction] | None:
-        """Return the rates of the followers by the only input, None if not exact."""
-        return self._train().exact_ratios() if self.meshes else []
+        """Return the rates of followers by the only input, None unless all have teeth."""
+        if not self.meshes:
+            return []
+        rows, structure = self._relations(), self.structure
+        if not all(factor.is_exact() for factor in rows.flat):
+            return None
+        (driven,) = structure.inputs
+        return solved_exactly(rows[:, list(structure.followers)], -rows[:, driven])
+
+    def _followed(self, rows: Array, right: Array) -> list[list[Ball]]:
+        """Return the angles that follow, or their rates, from the columns of `right`."""
+        square = rows[:, list(self.structure.followers)]
+        made = solved(matrix(square), matrix(right)).tolist()
+        return [[entry.real for entry in row] for row in made]
+
+    def _relations(self) -> Array:
+        """Return the factors (meshes, pairs) of sums of angles that stay the same."""
+        rows = exactly(np.zeros((len(self.meshes), len(self.structure.pairs))))
+        for row, mesh in zip(rows, self.meshes, strict=True):
+            touch = self._touching(mesh.contact)
+            one, other = (circle.sine for circle in touch.circles)
+            for pair, factor in mesh.relation((one, -touch.sense * other)).items():
+                row[pair] = factor
+        return rows
+
+    def _rolled(self, turns: Sequence[tuple[int, int]]) -> Array:
+        """Return the lengths (meshes, 2) rolled along circles with all angles zero.
+
+        It is the sine of the radius times the azimuth of the contact, less where it starts;
+        in teeth, if these are given. `turns` are the whole turns of both circles.
+        """
+        frames, rolled = self.frames(), []
+
+        def along(vector: Vector, way: Way) -> Vector:
+            """Return a vector of the first link of a way in the last, all angles zero."""
+            for pair, side in way:
+                vector = carried(vector, frames[pair][side], frames[pair][1 - side])
+            return vector
+
+        for mesh, two in zip(self.meshes, turns, strict=True):
+            touch, starts = self._touching(mesh.contact), self._starts(mesh.contact)
+            sides = list(zip(touch.circles, mesh.ways, strict=True))
+            lines = [along(circle.axes[2], way) for circle, way in sides]
+            ahead = [
+                circle.axes @ along(direction, back(way))
+                for (circle, way), direction in zip(
+                    sides, touch.towards(*lines), strict=True
+                )
+            ]
+            rolled.append(
+                [
+                    circle.sine * (angle_of(x, y) + 2 * pi() * turn) * sense
+                    - start * circle.sine / circle.radius.sin()
+                    for circle, (x, y, _), turn, sense, start in zip(
+                        touch.circles, ahead, two, (1, touch.sense), starts, strict=True
+                    )
+                ]
+            )
+        return np.array(rolled)
+
+    def _least_rolled(self) -> tuple[tuple[int, int], ...]:
+        """Return the whole turns of wheels put together as the file means.
+
+        That is with nothing rolled in the reference pose, which takes none; without one,
+        with wheels rolled least at inputs of zero.
+
+        Raises
+        ------
+        PlanError
+            If the meshes do not fix all angles that they relate by the inputs.
+        """
+        structure, count = self.structure, len(self.meshes)
+        where = ", ".join(structure.pairs[pair] for pair in structure.followers)
+        problem = PlanError(
+            f"{structure.name}: its {count} rolling contacts relate the angles {where} to "
+            "the inputs, and do not fix each of them; proofs are for wheels whose turning "
+            "follows from the inputs alone: drive another pair"
+        )
+        if count != len(structure.followers):
+            raise problem
+        try:
+            self.ratios()
+        except ZeroDivisionError:
+            raise problem from None
+        if isinstance(self.mechanism.geometry, PoseGeometry):
+            return ()
+        touching = [self._touching(mesh.contact) for mesh in self.meshes]
+        firsts = [touch.circles[0] for touch in touching]
+        scale = floats(np.array([[one.sine / one.radius.sin()] for one in firsts]))
+        laps = [[circle.sine for circle in touch.circles] for touch in touching]
+        senses = np.array([(1, touch.sense) for touch in touching])
+        square = floats(self._relations()[:, list(structure.followers)])
+        on_first = [[p in m.turned[0] for p in structure.followers] for m in self.meshes]
+        turns = least_rolled(
+            floats(self._rolled([(0, 0)] * count)) / scale,
+            2.0 * np.pi * floats(np.array(laps)) * senses / scale,
+            square * on_first / scale,
+            square / scale,
+        )
+        if turns is None:
+            raise PlanError(
+                f"{structure.name}: it has {count} rolling contacts; without a reference "
+                "pose proofs are for fewer, whose turns can all be tried"
+            )
+        return tuple((int(one), int(other)) for one, other in turns)
 
     def motion_columns(self) -> list[tuple[str, float]]:
         """Return the column of the table motion and the factor of each pair's angle.
@@ -438,21 +408,6 @@ class Written:
         one, other = (self.angle(length, False) for length in item.get("start", (0.0, 0.0)))
         return one, other
 
-    def _train(self) -> Train:
-        """Return the wheels in mesh in balls of the present precision."""
-        given, names, reference = self.mechanism.geometry, self.structure.pairs, None
-        if isinstance(given, PoseGeometry):
-            values = self._angles("value")
-            zero = exact(0.0)
-            reference = np.array([values.get(name, zero) for name in names])
-        contacts = [mesh.contact for mesh in self.meshes]
-        circles = [self._touching(contact) for contact in contacts]
-        starts = [self._starts(contact) for contact in contacts]
-        frames = self.frames()
-        return Train(
-            self.structure, self.meshes, circles, starts, frames, reference, self.turns
-        )
-
     def _in_mesh(self) -> "Written":
         """Return the same with its wheels in mesh."""
         structure, mechanism = self.structure, self.mechanism
@@ -475,10 +430,11 @@ class Written:
                     "wheels that a link carries so, and for sliding contacts of circles"
                 )
             meshes.append(mesh)
-        meshed = replace(self, meshes=tuple(meshes))
-        train = meshed._train().assembled()
-        followed = replace(structure, followers=train.followers)
-        return replace(meshed, structure=followed, turns=train.turns)
+        every = set().union(*(mesh.pairs for mesh in meshes))
+        followers = tuple(sorted(every - set(structure.inputs)))
+        followed = replace(structure, followers=followers)
+        meshed = replace(self, meshes=tuple(meshes), structure=followed)
+        return replace(meshed, turns=meshed._least_rolled())
 
     def angle(self, number: float, tolerance: bool = True) -> Ball:
         """Return an angle of the file in rad."""
