@@ -96,15 +96,7 @@ class Given:
         AnalysisError, FileError
             If they cannot be read, with the place in the list or the line of the file.
         """
-        told = [
-            name
-            for name, value in (
-                ("poses", self.poses),
-                ("file", self.file),
-                ("window", self.window),
-            )
-            if value
-        ]
+        told = [name for name in ("poses", "file", "window") if getattr(self, name)]
         if len(told) != 1:
             raise AnalysisError(
                 f"{where}: found {' and '.join(told) or 'no poses'}; give one of "

@@ -10,7 +10,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices
+from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.conventions import EPS
 from spherekit.errors import RegionError
 from spherekit.region.border import ORDERS, BoundarySegments, corners, crossings, nearest_on
@@ -99,30 +99,36 @@ class Refinement:
         """Return the area (sr) of the triangles of which too little is known."""
         return float(np.sum(self.areas[self.verdict == TriangleClass.OPEN]))
 
+    def _mixed(self) -> tuple[Integers, Indices, Indices, Bools]:
+        """Return what triangles with a piece of the border are divided into.
+
+        The number (T,) of vertices inside of every triangle; for each piece the vertex with
+        which it makes a fan, the third vertex of a triangle between the fan and the rest,
+        and whether the region has that triangle too.
+        """
+        held = self.inside[self.triangles].sum(axis=1)
+        odd, second, third = self._turned(self.owner)
+        single = held[self.owner] == 1
+        return held, np.where(single, odd, second), third, ~single & self.leading
+
     def area_inside(self) -> Floats:
         """Return the area (T,) of the region that each triangle accounts for.
 
         A piece of the border may leave its triangle: only the sum over triangles that
         hang together means something.
         """
-        held = self.inside[self.triangles].sum(axis=1)
-        area = np.where(held == 3, self.areas, 0.0)
-        odd, second, third = self._turned(self.owner)
-        single = held[self.owner] == 1
-        apex = self.points[np.where(single, odd, second)]
+        held, top, third, more = self._mixed()
+        apex, beside = self.points[top], self.points[third]
         start, end = np.moveaxis(self.pieces.chord_ends(np.arange(len(self.owner))), 1, 0)
         part = triangle_areas(apex, start, end) + self.pieces.area
-        more = ~single & self.leading
-        part[more] += triangle_areas(apex[more], self.points[third[more]], start[more])
+        part += np.where(more, triangle_areas(apex, beside, start), 0.0)
+        area = np.where(held == 3, self.areas, 0.0)
         np.add.at(area, self.owner, part)
         return area
 
     def surface(self) -> tuple[Floats, Indices]:
         """Return points and triangles of the region alone, its border as it was found."""
-        held = self.inside[self.triangles].sum(axis=1)
-        odd, second, third = self._turned(self.owner)
-        single = held[self.owner] == 1
-        apex = np.where(single, odd, second)
+        held, apex, third, more = self._mixed()
         pieces = self.pieces
         step = np.where(pieces.sound, pieces.order, 1)
         points, triangles = [self.points], [self.triangles[held == 3]]
@@ -131,14 +137,13 @@ class Refinement:
             some = np.flatnonzero(step == order)
             nodes = pieces.points(some, order) if order > 1 else pieces.chord_ends(some)
             number = count + np.arange(nodes.shape[0] * (order + 1)).reshape(-1, order + 1)
-            fan = [
+            fan = (
                 np.repeat(apex[some], order),
                 number[:, :-1].ravel(),
                 number[:, 1:].ravel(),
-            ]
-            more = ~single[some] & self.leading[some]
-            first = [apex[some][more], third[some][more], number[more, 0]]
-            triangles += [np.stack(fan, axis=1), np.stack(first, axis=1)]
+            )
+            first = np.stack([apex[some], third[some], number[:, 0]], axis=1)
+            triangles += [np.stack(fan, axis=1), first[more[some]]]
             points.append(nodes.reshape(-1, 3))
             count += number.size
         return np.concatenate(points), np.concatenate(triangles)
@@ -225,7 +230,7 @@ class Refinement:
             self.verdict[owner] != TriangleClass.OPEN,
         )
         pieces.audit(self.evaluate, np.flatnonzero(self.contested[owner] & pieces.sound))
-        self._doubt(owner, pieces)
+        self.verdict[owner[~pieces.sound]] = TriangleClass.OPEN
         self.pieces = BoundarySegments.joined([self.pieces, pieces])
         self.owner = np.concatenate([self.owner, owner])
         self.start = np.concatenate([self.start, start, start[more]])
@@ -233,9 +238,6 @@ class Refinement:
         self.leading = np.concatenate(
             [self.leading, np.ones(len(fresh), bool), np.zeros(len(more), bool)]
         )
-
-    def _doubt(self, owner: Indices, pieces: BoundarySegments) -> None:
-        self.verdict[owner[~pieces.sound]] = TriangleClass.OPEN
 
     def _cross(self, pairs: Indices) -> Indices:
         """Return the numbers of the crossings of edges (n, 2), inner vertex first."""
@@ -268,7 +270,7 @@ class Refinement:
                 cut[self.owner[poor]] = True
                 break
             pieces.raise_order(self.evaluate, np.flatnonzero(rough))
-            self._doubt(self.owner, pieces)
+            self.verdict[self.owner[~pieces.sound]] = TriangleClass.OPEN
         vague = self.verdict == TriangleClass.OPEN
         area = np.where(vague, self.areas, 0.0)
         if area.sum() > share:

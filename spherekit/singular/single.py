@@ -156,20 +156,21 @@ def type_of(resting: Iterable[Pole | None], driven: Pole, wanted: Pole) -> Type:
 def doubts(groups: list[CommonRoots], kinds: list[Type], different: bool) -> list[str]:
     """Return for each group why its type is not certain, or an empty string."""
     notes = [""] * len(groups)
+
+    def undecided(gap: float, error: float) -> str:
+        return (
+            f"undecided within tolerance: input and output vanish {gap:.3g} rad apart, and "
+            f"the places are known to {error:.3g} rad"
+        )
+
     for k, (group, kind) in enumerate(zip(groups, kinds, strict=True)):
         if different and kind == Type.SELF_MOTION and group.error > WIDE:
-            notes[k] = (
-                f"undecided within tolerance: input and output vanish {group.spread:.3g} "
-                f"rad apart, and the places are known to {group.error:.3g} rad"
-            )
+            notes[k] = undecided(group.spread, group.error)
     for k, (one, other) in enumerate(pairwise(groups)):
         gap, uncertainty = other.s - one.s, one.error + other.error
         both = {kinds[k], kinds[k + 1]}
         if Type.APPARENT not in both and len(both) == 2 and gap < BESIDE * uncertainty:
-            notes[k] = notes[k + 1] = (
-                f"undecided within tolerance: input and output vanish {gap:.3g} rad "
-                f"apart, and the places are known to {uncertainty:.3g} rad"
-            )
+            notes[k] = notes[k + 1] = undecided(gap, uncertainty)
     return notes
 
 
