@@ -202,29 +202,21 @@ def rank_mobility(tree: LoopTree, vectors: Floats, dependent: float = DEPENDENT)
     return np.asarray(vectors.shape[1] - rank)
 
 
-@final
-@dataclass(frozen=True)
-class Redundancy:
-    """Constraints that repeat others: how many, and the pairs (numbers) they lie among."""
+def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
+    """Return how many loop equations of one configuration repeat others, and their pairs.
 
-    count: int
-    pairs: tuple[int, ...]
-
-
-def redundancy(tree: LoopTree, vectors: Floats) -> Redundancy:
-    """Return the dependent loop equations of one configuration, vectors (variables, 3).
-
-    The left null space of the velocity equations says which loops take part.
+    By the vectors (variables, 3); the pairs, by their numbers, are those of the loops that
+    take part in the left null space of the velocity equations.
     """
     if not tree.chords:
-        return Redundancy(0, ())
+        return 0, ()
     jacobian = tree.jacobian(vectors[None])[0]
     left, values, _ = np.linalg.svd(jacobian)
     rank = int(np.sum(values > DEPENDENT * values[0]))
     weights = np.linalg.norm(left[:, rank:].reshape(len(tree.chords), 3, -1), axis=(1, 2))
     taking_part = np.any(tree.signs[weights > DEPENDENT] != 0.0, axis=0)
     pairs = {tree.owners[variable] for variable in np.flatnonzero(taking_part)}
-    return Redundancy(len(jacobian) - rank, tuple(sorted(pairs)))
+    return len(jacobian) - rank, tuple(sorted(pairs))
 
 
 def turns_of(

@@ -315,22 +315,35 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
 
     Singular ones are rows like others: their status is OK.
     """
-    n = len(values)
-    at = solver.closure.at(values)
+    at, inputs = solver.closure.at(values), values[:, list(solver.driven)]
+    rows = _in_rows(solver, (), inputs, 0, values, at.placed)
+    return replace(rows, residual=at.gap, is_path=False)
+
+
+def _in_rows(
+    solver: Solver,
+    assembly_modes: tuple[AssemblyMode, ...],
+    q: Floats,
+    first_sample: int,
+    values: Floats,
+    rotations: Floats,
+) -> Motion:
+    """Return configurations at inputs q (k, inputs), mode after mode, as a motion."""
+    numbers = [mode.number for mode in assembly_modes] or [0]
+    k, count = len(q), len(numbers)
     return Motion(
         mechanism=solver.mechanism,
         joints=solver.joints,
         assembly=solver.assembly,
-        assembly_modes=(),
-        samples=n,
-        sample=np.arange(n),
-        assembly_mode=np.zeros(n, dtype=np.int64),
-        inputs=values[:, list(solver.driven)],
+        assembly_modes=assembly_modes,
+        samples=k,
+        sample=np.tile(np.arange(first_sample, first_sample + k), count),
+        assembly_mode=np.repeat(numbers, k),
+        inputs=np.tile(q, (count, 1)),
         values=values,
-        placed=at.placed,
-        status=np.full(n, Status.OK, dtype=np.int8),
-        residual=at.gap,
-        is_path=False,
+        placed=rotations,
+        status=np.full(k * count, Status.OK, dtype=np.int8),
+        residual=nans(k * count),
     )
 
 
@@ -474,10 +487,7 @@ class Tracer:
             given samples only: give them to the tracer as `path`.
         """
         wanted = given_path(q, len(self.inputs)).q
-        if any(
-            isinstance(assembly_mode.guide, ModeOverGrid)
-            for assembly_mode in self.assembly_modes
-        ):
+        if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
                 f"{self.mechanism.name}: with several inputs and irreducible groups the "
                 "motion is known at the samples of the tracer only; give these inputs as "
@@ -493,43 +503,16 @@ class Tracer:
         if not self.assembly_modes:
             none = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(motion_of(self.solver, none), samples=len(q))
-        parts = [
-            self.solver.evaluate(assembly_mode, q, rows)
-            for assembly_mode in self.assembly_modes
-        ]
+        parts = [self.solver.evaluate(mode, q, rows) for mode in self.assembly_modes]
         values, rotations, status, residual = (
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("values", "rotations", "status", "residual")
         )
-        motion = self.in_rows(q, first_sample, values, rotations)
-        return replace(
-            motion, status=status, residual=residual, is_path=self.input_grid.is_path
+        motion = _in_rows(
+            self.solver, self.assembly_modes, q, first_sample, values, rotations
         )
-
-    def in_rows(
-        self, q: Floats, first_sample: int, values: Floats, rotations: Floats
-    ) -> Motion:
-        """Return configurations at inputs q (k, inputs), mode after mode, as a motion.
-
-        `values` (modes k, variables) and `rotations` (modes k, links, 3, 3) count as OK,
-        and how far they close is not known.
-        """
-        count, k = len(self.assembly_modes), len(q)
-        numbers = [assembly_mode.number for assembly_mode in self.assembly_modes]
-        return Motion(
-            mechanism=self.mechanism,
-            joints=self.solver.joints,
-            assembly=self.assembly,
-            assembly_modes=self.assembly_modes,
-            samples=k,
-            sample=np.tile(np.arange(first_sample, first_sample + k), count),
-            assembly_mode=np.repeat(numbers, k),
-            inputs=np.tile(q, (count, 1)),
-            values=values,
-            placed=rotations,
-            status=np.full(k * count, Status.OK, dtype=np.int8),
-            residual=nans(k * count),
-        )
+        is_path = self.input_grid.is_path
+        return replace(motion, status=status, residual=residual, is_path=is_path)
 
     def sparse(self, most: int) -> Motion:
         """Return the motion at about `most` of the samples, spread evenly."""

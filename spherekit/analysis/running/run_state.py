@@ -93,9 +93,9 @@ class RunStatistics:
             closure = tracer.solver.closure
             tree, (vectors,) = closure.tree, closure.at(motion.values[[row]]).vectors
             self.rank = int(rank_mobility(tree, vectors[None])[0])
-            over = redundancy(tree, vectors)
-            names = motion.mechanism.names_of(over.pairs)
-            self.redundant = {"count": over.count, "pairs": names}
+            count, pairs = redundancy(tree, vectors)
+            names = motion.mechanism.names_of(pairs)
+            self.redundant = {"count": count, "pairs": names}
 
     def _note(self, name: str, values: Floats) -> None:
         """Keep the largest finite number; what is infinite counts as none."""
