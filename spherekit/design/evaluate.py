@@ -617,7 +617,7 @@ class Evaluator:
             mechanism,
             self.inputs,
             geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),
-            closed=motion,
+            closed=next(iter(motion.values[~motion.failed]), None),
         )
         kernel = design_kernel(terms, self.figures.columns, compiled=False)
         modes, claim = tracer.assembly_modes, tracer.claim.guarantee.value

@@ -29,6 +29,7 @@ from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.engine.pose import (
     Angles,
     LinkOrientation,
+    along_ways,
     bounded,
     carried_vectors,
     place_by_variables,
@@ -462,22 +463,13 @@ class _Moving:
     def _turning(self, variable: int) -> Exprs:
         """Return how a variable's vector changes (3,)."""
         carried = self._rows.carried[variable]
-        turned = cross(self._w[carried.link], carried.vector)
-        return (
-            turned
-            if carried.slide is None
-            else turned + self._rates[variable] * carried.slide
-        )
+        return carried.change(self._w[carried.link], self._rates[variable])
 
     def _links(self, parts: Mapping[int, Exprs]) -> list[Exprs]:
         """Return what links do where variables do so much (3,) of it."""
         rows = self._rows
-        vectors = [vector_sum([])] * rows.tree.count
-        for pair, parent, child in rows.tree.placements:
-            ahead = rows.tree.ends[pair][0] == parent
-            part = vector_sum([parts[v] for v in rows.owned[pair]])
-            vectors[child] = vectors[parent] + part if ahead else vectors[parent] - part
-        return vectors
+        by_pair = [vector_sum([parts[v] for v in owned]) for owned in rows.owned]
+        return along_ways(rows.tree, by_pair)
 
     def _left(self, links: Sequence[Exprs], parts: Mapping[int, Exprs]) -> Expr:
         """Return the size of what rates leave over where loops close."""

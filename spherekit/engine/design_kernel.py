@@ -29,7 +29,7 @@ from spherekit.engine.expression_graph import (
     symbols,
 )
 from spherekit.engine.row_quantities import DesignTerms, RowQuantities
-from spherekit.engine.system import ArrayFunction, array_function
+from spherekit.engine.system import ArrayFunction, array_function, term_function
 
 Parts = tuple[Expr, Expr]
 """The real and the imaginary part."""
@@ -203,31 +203,18 @@ def design_kernel(
     moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
     row_terms, fixed = hoisted([*squares, *outputs, *angles], moving, "design_")
     count, every = len(squares) + len(outputs), [*moving, *fixed]
-    make = _made(compiled)
+    compiled = compiled and available()
     return DesignKernel(
         tuple(place.arguments[0] for place in terms.places),
         terms.closed_form,
         tuple(columns),
-        make(list(fixed.values()), terms.sizes),
-        make(row_terms[:count], every),
+        term_function(list(fixed.values()), terms.sizes, compiled),
+        term_function(row_terms[:count], every, compiled),
         tuple(turns),
-        make([*row_terms[: len(squares)], *row_terms[count:]], every) if turns else None,
+        term_function([*row_terms[: len(squares)], *row_terms[count:]], every, compiled)
+        if turns
+        else None,
     )
-
-
-def _made(
-    compiled: bool,
-) -> Callable[[Sequence[Expr], Sequence[ExpressionNode]], CompiledFunction | ArrayFunction]:
-    """Return what makes functions of terms; there is nothing to compile where none is."""
-
-    def make(
-        outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]
-    ) -> CompiledFunction | ArrayFunction:
-        if compiled and available() and outputs:
-            return compile_function(outputs, inputs)
-        return array_function(outputs, inputs)
-
-    return make
 
 
 def arc_function(terms: DesignTerms) -> tuple[tuple[int, ...], ArrayFunction]:
@@ -348,13 +335,13 @@ def path_kernel(
     rows, fixed = hoisted([*outputs, *turning], given, "design_")
     rows, turning = rows[: len(outputs)], rows[len(outputs) :]
     inputs = [*given, *fixed]
-    make = _made(compiled)
-    off_axis = compile_complex if compiled and available() else _on_arrays
+    compiled = compiled and available()
+    off_axis = compile_complex if compiled else _on_arrays
     return PathKernel(
         len(places),
         [] if alone else list(structure.inputs),
-        make(list(fixed.values()), terms.sizes),
-        make(rows, inputs),
+        term_function(list(fixed.values()), terms.sizes, compiled),
+        term_function(rows, inputs, compiled),
         None if alone else off_axis(rows, places, inputs[len(places) :]),
         "".join("+" if group.is_dyad else "~" for group in structure.assembly.groups),
         array_function(turning, inputs),

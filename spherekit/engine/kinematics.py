@@ -44,7 +44,13 @@ from spherekit.engine.expression_graph import (
     ExpressionNode,
     derivatives,
 )
-from spherekit.engine.pose import Angles, LinkOrientation, carried_vectors, placed_by
+from spherekit.engine.pose import (
+    Angles,
+    LinkOrientation,
+    along_ways,
+    carried_vectors,
+    placed_by,
+)
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
 from spherekit.engine.turns import AxisRotation, Entries, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
@@ -52,7 +58,7 @@ from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Tracer
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
 from spherekit.sphere.rotation import max_abs
 
@@ -110,41 +116,17 @@ class Structure:
         return made
 
     @staticmethod
-    def at(mechanism: Mechanism, values: Floats) -> "Structure":
-        """Return the structure of a mechanism with its inputs, however many.
-
-        Where equations repeat, independent ones are chosen at the closed configuration
-        `values` (variables,).
-
-        Raises
-        ------
-        EngineError
-            If a profile is not a circle, or a group is too large.
-        PlanError
-            If the mechanism does not have as many freedoms as inputs.
-        """
-        assembly = plan_assembly(mechanism)
-        pairs = turning_pairs(mechanism)
-
-        def vectors() -> Floats:
-            closure = Closure.of(mechanism, geometry_of(mechanism).joints)
-            return np.asarray(closure.at(values[None]).vectors[0])
-
-        groups = group_rows(mechanism, assembly, vectors)
-        return Structure(mechanism, assembly, pairs, groups)
-
-    @staticmethod
     def of(
         mechanism: Mechanism,
         input_pairs: str | Sequence[str],
         pairs: TurningPairs | None = None,
-        closed: Motion | None = None,
+        closed: Floats | None = None,
     ) -> "Structure":
         """Return the structure of a mechanism with these pairs as inputs.
 
         Its `pairs` may be those of a design, in terms, and some of them follow the inputs;
-        a motion that is known saves looking for a `closed` configuration where equations
-        repeat.
+        where equations repeat, independent ones are chosen at a `closed` configuration
+        (variables,), which is looked for where none is given.
 
         Raises
         ------
@@ -159,15 +141,17 @@ class Structure:
         assembly = plan_assembly(driven_at(mechanism, [*names, *following]))
 
         def vectors() -> Floats:
-            motion = closed or Tracer(mechanism, input_pairs, search=False).sparse(9)
-            held = np.flatnonzero(~motion.failed)
-            if not len(held):
-                raise EngineError(
-                    f"{mechanism.name}: no configuration was found at which to choose "
-                    "independent equations; give a range of the input where it closes"
-                )
-            first = int(held[0])
-            return np.asarray(motion.vectors[first])
+            values = closed
+            if values is None:
+                motion = Tracer(mechanism, input_pairs, search=False).sparse(9)
+                if np.all(motion.failed):
+                    raise EngineError(
+                        f"{mechanism.name}: no configuration was found at which to choose "
+                        "independent equations; give a range of the input where it closes"
+                    )
+                values = motion.values[int(np.argmin(motion.failed))]
+            closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+            return np.asarray(closure.at(values[None]).vectors[0])
 
         groups = group_rows(mechanism, assembly, vectors)
         return Structure(mechanism, assembly, pairs, groups)
@@ -263,7 +247,7 @@ class CoordinateRates:
     @cached_property
     def w(self) -> list[list[Exprs]]:
         """The angular velocities of links by each input, times the scale."""
-        return [self.links(self._parts(tau)) for tau in self.tau]
+        return [along_ways(self.tree, self._parts(tau)) for tau in self.tau]
 
     @cached_property
     def _meetings(self) -> dict[int, tuple[Exprs, Exprs]]:
@@ -325,15 +309,6 @@ class CoordinateRates:
             for pair in range(len(self.tree.ends))
         ]
 
-    def links(self, parts: Sequence[Exprs]) -> list[Exprs]:
-        """Return the sums (3,) of what pairs turn by, on the way to each link."""
-        vectors = [vector_sum([])] * self.tree.count
-        for pair, parent, child in self.tree.placements:
-            ahead = self.tree.ends[pair][0] == parent
-            part = parts[pair]
-            vectors[child] = vectors[parent] + part if ahead else vectors[parent] - part
-        return vectors
-
     def seen(self, moving: int, link: int) -> Exprs:
         """Return the components (3,) of w along a link's basis while an input moves.
 
@@ -367,7 +342,9 @@ class CoordinateRates:
         second, scale = self._solved(self.structure.at_rest, misfits)
         share = 1.0 / scale
         accelerated = self._parts([rate * share for rate in second])
-        return self.links([a + b for a, b in zip(accelerated, turning, strict=True)])
+        return along_ways(
+            self.tree, [a + b for a, b in zip(accelerated, turning, strict=True)]
+        )
 
     def _turning(self, pair: int, rates: Sequence[Expr], w: Sequence[Exprs]) -> Exprs:
         """Return the change (3,) of what a pair turns by, while its rates stay."""

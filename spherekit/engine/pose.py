@@ -25,6 +25,7 @@ from spherekit.engine.turns import (
 )
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
+from spherekit.motion.loops import LoopTree
 
 
 @final
@@ -230,6 +231,16 @@ def carried_vectors(
             carried[owned[0]] = _rolling(sides, near, line)
     relative = tuple(_relative(sides) for sides in pairs.sides.values())
     return CarriedVectors(tuple(carried[v] for v in sorted(carried)), lines, relative)
+
+
+def along_ways(tree: LoopTree, parts: Sequence[Exprs]) -> list[Exprs]:
+    """Return for each link the sum (3,) of the parts of pairs on the way to it."""
+    sums = [vector([0.0, 0.0, 0.0])] * tree.count
+    for pair, parent, child in tree.placements:
+        ahead = tree.ends[pair][0] == parent
+        part = parts[pair]
+        sums[child] = sums[parent] + part if ahead else sums[parent] - part
+    return sums
 
 
 def root(item: Expr) -> Expr:

@@ -7,7 +7,7 @@ computed again. What they may be off by is then what the numbers of the file are
 which is measured: every way in which loops can stay open is gone by a small step.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, Literal, final
@@ -28,15 +28,15 @@ from spherekit.engine.columns import (
     curved,
     pivots_of,
 )
-from spherekit.engine.compiler import CompiledFunction, compile_function
+from spherekit.engine.compiler import CompiledFunction
 from spherekit.engine.dyads import (
     COMPILED,
     closed_form,
     lost_by,
 )
-from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted
+from spherekit.engine.expression_graph import Expr, substituted
 from spherekit.engine.pose import largest
-from spherekit.engine.system import ArrayFunction, array_function
+from spherekit.engine.system import ArrayFunction, array_function, term_function
 from spherekit.engine.turns import PARTS, ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
@@ -50,7 +50,6 @@ REFERENCES = 32
 
 Engine = Literal["numpy", "compiled"]
 _Function = CompiledFunction | ArrayFunction
-_Maker = Callable[[Sequence[Expr], Sequence[ExpressionNode]], _Function]
 
 
 STEPS = 8
@@ -319,10 +318,9 @@ class RowKernel:
         return self._form is not None
 
     def _made(self, outputs: Sequence[Expr], interpreted: bool = False) -> ColumnFunction:
-        compiled = self.engine == "compiled" and not interpreted and bool(outputs)
-        by: _Maker = compile_function if compiled else array_function
-        profiles = self._terms.rows.pairs.columns
-        return ColumnFunction(by(outputs, self._terms.given), profiles, len(outputs))
+        compiled = self.engine == "compiled" and not interpreted
+        made = term_function(outputs, self._terms.given, compiled)
+        return ColumnFunction(made, self._terms.rows.pairs.columns, len(outputs))
 
     @cached_property
     def judging(self) -> RowFunction:
@@ -341,8 +339,8 @@ class RowKernel:
         columns, places = _deciding(self._terms, self.rates, len(form.variables))
         stand_in = dict(zip(self._terms.variables, form.variables, strict=True))
         outputs = [*form.variables, *substituted(columns, stand_in), *form.squares]
-        by: _Maker = compile_function if self.engine == "compiled" else array_function
-        made = ColumnFunction(by(outputs, form.given), (), len(outputs))
+        function = term_function(outputs, form.given, self.engine == "compiled")
+        made = ColumnFunction(function, (), len(outputs))
         sizes = len(form.given), len(form.variables), len(form.squares)
         return RowFunction(made, *places, self._terms.rows.open_by_rounding, *sizes)
 

@@ -13,6 +13,7 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import TURN, listing, nearest
 from spherekit.engine.algebra import Exprs, cross, dot, sum_of
 from spherekit.engine.dyads import ClosedDyad, place_by_inputs
@@ -38,7 +39,6 @@ from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.expression import Call, Expression, Name, Node, Number
 from spherekit.model.load import Component, LinkMoment, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Motion
 from spherekit.planning.inputs import Group, driven_pairs, plan_assembly
 
 _Each = Callable[[Any], Any]
@@ -223,12 +223,12 @@ class DesignTerms:
         geometry: Geometry | None = None,
         closed_form: bool | None = None,
         differing: Sequence[int] = (),
-        closed: Motion | None = None,
+        closed: Floats | None = None,
     ) -> "DesignTerms":
         """Return the terms of a mechanism; by default in closed form where there is one.
 
         `differing` says which of the numbers of `Actions` are terms, after the sizes;
-        `closed` is a motion of the mechanism, if one is known.
+        `closed` is a configuration (variables,) of the mechanism, if one is known.
 
         Raises
         ------

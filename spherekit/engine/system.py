@@ -56,7 +56,7 @@ from spherekit.engine.algebra import (
     dot,
     vector,
 )
-from spherekit.engine.compiler import EventFunction
+from spherekit.engine.compiler import CompiledFunction, EventFunction, compile_function
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -369,6 +369,14 @@ def array_function(
     return ArrayFunction(*sizes, numbers, rows, tuple(steps), number, seconds)
 
 
+def term_function(
+    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], compiled: bool
+) -> CompiledFunction | ArrayFunction:
+    """Return expressions as a function; there is nothing to compile where none is."""
+    make = compile_function if compiled and outputs else array_function
+    return make(outputs, inputs)
+
+
 def _steps(
     order: Sequence[ExpressionNode], places: dict[Any, int], first: int
 ) -> tuple[list[_Step], int]:
@@ -422,7 +430,7 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     """
     symbols = Symbols.of(mechanism)
     layout = symbols.layout
-    structure = Structure.at(mechanism, values)
+    structure = Structure.of(mechanism, mechanism.input_pairs, closed=values)
     placed = place_by_variables(mechanism, structure.pairs, symbols.variables)
     flow = CoordinateRates(structure, placed, symbols.variables)
     size = mass_size(mechanism)
