@@ -266,10 +266,19 @@ def _not_numbers(data: Mapping[str, Any]) -> Iterator[_Fault]:
             yield path, f"found {shown(value)}, needs a number of ordinary size"
 
 
+_COUNTED = {
+    "Length": ("character", "characters"),
+    "Items": ("value", "values"),
+    "Properties": ("entry", "entries"),
+}
+"""What rules of the schema count."""
+
+
 def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
     """Turn one error of jsonschema into a path and a message of ours."""
     path: KeyPath = tuple(error.absolute_path)
     rule, limit, value = error.validator, error.validator_value, error.instance
+    bound = "at least" if rule.startswith("min") else "at most"
     if "propertyNames" in error.relative_schema_path:
         yield (*path, value), f"the name {shown(value)} is not allowed; {_NAME_RULE}"
     elif rule == "additionalProperties":
@@ -294,20 +303,13 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
         yield path, str(error.schema["description"])
     elif rule in ("pattern", "minLength", "maxLength") and "pattern" in error.schema:
         yield path, f"found {shown(value)}; {_NAME_RULE}"
-    elif rule in ("minLength", "maxLength"):
-        bound = "at least" if rule == "minLength" else "at most"
-        yield path, f"has {len(value)} characters, needs {bound} {limit}"
-    elif rule in ("minItems", "maxItems", "minProperties", "maxProperties"):
-        schema_ = error.schema
-        least = schema_.get("minItems", schema_.get("minProperties"))
-        most = schema_.get("maxItems", schema_.get("maxProperties"))
-        bound = "at least" if rule.startswith("min") else "at most"
+    elif rule[3:] in _COUNTED:
+        one, more = _COUNTED[rule[3:]]
+        least, most = (error.schema.get(f"{end}{rule[3:]}") for end in ("min", "max"))
         needs = f"{limit}" if least == most else f"{bound} {limit}"
-        one, more = ("value", "values") if "Items" in rule else ("entry", "entries")
-        what = one if len(value) == 1 else more
-        yield path, f"has {len(value)} {what}, needs {needs}{_in_words(schema_)}"
+        has = f"{len(value)} {one if len(value) == 1 else more}"
+        yield path, f"has {has}, needs {needs}{_in_words(error.schema)}"
     elif rule in ("minimum", "maximum"):
-        bound = "at least" if rule == "minimum" else "at most"
         yield path, f"found {shown(value)}, needs {bound} {limit:g}"
     elif rule == "uniqueItems":
         twice = next(item for item in value if value.count(item) > 1)
