@@ -260,14 +260,14 @@ CROSSING = {
 to the right and upwards."""
 
 
-def heading(statement: str, text: str, tolerance: float) -> dict[str, Any]:
+def heading(statement: str, written: Written) -> dict[str, Any]:
     """Return the entries that all certificates begin with."""
     return {
         "certificate": FORMAT,
         "made_by": f"spherekit {__version__}",
         "statement": statement,
-        "mechanism": text,
-        "tolerance_rad": tolerance,
+        "mechanism": written.document.text or "",
+        "tolerance_rad": written.tolerance,
     }
 
 
@@ -279,7 +279,7 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
     written = modes.written
     driven = [written.structure.pairs[pair] for pair in modes.construction.driven]
     return {
-        **heading("modes at inputs", written.document.text or "", written.tolerance),
+        **heading("modes at inputs", written),
         "inputs": dict(zip(driven, modes.inputs, strict=True)),
         "construction": construction_table(written, modes.construction),
         "bound": modes.bound,
@@ -332,7 +332,7 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     written, made = curves.written, curves.construction
     names = written.structure.pairs
     return {
-        **heading("curves over a range", written.document.text or "", written.tolerance),
+        **heading("curves over a range", written),
         "inputs": {names[made.pairs[curves.driven]]: list(curves.range_text)},
         "construction": construction_table(written, made),
         "input_turns_of_its_variable": made.laps,
@@ -381,21 +381,24 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     }
 
 
+def _near(balls: Sequence[Ball]) -> tuple[list[float], list[float]]:
+    """Return float64 numbers next to balls, and by how much each is off at most."""
+    numbers = [middle(ball) for ball in balls]
+    pairs = zip(balls, numbers, strict=True)
+    return numbers, [upper(ball - exact(number)) for ball, number in pairs]
+
+
 def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
     """Return by how much wheels turn with the only variable, and their angles at zero."""
     structure = written.structure
     turns = {step.pair: step.turns for step in made.steps if isinstance(step, Across)}
     with bits(WHEEL_BITS):
-        angles = written.given([exact(0.0)])[1:]
-        return [
-            {
-                "pair": structure.pairs[pair],
-                "turns": turns[pair],
-                "at_zero_rad": middle(angle),
-                "off": upper(angle - exact(middle(angle))),
-            }
-            for pair, angle in zip(structure.followers, angles, strict=True)
-        ]
+        angles, off = _near(written.given([exact(0.0)])[1:])
+    keys = "pair", "turns", "at_zero_rad", "off"
+    names = [structure.pairs[pair] for pair in structure.followers]
+    every = [turns[pair] for pair in structure.followers]
+    rows = zip(names, every, angles, off, strict=True)
+    return [dict(zip(keys, row, strict=True)) for row in rows]
 
 
 def map_certificate(boxes: InputMap) -> dict[str, Any]:
@@ -404,7 +407,7 @@ def map_certificate(boxes: InputMap) -> dict[str, Any]:
     driven = [written.structure.pairs[pair] for pair in made.driven]
     kinds = {REGULAR: "regular", CONTAINS: "contains type II", UNDECIDED: "undecided"}
     return {
-        **heading("modes over boxes", written.document.text or "", written.tolerance),
+        **heading("modes over boxes", written),
         "inputs": dict(zip(driven, map(list, boxes.range_texts), strict=True)),
         "construction": construction_table(written, made),
         "systems": _systems(written, made, boxes.systems),
@@ -429,13 +432,13 @@ def wheels_certificate(
     """Return the certificate of wheels that fix all angles: their rates by the inputs."""
     structure = written.structure
     return {
-        **heading("wheels fix all angles", written.document.text or "", written.tolerance),
+        **heading("wheels fix all angles", written),
         "inputs": [structure.pairs[pair] for pair in structure.inputs],
         "ratios": [
             {
                 "pair": structure.pairs[pair],
-                "ratios": [middle(ratio) for ratio in row],
-                "off": max(upper(ratio - exact(middle(ratio))) for ratio in row),
+                "ratios": _near(row)[0],
+                "off": max(_near(row)[1]),
             }
             for pair, row in zip(structure.followers, ratios, strict=True)
         ],
@@ -449,11 +452,7 @@ def pole_table(
     structure = modes.written.structure
     table = []
     for pole in poles:
-        balls = (*(pole.direction or ()), pole.coefficient)
-        numbers = [middle(ball) for ball in balls]
-        off = [
-            upper(ball - exact(number)) for ball, number in zip(balls, numbers, strict=True)
-        ]
+        numbers, off = _near((*(pole.direction or ()), pole.coefficient))
         table.append(
             {
                 "mode": pole.mode,
@@ -530,11 +529,10 @@ def _systems(
 def _root(root: Root) -> dict[str, Any]:
     return {
         "real": root.real,
-        "centre": [[_exact(number.real), _exact(number.imag)] for number in root.centre],
+        "centre": [
+            [list(parts_of(part)) for part in (number.real, number.imag)]
+            for number in root.centre
+        ],
         "radius": root.radius,
         "alone_within": root.unique,
     }
-
-
-def _exact(ball: Ball) -> list[int]:
-    return list(parts_of(ball))

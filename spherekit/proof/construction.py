@@ -335,21 +335,17 @@ def _constructed(
     steps: list[Step] = []
     placed: set[int] = set()
 
-    def spread() -> None:
-        """Place the links that known angles join to those placed."""
-        waiting = True
-        while waiting:
-            waiting = False
-            for pair in given:
-                for a, b in (ends[pair], ends[pair][::-1]):
-                    if a in placed and b not in placed:
-                        steps.append(Across(b, a, pair, pairs.index(pair)))
-                        placed.add(b)
-                        waiting = True
+    def spread(link: int) -> None:
+        """Take a link as placed, and place those that known angles join to it."""
+        placed.add(link)
+        for pair in given:
+            other = sum(ends[pair]) - link
+            if link in ends[pair] and other not in placed:
+                steps.append(Across(other, link, pair, pairs.index(pair)))
+                spread(other)
 
     root = members[first][0]
-    placed.add(root)
-    spread()
+    spread(root)
     for body, *joining in order:
         links = [next(link for link in ends[p] if link in members[body]) for p in joining]
         parents = [sum(ends[p]) - link for p, link in zip(joining, links, strict=True)]
@@ -359,8 +355,7 @@ def _constructed(
             steps.append(Across(links[0], parents[0], joining[0], pairs.index(joining[0])))
         else:
             steps.append(Onto(links[0], (joining[0], joining[1]), (parents[0], parents[1])))
-        placed.add(links[0])
-        spread()
+        spread(links[0])
     equations = sum(isinstance(step, Onto) for step in steps)
     if equations != len(unknown):
         return None

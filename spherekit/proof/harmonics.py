@@ -175,7 +175,7 @@ class _Term:
         for variable, side in zip(before[::-1], self.shape[-2::-1], strict=True):
             plain, turned = waves[variable, 0, :side], waves[variable, 1, :side]
             slopes = {j: _summed(part, plain) for j, part in slopes.items()}
-            slopes[variable] = _turned(value, turned)
+            slopes[variable] = _summed(value, turned, True)
             value = _summed(value, plain)
         return value[0], {j: slope[0] for j, slope in slopes.items()}
 
@@ -187,20 +187,15 @@ class _Term:
         return left.ravel()
 
 
-def _summed(parts: Floats, waves: Floats) -> Floats:
-    """Return sums over the last axis but one, that of waves (w, n); the first is 1."""
+def _summed(parts: Floats, waves: Floats, derived: bool = False) -> Floats:
+    """Return sums over the last axis but one, that of waves (w, n).
+
+    The first wave is 1, and that of derivatives 0.
+    """
     split = parts.reshape(-1, *waves.shape)
     total = split[:, 1] * waves[1]
-    total += split[:, 0]
-    for wave in range(2, len(waves)):
-        total += split[:, wave] * waves[wave]
-    return np.asarray(total)
-
-
-def _turned(parts: Floats, waves: Floats) -> Floats:
-    """Return the same of derivatives of waves, of which the first is 0."""
-    split = parts.reshape(-1, *waves.shape)
-    total = split[:, 1] * waves[1]
+    if not derived:
+        total += split[:, 0]
     for wave in range(2, len(waves)):
         total += split[:, wave] * waves[wave]
     return np.asarray(total)
