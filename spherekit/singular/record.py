@@ -245,10 +245,8 @@ class RelationAt:
         What its own coefficients say: I (d = 0), II (c = 0), III (both), or None.
     conditions
         The geometric conditions that hold, the most special first.
-    agrees
-        Whether `type` is what the rates of its input and output say.
     note
-        Why it does not, or an empty string.
+        Why `type` is not what the rates of its input and output say, or an empty string.
     """
 
     form: Form
@@ -261,8 +259,12 @@ class RelationAt:
     residual: float
     type: Type | None
     conditions: tuple[Holding, ...]
-    agrees: bool
     note: str
+
+    @property
+    def agrees(self) -> bool:
+        """Whether `type` is what the rates of its input and output say."""
+        return not self.note
 
 
 def judged(
@@ -305,7 +307,6 @@ def judged(
                 float(gaps[k]),
                 kind,
                 () if kind is None else held[kind][k],
-                kind == fact,
                 _disagreement(names, kind, fact, relation, resting[k]),
             )
         )
@@ -363,8 +364,8 @@ class SingularPoint:
         (variables,) rad.
     input_rate, output_rate
         Rates per arc length there; zero to rounding where they vanish.
-    input_slope, output_slope
-        Their derivatives by s.
+    input_slope
+        The derivative by s of that of the input.
     input_turns, output_turns
         Whether the input and the output reverse there: not where they only touch zero.
     double
@@ -384,7 +385,6 @@ class SingularPoint:
     input_rate: float
     output_rate: float
     input_slope: float
-    output_slope: float
     input_turns: bool
     output_turns: bool
     double: bool

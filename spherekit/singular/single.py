@@ -364,7 +364,7 @@ class SingleFreedom:
             return []
         s = np.array([group.s for group in groups])
         values, axes = along.points(s).values, along.oriented(s, self.poles(output))
-        (q, dq), (y, dy) = (rate_between(along, pair, s) for pair in ends)
+        (q, dq), (y, _) = (rate_between(along, pair, s) for pair in ends)
         kinds = [type_of(group.members, driven, wanted) for group in groups]
         made = []
         for relation in self._made(output, axes):
@@ -389,7 +389,6 @@ class SingleFreedom:
                     float(q[k]),
                     float(y[k]),
                     float(dq[k]),
-                    float(dy[k]),
                     one is False,
                     other is False,
                     bool(one or other),
