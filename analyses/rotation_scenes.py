@@ -55,8 +55,7 @@ class RotationScenes:
 
     def rotation(self, samples: RotationSamples) -> Scene:
         """Return the page on which row k is sample k."""
-        placed = self.place(samples.values)
-        parts = self._stage(placed, samples.orientation)
+        parts = self._stage(samples)
         parts += self._driving("q", "driving angles", samples.inputs, "rad")
         words = "rates of driving angles by theta"
         parts += self._driving("dq_dtheta", words, samples.rates, "")
@@ -79,9 +78,7 @@ class RotationScenes:
 
     def schedule(self, rows: Timetable) -> Scene:
         """Return the page on which rows are evenly spread over the duration."""
-        samples = self.turn.at(rows.theta)
-        placed = self.place(samples.values)
-        parts = self._stage(placed, samples.orientation)
+        parts = self._stage(self.turn.at(rows.theta))
         parts += self._driving("q", "driving angles in time", rows.inputs, "rad")
         parts += self._driving("dq", "driving speeds", rows.rates, "rad/s")
         parts += self._driving("ddq", "driving accelerations", rows.accelerations, "rad/s2")
@@ -98,9 +95,9 @@ class RotationScenes:
             for k, pair in enumerate(self.turn.inputs)
         ]
 
-    def _stage(self, placed: Floats, orientation: Floats) -> list[Primitive]:
+    def _stage(self, samples: RotationSamples) -> list[Primitive]:
         """Return the links, the axis, arcs of the output, and mid-planes."""
-        mechanism = self.mechanism
+        mechanism, placed = self.mechanism, self.place(samples.values)
         base = placed[:, mechanism.link_number[self.output.relative_to]]
         parts: list[Primitive] = [*link_bodies(mechanism, placed)]
         parts.append(Arrow("axis", "axis of the rotation", base @ self.turn.axis, False))
@@ -123,14 +120,11 @@ class RotationScenes:
         if self.turn.crossings:
             lost = self.turn.at(np.array(self.turn.crossings)).values
             tips = self.place(lost)[:, link] @ self._directions()[0][1]
-            marks = [
-                Mark("type II singularity", tip, LOST_TONE)
-                for tip in tips
-                if tip[0] == tip[0]
-            ]
-            parts.append(SphereCurves("lost", "type II singularity", [], LOST_TONE, marks))
+            name, finite = "type II singularity", tips[np.isfinite(tips[:, 0])]
+            marks = [Mark(name, tip, LOST_TONE) for tip in finite]
+            parts.append(SphereCurves("lost", name, [], LOST_TONE, marks))
         if self.form is not None:
-            normals = mid_planes(self.form, orientation)
+            normals = mid_planes(self.form, samples.orientation)
             moving = np.einsum("nij,nj->ni", base @ self.form.frame, normals)
             finite = moving[np.isfinite(moving[:, 0])]
             for k, name in ((0, "start"), (-1, "end")) if len(finite) else ():
