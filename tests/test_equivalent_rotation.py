@@ -679,6 +679,9 @@ def test_two_freedoms_depart_as_little_as_they_can():
         around.rates[2], abs=1e-10
     )
     assert slopes_of(around.rates, h) == pytest.approx(around.second_rates[2], abs=1e-9)
+    ahead = turn.at(h * np.arange(5))
+    slopes = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) @ ahead.rates / (12.0 * h)
+    assert slopes == pytest.approx(ahead.second_rates[0], abs=1e-8)
 
 
 def test_one_freedom_about_its_own_pivot():

@@ -281,9 +281,8 @@ class Optimality:
         left_bias = log.changed(left_rate, about) - backward.changed(left_rate, w)
         pull = np.vecdot(self._turned_twice(first, turned), self._pulls)
         pull += np.vecmat(left_bias - backward.of(swung), self.turning)
-        force = 2.0 * np.vecdot(turned, pulls_rate)
-        force[~self._departed] = 0.0
-        return first, self._balanced(pull + force, -loops, self.stiffness)
+        pull += 2.0 * np.vecdot(turned, pulls_rate)
+        return first, self._balanced(pull, -loops, self.stiffness)
 
 
 LARGEST_STEP = 0.2
