@@ -42,7 +42,7 @@ from spherekit.analysis.running.summary import (
 )
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import Subject, chosen, study_of, takes
-from spherekit.analysis.tables import Files
+from spherekit.analysis.tables import Files, Table, TableData
 from spherekit.arrays import Floats
 from spherekit.checked import checked
 from spherekit.conventions import AnyPath, listing
@@ -242,37 +242,24 @@ def evaluate_block(
         is_asked = analysis.reads_samples or standing.done == 0
         if analysis.name in standing.failures or not is_asked:
             continue
-        batch = Batch(
-            job.mechanism,
-            job.plans,
-            what,
-            motion,
-            fields,
-            angles,
-            course.timed,
-            course.tracer,
-            lambda: course.extent,
-        )
+        read = motion, fields, angles, course.timed, course.tracer, lambda: course.extent
+        batch = Batch(job.mechanism, job.plans, what, *read)
+        declared = job.tables_of(analysis)
         try:
             with ledger.stage(f"analysis {analysis.name}"):
-                tables = computed(analysis, job.tables_of(analysis), batch)
+                tables = computed(analysis, declared, batch)
                 before = standing.findings.get(analysis.name)
                 findings = findings_of(analysis, batch, before)
             if stage is not None:
                 with ledger.stage(RECORDING):
-                    scenes = scenes_of(analysis, batch)
-                    scenes = scenes or table_scenes(job.tables_of(analysis), tables, batch)
-                    with faults_of(analysis.name, "showing its scene"):
-                        stage.scenes(scenes, motion, analysis.name)
+                    _show(stage, analysis, declared, tables, batch, motion)
         except OutputError:
             raise
         except SpherekitError as problem:
             standing.failures[analysis.name] = str(problem)
             continue
         standing.findings[analysis.name] = findings
-        for table, stored in zip(
-            job.tables_of(analysis), job.stored_tables_of(analysis), strict=True
-        ):
+        for table, stored in zip(declared, job.stored_tables_of(analysis), strict=True):
             if store is not None:
                 named = stored.named(tables[table.name], job.names)
                 store.add(analysis.name, stored, named)
@@ -287,6 +274,20 @@ def evaluate_block(
     standing.tally.add(course.tracer, motion, fields)
     standing.done += motion.samples
     return fields, angles
+
+
+def _show(
+    stage: RecordingSession,
+    analysis: AbstractAnalysis,
+    declared: Sequence[Table],
+    tables: Mapping[str, TableData],
+    batch: Batch,
+    motion: Motion,
+) -> None:
+    """Record what an analysis shows of a block, or else the columns of its tables."""
+    scenes = scenes_of(analysis, batch) or table_scenes(declared, tables, batch)
+    with faults_of(analysis.name, "showing its scene"):
+        stage.scenes(scenes, motion, analysis.name)
 
 
 def add_events(

@@ -17,6 +17,7 @@ import numpy as np
 
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.computed import computed
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.kernel_columns import UnreadField
 from spherekit.analysis.running.summary import BOUNDED, RunPlan, motion_rows, motion_table
@@ -30,7 +31,7 @@ from spherekit.analysis.tables import (
 )
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
-from spherekit.errors import SpherekitError
+from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.motion.motion import Motion
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
@@ -139,11 +140,7 @@ class Verifier:
         where that is too much to be rounding.
         """
         started = time.perf_counter()
-        verdict: dict[str, Any] = {
-            "digits": DIGITS,
-            "rows": 0,
-            "not_verified": [],
-        }
+        verdict: dict[str, Any] = {"digits": DIGITS, "rows": 0, "not_verified": []}
         if self._kept is None:
             return verdict
         motion, fields = self._kept.motion, self._kept.fields
@@ -161,30 +158,16 @@ class Verifier:
         rows = _Rows(motion, status == Status.OK, exact[0].condition, _allowed(motion))
         alone = self._kept, _Read(better, nearest, _as_far(better, self._kept.angles))
         motions = [motion_rows(self._course, read.motion, read.fields) for read in alone]
-        pairs: list[tuple[str, Table, TableData, TableData]]
+        pairs: list[_Pair]
         pairs = [(MOTION, motion_table(self._course), motions[0], motions[1])]
         for analysis, needs in self._analyses:
-            if analysis.name in failed or not _reads_rows(needs):
-                verdict["not_verified"].append(analysis.name)
-                continue
-            both = alone
-            if analysis.at_once and self._whole is not None:
-                both = self._whole, _replaced(self._whole, rows, alone[1])
             try:
-                declared = [table.of(motion.mechanism) for table in analysis.tables]
-                first, second = (
-                    computed(analysis, declared, self._batch(needs, read)) for read in both
-                )
+                if analysis.name in failed or not _reads_rows(needs):
+                    raise AnalysisError("it failed, or reads other rows")
+                pairs += self._pairs(analysis, needs, alone, rows)
             except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
-                continue
-            pairs += [
-                (analysis.name, table, first[table.name], second[table.name])
-                for table in declared
-            ]
         columns = [item for pair in pairs for item in _compared(rows, *pair)]
-        told = [item for item in columns if item["compared"]]
-        worst = max(told, key=lambda item: float(item["in_roundings"]))
         return verdict | {
             "rows": len(motion),
             "without_reference": [
@@ -198,28 +181,37 @@ class Verifier:
             ],
             "largest_condition": _largest(exact[0].condition),
             "largest_distance_rad": _largest(exact[0].distance),
-            "columns": told,
-            "not_recomputed": [
-                f"{item['table']}.{item['column']}"
-                for item in columns
-                if not item["compared"]
-            ],
+            **_of_columns(columns),
             **_within_bounds(rows, compared, nearest),
-            "worst": {
-                "column": f"{worst['table']}.{worst['column']}",
-                "in_roundings": worst["in_roundings"],
-                **worst["worst"],
-            },
-            "beyond": [
-                f"{item['table']}.{item['column']}" for item in told if item["beyond"]
-            ],
             "seconds": time.perf_counter() - started,
         }
 
-    def _batch(self, needs: Needs, read: _Read) -> Batch:
-        parts = read.motion, read.fields, read.angles
-        mechanism = read.motion.mechanism
-        return Batch(mechanism, self._plans, needs, *parts, self._course.timed)
+    def _pairs(
+        self,
+        analysis: AbstractAnalysis,
+        needs: Needs,
+        both: tuple[_Read, _Read],
+        rows: "_Rows",
+    ) -> list["_Pair"]:
+        """Return the tables of an analysis by what was read, and by what is right."""
+        if analysis.at_once and self._whole is not None:
+            both = self._whole, _replaced(self._whole, rows, both[1])
+        mechanism = self._course.tracer.mechanism
+        declared = [table.of(mechanism) for table in analysis.tables]
+        parts = ((read.motion, read.fields, read.angles) for read in both)
+        batches = (
+            Batch(mechanism, self._plans, needs, *read, self._course.timed)
+            for read in parts
+        )
+        first, second = (computed(analysis, declared, batch) for batch in batches)
+        return [
+            (analysis.name, table, first[table.name], second[table.name])
+            for table in declared
+        ]
+
+
+_Pair = tuple[str, Table, TableData, TableData]
+"""An analysis, a table of it, its rows, and those that are right."""
 
 
 @final
@@ -333,6 +325,26 @@ def _compared(
             "worst": rough,
             "given_by_one_alone": int(np.sum(np.isnan(one) != np.isnan(other))),
         }
+
+
+def _of_columns(columns: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what is to be said of columns that were compared, and of the others."""
+    told = [item for item in columns if item["compared"]]
+    worst = max(told, key=lambda item: float(item["in_roundings"]))
+
+    def name(item: Mapping[str, Any]) -> str:
+        return f"{item['table']}.{item['column']}"
+
+    return {
+        "columns": told,
+        "not_recomputed": [name(item) for item in columns if not item["compared"]],
+        "worst": {
+            "column": name(worst),
+            "in_roundings": worst["in_roundings"],
+            **worst["worst"],
+        },
+        "beyond": [name(item) for item in told if item["beyond"]],
+    }
 
 
 def _within_bounds(
