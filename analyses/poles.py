@@ -131,7 +131,7 @@ def axode_traces(batch: Batch, pole: Pole, label: str, rows: slice) -> list[Prim
 def _two_circles(batch: Batch, step: LinePole, row: int) -> Floats:
     """Return the normals (2, 3) of the two great circles of a step that cross most."""
     if step.contacts:
-        return np.asarray(batch.planes(*step.pole)[row])
+        return batch.planes(*step.pole)[row]
     i, j = step.pole
     normals = np.stack(
         [
@@ -145,7 +145,7 @@ def _two_circles(batch: Batch, step: LinePole, row: int) -> Floats:
     normals = normals / np.where(length > 0.0, length, np.nan)
     across = np.linalg.norm(np.cross(normals[:, None], normals[None]), axis=2)
     one, other = np.unravel_index(int(np.argmax(np.nan_to_num(across))), across.shape)
-    return np.asarray(normals[[one, other]])
+    return normals[[one, other]]
 
 
 def construction(

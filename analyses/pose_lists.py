@@ -238,7 +238,7 @@ class Given:
             why = "is not a mid-plane: phi and gamma are too large"
             _refuse(lost, places, where, why)
             turned = form.orientations(normals)
-            return np.asarray(turned @ np.array(solver.output.direction))
+            return turned @ np.array(solver.output.direction)
         made = posed(names, rows)
         if names == MATRIX:
             gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))

@@ -156,4 +156,4 @@ def _circle(normal: Floats) -> Floats:
     across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     across /= np.linalg.norm(across)
     turn = np.linspace(0.0, 2.0 * np.pi, DRAWN)[:, None]
-    return np.asarray(np.cos(turn) * across + np.sin(turn) * np.cross(normal, across))
+    return np.cos(turn) * across + np.sin(turn) * np.cross(normal, across)

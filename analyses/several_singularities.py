@@ -207,9 +207,9 @@ class SeveralInputs:
         warnings: list[str] = []
         remarks: list[str] = []
         everywhere: set[str] = set()
-        found, parts = self._found(batch)
+        by_output, parts = self._found(batch)
         for output in batch.mechanism.outputs:
-            name, loci = named(batch.mechanism, output), found[output.name]
+            name, loci = named(batch.mechanism, output), by_output[output.name]
             always = [str(locus.kind) for locus in loci if locus.everywhere]
             told = [f"{of_type(kind)} in every configuration" for kind in always]
             figures[name] = {"everywhere": sorted(always)}
@@ -295,10 +295,10 @@ class SeveralInputs:
             solver, ranges = solver_of(mechanism), ranges_of(mechanism)
             made = cut(solver, ranges, slices, budget.part(FOR_SLICES, "slices"))
         loci: Loci = {name: [] for name in names}
-        known: dict[tuple[object, ...], SingularCurves | SingularSurface] = {}
+        by_key: dict[tuple[object, ...], SingularCurves | SingularSurface] = {}
         for number, (kind, name) in enumerate(sought):
             key = (kind, name) if surfaces else locus_key(mechanism, kind, name)
-            shared = known.get(key)
+            shared = by_key.get(key)
             if isinstance(shared, SingularCurves) and shared.traced:
                 loci[name].append(shared.seen_by(mechanism, kind, name))
                 continue
@@ -306,7 +306,7 @@ class SeveralInputs:
                 left = len(sought) - number + (input_grid > 0)
                 what = f"{'surfaces' if surfaces else 'curves'} {of_type(kind)}"
                 share = budget.part(1.0 / left, what)
-                shared = known[key] = self._searched(mechanism, kind, name, made, share)
+                shared = by_key[key] = self._searched(mechanism, kind, name, made, share)
             loci[name].append(shared)
         if not input_grid:
             return loci, None

@@ -313,7 +313,7 @@ class OneInputScenes:
     def _place(self, curve: int, output: int, s: float) -> Floats:
         """Return where a place of a curve is drawn, (2,)."""
         along, line = self._drawn(curve, output)
-        return np.asarray(line[int(np.argmin(np.abs(along - s)))])
+        return line[int(np.argmin(np.abs(along - s)))]
 
     def _input_output(self, output: int, rows: slice) -> Portrait:
         """Return the output against the input, all curves drawn, singularities marked."""

@@ -248,7 +248,7 @@ def given_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     assert poses is not None
     places = poses if kinematics.points else quaternion(poses)
     _, first = np.unique(places, axis=0, return_index=True)
-    return np.asarray(places[np.sort(first)])
+    return places[np.sort(first)]
 
 
 COARSE = 1e-2

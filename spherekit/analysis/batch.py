@@ -354,7 +354,7 @@ class Batch:
         first, second = self.mechanism.ends[pair]
         vector, w = self._motion.vectors[:, number], self._found(moved).w
         along = np.sum((w[second] - w[first]) * vector, axis=1)
-        return np.asarray(along / np.sum(vector * vector, axis=1))
+        return along / np.sum(vector * vector, axis=1)
 
     def _check(self, read: str, need: str, name: str | None = None) -> None:
         """Refuse what was not declared: a need, or a name in it."""

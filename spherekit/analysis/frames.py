@@ -483,5 +483,5 @@ class ParquetColumns(Mapping[str, Array]):
             return np.asarray(series, dtype=str)
         values = np.asarray(series)
         if column.unit_in(self._degrees) != column.unit:
-            return np.asarray(np.radians(values))
+            return np.radians(values)
         return values

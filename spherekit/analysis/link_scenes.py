@@ -167,7 +167,7 @@ def great_arc(a: Floats, b: Floats) -> Floats:
     if length < 1e-12:
         return np.array([a, b])
     t = np.linspace(0.0, angle, max(2, int(np.ceil(angle / CURVE_STEP)) + 1))[:, None]
-    return np.asarray(np.cos(t) * a + np.sin(t) * (across / length))
+    return np.cos(t) * a + np.sin(t) * (across / length)
 
 
 def _graph(mechanism: Mechanism) -> Graph:

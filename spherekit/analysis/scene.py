@@ -145,7 +145,7 @@ class Trace:
             return self.directions
         finite = np.isfinite(self.quaternions).all(axis=1)
         turn = from_quaternion(self.quaternions[int(np.argmax(finite))])
-        return np.asarray(self.directions @ turn.T)
+        return self.directions @ turn.T
 
 
 @final
@@ -260,7 +260,7 @@ class Portrait:
             points, low, high = (
                 np.log10(np.maximum(values, TINY)) for values in (points, low, high)
             )
-        return np.asarray((points - low) / np.maximum(high - low, TINY))
+        return (points - low) / np.maximum(high - low, TINY)
 
 
 @final
@@ -299,7 +299,7 @@ class SphereMap:
     def shown_values(self) -> Floats:
         """Those at vertices that are seen."""
         seen = np.unique(self.triangles) if len(self.triangles) else slice(None)
-        return np.asarray(self.values[seen])
+        return self.values[seen]
 
 
 @final

@@ -207,9 +207,9 @@ class CommandParser(Parser):
             return
         entries, mark, examples = home_of(self._command).PAGE.partition("examples:")
         self.epilog = mark + examples
-        for either, found in groupby(_ENTRY.findall(EVERYWHERE + entries), itemgetter(0)):
+        for either, matches in groupby(_ENTRY.findall(EVERYWHERE + entries), itemgetter(0)):
             place = self.add_mutually_exclusive_group() if either else self
-            for _, *entry in found:
+            for _, *entry in matches:
                 _declare(place, entry)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:

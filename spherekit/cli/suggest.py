@@ -10,21 +10,21 @@ Suggest = Callable[[str, Any], list[str]]
 """Gives words for what is typed and what is known so far of the command line."""
 
 
-def mechanisms(prefix: str, known: Any = None) -> list[str]:
+def mechanisms(prefix: str, typed: Any = None) -> list[str]:
     """Return shipped mechanisms and files."""
     from spherekit.files.library import shipped
 
     return [name for pack in shipped() for name in pack.files] + tables(prefix)
 
 
-def studies(prefix: str, known: Any = None) -> list[str]:
+def studies(prefix: str, typed: Any = None) -> list[str]:
     """Return shipped mechanisms, shipped studies and files."""
     from spherekit.files.library import shipped
 
     return [name for pack in shipped() for name in pack.studies] + mechanisms(prefix)
 
 
-def analyses(prefix: str, known: Any = None) -> list[str]:
+def analyses(prefix: str, typed: Any = None) -> list[str]:
     """Return the installed analyses; after a colon the parameters of one."""
     name, colon, given = prefix.partition(":")
     if not colon:  # without the registry, which loads NumPy
@@ -36,22 +36,22 @@ def analyses(prefix: str, known: Any = None) -> list[str]:
     return [f"{before}{key}=" for key in parameters(load(name))]
 
 
-def pairs(prefix: str, known: Any) -> list[str]:
+def pairs(prefix: str, typed: Any) -> list[str]:
     """Return the pairs of the mechanism that the command line names."""
     from spherekit.errors import SpherekitError
     from spherekit.files.study import load_study
 
     with suppress(SpherekitError, AttributeError, TypeError):
-        return [pair.name for pair in load_study(known.file).mechanism.pairs]
+        return [pair.name for pair in load_study(typed.file).mechanism.pairs]
     return []
 
 
-def recordings(prefix: str, known: Any = None) -> list[str]:
+def recordings(prefix: str, typed: Any = None) -> list[str]:
     """Return recordings and folders."""
     return _files(prefix, ".rrd")
 
 
-def tables(prefix: str, known: Any = None) -> list[str]:
+def tables(prefix: str, typed: Any = None) -> list[str]:
     """Return TOML files and folders."""
     return _files(prefix, ".toml")
 

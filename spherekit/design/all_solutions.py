@@ -310,7 +310,7 @@ def apart(one: Array, other: Array) -> Floats:
     """Return by how much solutions (variables, ...) differ, whole turns left out."""
     gap = one - other
     turned = gap.real - 2.0 * np.pi * np.round(gap.real / (2.0 * np.pi))
-    return np.asarray(np.max(np.hypot(turned, gap.imag), axis=0))
+    return np.max(np.hypot(turned, gap.imag), axis=0)
 
 
 def distinct(values: Array) -> Bools:

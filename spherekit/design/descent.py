@@ -273,7 +273,7 @@ class Descent:
     def places(self, rows: Columns) -> Floats:
         """Return where rows of a sweep are (n, variables), in units of the ranges."""
         varied = [rows[variable.name] for variable in self.sweep.variables]
-        return np.asarray((np.stack(varied, axis=1) - self.low) / self.width)
+        return (np.stack(varied, axis=1) - self.low) / self.width
 
     def moved(self, x: Floats, mode: HeldMode) -> HeldMode:
         """Return a mode that is followed from x, where there is a design, from now on."""
@@ -325,7 +325,7 @@ class Descent:
             (wanted, _, limits, _), closed, _ = self.at(y, mode)
             rest = begun[1:] - wanted[1:]
             made = np.concatenate([[closed - closes], -limits, rest])
-            return np.asarray(np.nan_to_num(made, nan=-1e6))
+            return np.nan_to_num(made, nan=-1e6)
 
         def slopes(y: Floats) -> Floats:
             _, gradients, _, by_limits = self.at(y, mode)[0]

@@ -356,7 +356,7 @@ def reduced(kind: str, q: Floats, values: Floats, returns: bool = False) -> Floa
     if kind == "swing":
         return widest_swings(values, returns)[0]
     if kind == "at":
-        return np.asarray(values[-1])
+        return values[-1]
     if kind.startswith("arg"):
         low, high = extremes(values)
         there = np.any(np.isfinite(values), axis=0)
@@ -365,7 +365,7 @@ def reduced(kind: str, q: Floats, values: Floats, returns: bool = False) -> Floa
         if kind in ("min", "max"):
             return np.asarray((np.fmin if kind == "min" else np.fmax).reduce(values))
         if kind == "range":
-            return np.asarray(np.fmax.reduce(values) - np.fmin.reduce(values))
+            return np.fmax.reduce(values) - np.fmin.reduce(values)
         finite = np.isfinite(values)
         part = values * values if kind == "rms" else values
         total, count = np.sum(part, axis=0, where=finite), np.sum(finite, axis=0)

@@ -136,7 +136,7 @@ class _Sample:
 
     def along(self, h: Floats) -> Array:
         """Return the rates (variables, n) while the inputs go on by h (inputs,)."""
-        return np.asarray(np.tensordot(h, self.rates, 1))
+        return np.tensordot(h, self.rates, 1)
 
 
 @final
@@ -300,11 +300,11 @@ class _Following:
             self.kernel, begun, sizes, np.zeros_like(sizes), turned=turned
         )
         for row, end in zip(rows[reached].tolist(), values[:, reached].T, strict=True):
-            own = self.own(row)
-            gaps = apart(sample.values[:, own].real, end[:, None])
-            gaps[~sample.real[own]] = np.inf
+            places = self.own(row)
+            gaps = apart(sample.values[:, places].real, end[:, None])
+            gaps[~sample.real[places]] = np.inf
             best = int(np.argmin(gaps))
-            yield row, own.start + best if gaps[best] < STAYS else -1
+            yield row, places.start + best if gaps[best] < STAYS else -1
 
 
 def _smooth(at: _Sample, sample: _Sample, rows: Indices, to: Indices, h: Floats) -> Bools:
@@ -319,4 +319,4 @@ def _smooth(at: _Sample, sample: _Sample, rows: Indices, to: Indices, h: Floats)
         same = (at.determinant[rows].real > 0.0) == (sample.determinant[to].real > 0.0)
         lengths = np.linalg.norm(one, axis=0) * np.linalg.norm(other, axis=0)
         cosine = np.sum(one * other, axis=0) / lengths
-    return np.asarray(same & (off <= RIGHT * size + TINY) & (cosine > TURN))
+    return same & (off <= RIGHT * size + TINY) & (cosine > TURN)

@@ -547,5 +547,5 @@ class Deviations:
         unit = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
         size = np.reshape(self.size, (-1, 1))
         if self.distribution == "uniform":
-            return np.asarray(size * (2.0 * unit - 1.0))
-        return np.asarray(size * ndtri(np.clip(unit, 1e-12, 1.0 - 1e-12)))
+            return size * (2.0 * unit - 1.0)
+        return size * ndtri(np.clip(unit, 1e-12, 1.0 - 1e-12))

@@ -580,7 +580,7 @@ class Sweep:
 def _hold(conditions: Sequence[Condition], columns: Columns, n: int) -> Bools:
     """Return for which rows (n,) all of some conditions hold."""
     every = [np.broadcast_to(item.holds(columns), n) for item in conditions]
-    return np.asarray(np.all([np.ones(n, dtype=bool), *every], axis=0))
+    return np.all([np.ones(n, dtype=bool), *every], axis=0)
 
 
 def part_name(number: int) -> str:

@@ -454,7 +454,7 @@ def slope_by(
                     break
                 total = total + weight * numbers
             if total is not None:
-                return np.asarray(total / step)
+                return total / step
     return None
 
 

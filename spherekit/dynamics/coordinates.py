@@ -191,7 +191,7 @@ def single(columns: Floats) -> Floats:
             f"there are {columns.shape[-1]} inputs; read inputs, input_rates, "
             "input_accelerations or torques"
         )
-    return np.asarray(columns[..., 0])
+    return columns[..., 0]
 
 
 class InputMotion:
@@ -242,12 +242,12 @@ class Inertia:
     @property
     def M(self) -> Floats:
         """(n, m, m) inertia matrix."""
-        return np.asarray(np.sum(self.M_parts, axis=1))
+        return np.sum(self.M_parts, axis=1)
 
     @property
     def dM(self) -> Floats:
         """(n, m, m, m) its derivatives, by the last axis."""
-        return np.asarray(np.sum(self.dM_parts, axis=1))
+        return np.sum(self.dM_parts, axis=1)
 
     @property
     def B_parts(self) -> Floats:
@@ -297,7 +297,7 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
 def inertia_matrix(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
     """Return M (n, m, m) alone, which needs the motion to the first order only."""
     tensors, w = _in_links(mechanism, motion, motion.w)
-    return np.asarray(np.sum(_products(_momentum(tensors, w), w), axis=1))
+    return np.sum(_products(_momentum(tensors, w), w), axis=1)
 
 
 def equivalent_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
@@ -316,11 +316,11 @@ def _in_links(
 
 
 def _momentum(tensors: Floats, w: Floats) -> Floats:
-    return np.asarray(np.einsum("kij,n...kj->n...ki", tensors, w))
+    return np.einsum("kij,n...kj->n...ki", tensors, w)
 
 
 def _products(momentum: Floats, w: Floats) -> Floats:
-    return np.asarray(np.einsum("nika,njka->nkij", momentum, w))
+    return np.einsum("nika,njka->nkij", momentum, w)
 
 
 def need_inertia(mechanism: Mechanism) -> None:
@@ -359,12 +359,12 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
 def christoffel(dM: Floats) -> Floats:
     """Return c (n, m, m, m) from the derivatives of M (n, m, m, m)."""
     skew = np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)
-    return np.asarray(0.5 * (dM + skew))
+    return 0.5 * (dM + skew)
 
 
 def coriolis(dM: Floats, rates: Floats) -> Floats:
     """Return C (n, m, m) from the derivatives of M (n, m, m, m) at rates (n, m)."""
-    return np.asarray((christoffel(dM) @ rates[:, None, :, None])[..., 0])
+    return (christoffel(dM) @ rates[:, None, :, None])[..., 0]
 
 
 def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:
@@ -374,4 +374,4 @@ def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -
     (n, m) is of all other loads.
     """
     needed = (M @ ddq[..., None] + coriolis(dM, dq) @ dq[..., None])[..., 0]
-    return np.asarray(needed - Q)
+    return needed - Q

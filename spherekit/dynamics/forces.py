@@ -99,7 +99,7 @@ class Loads:
     def _rate(self, rates: Floats, pair: str) -> Floats:
         """Return the rate (...) of a pair, of a contact that at which it slides."""
         first, *second = self.mechanism.variables_of(self.mechanism.pair_number[pair])
-        return np.asarray(rates[..., first] - np.sum(rates[..., second], axis=-1))
+        return rates[..., first] - np.sum(rates[..., second], axis=-1)
 
     def magnitudes(
         self,
@@ -144,14 +144,14 @@ class Loads:
         names |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}
         for pair in {self.components[k].pair for k in self.rubbing} - {*self._angles}:
             names[sliding_rate(pair)] = self._rate(value_rates, pair)
-        found = np.empty((len(t), len(laws)))
+        results = np.empty((len(t), len(laws)))
         for column, law in enumerate(laws):
-            found[:, column] = (
+            results[:, column] = (
                 law.at(t)
                 if isinstance(law, TorqueTable)
                 else law.evaluate({name: names[name] for name in law.names})
             )
-        return found
+        return results
 
     def parts(
         self,
@@ -178,12 +178,12 @@ class Loads:
         rates = rates_by_time(motion, speed)
         magnitudes = self.magnitudes(motion.values, rates, t, carried)
         by_component = magnitudes[:, None] * self.velocities(motion)
-        return np.asarray(np.add.reduceat(by_component, self._first, axis=2))
+        return np.add.reduceat(by_component, self._first, axis=2)
 
 
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
     """Return the rates by time (n, variables), given those (n, m) of coordinates."""
-    return np.asarray((speed[:, None] @ motion.rates)[:, 0])
+    return (speed[:, None] @ motion.rates)[:, 0]
 
 
 DEPENDENT = 1e-9
@@ -239,7 +239,7 @@ class Transmitted:
     @property
     def across(self) -> Floats:
         """(n, pairs) N m: the part across the axis."""
-        return np.asarray(np.hypot(self.wrenches[..., 0], self.wrenches[..., 1]))
+        return np.hypot(self.wrenches[..., 0], self.wrenches[..., 1])
 
 
 @final
@@ -368,7 +368,7 @@ class Balance:
         contacts what acts along their tangents.
         """
         acting = about[..., None] * _turned(self.frames, self.working)
-        return np.asarray(needed - self._on_links.T @ acting)
+        return needed - self._on_links.T @ acting
 
     def held(self, left: Floats) -> tuple[Floats, Floats]:
         """Return the reactions (n, columns) and what misses the equations (n,), N m."""
@@ -389,7 +389,7 @@ class Balance:
     @property
     def opened(self) -> Bools:
         """(n, pairs, 6) which components of the pairs' wrenches are not determined."""
-        return np.asarray(self.on_pairs(self.is_open.astype(float)) != 0.0)
+        return self.on_pairs(self.is_open.astype(float)) != 0.0
 
     def transmitted(self) -> Transmitted:
         """Return what the pairs transmit, NaN where it is open."""
@@ -401,7 +401,7 @@ class Balance:
     def on_pairs(self, reactions: Floats) -> Floats:
         """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes."""
         every = reactions[..., None] * self.wrenches
-        return np.asarray(self._on_pairs.T @ every)
+        return self._on_pairs.T @ every
 
 
 def _turned(frames: Floats, wrenches: Floats) -> Floats:
@@ -454,7 +454,7 @@ def _force_columns(mechanism: Mechanism, joints: Sequence[Joint]) -> list[tuple[
 
 def _share(kept: Bools, vectors: Floats) -> Floats:
     """Return the parts (n, k) of unit vectors that lie in the span of the kept rows."""
-    return np.asarray(np.sum(np.where(kept[..., None], vectors, 0.0) ** 2, axis=1))
+    return np.sum(np.where(kept[..., None], vectors, 0.0) ** 2, axis=1)
 
 
 def transmitted(driven: Driven, *, forces: bool = False) -> Transmitted:
@@ -463,17 +463,17 @@ def transmitted(driven: Driven, *, forces: bool = False) -> Transmitted:
     Where links slide, forces are not determined, for the loads would move the links.
     """
     balance = balanced(driven, forces)
-    found = balance.transmitted()
+    results = balance.transmitted()
     if not forces:
-        found.wrenches[..., 3:] = np.nan
-        return replace(found, is_open=found.is_open & (np.arange(6) < 3))
+        results.wrenches[..., 3:] = np.nan
+        return replace(results, is_open=results.is_open & (np.arange(6) < 3))
     sliding = np.any(balance.slides, axis=1)
     if np.any(sliding):
         alone = transmitted(driven.rows(sliding))
-        found.wrenches[sliding] = alone.wrenches
-        found.is_open[sliding] = alone.is_open | (np.arange(6) > 2)
-        found.unbalanced[sliding] = alone.unbalanced
-    return found
+        results.wrenches[sliding] = alone.wrenches
+        results.is_open[sliding] = alone.is_open | (np.arange(6) > 2)
+        results.unbalanced[sliding] = alone.unbalanced
+    return results
 
 
 def balanced(driven: Driven, forces: bool) -> Balance:

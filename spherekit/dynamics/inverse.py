@@ -156,14 +156,12 @@ class InverseSolution(InputMotion):
     @property
     def kinetic(self) -> Floats:
         """(n,) kinetic energy, J."""
-        return np.asarray(
-            0.5 * np.einsum("ni,nij,nj->n", self.input_rates, self.M, self.input_rates)
-        )
+        return 0.5 * np.einsum("ni,nij,nj->n", self.input_rates, self.M, self.input_rates)
 
     @property
     def power(self) -> Floats:
         """(n, loads) power of each load, W."""
-        return np.asarray(np.einsum("ni,nil->nl", self.input_rates, self.Q_parts))
+        return np.einsum("ni,nil->nl", self.input_rates, self.Q_parts)
 
     @property
     def tau(self) -> Floats:
@@ -212,7 +210,7 @@ class InverseSolution(InputMotion):
         """
         (number,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(self.tau / self.pair_rates[:, number])
+            return self.tau / self.pair_rates[:, number]
 
 
 @checked(SolveError)

@@ -64,7 +64,7 @@ class Step:
     @property
     def end(self) -> Floats:
         """The state (states,) at the end, to the order 2 N."""
-        return np.asarray(self.state + self.length * self.series[0])
+        return self.state + self.length * self.series[0]
 
     @cached_property
     def swept(self) -> Floats:
@@ -78,17 +78,17 @@ class Step:
 
     def at(self, t: Floats) -> Floats:
         """Return the state (n, states) at times (n,) within the step."""
-        return np.asarray(self.state + self._powers(t, len(self.swept)) @ self.swept)
+        return self.state + self._powers(t, len(self.swept)) @ self.swept
 
     def rate(self, t: Floats) -> Floats:
         """Return the state's rate (n, states) at times (n,) within the step."""
-        return np.asarray(self._powers(t, len(self.series)) @ self.series)
+        return self._powers(t, len(self.series)) @ self.series
 
     @cached_property
     def times(self) -> Floats:
         """(N + 2,) times of the nodes and both ends."""
         x = np.concatenate([[-1.0], GAUSS, [1.0]])
-        return np.asarray(self.start + 0.5 * self.length * (x + 1.0))
+        return self.start + 0.5 * self.length * (x + 1.0)
 
     def dead_centres(self, rates: Floats, variables: Sequence[int]) -> list[float]:
         """Return the times at which so many variables do not say how all others move.
@@ -146,7 +146,7 @@ class Step:
         bordered = np.concatenate([closure.at(values).jacobian, rates], axis=1)
         if bordered.shape[1] != bordered.shape[2]:
             return np.ones(len(values))
-        return np.asarray(np.linalg.det(bordered))
+        return np.linalg.det(bordered)
 
     def crossing(self, orientation: Floats, largest: float, least: float) -> float | None:
         """Return the time at which the orientation (N,) vanishes, if it does.

@@ -340,12 +340,12 @@ def _configuration(
 def reduced(angles: Floats) -> Floats:
     """Return angles (rad) less whole turns, between -pi and pi, to the last digit."""
     turned = np.arctan2(np.sin(angles), np.cos(angles))
-    return np.asarray(np.where(np.abs(angles) <= np.pi, angles, turned))
+    return np.where(np.abs(angles) <= np.pi, angles, turned)
 
 
 def whole_turns(angles: Floats) -> Floats:
     """Return the number of whole turns by which angles (rad) exceed the reduced ones."""
-    return np.asarray(np.round((angles - reduced(angles)) / TURN))
+    return np.round((angles - reduced(angles)) / TURN)
 
 
 def into_range(tracer: Tracer, q: Floats) -> Floats:
@@ -359,7 +359,7 @@ def into_range(tracer: Tracer, q: Floats) -> Floats:
         return q
     scale = period / TURN
     moved = turned_into(scale * reduced(q / scale), low, high, period)
-    return np.asarray(np.where((q >= low) & (q <= high), q, moved))
+    return np.where((q >= low) & (q <= high), q, moved)
 
 
 def reaching(

@@ -326,18 +326,18 @@ class Roots:
 
     def _scaled(self, x: Floats, by: Floats) -> Floats:
         turned = by[..., None] * (transpose(self.vectors) @ x[..., None])
-        return np.asarray((self.vectors @ turned)[..., 0])
+        return (self.vectors @ turned)[..., 0]
 
     def changing(self, dM: Floats, u: Floats) -> Floats:
         """Return R' u (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
         along = transpose(self.vectors) @ u[..., None]
-        return np.asarray((self.vectors @ self._change(dM, u) @ along)[..., 0])
+        return (self.vectors @ self._change(dM, u) @ along)[..., 0]
 
     def _change(self, dM: Floats, u: Floats) -> Floats:
         """Return R' (n, m, m) along the eigenvectors."""
         change = (dM @ u[:, None, :, None])[..., 0]
         sums = self.sizes[:, :, None] + self.sizes[:, None]
-        return np.asarray(transpose(self.vectors) @ change @ self.vectors / sums)
+        return transpose(self.vectors) @ change @ self.vectors / sums
 
     def turning(self, dM: Floats, u: Floats, p: Floats) -> Floats:
         """Return S p (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
@@ -346,7 +346,7 @@ class Roots:
         pull = back @ coriolis(dM, u) @ self.vectors / self.sizes[:, :, None]
         part = (root_change - pull) / self.sizes[:, None]
         skew = 0.5 * (part - transpose(part))
-        return np.asarray((self.vectors @ skew @ back @ p[..., None])[..., 0])
+        return (self.vectors @ skew @ back @ p[..., None])[..., 0]
 
 
 @final
@@ -370,7 +370,7 @@ class Dynamics:
     @property
     def power(self) -> Floats:
         """(n, loads) power of each load, W."""
-        return np.asarray((self.speed[:, None] @ self.forces)[:, 0])
+        return (self.speed[:, None] @ self.forces)[:, 0]
 
     @property
     def push(self) -> Floats:

@@ -267,7 +267,7 @@ class StoredDynamics:
             return factors.setdefault(tuple(factor.tolist()), f"row[{len(factors)}]")
 
         def stored(name: str) -> Floats:
-            return np.asarray(unit[heading.place(name)[1]])
+            return unit[heading.place(name)[1]]
 
         dq, ddq = ([x] if alone else [f"{x}[{i}]" for i in range(m)] for x in ("dq", "ddq"))
         steady = np.zeros((m, len(unit)))

@@ -196,7 +196,7 @@ def _measured(series: TensorChebyshev, function: Callable[[Floats], Floats]) -> 
     q = series.low + (series.high - series.low) * random
     q = q[series.cells(q) >= 0]
     gap = np.abs(series.at(q) - function(q))
-    return np.asarray(np.max(gap[all_finite(gap, 1)], axis=0, initial=0.0))
+    return np.max(gap[all_finite(gap, 1)], axis=0, initial=0.0)
 
 
 def _storable(mechanism: AnyMechanism, tolerance: float, least: float) -> Mechanism:

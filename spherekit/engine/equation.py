@@ -109,7 +109,7 @@ class CompiledEquation:
     def measure(self, values: Floats) -> Floats:
         """Return (n,) what vanishes where sets of configurations cross."""
         columns: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
-        return np.asarray(columns[-1])
+        return columns[-1]
 
 
 def compiled_equation(

@@ -314,16 +314,16 @@ def derivatives(items: Sequence[Expr], rates: Mapping[ExpressionNode, Expr]) -> 
     derivative of the side they are on.
     """
     # Signs move outwards, so a term may occur as the opposite of one with a rate.
-    known: dict[Any, Expr] = {_negated(x): -1.0 * rate for x, rate in rates.items()}
-    known |= rates
+    slopes: dict[Any, Expr] = {_negated(x): -1.0 * rate for x, rate in rates.items()}
+    slopes |= rates
     made: dict[ExpressionNode, Expr] = {}
 
     def of(item: Any) -> Expr:
         return made[item] if isinstance(item, ExpressionNode) else 0.0
 
     for node in in_order(items):
-        if node in known or node.operation == "variable":
-            made[node] = known.get(node, 0.0)
+        if node in slopes or node.operation == "variable":
+            made[node] = slopes.get(node, 0.0)
             continue
         changes = [of(argument) for argument in node.arguments]
         if all(isinstance(change, float) and change == 0.0 for change in changes):

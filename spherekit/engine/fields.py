@@ -218,7 +218,7 @@ class _Rows:
 
         def spread(name: str, key: Any) -> Floats:
             place = self._of[name][key]
-            return np.asarray(np.sum(place.of(spreads) * (not place.numbers), axis=0))
+            return np.sum(place.of(spreads) * (not place.numbers), axis=0)
 
         def of_links(name: str) -> tuple[Floats, Floats]:
             places = [self._of[name][link] for link in range(tree.count)]

@@ -216,7 +216,7 @@ def _constant(rotation: Floats, at: int, given: Mapping[int, Expr]) -> Entries:
     if not any(at + k in given for k in range(3)):
         return rotation
     a, b, c = (given.get(at + k, angle) for k, angle in enumerate(_angles(rotation)))
-    return np.asarray(about_z(a) @ _about_y(b) @ about_z(c))
+    return about_z(a) @ _about_y(b) @ about_z(c)
 
 
 def _about_y(angle: Expr) -> Exprs:

@@ -105,7 +105,7 @@ def _zeros(look: Look, even: Floats, shaped: Floats) -> tuple[Indices, Floats]:
 
     def value(x: Floats, which: Indices) -> Floats:
         arguments = look(step[which], x)[1]
-        return np.asarray(arguments[np.arange(len(x)), argument[which]])
+        return arguments[np.arange(len(x)), argument[which]]
 
     ends = (shaped[step, place + k, argument] for k in (0, 1))
     return step, bracketed_zeros(value, even[place], even[place + 1], *ends)[0]
@@ -222,7 +222,7 @@ class Run:
     @property
     def last(self) -> Floats:
         """The state (states,) at its end, less the turns of the last stretch."""
-        return np.asarray(self.stretches[-1].at(np.array([self.time]))[0][0])
+        return self.stretches[-1].at(np.array([self.time]))[0][0]
 
 
 def _powers(series: Floats, h: Floats) -> tuple[Floats, Floats]:

@@ -151,7 +151,7 @@ class Structure:
                     )
                 values = motion.values[int(np.argmin(motion.failed))]
             closure = Closure.of(mechanism, geometry_of(mechanism).joints)
-            return np.asarray(closure.at(values[None]).vectors[0])
+            return closure.at(values[None]).vectors[0]
 
         groups = group_rows(mechanism, assembly, vectors)
         return Structure(mechanism, assembly, pairs, groups)
@@ -193,7 +193,7 @@ def _half_turn(basis: Exprs, rate: Exprs) -> Exprs:
     total = vector([0.0, 0.0, 0.0])
     for k in range(3):
         total = total + cross(basis[:, k], rate[:, k])
-    return np.asarray(total * 0.5)
+    return total * 0.5
 
 
 @final

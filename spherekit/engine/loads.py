@@ -127,7 +127,7 @@ def _moment(placed: LinkOrientation, axes: str, arm: Vector | None, along: Exprs
         size = float(np.linalg.norm(arm))
         return cross(placed.direction(np.array(arm) / size) * size, along)
     moment = along if arm is None else cross(vector(list(arm)), along)
-    return np.asarray(placed.basis @ (constants(placed.within) @ moment))
+    return placed.basis @ (constants(placed.within) @ moment)
 
 
 def _magnitude(law: Expression | Called | TorqueTable, moving: LoadState) -> Expr:

@@ -45,7 +45,7 @@ class LinkOrientation:
 
     def direction(self, axis: Entries) -> Exprs:
         """Return a vector (3,) fixed in the link, in ground axes."""
-        return np.asarray(self.basis @ constants(self.within @ axis))
+        return self.basis @ constants(self.within @ axis)
 
     def fixed(self, axis: Entries) -> Exprs:
         """Return what `seen` gives for a vector fixed in the link: numbers."""
@@ -53,7 +53,7 @@ class LinkOrientation:
 
     def seen(self, given: Exprs) -> Exprs:
         """Return the components (3,) of a vector in ground axes along the basis."""
-        return np.asarray(self.basis.T @ given)
+        return self.basis.T @ given
 
     def tensor(self, inertia: Entries) -> Exprs:
         """Return M (3, 3) with w . I w = y . M y for y = `seen(w)`, I in link axes."""

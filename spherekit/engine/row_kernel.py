@@ -226,7 +226,7 @@ class RowFunction:
 
     def closed(self, columns: Floats) -> Bools:
         """Return which rows (n,) have loops no more open than numbers are rounded."""
-        return np.asarray(self.closure(columns)[0] <= self.open_by_rounding)
+        return self.closure(columns)[0] <= self.open_by_rounding
 
     def lost(self, columns: Floats) -> Bools:
         """Return which rows (n,) the inputs surely do not reach."""
@@ -277,7 +277,7 @@ class RowFunction:
         w = np.concatenate([turning, still])
         other = w if less is None else np.concatenate([less, still])
         first, second = places.poles
-        return np.asarray(w[second] - other[first])
+        return w[second] - other[first]
 
     def errors(self, columns: Floats, number: int) -> Floats:
         """Return (3, n) the largest errors of directions, rates, changes, by an input."""

@@ -482,7 +482,7 @@ class RowQuantities:
 
     def _axis(self, pair: int) -> Exprs:
         (variable,) = self.mechanism.variables_of(pair)
-        return np.asarray(self._flow.vectors[variable])
+        return self._flow.vectors[variable]
 
     def _two_links(self, text: str) -> tuple[str, str]:
         names = self.mechanism.links

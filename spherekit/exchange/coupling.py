@@ -108,7 +108,7 @@ class CouplingTable:
     def nodes(self) -> Floats:
         """(nodes, m) rad, the inputs at the nodes."""
         places = np.indices(tuple(self.count)).reshape(len(self.count), -1)
-        return np.asarray(self.start + self.step * places.T)
+        return self.start + self.step * places.T
 
     def at(self, q: ArrayLike, assembly_mode: int | None = None) -> Coupled:
         """Return what the table says at inputs (m,) or (n, m) rad.

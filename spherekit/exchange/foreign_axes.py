@@ -176,7 +176,7 @@ def _nearest(lines: Sequence[Line]) -> Floats | None:
     if np.linalg.eigvalsh(summed)[0] < PARALLEL**2 * len(lines):
         return None
     right = np.sum([a @ line.point for a, line in zip(across, lines, strict=True)], axis=0)
-    return np.asarray(np.linalg.solve(summed, right))
+    return np.linalg.solve(summed, right)
 
 
 ROUNDING = 4e-15

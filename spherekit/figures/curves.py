@@ -179,7 +179,7 @@ def _panel(
 def _alone(values: Floats) -> Bools:
     """Return which values are known beside none, so that no stroke shows them."""
     finite = np.concatenate([[False], np.isfinite(values), [False]])
-    return np.asarray(finite[1:-1] & ~finite[:-2] & ~finite[2:])
+    return finite[1:-1] & ~finite[:-2] & ~finite[2:]
 
 
 def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
@@ -249,7 +249,7 @@ class OnSphere:
     def values(self) -> Floats:
         """The numbers that the maps show."""
         values = np.concatenate([item.shown_values for item in self.maps])
-        return np.asarray(values[np.isfinite(values)])
+        return values[np.isfinite(values)]
 
     def focus(self) -> Floats:
         """Return the directions (n, 3) that have to be on a map.

@@ -58,14 +58,14 @@ class Centre:
         """Return the angles (n,) rad of directions (n, 3) from the centre."""
         across = directions @ self.frame[:2].T
         size = np.hypot(across[:, 0], across[:, 1])
-        return np.asarray(np.arctan2(size, directions @ self.frame[2]))
+        return np.arctan2(size, directions @ self.frame[2])
 
     def placed(self, directions: Floats, projection: Projection) -> Floats:
         """Return places (n, 2) of directions (n, 3), the sphere seen from outside."""
         across = directions @ self.frame[:2].T
         size = np.hypot(across[:, 0], across[:, 1])[:, None]
         radius = projection.radius(self.angles(directions))[:, None]
-        return np.asarray(across * radius / np.maximum(size, TINY))
+        return across * radius / np.maximum(size, TINY)
 
 
 def centre_of(directions: Floats) -> Centre:

@@ -217,7 +217,7 @@ def limits_of(document: Document, path: KeyPath) -> Limits:
     data: Any = copy.deepcopy({table: {name: document.data[table][name]}})
     *within, last = path
     place = reduce(getitem, within, data)
-    found = Limits()
+    limits = Limits()
     for trial in (-HUGE, HUGE, 0.5):
         place[last] = trial
         for error in validator().iter_errors(data):
@@ -226,8 +226,8 @@ def limits_of(document: Document, path: KeyPath) -> Limits:
             rule, limit = error.validator, error.validator_value
             if rule not in _LIMITS:
                 return NONE
-            found = replace(found, **{_LIMITS[rule]: True if rule == "type" else limit})
-    return found
+            limits = replace(limits, **{_LIMITS[rule]: True if rule == "type" else limit})
+    return limits
 
 
 HUGE = 1e300

@@ -214,8 +214,10 @@ class FollowedRotation(Way):
             points = 0.5 * (low + high) + 0.5 * (high - low) * x
             around, _ = self.near(points, self.nodes.between(points)[0])
             part = (2.0 * theta[rows] - low - high) / (high - low)
-            for known, rates in zip(around.rates(self.axis), (slopes, bends), strict=False):
-                rates[rows] = chebval(part, chebfit(x, known, POINTS - 1)).T
+            for quantity, rates in zip(
+                around.rates(self.axis), (slopes, bends), strict=False
+            ):
+                rates[rows] = chebval(part, chebfit(x, quantity, POINTS - 1)).T
         return slopes, bends
 
 
@@ -246,7 +248,7 @@ def unit(axis: ArrayLike) -> Floats:
         raise SolveError(
             f"direction: found {given.tolist()}, needs three finite numbers, not all zero"
         )
-    return np.asarray(given / length)
+    return given / length
 
 
 def within(theta: ArrayLike, angle: float) -> Floats:
@@ -264,7 +266,7 @@ def within(theta: ArrayLike, angle: float) -> Floats:
             f"theta has to be an array (n,) of angles from 0 to {angle:.6g} rad, the "
             "angle of the rotation"
         )
-    return np.asarray(np.clip(theta, 0.0, angle))
+    return np.clip(theta, 0.0, angle)
 
 
 @checked(SolveError)

@@ -113,7 +113,7 @@ class MidPlaneArchitecture:
 
     def orientations(self, normals: Floats) -> Floats:
         """Return orientations (n, 3, 3) of the end effector at mid-planes (n, 3)."""
-        return np.asarray(self.frame @ reflections(normals) @ self.image)
+        return self.frame @ reflections(normals) @ self.image
 
     @cached_property
     def home(self) -> Floats:
@@ -121,7 +121,7 @@ class MidPlaneArchitecture:
 
         In mirror axes; the output declares a direction.
         """
-        return np.asarray(self.image @ np.array(self.output.direction))
+        return self.image @ np.array(self.output.direction)
 
     def normals_to(self, directions: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes (n, 3) in which the output points at directions (n, 3).
@@ -160,7 +160,7 @@ class MidPlaneArchitecture:
             slopes /= distance[:, None, None]
             scale = np.stack([-1.0 / np.hypot(y, z), 1.0 / np.hypot(x, z)], axis=1)
             scale *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
-            return np.asarray(scale[:, :, None] * slopes[:, :2])
+            return scale[:, :, None] * slopes[:, :2]
 
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes (n, 3) nearest to orientations (n, 3, 3).
@@ -220,19 +220,19 @@ class MidPlaneArchitecture:
         """
         for k, leg in enumerate(self.legs):
             if pair == leg.base:
-                return np.asarray(self.plane.axes[k][None])
+                return self.plane.axes[k][None]
             if pair == leg.tip:
-                return np.asarray(reflections(normals) @ self.plane.axes[k])
+                return reflections(normals) @ self.plane.axes[k]
             if pair == leg.elbow:
-                return np.asarray(elbows[:, k])
+                return elbows[:, k]
         ends = set(self.mechanism.ends[pair])
         for carrier in self.carriers:
             leg = self.legs[carrier.leg]
             if carrier.link in ends and ends & {leg.near, leg.far}:
-                return np.asarray(carrier.sense * elbows[:, carrier.leg])
+                return carrier.sense * elbows[:, carrier.leg]
         carrier = next(candidate for candidate in self.carriers if candidate.link in ends)
         ahead = self._axis(pair, carrier.link) @ carrier.normal
-        return np.asarray(np.sign(ahead) * normals)
+        return np.sign(ahead) * normals
 
     def axes(self, normals: Floats, elbows: Floats) -> Floats:
         """Return the axes (n, pairs, 3) of all pairs, see `axis`."""
@@ -345,7 +345,7 @@ def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int)
     """Return the axis (3,) of an R pair in one of its links."""
     joint = revolute(joints[pair])
     held = joint.first if mechanism.ends[pair][0] == link else joint.second
-    return np.asarray(held[:, 2])
+    return held[:, 2]
 
 
 def _spread_normals(plane: MidPlane) -> Floats:

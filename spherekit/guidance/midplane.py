@@ -85,7 +85,7 @@ class MidPlane:
         """Return the variables (n, legs) rad of the pairs at the base."""
         x, y = (np.einsum("nlk,lk->nl", elbows, self.dials[..., c]) for c in (0, 1))
         azimuth = np.arctan2(y, x) - self.phases
-        return np.asarray(self.senses * wrap(azimuth))
+        return self.senses * wrap(azimuth)
 
     def normals(self, inputs: Floats) -> Floats:
         """Return the normals (n, 3), n_z >= 0, for driven readings (n, 2) rad.
@@ -104,7 +104,7 @@ class MidPlane:
         azimuth = self.senses[leg] * reading + self.phases[leg]
         x, y, z = self.dials[leg].T
         turned = np.cos(azimuth)[:, None] * x + np.sin(azimuth)[:, None] * y
-        return np.asarray(np.cos(self.arcs[leg]) * z + np.sin(self.arcs[leg]) * turned)
+        return np.cos(self.arcs[leg]) * z + np.sin(self.arcs[leg]) * turned
 
     def modes(self, inputs: Floats) -> Floats:
         """Return the modes (n, 2) of the driven legs at driven readings (n, 2) rad."""

@@ -229,7 +229,7 @@ class PoseFinder:
         free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
         transmission = Transmission.of(self.mechanism, self.output)
         held = transmission.of_values(self.solver.closure, values) > SINGULAR
-        return np.asarray(~(free & held))
+        return ~(free & held)
 
     def _inverse(self, pose: Floats, points: bool) -> PoseCandidates:
         """Return the configurations at an orientation (3, 3) or direction (3,)."""

@@ -91,7 +91,7 @@ class Optimality:
     @property
     def reached(self) -> Floats:
         """Orientations (n, 3, 3) of the output link."""
-        return np.asarray(self.at.placed[:, self.target.link])
+        return self.at.placed[:, self.target.link]
 
     @cached_property
     def _split(self) -> tuple[Floats, Floats, Floats]:
@@ -129,11 +129,11 @@ class Optimality:
     @cached_property
     def system_inverse(self) -> Floats:
         """(n, variables, 3 loops + 3) the pseudo-inverse of the system."""
-        return np.asarray(np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14))
+        return np.linalg.pinv(np.nan_to_num(self.system), rcond=1e-14)
 
     @cached_property
     def _departed(self) -> Bools:
-        return np.asarray(np.linalg.norm(self.left, axis=1) > DEPARTED)
+        return np.linalg.norm(self.left, axis=1) > DEPARTED
 
     @cached_property
     def _pulls(self) -> Floats:
@@ -154,7 +154,7 @@ class Optimality:
         at_loops = -np.vecmat(slope, self._split[0])
         at_loops = at_loops.reshape(len(slope), len(tree.chords), 3)
         reach = tree.paths[self.target.link][:, None]
-        return np.asarray(transpose(tree.signs) @ at_loops + reach * at_output[:, None])
+        return transpose(tree.signs) @ at_loops + reach * at_output[:, None]
 
     def _turned(self, rates: Floats) -> Floats:
         """Return how vectors change, (n, variables, 3), at rates (n, variables)."""
@@ -187,7 +187,7 @@ class Optimality:
         """Second derivative (n, freedoms, freedoms) of a^2 / 2 along configurations."""
         free = self._split[1]
         bent = [self._stiff(motion) for motion in np.moveaxis(free, 2, 0)]
-        return np.asarray(transpose(free) @ np.stack(bent, axis=2))
+        return transpose(free) @ np.stack(bent, axis=2)
 
     @cached_property
     def least_eigenvalue(self) -> Floats:
@@ -208,7 +208,7 @@ class Optimality:
         along = np.matvec(
             left_inverse(stiffness), np.vecmat(pull - self._stiff(held), free)
         )
-        return np.asarray(held + np.matvec(free, along))
+        return held + np.matvec(free, along)
 
     def step(self) -> Floats:
         """Return the change (n, variables) of Newton's method towards the nearest one.
@@ -228,7 +228,7 @@ class Optimality:
         loops alone do not.
         """
         right = np.concatenate([-self.at.residual, self.left], axis=1)
-        return np.asarray(np.matvec(self.system_inverse, right))
+        return np.matvec(self.system_inverse, right)
 
     def miss(self, exact: bool) -> Floats:
         """Return by how much (n,) loops are open, and how far off the link is (rad).
@@ -236,7 +236,7 @@ class Optimality:
         As the gradient of a^2 / 2, or with `exact` as the rotation left.
         """
         off = self.left if exact else np.vecmat(self.left, self.swing)
-        return np.asarray(np.maximum(self.at.gap, max_abs(off, axis=1)))
+        return np.maximum(self.at.gap, max_abs(off, axis=1))
 
     def rates(self, axis: Floats) -> tuple[Floats, Floats, Bools]:
         """Return first and second derivatives (n, variables) by theta.
@@ -377,7 +377,7 @@ class Nodes(ArrayRows):
         """Return the variables (n, variables) at ways (n,) from the only node."""
         way = way[:, None]
         bend = np.nan_to_num(self.second)
-        return np.asarray(self.values + way * self.first + 0.5 * way**2 * bend)
+        return self.values + way * self.first + 0.5 * way**2 * bend
 
     def between(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return the variables (n, variables) at angles (n,) between nodes.
@@ -410,7 +410,7 @@ class Way:
 
     def wanted(self, theta: Floats) -> Floats:
         """Return the orientations (n, 3, 3) wanted at angles (n,) rad."""
-        return np.asarray(rotation(self.axis, theta) @ self.start)
+        return rotation(self.axis, theta) @ self.start
 
     def near(self, theta: Floats, guess: Floats) -> tuple[Optimality, NewtonSteps]:
         """Return the nearest configurations by Newton's method from (n, variables)."""

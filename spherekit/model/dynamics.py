@@ -43,7 +43,7 @@ PARALLEL = 1e-9
 
 def moments_of_point(mass: float, place: Floats) -> Floats:
     """Return the tensor (3, 3), kg m2, about O of a mass (kg) at a place (3,), m."""
-    return np.asarray(mass * (place @ place * np.eye(3) - np.outer(place, place)))
+    return mass * (place @ place * np.eye(3) - np.outer(place, place))
 
 
 def moved_to_sphere_centre(tensor: Floats, mass: float, centre: Floats) -> Floats:
@@ -51,7 +51,7 @@ def moved_to_sphere_centre(tensor: Floats, mass: float, centre: Floats) -> Float
 
     `mass` is in kg, `centre` (3,) in m from O. Steiner's theorem.
     """
-    return np.asarray(tensor + moments_of_point(mass, centre))
+    return tensor + moments_of_point(mass, centre)
 
 
 def axes_frame(first: Floats, second: Floats) -> Floats:

@@ -548,7 +548,7 @@ class _Shaft:
     def placed(self, angle: float) -> Floats:
         """Return what turns from axes of the wheel to those of the carrier (3, 3)."""
         on_carrier, on_wheel = self.frames
-        return np.asarray(on_carrier @ about_z(self.forward * angle) @ on_wheel.T)
+        return on_carrier @ about_z(self.forward * angle) @ on_wheel.T
 
 
 def _shaft(

@@ -415,7 +415,7 @@ def revolutes(joints: Iterable[Joint]) -> list[Revolute]:
 
 
 def _along(vectors: Floats, directions: Floats) -> Floats:
-    return np.asarray(np.sum(vectors * directions, axis=-1, keepdims=True))
+    return np.sum(vectors * directions, axis=-1, keepdims=True)
 
 
 def _contact_states(joints: Sequence[Rolling | Sliding], values: Floats) -> PairStates:

@@ -288,8 +288,8 @@ def _joined(
         }
         for end, of_end in enumerate(pair_frames(made))
     )
-    found = sizes_by_frames(pairs, (first, second), untouched)
-    return SizeGeometry(found.links, {**_but(sizes.zeros, locked), **found.zeros})
+    located = sizes_by_frames(pairs, (first, second), untouched)
+    return SizeGeometry(located.links, {**_but(sizes.zeros, locked), **located.zeros})
 
 
 def _check_lockable(made: Mechanism, pair: Pair, value: float, where: str) -> bool:

@@ -78,7 +78,7 @@ def bordered(jacobian: Floats, borders: Floats) -> Floats:
 def bordered_condition(equations: Floats, inverse: Floats) -> Floats:
     """Return the reciprocal condition (n,) of bordered equations; 0 where singular."""
     size = np.linalg.norm(equations, axis=(1, 2))
-    return np.asarray(np.nan_to_num(1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size)))
+    return np.nan_to_num(1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size))
 
 
 def curve_points(
@@ -120,7 +120,7 @@ def bordered_step(at: Linearisation, borders: Floats, miss: Floats) -> Floats:
     """
     inverse = left_inverse(bordered(at.jacobian, borders))
     change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
-    return np.asarray(change + inverse[:, :, -1] * miss[:, None])
+    return change + inverse[:, :, -1] * miss[:, None]
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,12 @@ class Chords:
     @cached_property
     def chords(self) -> Floats:
         """Lengths (k - 1,) of the chords (rad)."""
-        return np.asarray(np.linalg.norm(np.diff(self.nodes.values, axis=0), axis=1))
+        return np.linalg.norm(np.diff(self.nodes.values, axis=0), axis=1)
 
     @cached_property
     def directions(self) -> Floats:
         """Unit vectors (k - 1, variables) of the chords."""
-        return np.asarray(np.diff(self.nodes.values, axis=0) / self.chords[:, None])
+        return np.diff(self.nodes.values, axis=0) / self.chords[:, None]
 
     def predict(self, which: Indices, along: Floats) -> Floats:
         """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""
@@ -194,7 +194,7 @@ class Segments(Chords):
         jacobian = self.closure.at(self.nodes.values).jacobian
         equations = bordered(jacobian, self.nodes.tangents)
         condition = bordered_condition(equations, left_inverse(equations))
-        return np.asarray(8.0 * EPS / np.minimum(condition[:-1], condition[1:]))
+        return 8.0 * EPS / np.minimum(condition[:-1], condition[1:])
 
     def at(self, u: Floats) -> CurvePoints:
         """Return the curve at u (n,), to closure precision."""
@@ -419,4 +419,4 @@ class ArcCurve:
         panel = np.clip(panel, 0, len(table.edges) - 2)
         low, high = table.edges[panel], table.edges[panel + 1]
         covered, _ = table.within(panel, 2.0 * (u - low) / (high - low) - 1.0)
-        return np.asarray(table.starts[panel] + covered)
+        return table.starts[panel] + covered

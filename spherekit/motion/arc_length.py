@@ -311,7 +311,7 @@ def _motion(closure: Closure, values: Floats) -> Floats:
             "the configuration to follow cannot move: the loops leave it no freedom"
         )
     tangent = right[-1]
-    return np.asarray(tangent * np.sign(tangent[np.argmax(np.abs(tangent))]))
+    return tangent * np.sign(tangent[np.argmax(np.abs(tangent))])
 
 
 @final
@@ -336,7 +336,7 @@ class _Arcs(Curves[_Nodes]):
         """Return the steps (k,) that the curvature allows."""
         bend = np.linalg.norm(self.at.bends[rows], axis=1)
         largest = np.minimum(self.largest, LARGEST_TURN / (bend + 1e-300))
-        return np.asarray(np.minimum(step, largest))
+        return np.minimum(step, largest)
 
     def steps_to(
         self, rows: Indices, at: _Nodes, ways: Floats

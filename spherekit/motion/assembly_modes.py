@@ -57,7 +57,7 @@ HALF = np.pi + 1e-9
 
 def first_turns(angles: Floats) -> Floats:
     """Return the whole turns less which angles are in (-pi, pi]."""
-    return np.asarray(np.ceil((angles - HALF) / TURN))
+    return np.ceil((angles - HALF) / TURN)
 
 
 @final
@@ -526,7 +526,7 @@ def label_of(signs: Iterable[float]) -> str:
 
 
 def _good(status: SmallIntegers) -> Bools:
-    return np.asarray((status == Status.OK) | (status == Status.AT_SINGULARITY))
+    return (status == Status.OK) | (status == Status.AT_SINGULARITY)
 
 
 def _mark(status: SmallIntegers, where: Bools, code: Status) -> None:

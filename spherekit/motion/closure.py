@@ -177,7 +177,7 @@ def least_change(matrices: Floats, right: Floats) -> Floats:
         except np.linalg.LinAlgError:
             pass
     inverse = np.linalg.pinv(matrices, rcond=REDUNDANT)
-    return np.asarray(np.einsum("nij,nj->ni", inverse, right))
+    return np.einsum("nij,nj->ni", inverse, right)
 
 
 @final

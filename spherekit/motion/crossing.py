@@ -189,7 +189,7 @@ def _second_order(closure: Closure, x: Floats, left: Floats, null: Floats) -> Fl
     """Return the symmetric forms (l, k, k) of all left null vectors on the null space."""
     turned = jacobian_rates(closure, x)
     forms = np.einsum("bma,ml,ib,ja->lij", turned, left, null, null)
-    return np.asarray(0.5 * (forms + np.swapaxes(forms, 1, 2)))
+    return 0.5 * (forms + np.swapaxes(forms, 1, 2))
 
 
 def _directions(forms: Floats) -> Floats | None:

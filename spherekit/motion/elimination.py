@@ -231,7 +231,7 @@ class Frames:
 
     def of_pair(self, pair: int, body: int) -> Array:
         """Return the frames (n, 3, 3) of a pair in one of its bodies."""
-        return np.asarray(self.sides[self.group.ends[pair].index(body), pair])
+        return self.sides[self.group.ends[pair].index(body), pair]
 
     def _axes(self, bar: Bar) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return the unit axes (n, 3) of a bar's pairs: in it, in the bodies it joins."""
@@ -288,7 +288,7 @@ class Frames:
             ]
             turned = taking(*(axis[:, None] for axis in inner), *there)
             placed[:, :, bar.body] = turned if np.iscomplexobj(placed) else turned.real
-        return np.asarray(transpose(placed[:, :, :1]) @ placed)
+        return transpose(placed[:, :, :1]) @ placed
 
     def angles(self, placed: Floats) -> Floats:
         """Return the angles (m, pairs) rad of pairs between bodies (1, m, bodies, 3, 3)."""
@@ -297,7 +297,7 @@ class Frames:
             for side in (0, 1)
         )
         turn = transpose(one) @ other
-        return np.asarray(np.arctan2(turn[..., 1, 0], turn[..., 0, 0]))
+        return np.arctan2(turn[..., 1, 0], turn[..., 0, 0])
 
     def solutions(self, order: Order) -> tuple[Complexes, Complexes]:
         """Return all solutions (n, roots, t) of the tree's angles, rad, and determinants.
@@ -595,8 +595,8 @@ class RangeSearch:
             is_input = np.isin(np.arange(starts.shape[1]), driven)
             least = np.where(is_input, self._low, -np.inf)
             most = np.where(is_input, self._high, np.inf)
-            known = self.samples is not None or meshes is not None
-            values, near = damped(closure, starts, held if known else (), least, most)
+            is_guided = self.samples is not None or meshes is not None
+            values, near = damped(closure, starts, held if is_guided else (), least, most)
             values, rows = values[near], rows[near]
             if not len(values):
                 return values, rows

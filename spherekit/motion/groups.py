@@ -72,7 +72,7 @@ class State:
         """Return the axis (n, 3) of an R pair in the axes of the body that holds `link`."""
         joint = revolute(self.joints[pair])
         frame = joint.first if is_first else joint.second
-        return np.asarray(self.within[link] @ frame[:, 2])
+        return self.within[link] @ frame[:, 2]
 
     def merge(self, group: Group, placed: Floats) -> None:
         """Make the group one body, its bodies placed (n, bodies, 3, 3) in the first."""

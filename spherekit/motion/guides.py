@@ -75,7 +75,7 @@ class ModeCurve:
 
     def ends_before(self, q: Floats) -> Bools:
         """Return (n,) which inputs are beyond an end that the mode does not reach past."""
-        return np.asarray(self.at(q[:, None], None)[2] == Status.OUT_OF_REACH)
+        return self.at(q[:, None], None)[2] == Status.OUT_OF_REACH
 
 
 @final

@@ -141,7 +141,7 @@ class LoopTree:
 
     def body_rates(self, vectors: Floats, rates: Floats) -> Floats:
         """Return angular velocities (n, bodies, 3) relative to body 0, in its axes."""
-        return np.asarray(self.paths @ (rates[..., None] * vectors))
+        return self.paths @ (rates[..., None] * vectors)
 
 
 def condition(matrices: Floats) -> Floats:
@@ -199,7 +199,7 @@ def rank_mobility(tree: LoopTree, vectors: Floats, dependent: float = DEPENDENT)
     if values.shape[1] == 0:
         return np.full(len(vectors), vectors.shape[1])
     rank = np.sum(values > dependent * values[:, :1], axis=1)
-    return np.asarray(vectors.shape[1] - rank)
+    return vectors.shape[1] - rank
 
 
 def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
@@ -284,9 +284,9 @@ def _run(numbers: list[int]) -> Places:
 def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
     """Return the states of pairs for variables (n, variables)."""
     n, parts = len(values), list[tuple[Places, PairStates]]()
-    for kind, own, pairs, variables in _by_kind(tuple(joints)):
-        given = values[:, variables].reshape(n, len(own), kind.freedoms)
-        parts.append((pairs, kind.states(own, given)))
+    for kind, members, pairs, variables in _by_kind(tuple(joints)):
+        given = values[:, variables].reshape(n, len(members), kind.freedoms)
+        parts.append((pairs, kind.states(members, given)))
     if len(parts) == 1:
         return parts[0][1]
     states = PairStates.blank(n, len(joints))
@@ -349,7 +349,7 @@ def penetrates(joints: Sequence[Joint], states: PairStates) -> Bools:
     """Return (n,) whether a contact's profiles curve into each other, or alike."""
     contact = [bool(joint.tracks) for joint in joints]
     relative = states.curvatures[:, contact, 0] - states.curvatures[:, contact, 1]
-    return np.asarray(np.any(relative < EQUAL_CURVATURE, axis=1))
+    return np.any(relative < EQUAL_CURVATURE, axis=1)
 
 
 _UNTURNED = np.eye(3)
@@ -459,7 +459,7 @@ class Linearisation:
     def bias(self, rates: Floats) -> Floats:
         """Return J' rates (n, 3 loops), J' the change of J at rates (n, variables)."""
         turned = self.turned(self.body_rates(rates)).vectors
-        return np.asarray(np.einsum("nij,nj->ni", self.tree.jacobian(turned), rates))
+        return np.einsum("nij,nj->ni", self.tree.jacobian(turned), rates)
 
     def take(self, rows: Indices | slice) -> "Linearisation":
         """Return some rows, with what is known of them."""

@@ -59,7 +59,7 @@ class Meshes:
 
     def rolled(self, q: Floats) -> Floats:
         """Return the lengths (n, m), rad, at inputs q (n, k)."""
-        return np.asarray(self.lengths + (q - self.anchor) @ self.ratios.T)
+        return self.lengths + (q - self.anchor) @ self.ratios.T
 
     def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> list[Floats]:
         """Return the closed configurations (variables,) found at inputs q (k,)."""

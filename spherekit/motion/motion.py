@@ -246,7 +246,7 @@ class Motion(ArrayRows):
         geometry, and for the numbers of the file, which float64 rounds.
         """
         rounding = EPS * (2.0 + self.linearisation.tree.longest_loop)
-        return np.asarray(np.nan_to_num(self.residual, nan=0.0) + rounding)
+        return np.nan_to_num(self.residual, nan=0.0) + rounding
 
     @property
     def bend(self) -> Floats:
@@ -254,7 +254,7 @@ class Motion(ArrayRows):
 
         Above 1/2 nothing says that the solution is near (Kantorovich's theorem).
         """
-        return np.asarray(self._curvature * self.sensitivity**2 * self.gap)
+        return self._curvature * self.sensitivity**2 * self.gap
 
     @cached_property
     def _curvature(self) -> Floats:
@@ -263,7 +263,7 @@ class Motion(ArrayRows):
         apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
         # Nearly parallel axes hardly turn each other.
         turn = np.minimum(2.0 * apart, np.max(np.sum(vectors**2, axis=2), axis=1))
-        return np.asarray(self.linearisation.tree.longest_loop * turn)
+        return self.linearisation.tree.longest_loop * turn
 
     @property
     def fold_error(self) -> Floats:
@@ -302,7 +302,7 @@ class Motion(ArrayRows):
     def failed(self) -> Bools:
         """(n,) rows that hold no configuration."""
         held = (self.status == Status.OK) | (self.status == Status.AT_SINGULARITY)
-        return np.asarray(~held)
+        return ~held
 
 
 def samples_in_block(assembly_modes: int) -> int:

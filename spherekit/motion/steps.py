@@ -75,11 +75,11 @@ class Verification:
     def corrected(self, first: Floats, ratio: Floats, size: Floats | float) -> Bools:
         """Return (n,) whether Newton's first steps (n,), and second by first, are fine."""
         near = first <= self.correction * size + self.slack
-        return np.asarray(near & ((first <= self.settled) | (ratio <= CONTRACTION)))
+        return near & ((first <= self.settled) | (ratio <= CONTRACTION))
 
     def regular(self, change: Floats, cosine: Floats | float = 1.0) -> Bools:
         """Return (n,) whether equations and tangents changed little enough."""
-        return np.asarray((change < self.change) & (np.asarray(cosine) > self.turn))
+        return (change < self.change) & (np.asarray(cosine) > self.turn)
 
     def predicted(
         self, miss: Floats | float, size: Floats | float, rounding: Floats | float = 0.0
@@ -349,7 +349,7 @@ def determinant_sign(matrices: Floats) -> Floats:
     """Return the signs (n,) of determinants; 1 for matrices with extra rows."""
     if matrices.shape[1] != matrices.shape[2]:
         return np.ones(len(matrices))
-    return np.asarray(np.linalg.slogdet(matrices)[0])
+    return np.linalg.slogdet(matrices)[0]
 
 
 def _advanced(

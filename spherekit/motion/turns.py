@@ -27,7 +27,7 @@ def into_range(
 
 def less_periods(differences: Floats, periods: Floats) -> Floats:
     """Return differences of variables (..., variables) less whole periods."""
-    return np.asarray(differences - whole_laps(differences, periods))
+    return differences - whole_laps(differences, periods)
 
 
 def whole_laps(differences: Floats, periods: Floats) -> Floats:
@@ -77,4 +77,4 @@ def whole_periods(low: float, high: float, period: float) -> int:
 
 def in_range(q: Floats, low: Floats | float, high: Floats | float) -> Bools:
     """Return whether inputs (rad) are in a range, its ends included."""
-    return np.asarray((q >= low - ROUNDED) & (q <= high + ROUNDED))
+    return (q >= low - ROUNDED) & (q <= high + ROUNDED)

@@ -171,12 +171,12 @@ class PiecewiseChebyshev:
 def nodes(degree: int) -> Floats:
     """Return the zeros (degree + 1,) of the next Chebyshev polynomial, rising."""
     count = degree + 1
-    return np.asarray(np.cos((np.arange(degree, -1, -1) + 0.5) * np.pi / count))
+    return np.cos((np.arange(degree, -1, -1) + 0.5) * np.pi / count)
 
 
 def through(values: Floats) -> Floats:
     """Return the series (cells, degree + 1, m) with these values at the `nodes`."""
-    return np.asarray(np.einsum("kj,cjm->ckm", fitting(values.shape[1] - 1), values))
+    return np.einsum("kj,cjm->ckm", fitting(values.shape[1] - 1), values)
 
 
 @cache
@@ -192,7 +192,7 @@ def fitting(degree: int) -> Floats:
 def trimmed(series: Floats, size: float) -> Floats:
     """Return a series without its last terms that are smaller than `size`."""
     (large,) = np.nonzero(np.abs(series) > size)
-    return np.asarray(series[: max(2, large[-1] + 1 if len(large) else 0)])
+    return series[: max(2, large[-1] + 1 if len(large) else 0)]
 
 
 def real_zeros(series: Floats, most: float = 1.0) -> Floats:
@@ -202,4 +202,4 @@ def real_zeros(series: Floats, most: float = 1.0) -> Floats:
         return np.zeros(0)
     roots = chebyshev.chebroots(series)
     real = roots.real[np.abs(roots.imag) < ON_THE_AXIS]
-    return np.asarray(np.sort(real[np.abs(real) <= most]))
+    return np.sort(real[np.abs(real) <= most])

@@ -185,11 +185,11 @@ def _guess(cells: Floats) -> Floats:
         rate = slope + x * (2.0 * bend + 3.0 * x * last)
         x = x - value / np.where(rate != 0.0, rate, np.inf)
     inside = (x >= 0.0) & (x <= 1.0)
-    return np.asarray(a + width * np.where(inside, x, secant))
+    return a + width * np.where(inside, x, secant)
 
 
 def _changes(one: Floats, other: Floats) -> Bools:
-    return np.asarray((one >= 0.0) != (other >= 0.0))
+    return (one >= 0.0) != (other >= 0.0)
 
 
 Slope = tuple[Floats, Floats]
@@ -204,7 +204,7 @@ def cubic(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
     (value, slope), (last, last_slope) = start, stop
     y = 1.0 - x
     blend = value + x * x * (3.0 - 2.0 * x) * (last - value)
-    return np.asarray(blend + x * y * h * (y * slope - x * last_slope))
+    return blend + x * y * h * (y * slope - x * last_slope)
 
 
 def cubic_slope(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
@@ -212,9 +212,7 @@ def cubic_slope(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floa
     (value, slope), (last, last_slope) = start, stop
     y = 1.0 - x
     blend = 6.0 * x * y * ((last - value) / h)
-    return np.asarray(
-        blend + y * (1.0 - 3.0 * x) * slope + x * (3.0 * x - 2.0) * last_slope
-    )
+    return blend + y * (1.0 - 3.0 * x) * slope + x * (3.0 * x - 2.0) * last_slope
 
 
 def hermite(

@@ -118,12 +118,12 @@ class Dyads:
         self.needs: list[frozenset[int]] = []
         self.moving: list[frozenset[int]] = []
         for number, stand in enumerate(self.stands):
-            own = frozenset({number})
+            alone = frozenset({number})
             held = (stand.near, stand.foot), (stand.far, stand.hold)
             axes = (self.needs_of(self.source(*end)[1]) for end in held)
             feet = [self.placed_by[link] for _, link in held if link in self.placed_by]
-            self.needs.append(own.union(*axes))
-            self.moving.append(own.union(*(self.moving[foot] for foot in feet)))
+            self.needs.append(alone.union(*axes))
+            self.moving.append(alone.union(*(self.moving[foot] for foot in feet)))
             self.placed_by |= {stand.first: number, stand.second: number}
         others = (needed - {number} for number, needed in enumerate(self.needs))
         self.reaching = frozenset[int]().union(*others)
@@ -246,7 +246,7 @@ class InputRates:
     def type_1(self) -> Floats:
         """(n, inputs) measures of type I, see `spherekit.output.inverse.Inverse`."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.abs(self.bottoms) / np.linalg.norm(self.tops, axis=2))
+            return np.abs(self.bottoms) / np.linalg.norm(self.tops, axis=2)
 
 
 def reciprocal(vectors: Floats, along: Floats | None) -> tuple[Floats, Floats]:

@@ -92,7 +92,7 @@ def _lengths(held: Solver, meshes: Meshes, lengths: Floats) -> Floats:
     rollable = max_abs(beyond - beyond @ onto.T, axis=1) < SAME_LENGTH
     every = every[rollable]
     order = np.argsort(np.sum(np.abs(every), axis=1), kind="stable")
-    return np.asarray(every[order[:MOST_ASSEMBLIES]])
+    return every[order[:MOST_ASSEMBLIES]]
 
 
 def _turned(meshes: Meshes, q: Floats, lengths: Floats) -> Floats | None:
@@ -105,7 +105,7 @@ def _turned(meshes: Meshes, q: Floats, lengths: Floats) -> Floats | None:
     fits = places[off < SAME_LENGTH]
     if not len(fits):
         return None
-    return np.asarray(fits[np.argmin(np.sum(np.abs(fits), axis=1))])
+    return fits[np.argmin(np.sum(np.abs(fits), axis=1))]
 
 
 @final
@@ -287,7 +287,7 @@ def _signs(groups: int) -> list[tuple[int, ...]]:
 
 def _closed(evaluated: Evaluated) -> Bools:
     status = evaluated.status
-    return np.asarray((status == Status.OK) | (status == Status.AT_SINGULARITY))
+    return (status == Status.OK) | (status == Status.AT_SINGULARITY)
 
 
 def output_rates(motion: Motion, output: Output) -> Floats:

@@ -60,17 +60,17 @@ def _shared(groups: Groups) -> Callable[[Of[Made]], Of[Made]]:
 
     def once(method: Of[Made]) -> Of[Made]:
         @wraps(method)
-        def known(mode: "PosedMode", what: Hashable) -> Made:
+        def shared(mode: "PosedMode", what: Hashable) -> Made:
             needed = groups(mode.dyads, what)
             signs = (s if k in needed else 0 for k, s in enumerate(mode.signs))
             key = (method, what, *signs)
-            if key not in mode.known:
+            if key not in mode.shared:
                 with np.errstate(invalid="ignore", divide="ignore"):
-                    mode.known[key] = method(mode, what)
-            made: Made = mode.known[key]
+                    mode.shared[key] = method(mode, what)
+            made: Made = mode.shared[key]
             return made
 
-        return known
+        return shared
 
     return once
 
@@ -102,7 +102,7 @@ class PosedMode:
     driven: tuple[int, ...] = ()
     measure: "Callable[[PosedMode], Floats] | None" = None
     turn: tuple[Fraction, Floats, SmallIntegers] | None = None
-    known: dict[Hashable, Any] = field(default_factory=dict)
+    shared: dict[Hashable, Any] = field(default_factory=dict)
 
     @property
     def inputs(self) -> Floats:
@@ -196,7 +196,7 @@ class PosedMode:
         p = self.axis(self.dyads.stands_by(link)[0], link)
         q = self.axis(stand.middle, link)
         a, b, c = self.dyads.spread(*carried)
-        return np.asarray(a * p + b * q + c * cross(p, q))
+        return a * p + b * q + c * cross(p, q)
 
     def _outer(self, group: int) -> tuple[Floats, Floats]:
         """Return the axes of a dyad's near and far pair."""
@@ -242,14 +242,14 @@ class PosedMode:
             other, part = self._side(pair, b if a == dyads.base else a)
             turn = np.array([[part[0], part[1]], [-part[1], part[0]]])
             x, y = turn @ dyads.frame_in(pair, dyads.base)[:, :2].T @ other
-            return np.asarray(np.arctan2(y if a == dyads.base else -y, x))
+            return np.arctan2(y if a == dyads.base else -y, x)
         one, first = self._side(pair, a)
         other, second = self._side(pair, b)
         x = dot(one, other) - first[2] * second[2]
         y = dot(self.axis(pair, b), cross(one, other))
         turned = second[0] * first[0] + second[1] * first[1]
         side = second[1] * first[0] - second[0] * first[1]
-        return np.asarray(np.arctan2(y * turned - x * side, x * turned + y * side))
+        return np.arctan2(y * turned - x * side, x * turned + y * side)
 
     def _side(self, pair: int, link: int) -> tuple[Floats, Floats]:
         """Return a vector of a link off a pair's axis, and its components in the frame.

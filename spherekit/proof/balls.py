@@ -91,7 +91,7 @@ middles = np.frompyfunc(lambda ball: ball.mid(), 1, 1)
 
 def exactly(values: ArrayLike) -> Array:
     """Return float64 numbers without error."""
-    return np.asarray(np.frompyfunc(library().arb, 1, 1)(np.asarray(values, dtype=float)))
+    return np.frompyfunc(library().arb, 1, 1)(np.asarray(values, dtype=float))
 
 
 def floats(balls: Array) -> Floats:
@@ -118,7 +118,7 @@ def coefficient(of: Array, power: int) -> Array:
             item[power] if isinstance(item, flint.arb_series) else zero if power else item
         )
 
-    return np.asarray(np.frompyfunc(taken, 1, 1)(of))
+    return np.frompyfunc(taken, 1, 1)(of)
 
 
 @contextmanager
@@ -264,7 +264,7 @@ Arcs = tuple[list[Ball], list[Ball]]
 def unit(a: Vector) -> Vector:
     """Return a vector over its length."""
     square: Ball = a @ a
-    return np.asarray(a / square.sqrt())
+    return a / square.sqrt()
 
 
 def carried(vector: Vector, start: Frame, goal: Frame) -> Vector:
@@ -272,7 +272,7 @@ def carried(vector: Vector, start: Frame, goal: Frame) -> Vector:
 
     `vector` is in the axes in which `start` is given, the result in those of `goal`.
     """
-    return np.asarray(goal.T @ (start @ vector))
+    return goal.T @ (start @ vector)
 
 
 def turned(frame: Frame, angle: Ball) -> Frame:
@@ -288,7 +288,7 @@ def revolute(first: Frame, second: Frame) -> Array:
     """
     (x, y, z), nothing = first, 0 * first[0]
     moved = [[nothing, nothing, z], [x, y, nothing], [y, -x, nothing]]
-    return np.asarray(np.array(moved).swapaxes(1, 2) @ second)
+    return np.array(moved).swapaxes(1, 2) @ second
 
 
 def axes_about(centre: Vector) -> Frame:

@@ -96,7 +96,7 @@ class ChartRoots:
         over = np.where(self.inverse, 1.0, self.z).reshape(shape)
         under = np.where(self.inverse, self.z, 1.0).reshape(shape)
         way = over[:, :, None] * under[:, None]
-        return np.asarray(np.max(np.abs(way - way.swapaxes(1, 2)), axis=3, initial=0.0))
+        return np.max(np.abs(way - way.swapaxes(1, 2)), axis=3, initial=0.0)
 
     def take(self, kept: Any) -> "ChartRoots":
         """Return some of them."""
@@ -136,7 +136,7 @@ class _Derivatives:
         for step in range(order):
             factor = factor * (exponents - step)
         z = self.roots.z[:, column, None]
-        return np.asarray(factor * z ** np.maximum(exponents - order, 0))
+        return factor * z ** np.maximum(exponents - order, 0)
 
 
 def values_at(
@@ -368,7 +368,7 @@ def are_apart(roots: ChartRoots, radius: Floats, good: Bools, count: int) -> Boo
     one, other = r[:, :, None], r[:, None]
     limit = 1.5 * (one + other + one * other) * UP + 1e-14
     apart = (roots.gaps(count) > limit) | np.eye(count, dtype=bool)
-    return np.asarray(np.all(apart, axis=(1, 2)) & np.all(good.reshape(r.shape), axis=1))
+    return np.all(apart, axis=(1, 2)) & np.all(good.reshape(r.shape), axis=1)
 
 
 def are_real(roots: ChartRoots, proven: Tubes) -> tuple[Bools, Bools]:

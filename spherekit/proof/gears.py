@@ -499,7 +499,7 @@ class Written:
 
         def axis(name: str, link: str) -> Vector:
             side = mechanism.pair(name).links.index(link)
-            return np.asarray(frames[name][side][2])
+            return frames[name][side][2]
 
         if "axes" in item:
             two = list(zip(item["axes"], pair.links, strict=True))

@@ -53,7 +53,7 @@ MOST_PANELS = 10_000
 def harmonic(parts: Array, angles: Array) -> Array:
     """Return (n, 3, 3) parts[0] + parts[1] cos + parts[2] sin of angles (n,) rad."""
     sine, cosine = (np.asarray(x)[:, None, None] for x in sine_cosine(angles))
-    return np.asarray(parts[0] + parts[1] * cosine + parts[2] * sine)
+    return parts[0] + parts[1] * cosine + parts[2] * sine
 
 
 class BallCurve(ABC):
@@ -69,7 +69,7 @@ class BallCurve(ABC):
     def backwards(self, s: Array) -> Array:
         """Return frames run backwards: from the old end, or a closed one from its start."""
         made = self.frame(-s if self.closed else self.length - s)
-        return np.asarray(made * np.array([-1.0, -1.0, 1.0]))
+        return made * np.array([-1.0, -1.0, 1.0])
 
 
 def ball_curve(profile: Profile) -> BallCurve:
@@ -264,7 +264,7 @@ class _Spline(_Path):
                 low, high = knots[i][:, None], knots[i + degree + 1 - level][:, None]
                 share = (u - low) / (high - low)
                 points[r] = (1 - share) * points[r - 1] + share * points[r]
-        return np.asarray(points[degree])
+        return points[degree]
 
 
 def _length(vectors: Array) -> Array:
@@ -337,7 +337,7 @@ class _Contact(_Joint):
 
     def turn(self, values: Array) -> Array:
         one, other = (self._frame(side, values) for side in (0, 1))
-        return np.asarray(one @ other.swapaxes(1, 2))
+        return one @ other.swapaxes(1, 2)
 
     def axis(self, values: Array) -> Array:
         return self._frame(0, values)[:, :, 2]
@@ -459,7 +459,7 @@ class Linkage:
 
         At `vectors` (n, variables, 3) and rates (n, variables) of the variables.
         """
-        return np.asarray(self._ways @ (vectors * rates[:, :, None]))
+        return self._ways @ (vectors * rates[:, :, None])
 
     def jacobian(self, vectors: Array) -> Array:
         """Return (n, 3 loops, variables): gaps change by it times the variables' rates."""

@@ -264,15 +264,15 @@ class _Search:
         """
         bound = self.equations.construction.bound
         for seed in range(SEEDS):
-            found = modes_near(self.equations, self.turns, seed)
-            fresh = [two.tolist() for start in found for two in (start, start.conj())]
+            nearby = modes_near(self.equations, self.turns, seed)
+            fresh = [two.tolist() for start in nearby for two in (start, start.conj())]
             for approximation in fresh:
                 self.take(approximation)
             near += fresh
-            finite = np.sum(np.all(np.abs(found.imag) < CENTRAL, axis=1))
+            finite = np.sum(np.all(np.abs(nearby.imag) < CENTRAL, axis=1))
             if len(self.roots) >= bound or (finite >= bound and self.doubtful):
                 break
-            if len(found) and self.real_by_systems[0] == len(self.real):
+            if len(nearby) and self.real_by_systems[0] == len(self.real):
                 return self.real_by_systems[1]
         return ()
 

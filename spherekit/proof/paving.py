@@ -95,7 +95,7 @@ def _beyond(
     reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
     reach += np.einsum("nwk,nk->nw", np.abs(weights), bent + ROUNDING * size)
     sums = np.abs(np.einsum("nwk,nk->nw", weights, values))
-    return np.asarray(np.any(sums > reach * UP, axis=1))
+    return np.any(sums > reach * UP, axis=1)
 
 
 CHUNK = 20000
@@ -118,7 +118,7 @@ class Axis:
     def radii(self, levels: Integers) -> Floats:
         """Return half widths after so many halvings, about the centres, rounded up."""
         off = 8.0 * UNIT * (abs(self.start) + abs(self.extent)) if self.extent else 0.0
-        return np.asarray(upper(self.width) * UP * np.exp2(-1.0 - levels) + off)
+        return upper(self.width) * UP * np.exp2(-1.0 - levels) + off
 
     def centres(self, levels: Integers, places: Integers) -> Floats:
         """Return float64 numbers next to the centres, or to the angle if it is only one."""
@@ -259,7 +259,7 @@ def _weights(slopes: Floats, degrees: Floats, radii: Floats) -> Floats:
     norms = np.sqrt(np.sum(slopes**2, axis=2, keepdims=True)) + 1e-3
     share = np.max(np.abs(slopes) / norms, axis=1)
     floor = 0.2 * np.any(degrees > 0, axis=0)
-    return np.asarray(np.maximum(share, floor) * radii)
+    return np.maximum(share, floor) * radii
 
 
 PRECISION = 80
@@ -431,4 +431,4 @@ def _farthest(boxes: Boxes, cell: Integers, finest: Integers) -> Indices:
     levels = boxes.levels
     coarse = np.any(levels < cell, axis=1, keepdims=True)
     halved = np.where(coarse, levels < cell, levels < finest)
-    return np.asarray(np.argmax(boxes.radii * halved, axis=1))
+    return np.argmax(boxes.radii * halved, axis=1)

@@ -282,7 +282,7 @@ def _judged(motion: Motion, solution: Closed) -> SmallIntegers:
 
 def _largest(values: Array) -> Floats:
     """Return the largest size (k,) in each row of values (k, m)."""
-    return np.asarray(np.max(np.abs(floats(values)), axis=1, initial=0.0))
+    return np.max(np.abs(floats(values)), axis=1, initial=0.0)
 
 
 def exact_motion(motion: Motion, rows: Bools, exact: ExactRows) -> Motion:
@@ -398,18 +398,18 @@ def _turn(exact: ExactRows, pole: Pole, unit: Array) -> Floats:
     v, dv = _relative(exact.w, pole), _relative(exact.dw, pole)
     across = dv - np.sum(dv * unit, axis=1)[:, None] * unit
     with np.errstate(all="ignore"):
-        return np.asarray(floats(across) / floats(np.sum(v * unit, axis=1))[:, None])
+        return floats(across) / floats(np.sum(v * unit, axis=1))[:, None]
 
 
 def _relative(w: Array, pole: Pole) -> Array:
-    return np.asarray(w[:, pole[1]] - w[:, pole[0]])
+    return w[:, pole[1]] - w[:, pole[0]]
 
 
 def _above(vectors: Array, rates: Array, pole: Pole, floor: Floats) -> Bools:
     """Return (n,) whether differences (n, 3) of the rates of two links are not rounding."""
     size = np.max(np.abs(floats(rates[:, list(pole)])), axis=(1, 2))
     largest = np.max(np.abs(floats(vectors)), axis=1)
-    return np.asarray(largest > floor * np.maximum(size, 1.0))
+    return largest > floor * np.maximum(size, 1.0)
 
 
 def _lengths(vectors: Array) -> Array:

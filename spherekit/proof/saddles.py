@@ -181,7 +181,7 @@ class Saddle(Zone):
         """Return a place (v,) near an arm, not far from where it leaves."""
         u, v = 0.9 * FLATTER * self.limits[0], 0.9 * self.limits[1]
         way = np.array([u * quadrant[0], v * quadrant[1]])
-        return np.asarray(self.centre + self.frame[:, :2] @ way)
+        return self.centre + self.frame[:, :2] @ way
 
     def quadrant(self, place: Floats, off: float) -> Quadrant | None:
         """Return the arm that a configuration is on, None where that is not proven."""
@@ -373,7 +373,7 @@ class _Form:
     def _over(self, limits: Floats) -> Array:
         """Return balls of all variables over a part of space, a little more than it."""
         reach = np.abs(self.frame) @ limits * (1.0 + 1e-9) + 1e-12
-        return np.asarray(exactly(self.centre) + _about(reach))
+        return exactly(self.centre) + _about(reach)
 
     def _there(self, place: Array, level: Ball, moved: Array) -> tuple[Ball, Array]:
         """Return g and its slopes (2,) at the u and v of a place.

@@ -81,7 +81,7 @@ def _on(chain: Chain, closed: Chain) -> bool:
 def _turned(places: Floats) -> Floats:
     """Return angles in [0, 2 pi)."""
     turned = np.remainder(places, TURN)
-    return np.asarray(np.where(turned >= TURN, 0.0, turned))
+    return np.where(turned >= TURN, 0.0, turned)
 
 
 SEEDING = 0.12

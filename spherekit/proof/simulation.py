@@ -202,7 +202,7 @@ class Forces:
             w = np.cross(w, turn @ exactly(moment.arm))
         direction = exactly(moment.direction)
         direction = turn @ direction if moment.axes == "link" else direction
-        return np.asarray(np.sum(w * direction, axis=1))
+        return np.sum(w * direction, axis=1)
 
 
 def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
@@ -215,7 +215,7 @@ def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
     within = inside - turn * float(period)
     after = int(np.clip(np.searchsorted(table.times, within), 1, len(times) - 1))
     slope = (torques[after] - torques[after - 1]) / (times[after] - times[after - 1])
-    return np.asarray(torques[after - 1] + slope * (t - turn * period - times[after - 1]))
+    return torques[after - 1] + slope * (t - turn * period - times[after - 1])
 
 
 SWEEPS = 40

@@ -65,7 +65,7 @@ def modes_near(equations: Equations, driven: Floats, seed: int) -> Complexes:
     made = Polynomials.at(equations, every, every, driven[None])
     with np.errstate(all="ignore"):
         angles = -1j * np.log(solutions(made, seed).points)
-    return np.asarray(angles[np.all(np.isfinite(angles), axis=1)])
+    return angles[np.all(np.isfinite(angles), axis=1)]
 
 
 def solutions(made: Polynomials, seed: int) -> ChartRoots:
@@ -257,9 +257,9 @@ class Systems:
                 tuple(rows),
                 tuple(unknowns),
                 tuple(given),
-                tuple(known[:: 1 + len(known) // MOST_SHOWN]),
+                tuple(earlier[:: 1 + len(earlier) // MOST_SHOWN]),
             )
-            for (rows, unknowns), given, known in zip(
+            for (rows, unknowns), given, earlier in zip(
                 self.parts, self.given, self._known, strict=True
             )
         )
@@ -292,7 +292,9 @@ class Systems:
             modes = modes.take(roots.row[kept])
             solution = angle, circle(angle[kept].ravel()).reshape(*angle[kept].shape, 2)
             modes.angle[:, unknowns], modes.turn[:, unknowns] = angle[kept], solution[1]
-            modes.rates[:, unknowns], modes.off[:, unknowns] = (each[kept] for each in more)
+            modes.rates[:, unknowns], modes.off[:, unknowns] = (
+                column[kept] for column in more
+            )
             if number + 1 < len(self.parts):
                 wide = np.any(proven.reach[kept] >= WIDEST_ANGLE, axis=1)
                 good[modes.row[wide]] = False
@@ -342,7 +344,7 @@ class Systems:
         )
         made = Polynomials.at(self.equations, *system, turns)
         moving = Given(half, rates, off)
-        one, known = len(system[1]) == 1, self._known[number]
+        one, earlier = len(system[1]) == 1, self._known[number]
         rough = roots_of_one(made) if one else self._near(number, given)
         parts = [slice(k * bound, (k + 1) * bound) for k in range(len(given))]
         for anew in (not one, False):
@@ -353,11 +355,13 @@ class Systems:
             if not (anew and len(lost)):
                 break
             for mode in lost:
-                found = self._found(number, given[mode]).points
-                roots.z[parts[mode]], roots.inverse[parts[mode]] = found.z, found.inverse
+                again = self._found(number, given[mode]).points
+                roots.z[parts[mode]], roots.inverse[parts[mode]] = again.z, again.inverse
             rough = roots
-        known += [KnownRoots(given[k], roots.take(parts[k])) for k in np.flatnonzero(whole)]
-        del known[:-MOST_KNOWN]
+        earlier += [
+            KnownRoots(given[k], roots.take(parts[k])) for k in np.flatnonzero(whole)
+        ]
+        del earlier[:-MOST_KNOWN]
         return roots, proven
 
     def _near(self, number: int, given: Floats) -> ChartRoots:
@@ -365,12 +369,14 @@ class Systems:
 
         Where none are near they are found anew.
         """
-        known, origins = self._known[number], []
-        at = turns_of(np.array([roots.at for roots in known]))
+        earlier, origins = self._known[number], []
+        at = turns_of(np.array([roots.at for roots in earlier]))
         for place in given:
-            gaps = np.sum((at - turns_of(place)) ** 2, axis=(1, 2)) if known else [np.inf]
+            gaps = np.sum((at - turns_of(place)) ** 2, axis=(1, 2)) if earlier else [np.inf]
             near = int(np.argmin(gaps))
-            origins.append(known[near] if gaps[near] < NEAR else self._found(number, place))
+            origins.append(
+                earlier[near] if gaps[near] < NEAR else self._found(number, place)
+            )
         roots = ChartRoots(
             np.concatenate([origin.points.z for origin in origins]),
             np.concatenate([origin.points.inverse for origin in origins]),

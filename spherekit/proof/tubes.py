@@ -69,7 +69,7 @@ class Zone:
 
     def coordinates(self, places: Floats) -> Floats:
         """Return coordinates (..., v) of places (..., v), whole turns away or not."""
-        return np.asarray(wrap(places - self.centre) @ self.frame)
+        return wrap(places - self.centre) @ self.frame
 
     def holds(self, places: Floats, off: float) -> bool:
         """Return whether places that are off by at most `off` are in it."""
@@ -79,13 +79,13 @@ class Zone:
     def may_hold(self, places: Floats, off: Floats | float) -> Bools:
         """Return whether places (..., v), off by at most `off` (...), may be in it."""
         inside = np.abs(self.coordinates(places)) - np.asarray(off)[..., None] - 1e-13
-        return np.asarray(np.all(inside <= self.limits, axis=-1))
+        return np.all(inside <= self.limits, axis=-1)
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes (n, v) of radii (n, v) are in it."""
         reach = radii @ np.abs(self.frame) * UP + 1e-13
         inside = np.abs(self.coordinates(centres)) + reach <= self.limits
-        return np.asarray(np.all(inside, axis=1))
+        return np.all(inside, axis=1)
 
 
 @final
@@ -116,7 +116,7 @@ class Piece(Zone):
     @property
     def tangent(self) -> Floats:
         """T (v,)."""
-        return np.asarray(self.frame[:, 0])
+        return self.frame[:, 0]
 
 
 def frame_at(slopes: Floats, along: Floats | None) -> Floats | None:
@@ -130,7 +130,7 @@ def frame_at(slopes: Floats, along: Floats | None) -> Floats | None:
     t = rows[-1]
     if along is not None and t @ along < 0:
         t = -t
-    return np.asarray(np.column_stack([t, rows[:-1].T]))
+    return np.column_stack([t, rows[:-1].T])
 
 
 def piece_at(
@@ -193,7 +193,7 @@ class Test:
     def sums(self, half: Floats, radius: Floats) -> Floats:
         """Return (..., k) by how much the angles of each equation change at most."""
         change = self.along * half[..., None] + self.sideways * radius[..., None]
-        return np.asarray(change * UP)
+        return change * UP
 
     def rows(self, half: Floats, radius: Floats) -> Floats:
         """Return bounds (..., k) of the sums of the rows of 1 - Y F_z N in the piece."""
@@ -201,7 +201,7 @@ class Test:
         wide = self.mixed_t * half[..., None] + self.mixed_n * radius[..., None]
         third = 0.5 * at.constant * change**2 + at.error * (1.0 + change + 0.5 * change**2)
         off = (wide + third * self.sideways) @ self.inverse.T
-        return np.asarray((np.sum(self.rest, axis=1) + off) * UP)
+        return (np.sum(self.rest, axis=1) + off) * UP
 
     def displacement(self, half: Floats) -> Floats:
         """Return bounds (..., k) of Y F on the axis."""
@@ -210,7 +210,7 @@ class Test:
         off = at.error * (1.0 + way + 0.5 * way**2) + at.constant * way**3 / 6.0
         moved = self.moved.T
         axis = moved[0] + length * (moved[1] + 0.5 * length * moved[2])
-        return np.asarray((axis + off @ self.inverse.T) * UP)
+        return (axis + off @ self.inverse.T) * UP
 
     def first_inside(self, halves: Floats) -> tuple[float, float, float, float] | None:
         """Return the first half length that is proven, its radius, and two distances.

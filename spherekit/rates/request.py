@@ -44,7 +44,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 def dot(a: Floats, b: Floats) -> Floats:
     """Return a . b (..., n) for arrays (..., 3, n)."""
-    return np.asarray(
+    return (
         a[..., 0, :] * b[..., 0, :]
         + a[..., 1, :] * b[..., 1, :]
         + a[..., 2, :] * b[..., 2, :]

@@ -92,7 +92,7 @@ class Transmission:
         """Return the directions (n, 3) of a pointing output of bodies (n, bodies, 3, 3)."""
         if self.direction is None:
             return None
-        return np.asarray(placed[:, self.link] @ np.array(self.direction))
+        return placed[:, self.link] @ np.array(self.direction)
 
     def at(self, vectors: Floats, directions: Floats | None = None) -> Floats:
         """Return the transmission (n,), from 0 at a singularity of type II to 1.
@@ -126,7 +126,7 @@ class Transmission:
         between = np.zeros(self.tree.count)
         between[self.relative_to] -= 1.0
         between[self.link] += 1.0
-        return np.asarray(np.linalg.pinv(self.tree.incidence.T, rcond=1e-9) @ between)
+        return np.linalg.pinv(self.tree.incidence.T, rcond=1e-9) @ between
 
     def _measured(self, way: Floats, loops: Floats, directions: Floats | None) -> Floats:
         """Return the transmission (n,) of finite equations."""
@@ -147,7 +147,7 @@ class Transmission:
             gives = gives - directions[:, :, None] * along[:, None]
         rho = self._way @ self._way
         with np.errstate(over="ignore"):
-            return np.asarray(1.0 / np.hypot(1.0, _largest(gives) / np.sqrt(rho)))
+            return 1.0 / np.hypot(1.0, _largest(gives) / np.sqrt(rho))
 
 
 def passive(tree: LoopTree, driven: Sequence[int]) -> list[int]:

@@ -59,7 +59,7 @@ class Chords(ArrayRows):
             + np.sin(angle)[..., None] * self.along[more]
         )
         cosine, sine = np.cos(height)[..., None], np.sin(height)[..., None]
-        return np.asarray(cosine * flat + sine * self.left[more])
+        return cosine * flat + sine * self.left[more]
 
 
 @cache
@@ -78,12 +78,12 @@ def coefficients(order: int) -> Floats:
 def weights(order: int) -> Floats:
     """Return the weights (order + 1,) of Clenshaw and Curtis for the nodes."""
     even = np.arange(0, order + 1, 2)
-    return np.asarray(2.0 / (1.0 - even**2.0) @ coefficients(order)[::2])
+    return 2.0 / (1.0 - even**2.0) @ coefficients(order)[::2]
 
 
 def between(order: int, u: Floats) -> Floats:
     """Return the matrix (m, order + 1) from values at the nodes to those at u (m,)."""
-    return np.asarray(chebyshev.chebvander(u, order) @ coefficients(order))
+    return chebyshev.chebvander(u, order) @ coefficients(order)
 
 
 @final
@@ -396,4 +396,4 @@ def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> 
     points = np.concatenate(candidates)
     held = least(evaluate(points)) >= -SLACK * np.max(evaluate.floor)
     points = points[held] if held.any() else points
-    return np.asarray(points[np.argmin(arc(points, place))])
+    return points[np.argmin(arc(points, place))]

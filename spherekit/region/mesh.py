@@ -26,7 +26,7 @@ _TILT = np.array([[0.36, 0.48, -0.8], [-0.8, 0.60, 0.0], [0.48, 0.64, 0.6]])
 
 def unit(vectors: Floats) -> Floats:
     """Return vectors (..., 3) scaled to length 1."""
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 @cache
@@ -124,7 +124,7 @@ def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
     """
     volume = np.sum(a * cross(b - a, c - a), axis=-1)
     dots = np.sum(a * b, axis=-1) + np.sum(b * c, axis=-1) + np.sum(c * a, axis=-1)
-    return np.asarray(2.0 * np.arctan2(volume, 1.0 + dots))
+    return 2.0 * np.arctan2(volume, 1.0 + dots)
 
 
 def bisected(
@@ -242,7 +242,7 @@ class Evaluator:
 def rounding(rows: Floats) -> Floats:
     """Return how far (k,) margins are off by rounding, from their size in rows (n, k)."""
     size = np.where(np.isnan(rows), 0.0, np.abs(rows))
-    return np.asarray(NOISE * np.median(size, axis=0))
+    return NOISE * np.median(size, axis=0)
 
 
 def least(rows: Floats) -> Floats:
@@ -253,7 +253,7 @@ def least(rows: Floats) -> Floats:
     """
     missing = np.isnan(rows)
     if not missing.any():
-        return np.asarray(np.min(rows, axis=1))
+        return np.min(rows, axis=1)
     smallest = np.fmin.reduce(rows, axis=1)
     return np.where(missing.any(axis=1) & ~(smallest < 0.0), -1.0, smallest)
 
@@ -281,7 +281,7 @@ def active(rows: Floats, floor: Floats) -> Indices:
 
 def void(rows: Floats) -> Bools:
     """Return where (n,) a margin is NaN and none is negative."""
-    return np.asarray(np.isnan(rows).any(axis=-1) & ~(np.fmin.reduce(rows, axis=-1) < 0.0))
+    return np.isnan(rows).any(axis=-1) & ~(np.fmin.reduce(rows, axis=-1) < 0.0)
 
 
 def check_positive(sizes: Mapping[str, float]) -> None:
@@ -449,4 +449,4 @@ def _within_cone(corners: Floats, values: Floats, error: Floats, uncertain: Bool
     widest = np.argmax(np.where(np.isnan(gaps), -1.0, gaps), axis=1)
     gap, end = gaps[np.arange(n), widest], rising[np.arange(n), widest]
     along = np.cos(angle - (end + np.pi - 0.5 * gap)[:, None]) - slack
-    return np.asarray(np.all((along > np.sin(0.5 * SHARPEST)) | np.isnan(angle), axis=1))
+    return np.all((along > np.sin(0.5 * SHARPEST)) | np.isnan(angle), axis=1)

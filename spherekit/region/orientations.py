@@ -81,7 +81,7 @@ def _quadratics(u: Floats) -> tuple[Floats, Floats, Floats]:
 
 def _product(rows: tuple[Floats, Floats, Floats]) -> Floats:
     """Return the products (m, 27) of one-dimensional rows (m, 3) in three directions."""
-    return np.asarray(np.einsum("ma,mb,mc->mabc", *rows).reshape(-1, 27))
+    return np.einsum("ma,mb,mc->mabc", *rows).reshape(-1, 27)
 
 
 def _matrices() -> tuple[Floats, Floats, Floats, Floats]:
@@ -256,7 +256,7 @@ def _filled(model: Floats) -> Floats:
     reach = np.abs(x) + np.abs(y) + np.abs(z)
     reach[flat] = 1.0
     value = value + (xx + yy + zz) * (reach * reach / square) / 24.0
-    return np.asarray(np.where(flat, value >= 0.0, np.clip(0.5 + value / reach, 0.0, 1.0)))
+    return np.where(flat, value >= 0.0, np.clip(0.5 + value / reach, 0.0, 1.0))
 
 
 def _quaternions(cube: Indices, units: Indices) -> Floats:
@@ -277,8 +277,8 @@ def _density(low: Indices, width: Indices) -> Floats:
 
     def density(places: Floats) -> Floats:
         x = (low[:, None] + places * width[:, None, None]) * scale - 1.0
-        return np.asarray(8.0 / (1.0 + np.sum(x * x, axis=2)) ** 2)
+        return 8.0 / (1.0 + np.sum(x * x, axis=2)) ** 2
 
     by_middles = density(_CENTRES)
     whole = density(_GAUSS_PLACES) @ _GAUSS_WEIGHTS * (width * scale) ** 3
-    return np.asarray(by_middles * (whole / by_middles.sum(axis=1))[:, None])
+    return by_middles * (whole / by_middles.sum(axis=1))[:, None]

@@ -87,7 +87,7 @@ class Refinement:
     @property
     def inside(self) -> Bools:
         """Which vertices (V,) are in the region."""
-        return np.asarray(least(self.values) >= 0.0)
+        return least(self.values) >= 0.0
 
     @property
     def areas(self) -> Floats:
@@ -251,7 +251,7 @@ class Refinement:
             self.crossing_margins = np.concatenate([self.crossing_margins, margins])
         order = np.argsort(self.crossing_keys)
         place = np.searchsorted(self.crossing_keys, keys, sorter=order)
-        return np.asarray(order[place])
+        return order[place]
 
     def _improve(self, tolerance: float) -> Bools:
         """Bring the error down without new triangles; return those to cut for more."""
@@ -406,7 +406,7 @@ class Region:
     @property
     def inside(self) -> Bools:
         """Which vertices (V,) are in the region."""
-        return np.asarray(least(self.values) >= 0.0)
+        return least(self.values) >= 0.0
 
     @property
     def holes(self) -> tuple[Part, ...]:

@@ -92,7 +92,7 @@ class _Seen(ArrayRows):
     @property
     def turns(self) -> Floats:
         """(k - 1,) cosines of the angles between successive axes."""
-        return np.asarray(np.sum(self.unit[1:] * self.unit[:-1], axis=1))
+        return np.sum(self.unit[1:] * self.unit[:-1], axis=1)
 
     @property
     def chain(self) -> Floats:
@@ -341,7 +341,7 @@ def rounding_of(rates: LinkRates) -> Floats:
     """
     size = np.linalg.norm(rates.w, axis=2).max(axis=1, initial=1.0)
     flat = np.maximum(rates.reciprocal_condition, EPS)
-    return np.asarray(EPS * size * (8.0 / flat + 0.25 / flat**2))
+    return EPS * size * (8.0 / flat + 0.25 / flat**2)
 
 
 def _along_rate(rates: LinkRates, i: int, j: int) -> Axis:

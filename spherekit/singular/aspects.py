@@ -316,7 +316,7 @@ class _Spread:
         slope = np.einsum("nei,ni->ne", self.nodes.slope[ends], moved)
         signs = np.sign(np.concatenate([value, value + slope * [1.0, -1.0] / 3.0], axis=1))
         clear = (signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1)
-        return np.asarray(regular & clear)
+        return regular & clear
 
     def labelled(self, free_of: tuple[TypeName, ...]) -> Aspects:
         """Return the regular configurations with their aspects."""

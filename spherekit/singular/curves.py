@@ -181,7 +181,7 @@ class SingularCurve:
         def side(points: LocusPoints) -> Floats:
             ways = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
             basis = points.basis[:, :, self.locus.freedoms :]
-            return np.asarray(np.linalg.det(np.swapaxes(basis, 1, 2) @ ways))
+            return np.linalg.det(np.swapaxes(basis, 1, 2) @ ways)
 
         return self.zeros(side)
 

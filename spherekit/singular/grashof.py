@@ -204,7 +204,7 @@ def least_transmission(
             every += [(size, q, modes) for q, modes in met]
     if not every or not np.isfinite(every[0][0]):
         return None
-    least, q, _ = min(every, key=lambda found: found[0])
+    least, q, _ = min(every, key=lambda candidate: candidate[0])
     alike = {mode for size, _, modes in every if size - least < ALIKE for mode in modes}
     return least, q, tuple(sorted(alike))
 

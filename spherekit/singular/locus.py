@@ -81,7 +81,7 @@ class Measure:
     @property
     def value(self) -> Floats:
         """(n,) the determinant of E on the motions, zero on the locus."""
-        return np.asarray(np.linalg.det(self._square))
+        return np.linalg.det(self._square)
 
     @property
     def gradient(self) -> Floats:
@@ -93,7 +93,7 @@ class Measure:
         if not self.signed:
             turned = np.swapaxes(slopes, 2, 3) @ self.small[:, None]
             slopes = turned + np.swapaxes(turned, 2, 3)
-        return np.asarray(np.einsum("nab,njba->nj", adjugate(self._square), slopes))
+        return np.einsum("nab,njba->nj", adjugate(self._square), slopes)
 
 
 @final

@@ -64,7 +64,7 @@ class Condition:
             parts.append(_between(*map(poles.stacked, self.planes)))
         if not parts:
             parts.append(_out_of_plane(poles.stacked(AXES)))
-        return np.asarray(np.max(np.stack(parts), axis=0))
+        return np.max(np.stack(parts), axis=0)
 
     def words(self, links: FourLinks, names: Sequence[str]) -> str:
         """Return what coincides, with the names of the links."""

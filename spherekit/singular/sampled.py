@@ -380,7 +380,7 @@ class SampledSingularities:
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at a place of a curve."""
         arc = self.curves[curve]
-        return np.asarray(arc.segments.closure.at(arc.at([s]).values).placed[0])
+        return arc.segments.closure.at(arc.at([s]).values).placed[0]
 
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
         """Return where a curve ends at crossings: s, and the crossing (variables,).
@@ -415,7 +415,7 @@ class SampledSingularities:
         after = np.searchsorted(places[:, 0], s)
         beside = np.pad(places[:, 1], 1, constant_values=np.inf)
         here = curve.at(s).values[:, self._driven]
-        return np.asarray(np.min(np.abs(beside[[after, after + 1]] - here), axis=0))
+        return np.min(np.abs(beside[[after, after + 1]] - here), axis=0)
 
 
 def _dyad_of(output: tuple[int, int], assembly: Assembly) -> Group | None:

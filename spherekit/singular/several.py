@@ -140,9 +140,7 @@ class OutputCoefficients(MotionMeasures):
         """(n, k) triple products of the u of any three inputs."""
         threes = list(combinations(range(self.u.shape[1]), 3))
         with np.errstate(invalid="ignore"):
-            return np.asarray(
-                np.linalg.det(self.u[:, np.array(threes, dtype=int).reshape(-1, 3)])
-            )
+            return np.linalg.det(self.u[:, np.array(threes, dtype=int).reshape(-1, 3)])
 
 
 def coefficients(

@@ -505,7 +505,7 @@ class SingleFreedom:
 
         def rate(a: int, b: int) -> Floats:
             unit = axes[pole_of(a, b)].unit
-            return np.asarray(np.sum((rates.w[:, a] - rates.w[:, b]) * unit, axis=1))
+            return np.sum((rates.w[:, a] - rates.w[:, b]) * unit, axis=1)
 
         forms = []
         for relation in self._made(output, axes):

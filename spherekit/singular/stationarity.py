@@ -121,7 +121,7 @@ class TangentSpace:
     @cached_property
     def closing(self) -> Floats:
         """(n, V) Newton's shortest step towards closed loops."""
-        return np.asarray(-np.einsum("nve,ne->nv", self.inverse, self.at.residual))
+        return -np.einsum("nve,ne->nv", self.inverse, self.at.residual)
 
     @cached_property
     def directions(self) -> Floats:
@@ -157,7 +157,7 @@ class TangentSpace:
 
     def along(self, ways: Floats) -> Floats:
         """Return the changes (n, V) that basis coordinates (n, k) stand for."""
-        return np.asarray(np.einsum("nvk,nk->nv", self.basis, ways))
+        return np.einsum("nvk,nk->nv", self.basis, ways)
 
 
 def tangent_space(
@@ -281,7 +281,7 @@ class OutputStationary:
         """Return how variables turn the output: (V,) 1, -1, or 0 for no part in it."""
         if self.way is not None:
             return np.array(self.way)
-        return np.asarray(at.tree.paths[self.link] - at.tree.paths[self.relative_to])
+        return at.tree.paths[self.link] - at.tree.paths[self.relative_to]
 
     def _watched_at(self, at: Linearisation) -> tuple[Floats, Floats]:
         """Return the watched directions (n, m, 3), and what turns the link (n, V, 3)."""
@@ -296,7 +296,7 @@ class OutputStationary:
     def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:
         """Return (n, k, 3) in the axes of body 0, of k rates (n, V, k)."""
         turning = self._between(space.at)[:, None] * space.at.vectors
-        return np.asarray(np.einsum("nvk,nvd->nkd", rates, turning))
+        return np.einsum("nvk,nvd->nkd", rates, turning)
 
 
 StationarityConstraint = InputsLocked | OutputStationary

@@ -55,7 +55,7 @@ class Mesh:
     def border(self) -> Indices:
         """(k, 2) the edges with one triangle."""
         edges, sides = edges_of(self.triangles)
-        return np.asarray(edges[np.bincount(sides.ravel(), minlength=len(edges)) == 1])
+        return edges[np.bincount(sides.ravel(), minlength=len(edges)) == 1]
 
     def split(self) -> Self:
         """Return the mesh with every edge halved, at a point of the locus.
@@ -383,8 +383,8 @@ class _Front:
 
     def grow(self, seed: LocusPoints) -> bool:
         """Mesh the surface through a seed, unless a mesh covers it; return whether."""
-        known = len(self.values) >= self.most or seed.reciprocal_condition[0] < FLAT
-        if known or len(self.near(seed.values[0], seed.motions[0], self.side)):
+        is_full = len(self.values) >= self.most or seed.reciprocal_condition[0] < FLAT
+        if is_full or len(self.near(seed.values[0], seed.motions[0], self.side)):
             return False
         if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
             return False

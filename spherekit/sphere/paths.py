@@ -89,7 +89,7 @@ class FourierPath:
         """Return |dp/du| at u of any shape."""
         colatitude, slope = self.colatitude(u, 1)
         sine = np.sin(colatitude)
-        return np.asarray(np.sqrt(slope * slope + sine * sine))
+        return np.sqrt(slope * slope + sine * sine)
 
     def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
@@ -141,7 +141,7 @@ class SplinePath:
         """Return |dp/du| at u of any shape."""
         x, x1 = self._derivative(u, 0), self._derivative(u, 1)
         across = cross(x, x1)
-        return np.asarray(np.sqrt(dot(across, across)) / dot(x, x))
+        return np.sqrt(dot(across, across)) / dot(x, x)
 
     def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
@@ -195,7 +195,7 @@ def turned(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
 
 def dot(a: Floats, b: Floats) -> Floats:
     """Return the products (...) of vectors (..., 3), the same for one as for many."""
-    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def exact_frame(point: Floats, tangent: Floats) -> Floats:
@@ -316,9 +316,7 @@ def _straddle(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
     normal = cross(a, b)
     normal = normal / np.sqrt(dot(normal, normal))[:, None]
     at_c, at_d = dot(normal, c), dot(normal, d)
-    return np.asarray(
-        (at_c * at_d <= 0.0) | (np.abs(at_c) <= _TOUCH) | (np.abs(at_d) <= _TOUCH)
-    )
+    return (at_c * at_d <= 0.0) | (np.abs(at_c) <= _TOUCH) | (np.abs(at_d) <= _TOUCH)
 
 
 SLOWEST = 1e-5
@@ -353,7 +351,7 @@ class ArcLength:
 
     def at_edge(self, u: Floats) -> Floats:
         """Return the arc lengths of parameters that are edges."""
-        return np.asarray(self.starts[np.searchsorted(self.edges, u)])
+        return self.starts[np.searchsorted(self.edges, u)]
 
     def invert(self, s: Floats) -> Floats:
         """Return u (n,) at arc lengths s (n,).
@@ -370,7 +368,7 @@ class ArcLength:
         if np.any(left):
             x[left] = self._solved(panel[left], target[left], x[left])
         half = 0.5 * (self.edges[panel + 1] - self.edges[panel])
-        return np.asarray(self.edges[panel] + half * (1.0 + _within_panel(x)))
+        return self.edges[panel] + half * (1.0 + _within_panel(x))
 
     @cached_property
     def _inverse(self) -> tuple[Floats, Bools]:
@@ -416,7 +414,7 @@ class ArcLength:
         panel = np.searchsorted(self.edges[1:-1], u, side="right")
         low, high = self.edges[panel], self.edges[panel + 1]
         covered, _ = self.within(panel, (2.0 * u - low - high) / (high - low))
-        return np.asarray(self.starts[panel] + covered)
+        return self.starts[panel] + covered
 
     def within(self, panel: Indices, x: Floats) -> tuple[Floats, Floats]:
         """Return the arc length from a panel's start to x, and ds/dx, both (n,)."""
@@ -502,7 +500,7 @@ def gauss_series(rate: Callable[[Floats], Floats], low: Floats, high: Floats) ->
     rows = np.polynomial.legendre.legvander(nodes, _ORDER - 1) * weights[:, None]
     rows *= np.arange(_ORDER) + 0.5
     half = 0.5 * (high - low)[:, None]
-    return np.asarray(half * (rate(low[:, None] + half * (1.0 + nodes)) @ rows))
+    return half * (rate(low[:, None] + half * (1.0 + nodes)) @ rows)
 
 
 def _within_panel(x: Floats) -> Floats:

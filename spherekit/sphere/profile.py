@@ -256,7 +256,7 @@ class _Reversed(Curve):
 
     @property
     def edges(self) -> Floats:
-        return np.asarray(self.length - self.forward.edges[::-1])
+        return self.length - self.forward.edges[::-1]
 
     def _back(self, s: ArrayLike) -> Floats:
         back = -np.asarray(s, dtype=float)

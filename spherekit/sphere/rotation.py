@@ -90,7 +90,7 @@ def perpendicular(axis: Floats) -> Floats:
     """Return one unit vector at right angles to each unit vector `axis` (..., 3)."""
     helper = np.eye(3)[np.argmin(np.abs(axis), axis=-1)]
     side = cross(axis, helper)
-    return np.asarray(side / np.linalg.norm(side, axis=-1, keepdims=True))
+    return side / np.linalg.norm(side, axis=-1, keepdims=True)
 
 
 def rotation_vector(matrix: Floats) -> Floats:
@@ -136,7 +136,7 @@ def quaternion(matrix: Floats) -> Floats:
     four = np.diagonal(rows, axis1=1, axis2=2)
     best = np.argmax(np.where(np.isnan(four), -1.0, four), axis=1)
     chosen = rows[np.arange(len(r)), best]
-    return np.asarray(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))
+    return chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
 
 
 def from_quaternion(quaternions: Array) -> Array:
@@ -150,13 +150,13 @@ def from_quaternion(quaternions: Array) -> Array:
     out += (2 * scalar * scalar - 1) * np.eye(3)
     zero = np.zeros_like(x)
     skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
-    return np.asarray(out + 2 * scalar * skew.reshape(out.shape))
+    return out + 2 * scalar * skew.reshape(out.shape)
 
 
 def arc(a: Floats, b: Floats) -> Floats:
     """Return the angle (rad, 0 to pi) between unit vectors (..., 3), exact near 0, pi."""
     sine = np.linalg.norm(cross(a, b), axis=-1)
-    return np.asarray(np.arctan2(sine, np.sum(a * b, axis=-1)))
+    return np.arctan2(sine, np.sum(a * b, axis=-1))
 
 
 SHORTEST = 1e-12
@@ -341,9 +341,7 @@ def rotation(axis: Floats, angle: ArrayLike) -> Floats:
     angle = np.asarray(angle, dtype=float)[:, None, None]
     x, y, z = axis
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(
-        np.eye(3) + np.sin(angle) * skew + 2.0 * np.sin(0.5 * angle) ** 2 * (skew @ skew)
-    )
+    return np.eye(3) + np.sin(angle) * skew + 2.0 * np.sin(0.5 * angle) ** 2 * (skew @ skew)
 
 
 @final
@@ -364,7 +362,7 @@ class LogRate:
         d = self.vector
         first = cross(d, w)
         factor, _ = _series(d)
-        return np.asarray(w - 0.5 * self.sense * first + factor * cross(d, first))
+        return w - 0.5 * self.sense * first + factor * cross(d, first)
 
     def changed(self, rate: Floats, w: Floats) -> Floats:
         """Return the change (n, 3) of `of(w)` for fixed w while d changes at `rate`."""
@@ -372,7 +370,7 @@ class LogRate:
         factor, slope = _series(d)
         along = 2.0 * np.sum(d * rate, axis=1, keepdims=True)
         first, turned = cross(d, w), cross(rate, w)
-        return np.asarray(
+        return (
             -0.5 * self.sense * turned
             + slope * along * cross(d, first)
             + factor * (cross(rate, first) + cross(d, turned))
@@ -445,7 +443,7 @@ def euler_zyz(rotations: Floats) -> Floats:
 def from_euler_zyz(angles: Floats) -> Floats:
     """Return the rotations (n, 3, 3) = Z(a) Y(b) Z(c) of angles (n, 3) rad."""
     first, swing, last = angles.T
-    return np.asarray(about_z(first) @ rotation(np.eye(3)[1], swing) @ about_z(last))
+    return about_z(first) @ rotation(np.eye(3)[1], swing) @ about_z(last)
 
 
 def tilt_torsion(rotations: Floats) -> Floats:
@@ -483,12 +481,12 @@ class MirrorAngles:
 
 def reflections(normals: Floats) -> Floats:
     """Return the matrices (..., 3, 3) of mirrors with unit normals (..., 3)."""
-    return np.asarray(np.eye(3) - 2.0 * normals[..., :, None] * normals[..., None, :])
+    return np.eye(3) - 2.0 * normals[..., :, None] * normals[..., None, :]
 
 
 def upward(normals: Floats) -> Floats:
     """Return the normals (..., 3) of the same mirrors with n_z >= 0."""
-    return np.asarray(np.where(normals[..., 2:] < 0.0, -normals, normals))
+    return np.where(normals[..., 2:] < 0.0, -normals, normals)
 
 
 def mirror_angles(normals: Floats) -> MirrorAngles:
@@ -513,7 +511,7 @@ def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
     with np.errstate(invalid="ignore"):
         z = np.sqrt(square)
     normals = np.stack([x, y, z], axis=-1)
-    return np.asarray(np.where(np.isnan(z)[..., None], np.nan, normals))
+    return np.where(np.isnan(z)[..., None], np.nan, normals)
 
 
 def normal_at(phi: float, gamma: float) -> Floats:
@@ -568,7 +566,7 @@ def stepped(values: ArrayLike, change: ArrayLike) -> Floats:
 
 def slope_of(values: Floats) -> Floats:
     """Return the derivatives that numbers carry."""
-    return np.asarray(np.imag(values) / STEP)
+    return np.imag(values) / STEP
 
 
 def all_finite(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> Any:
@@ -578,7 +576,7 @@ def all_finite(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> 
 
 def unit_rows(vectors: Floats) -> Floats:
     """Return vectors (n, k) of length 1 along those given."""
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def nans(shape: int | tuple[int, ...]) -> Floats:

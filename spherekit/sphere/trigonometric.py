@@ -371,7 +371,7 @@ def _polished(equations: Numbers, angles: Complexes) -> _Polished:
 def _residual(equations: Numbers, angles: Complexes) -> Floats:
     """Return how far (n, m), relative, angles (n, m, t) are from solving n systems."""
     size = np.prod(np.linalg.norm(point(angles), axis=3), axis=2)
-    return np.asarray(max_abs(_jets(equations, angles)[0], axis=2) / size)
+    return max_abs(_jets(equations, angles)[0], axis=2) / size
 
 
 def _are_new(angles: Complexes) -> Bools:
@@ -379,12 +379,12 @@ def _are_new(angles: Complexes) -> Bools:
     turns = np.exp(1j * angles)
     apart = np.abs(turns[:, None] / turns - 1.0)
     copies = np.tril(np.all(apart < SAME, axis=2), -1)
-    return np.asarray(~np.any(copies, axis=1))
+    return ~np.any(copies, axis=1)
 
 
 def determinants(equations: Numbers, angles: Complexes) -> Complexes:
     """Return the determinants (n, m) of n systems' derivatives by angles (n, m, t)."""
-    return np.asarray(np.linalg.det(_jets(equations, angles)[1]))
+    return np.linalg.det(_jets(equations, angles)[1])
 
 
 def _jets(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
@@ -400,7 +400,7 @@ def _jets(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
 
 def dot(a: Complexes, b: Complexes) -> Complexes:
     """Return a . b (...,) of arrays (..., 3), without conjugation."""
-    return np.asarray(np.sum(a * b, axis=-1))
+    return np.sum(a * b, axis=-1)
 
 
 def cross(a: Complexes, b: Complexes) -> Complexes:
@@ -422,4 +422,4 @@ def taking(
     out = to_first[..., :, None] * dual[0][..., None, :]
     out = out + to_second[..., :, None] * dual[1][..., None, :]
     out = out + to_normal[..., :, None] * normal[..., None, :]
-    return np.asarray(out / square[..., None, None])
+    return out / square[..., None, None]

@@ -124,7 +124,7 @@ def _chords(points: Floats) -> Floats:
     """Return how the angles between successive points change (m - 1,)."""
     across = cross(points[:-1], points[1:])
     sine, cosine = np.sqrt(dot(across, across)), dot(points[:-1], points[1:])
-    return np.asarray(np.real(cosine) * slope_of(sine) - np.real(sine) * slope_of(cosine))
+    return np.real(cosine) * slope_of(sine) - np.real(sine) * slope_of(cosine)
 
 
 @final

@@ -568,7 +568,7 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
 def _points(trade: Trade, counting: Sequence[Measured]) -> Floats:
     """Return (n, 2) times and errors."""
     rows = [(measured.total(trade.samples), measured.error) for measured in counting]
-    return np.asarray(np.maximum(np.array(rows, dtype=float).reshape(-1, 2), LEAST))
+    return np.maximum(np.array(rows, dtype=float).reshape(-1, 2), LEAST)
 
 
 def _frame(points: Floats) -> tuple[Floats, Floats]:

@@ -116,7 +116,7 @@ class Chart:
 
     def across(self, values: Floats) -> Floats:
         """Return where values on the first axis are in the frame."""
-        return np.asarray(self.width * _part(values, *self.over[0].extent))
+        return self.width * _part(values, *self.over[0].extent)
 
     def cursor(self, rows: Sequence[Floats]) -> Iterable[rr.ComponentColumn]:
         """Return a line that moves through the plot, or a mark that moves on the map."""
@@ -482,7 +482,7 @@ def _words(words: Sequence[tuple[float, float, str]]) -> rr.Points2D:
 
 
 def _part(values: Floats, low: float, high: float) -> Floats:
-    return np.asarray((values - low) / (high - low if high > low else 1.0))
+    return (values - low) / (high - low if high > low else 1.0)
 
 
 def _nearest(values: Floats, span: tuple[float, float], pixels: int) -> Integers:

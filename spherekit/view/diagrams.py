@@ -127,4 +127,4 @@ def _placed(item: Diagram, points: Floats) -> Floats:
     """Return points (n, 2) where the viewer draws them: its y points down."""
     (left, _), (low, high) = item.x_range, item.y_range
     scale = charts.FRAME_HEIGHT / (high - low)
-    return np.asarray((points - [left, high]) * [scale, -scale])
+    return (points - [left, high]) * [scale, -scale]

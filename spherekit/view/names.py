@@ -141,14 +141,14 @@ class Names:
     def _middles(self, turn: Floats, places: Floats) -> Floats:
         """Return where names at places (k, 3) of a link are on the pictures (n, k, 2)."""
         seen = self._sight.seen(np.einsum("nij,kj->nki", turn, places))
-        return np.asarray(seen - np.array([0.0, DROP]))
+        return seen - np.array([0.0, DROP])
 
 
 def _covered(name: _Wanted, middles: Floats, half: Floats) -> Floats:
     """Return in what part of the pictures a name covers a box, for each of its places."""
     apart = np.abs(name.seen - middles[:, None])
     covers = np.all(apart < name.half + half, axis=-1)
-    return np.asarray(FIRST * covers[0] + (1.0 - FIRST) * np.mean(covers, axis=0))
+    return FIRST * covers[0] + (1.0 - FIRST) * np.mean(covers, axis=0)
 
 
 def _rotations(bodies: Sequence[Body]) -> list[Floats]:

@@ -44,4 +44,4 @@ class Sight:
         across = np.stack([right, np.cross(right, forward)], axis=-1)
         from_eye = points - self.eye
         depth = (from_eye @ forward)[..., None]
-        return np.asarray(distance * (from_eye @ across) / depth)
+        return distance * (from_eye @ across) / depth

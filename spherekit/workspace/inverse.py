@@ -240,7 +240,7 @@ class _Carriers:
         turns = TURN * np.array(list(product((0.0, -1.0, 1.0), repeat=least.shape[1])))
         every = (least[:, None] + turns) @ self.inverse.T
         best = np.argmin(np.round(np.sum(np.abs(every), axis=2), 9), axis=1)
-        return np.asarray(every[np.arange(len(every)), best])
+        return every[np.arange(len(every)), best]
 
 
 @final
@@ -322,7 +322,7 @@ class _GearedRows:
 
     @property
     def type_1(self) -> Floats:
-        return np.asarray(1.0 / np.linalg.norm(self.rates, axis=2))
+        return 1.0 / np.linalg.norm(self.rates, axis=2)
 
     @property
     def type_1_square(self) -> Floats:

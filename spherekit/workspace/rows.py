@@ -144,7 +144,7 @@ class InverseRows(ArrayRows):
     @property
     def solved(self) -> Bools:
         """Which rows (k,) have a configuration."""
-        return np.asarray(self.status != Status.OUT_OF_REACH)
+        return self.status != Status.OUT_OF_REACH
 
     @staticmethod
     def judged(
@@ -358,8 +358,8 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit,
     bounds: list[AngleLimit] = []
     for axes in lows:
         name = "/".join(kinematics.name_of(pair) for pair in sorted(axes))
-        low, low_from = max(lows[axes], key=lambda found: found[0])
-        high, high_from = min(highs[axes], key=lambda found: found[0])
+        low, low_from = max(lows[axes], key=lambda bound: bound[0])
+        high, high_from = min(highs[axes], key=lambda bound: bound[0])
         if low > high:
             raise _refusal(
                 mechanism,

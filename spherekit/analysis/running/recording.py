@@ -72,7 +72,7 @@ class Thinning:
     def chosen(self, sample: Integers) -> Bools:
         """Return (n,) whether samples (n,) are logged."""
         last = (sample == self.total - 1) & (self.row == self.total)
-        return np.asarray((sample % self.row % self.every == 0) | last)
+        return (sample % self.row % self.every == 0) | last
 
 
 def thinning_of(course: Sampling, every: int | None) -> Thinning:
@@ -212,7 +212,7 @@ class RecordingSession:
     def _chosen(self, motion: Motion) -> Bools:
         """Return (n,) which rows of a block are logged."""
         fresh = motion.sample >= self._logged_to
-        return np.asarray(self._thinning.chosen(motion.sample) & fresh)
+        return self._thinning.chosen(motion.sample) & fresh
 
     def _log(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         for scene in scenes:

@@ -173,9 +173,9 @@ class Rows:
                 continue
             at = late[of_mode]
             wanted = samples[at % len(samples)]
-            found = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
-            self.values[:, at] = found.values.T
-            self.status[at], residual[of_mode] = found.status, found.residual
+            evaluated = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
+            self.values[:, at] = evaluated.values.T
+            self.status[at], residual[of_mode] = evaluated.status, evaluated.residual
         closed = np.isfinite(residual)
         self._judge(late[closed], residual[closed])
         self.closure[0, late[~closed]] = np.nan
@@ -249,7 +249,7 @@ def largest(
 def _along(one: Floats, two: Floats) -> Bools:
     """Return which directions (..., 3) do not reverse from one to the other."""
     sizes = np.sum(one * one, axis=-1) * np.sum(two * two, axis=-1)
-    return np.asarray(np.sum(one * two, axis=-1) >= ASIDE * np.sqrt(sizes))
+    return np.sum(one * two, axis=-1) >= ASIDE * np.sqrt(sizes)
 
 
 def _gaps(

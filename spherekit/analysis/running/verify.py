@@ -356,7 +356,7 @@ def _within_bounds(
 
     With the worst of each.
     """
-    found: dict[str, list[tuple[Floats, Floats]]] = {name: [] for name in BOUNDED}
+    judged: dict[str, list[tuple[Floats, Floats]]] = {name: [] for name in BOUNDED}
     subjects = []
     links = rows.motion.mechanism.links
     for (exact, wanted, field), nearest in zip(compared, references, strict=True):
@@ -374,13 +374,13 @@ def _within_bounds(
             )
             with exact.arithmetic.within():
                 apart = floats(exact_direction(exact, pole, given) - given)
-            found["directions"].append((np.linalg.norm(apart, axis=1), field.error[pole]))
+            judged["directions"].append((np.linalg.norm(apart, axis=1), field.error[pole]))
             off = np.abs(rate - nearest.velocity_coefficient[pole])
-            found["rates"].append((off, field.velocity_coefficient_error[pole]))
+            judged["rates"].append((off, field.velocity_coefficient_error[pole]))
             off = np.abs(change - nearest.acceleration_coefficient[pole])
             bound = field.acceleration_coefficient_error[pole]
-            found["rate_derivatives"].append((off, bound))
-    return {name: _within(rows, subjects, some) for name, some in found.items()}
+            judged["rate_derivatives"].append((off, bound))
+    return {name: _within(rows, subjects, some) for name, some in judged.items()}
 
 
 def _within(
